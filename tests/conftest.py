@@ -34,6 +34,12 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.maxschedchunk = CHUNK
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Several workers begin with what takes long, so that none has it to do while the others are done."""
+    if config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
+        items.sort(key=lambda item: not any(map(item.get_closest_marker, ("page", "long"))))
+
+
 def pytest_unconfigure(config: pytest.Config) -> None:
     while RUNTIME:
         shutil.rmtree(RUNTIME.pop(), ignore_errors=True)

@@ -11,8 +11,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "real_clients"))
 sys.path.insert(0, str(Path(__file__).parent))
 
-from driver_rig import Pair, emulator
+from driver_rig import HOST, Pair, emulator
 
+from client.commands.control import Target
 from emulator.app import Emulator
 
 # Robot seconds in a second: the driver keeps step with the robot, not with the clock on the wall.
@@ -33,6 +34,13 @@ async def robot(
         # Who is late by the clock of a machine that is busy with other things is not the subject.
         monkeypatch.setattr("client.driver.endpoint.time", running.clock)
         yield running
+
+
+@pytest.fixture
+def target(robot: Emulator, monkeypatch: pytest.MonkeyPatch) -> Target:
+    """What a command of a shell gets as its robot: the running one."""
+    monkeypatch.setattr("client.commands.control.ROBOT_PORTS", robot.ports)
+    return Target(HOST, 0)
 
 
 @pytest.fixture

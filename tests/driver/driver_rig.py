@@ -21,6 +21,7 @@ from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 
 HOST = "127.0.0.1"
+SCALED = "scaled_joint_trajectory_controller"
 HOME = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
 PATIENCE_S = 60.0  # of our time: a busy machine's
 CALM_S = 0.2  # the longest real-time timeout: a busy test machine is not the subject
@@ -168,6 +169,34 @@ class Lab(Pair):
         self.robot = robot
         self.arm = AsyncRobot(HOST, **driver_options(robot, **options))
         self.driver = self.arm.driver
+
+
+def moved(*offsets: float) -> tuple[float, ...]:
+    """Joint angles so far from HOME."""
+    return tuple(q + offset for q, offset in zip(HOME, offsets, strict=True))
+
+
+_GOALS = """
+publisher_joint_trajectory_controller:
+  ros__parameters:
+    controller_name: {controller}
+    wait_sec_between_publish: 1
+    goal_names: [there, back]
+    there: {{positions: {there}}}
+    back: {back}
+    check_starting_point: true
+    starting_point_limits: {{shoulder_pan_joint: [{low}, {high}]}}
+"""
+
+
+def goals_file(
+    folder: Path, there: tuple[float, ...], base: tuple[float, float] = (HOME[0] - 0.1, HOME[0] + 0.1)
+) -> Path:
+    """A file of two goals: there, and back to HOME. base: between which angles the base may be at the start [rad]."""
+    file = folder / "goals.yaml"
+    low, high = base
+    file.write_text(_GOALS.format(controller=SCALED, there=list(there), back=list(HOME), low=low, high=high))
+    return file
 
 
 def swing(t: float, radius: float = 0.2, period_s: float = 2.0) -> tuple[float, ...]:

@@ -8,10 +8,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from driver_rig import HOME, HOST, PATIENCE_S, Pair, emulator, emulator_thread
+from driver_rig import HOME, HOST, PATIENCE_S, SCALED, Pair, emulator, emulator_thread, goals_file, moved
 
 from client import dashboard
-from client.commands.control import Target
 from client.commands.controllers import go, publish
 from client.controllers import (
     JOINT_NAMES,
@@ -30,7 +29,6 @@ from client.errors import ControllerError, MotionError, OutOfReachError
 from client.recording import read
 from urproto.compat_asyncio import timeout
 
-SCALED = "scaled_joint_trajectory_controller"
 PASSTHROUGH = "passthrough_trajectory_controller"
 REST = (0.0,) * 6
 ON_E_SERIES = pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
@@ -67,10 +65,6 @@ async def controlled(robot, *names, **options) -> AsyncIterator[Bench]:
         async with ControlLoop(bench.driver) as bench.loop:
             bench.manager.activate(*names)
             yield bench
-
-
-def moved(*offsets):
-    return tuple(q + offset for q, offset in zip(HOME, offsets, strict=True))
 
 
 def way(*points):
@@ -323,48 +317,23 @@ def test_a_script_without_asyncio(tmp_path):
 # from the shell
 
 
-@pytest.fixture
-def target(robot, monkeypatch):
-    """What a command gets as its robot: the running one."""
-    monkeypatch.setattr("client.commands.control.ROBOT_PORTS", robot.ports)
-    return Target(HOST, 0)
-
-
-GOALS = """
-publisher_joint_trajectory_controller:
-  ros__parameters:
-    controller_name: scaled_joint_trajectory_controller
-    wait_sec_between_publish: 1
-    goal_names: [there, back]
-    there: {{positions: {there}}}
-    back: {back}
-    check_starting_point: true
-    starting_point_limits: {{shoulder_pan_joint: [{low}, {high}]}}
-"""
-
-
 @ON_CB3
 async def test_the_goals_of_a_file_one_after_the_other(robot, target, tmp_path, capsys):
-    file = tmp_path / "goals.yaml"
     there = moved(0.2, 0.0, 0.2, 0.0, 0.0, 0.0)
-    file.write_text(GOALS.format(there=list(there), back=list(HOME), low=HOME[0] - 0.1, high=HOME[0] + 0.1))
-    await publish(target, read_goals(file), 0.7, 1)
+    await publish(target, read_goals(goals_file(tmp_path, there)), 0.7, 1)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[:2] for line in lines] == [["there", " SUCCESSFUL"], ["back", " SUCCESSFUL"]]
     assert max(abs(a - b) for a, b in zip(robot.controller.snapshot.actual_q, HOME, strict=True)) < 0.01
-    file.write_text(GOALS.format(there=list(there), back=list(HOME), low=1.0, high=2.0))
+    elsewhere = read_goals(goals_file(tmp_path, there, base=(1.0, 2.0)))
     with pytest.raises(ControllerError, match=r"is at 0\.\d+ rad, not between 1 and 2; .* --positions \"1\.500,-1\.4"):
-        await publish(target, read_goals(file), 0.7, 1)
+        await publish(target, elsewhere, 0.7, 1)
 
 
 @ON_CB3
 async def test_goals_record_what_was_desired_and_what_was(robot, target, tmp_path, capsys):
     there = moved(0.3, 0.0, 0.2, 0.0, 0.0, 0.0)
-    (file := tmp_path / "goals.yaml").write_text(
-        GOALS.format(there=list(there), back=list(HOME), low=HOME[0] - 0.1, high=HOME[0] + 0.1)
-    )
     recorded = replace(target, record=tmp_path / "run.mcap", speed_slider=0.5)
-    await publish(recorded, read_goals(file), 0.7, 1)
+    await publish(recorded, read_goals(goals_file(tmp_path, there)), 0.7, 1)
     assert robot.controller.snapshot.target_speed_fraction == 0.5
     found = read(tmp_path / "run.mcap")
     tracking = found.tracking(SCALED)

@@ -5,10 +5,9 @@ import contextlib
 from dataclasses import replace
 
 import pytest
-from driver_rig import HOME, HOST, PATIENCE_S, driver_options
+from driver_rig import HOME, HOST, PATIENCE_S, SCALED, driver_options, goals_file, moved
 from emulator_process import EmulatorProcess
 
-from client.commands.control import Target
 from client.commands.controllers import ForwardKind, forward, go, publish, serve
 from client.controllers import JOINT_NAMES, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import read_goals
@@ -18,13 +17,8 @@ from client.errors import ControllerError, ManagerError, NoManagerError
 from client.recording import read
 from urproto.compat_asyncio import timeout
 
-SCALED = "scaled_joint_trajectory_controller"
 REST = (0.0,) * 6
 ON_CB3 = pytest.mark.parametrize("robot", ["ur3"], indirect=True)
-
-
-def moved(*offsets):
-    return tuple(q + offset for q, offset in zip(HOME, offsets, strict=True))
 
 
 def way(q, time_s=1.0):
@@ -73,30 +67,17 @@ def options(robot):
     return ManagerOptions(HOST, driver_options(robot))
 
 
-@pytest.fixture
-def target(robot, monkeypatch):
-    monkeypatch.setattr("client.commands.control.ROBOT_PORTS", robot.ports)
-    return Target(HOST, 0)
-
-
-GOALS = """
-publisher_joint_trajectory_controller:
-  ros__parameters:
-    controller_name: scaled_joint_trajectory_controller
-    wait_sec_between_publish: 0
-    goal_names: [there, back]
-    there: {{positions: {there}}}
-    back: {{positions: {back}}}
-"""
-
-
 @ON_CB3
 async def test_commands_of_the_thesis_go_through_the_running_manager(robot, options, target, tmp_path, capsys):
     there = moved(0.3, 0.0, 0.2, 0.0, 0.0, 0.0)
-    (file := tmp_path / "goals.yaml").write_text(GOALS.format(there=list(there), back=list(HOME)))
     async with serving(options), shell(options) as manager:
         await until(lambda: _is(manager, SCALED, "active"))
-        await publish(replace(target, record=tmp_path / "run.mcap", speed_slider=0.8), read_goals(file), 0.7, 1)
+        await publish(
+            replace(target, record=tmp_path / "run.mcap", speed_slider=0.8),
+            read_goals(goals_file(tmp_path, there)),
+            0.7,
+            1,
+        )
         said = capsys.readouterr()
         assert [line.split(":")[:2] for line in said.out.splitlines()] == [
             ["there", " SUCCESSFUL"],

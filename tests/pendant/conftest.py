@@ -1,20 +1,22 @@
 """A real browser on a pendant of its own, which is connected to an emulator of its own.
 
 One emulator and one pendant serve all tests of a worker, one browser those of a module; each test has a page of its
-own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has a second browser for it.
+own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has a second browser for it. What a test
+that failed has left behind, in the robot, in the pendant or in their files, nobody finds: the next test has new ones.
 """
 
+import math
 import os
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, Playwright, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, Playwright, expect, sync_playwright
 
 from tests.pendant.pendants import pendant
 from urproto.testing.process import EmulatorProcess
@@ -56,27 +58,43 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
 
 
+def number(field: Locator) -> float:
+    """What is in a box for numbers; NaN while there is none."""
+    try:
+        return float(field.input_value())
+    except ValueError:
+        return math.nan
+
+
 class Rig:
     """An emulator and the pendant for it."""
 
     def __init__(self, model: str, folder: Path) -> None:
-        self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder)]).start()
+        self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder)])
+        with ExitStack() as opened:
+            opened.callback(self.robot.dispose)
+            self.robot.start()
+            opened.callback(self.robot.stop)
+            self._open(folder, opened)
+            self._opened = opened.pop_all()
+
+    def _open(self, folder: Path, opened: ExitStack) -> None:
         self.host = self.robot.host
         self.control: Any = self.robot.control
         self.programs = folder
         self.url = f"http://{self.host}:6080"
         options = ("--modbus-port", str(self.robot.ports["modbus"]), "--tools", str(folder / "tools.json"))
         options += ("--poses", str(folder / "poses.json"), "--drafts", str(folder / "drafts"))
-        self._opened = ExitStack()
-        self._pendant = self._opened.enter_context(pendant(self.host, *options))
+        self._pendant = opened.enter_context(pendant(self.host, *options))
 
     @property
     def pendant_pid(self) -> int:
         return self._pendant.pid
 
     def reset(self) -> None:
-        """Arm on, brakes released, no stop, no program, no fault, full speed."""
+        """Arm on, brakes released, no stop, no program, no fault, full speed, time as ours."""
         control = self.control
+        control.set_speed(1.0)
         control.clear_faults()
         control.dashboard("stop")
         control.release_emergency_stop()
@@ -94,8 +112,6 @@ class Rig:
 
     def close(self) -> None:
         self._opened.close()
-        self.robot.stop()
-        self.robot.dispose()
 
 
 @pytest.fixture(scope="module")
@@ -112,17 +128,53 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
     browser.close()
 
 
+class SharedRig:
+    """A rig that is made when it is first wanted, and again after it was discarded."""
+
+    def __init__(self, folders: pytest.TempPathFactory) -> None:
+        self._folders = folders
+        self._rig: Rig | None = None
+
+    def clean(self) -> Rig:
+        """As every test finds it."""
+        if self._rig is None:
+            self._rig = Rig("ur3", self._folders.mktemp("programs"))
+        try:
+            self._rig.reset()
+        except BaseException:
+            self.discard()
+            raise
+        return self._rig
+
+    def discard(self) -> None:
+        rig, self._rig = self._rig, None
+        if rig is not None:
+            rig.close()
+
+
 @pytest.fixture(scope="package")
-def the_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    rig = Rig("ur3", tmp_path_factory.mktemp("programs"))
-    yield rig
-    rig.close()
+def shared_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedRig]:
+    shared = SharedRig(tmp_path_factory)
+    yield shared
+    shared.discard()
+
+
+FAILED = pytest.StashKey[bool]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Note which test failed, for its fixtures."""
+    report = yield
+    item.stash[FAILED] = report.failed
+    return report
 
 
 @pytest.fixture
-def rig(the_rig: Rig) -> Rig:
-    the_rig.reset()
-    return the_rig
+def rig(shared_rig: SharedRig, request: pytest.FixtureRequest) -> Iterator[Rig]:
+    yield shared_rig.clean()
+    if request.node.stash.get(FAILED, False):
+        shared_rig.discard()
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ The screens and their views are found on the page: a new one is looked at withou
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -55,17 +56,19 @@ OUTLINE = """() => {
 def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any) -> Iterator[Page]:
     """The pendant of one robot, on CB3 in its light look, on e-Series in its dark one."""
     e_series = request.param == "e-series"
-    rig = Rig("ur5e", tmp_path_factory.mktemp("programs")) if e_series else request.getfixturevalue("the_rig")
-    rig.reset()
-    context = browser.new_context(viewport=SIZE, color_scheme="dark" if e_series else "light")
-    context.add_init_script(FEW_FRAMES)
-    page = context.new_page()
-    page.goto(f"{rig.url}/{SCREENS[0].name}")
-    expect(page.locator(".robot-name")).to_contain_text("PolyScope")
-    yield page
-    context.close()
-    if e_series:
-        rig.close()
+    with ExitStack() as opened:
+        if e_series:
+            rig = opened.enter_context(closing(Rig("ur5e", tmp_path_factory.mktemp("programs"))))
+            rig.reset()
+        else:
+            rig = request.getfixturevalue("shared_rig").clean()
+        context = browser.new_context(viewport=SIZE, color_scheme="dark" if e_series else "light")
+        opened.enter_context(closing(context))
+        context.add_init_script(FEW_FRAMES)
+        page = context.new_page()
+        page.goto(f"{rig.url}/{SCREENS[0].name}")
+        expect(page.locator(".robot-name")).to_contain_text("PolyScope")
+        yield page
 
 
 def views(page: Page) -> Iterator[str]:
@@ -113,7 +116,7 @@ def lasting(where: str, look: Callable[[], list[str]]) -> list[str]:
         return not found
 
     try:
-        eventually(right, within_s=2.0)
+        eventually(right, within_s=10.0)
     except AssertionError:
         return [where + problem for problem in found]
     return []

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.pendant.conftest import Rig, eventually
+from tests.pendant.conftest import Rig, eventually, number
 
 ROOT = Path(__file__).resolve().parents[2]
 SCALED = "scaled_joint_trajectory_controller"
@@ -51,7 +51,7 @@ def test_controllers_are_switched_and_the_arm_follows_the_sliders(
     rig.control.set_speed_slider(1.0)
     page = open_page("controllers")
     row, other = page.get_by_test_id(f"controller-{SCALED}"), page.get_by_test_id(f"controller-{FORWARD}")
-    expect(row).to_contain_text("active")
+    expect(row.locator(".chip")).to_have_text("active")
     expect(row).to_contain_text("*_joint/position (6)")
     page.get_by_label(f"Activate {FORWARD}").click()  # its arm is taken
     expect(page.locator(".q-notification")).to_contain_text("position and velocity cannot be commanded")
@@ -66,8 +66,8 @@ def test_controllers_are_switched_and_the_arm_follows_the_sliders(
     page.get_by_label(f"Activate {SCALED}").click()
     expect(row.locator(".chip")).to_have_text("active")
 
-    number, slider = page.get_by_test_id("slider-number-0"), page.get_by_test_id("slider-0")
-    eventually(lambda: abs(float(number.input_value()) - base(rig)) < 0.1)  # sliders follow the arm
+    angle, slider = page.get_by_test_id("slider-number-0"), page.get_by_test_id("slider-0")
+    eventually(lambda: abs(number(angle) - base(rig)) < 0.1)  # sliders follow the arm
     expect(slider).to_be_disabled()
     page.get_by_test_id("sliders-enable").click()
     expect(slider).to_be_enabled()
@@ -83,11 +83,10 @@ def test_controllers_are_switched_and_the_arm_follows_the_sliders(
         page.wait_for_timeout(50)
     eventually(lambda: base(rig) > began + 1.0)  # while the button is still held
     page.mouse.up()
-    wanted = float(number.input_value())
-    assert wanted > began + 5.0
-    eventually(lambda: abs(base(rig) - wanted) < 0.2)
-    number.fill("3.5")
-    number.press("Enter")
+    assert number(angle) > began + 5.0
+    eventually(lambda: abs(base(rig) - number(angle)) < 0.2)
+    angle.fill("3.5")
+    angle.press("Enter")
     eventually(lambda: abs(base(rig) - 3.5) < 0.1)
     slider.press("ArrowRight")
     eventually(lambda: base(rig) > 3.55)

@@ -2,6 +2,8 @@
 
 from playwright.sync_api import expect
 
+from tests.pendant.conftest import eventually
+
 ASK = 'def ask():\n  global n = request_integer_from_primary_client("how <many>?")\n  sleep(60)\nend\n'
 POPUP = 'def tell():\n  popup("<i>parts</i> are out", "Feeder", warning=True, blocking=True)\n  sleep(60)\nend\n'
 
@@ -28,7 +30,7 @@ def test_a_popup_holds_the_program_until_it_is_read(rig, open_page):
     expect(page.get_by_test_id("dialogue-text")).to_have_text("<i>parts</i> are out")
     page.get_by_test_id("popup-ok").click()
     expect(page.get_by_test_id("dialogue")).to_be_hidden()
-    assert rig.control.popups() == []
+    eventually(lambda: rig.control.popups() == [])
 
 
 def test_a_protective_stop_says_why_and_is_left_five_seconds_later(rig, open_page):
@@ -45,4 +47,4 @@ def test_a_protective_stop_says_why_and_is_left_five_seconds_later(rig, open_pag
         expect(page.get_by_test_id("stop-dialogue")).to_be_hidden()
     finally:
         rig.control.set_speed(1.0)
-    assert rig.state("safety_mode") == "NORMAL"
+    eventually(lambda: rig.state("safety_mode") == "NORMAL")

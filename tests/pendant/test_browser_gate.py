@@ -93,6 +93,7 @@ def test_a_page_comes_back_with_its_pendant_and_says_what_happened(rig: Rig, bro
         with pendant(rig.host, *options) as first:
             page.goto(f"http://{rig.host}:6082/move")
             expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
+            page.wait_for_function("window.did_handshake")  # who has not come yet is not lost
             first.kill()
             expect(page.get_by_text("Connection lost")).to_be_visible()
         with pendant(rig.host, *options):

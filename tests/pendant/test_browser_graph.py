@@ -30,6 +30,7 @@ def saved(page, button: str, folder: Path) -> Path:
 def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
     page = open_page("graph")
     page.get_by_test_id("rate_hz").get_by_text("125 Hz").click()
+    expect(page.get_by_test_id("collected")).to_contain_text("at 125 Hz")
     eventually(lambda: page.evaluate(COLORED) > 100)
     wanted = dict[float, tuple[float, ...]]()
     rig.control.send_script("def move():\n  movej([0.3, -1.2, 0.4, -1, 0.3, 0.3], a=4, v=2)\nend\n")
@@ -37,10 +38,15 @@ def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
         for _ in range(60):
             state = other.receive()
             wanted[state["timestamp"]] = state["actual_q"], state["actual_TCP_force"]
+
+    def recorded() -> dict[float, tuple[float, ...]]:
+        states = read_csv(saved(page, "csv", tmp_path)).states()
+        return {state["timestamp"]: (state["actual_q"], state["actual_TCP_force"]) for state in states}
+
+    eventually(lambda: max(recorded()) >= max(wanted))  # the pendant may hear later than we do
     page.get_by_test_id("graph-pause").click()
     expect(page.get_by_test_id("graph-pause")).to_contain_text("Resume")
-    recording = read_csv(saved(page, "csv", tmp_path))
-    got = {state["timestamp"]: (state["actual_q"], state["actual_TCP_force"]) for state in recording.states()}
+    got = recorded()
     assert len(wanted.keys() & got.keys()) == 60
     assert {time: got[time] for time in wanted} == wanted
     picture = saved(page, "png", tmp_path)

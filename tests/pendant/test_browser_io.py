@@ -32,6 +32,7 @@ def test_outputs_switch_and_lamps_show_it(rig, open_page, rtde):
     expect(page.get_by_test_id("DI2")).to_have_attribute("data-state", "on")
     assert rig.state("actual_digital_input_bits") & 4
     page.get_by_test_id("DI2").click()
+    expect(page.get_by_test_id("DI2")).to_have_attribute("data-state", "off")
 
 
 def test_tool_voltage_and_analog_output(rig, open_page, rtde):
@@ -41,11 +42,12 @@ def test_tool_voltage_and_analog_output(rig, open_page, rtde):
     page.get_by_test_id("AO1-value").fill("12.5")
     page.get_by_test_id("AO1-value").press("Enter")
     expect(page.get_by_test_id("AO1")).to_have_text("12.500 mA")
-    assert rtde.latest()["standard_analog_output1"] == pytest.approx(0.0125)
+    eventually(lambda: rtde.latest()["standard_analog_output1"] == pytest.approx(0.0125))
     page.get_by_test_id("AO1-value").fill("25")
     page.get_by_test_id("AO1-value").press("Enter")
     expect(page.locator(".q-notification")).to_contain_text("25 mA is outside of 4 to 20 mA")
     page.get_by_test_id("tool-voltage").get_by_text("0 V", exact=True).click()
+    eventually(lambda: rtde.latest()["tool_output_voltage"] == 0)
 
 
 def test_registers_of_rtde_and_of_modbus(rig, open_page):

@@ -1,12 +1,15 @@
 """Program, in a browser: programs are made from nothing, saved, played, edited by two people, and kept."""
 
 import asyncio
+import base64
+import gzip
+import json
 import os
 import re
 import signal
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from math import dist
+from math import degrees, dist
 from pathlib import Path
 from threading import Event
 
@@ -24,6 +27,7 @@ ABOVE = (0.3, -1.3, 1.4, -1.7, -1.57, 0.3)
 DOWN = (0.3, -1.2, 1.5, -1.9, -1.57, 0.3)
 BIN = (-0.3, -1.2, 1.2, -1.6, -1.57, 0.0)
 HOME = (0.0, -1.2, 1.2, -1.6, -1.57, 0.0)
+FIELDS = ("timestamp", "actual_q", "actual_digital_output_bits", "runtime_state")
 BY_HAND = f"""def by_hand():
   movej({list(ABOVE)}, a=1.4, v=1.05)
   movel({list(DOWN)}, a=1.2, v=0.25)
@@ -40,15 +44,32 @@ def row(page: Page, text: str) -> Locator:
     return page.locator(".program-row", has=page.locator(".program-row-text", has_text=re.compile(f"^{text}"))).last
 
 
+def selected(page: Page) -> str:
+    """The id of the selected node."""
+    chosen = page.locator(".program-row[aria-selected=true]")
+    expect(chosen).to_have_count(1)
+    return chosen.get_attribute("data-node") or ""
+
+
 def insert(page: Page, kind: str, shown: str) -> None:
-    """By the palette; the new node is selected then."""
+    """By the palette; the new node is selected then, and its fields are there."""
+    before = selected(page)
     page.get_by_test_id(f"insert-{kind}").click()
-    expect(row(page, shown)).to_have_attribute("aria-selected", "true")
+    new = page.locator(f'.program-row[aria-selected=true]:not([data-node="{before}"])')
+    expect(new.locator(".program-row-text")).to_have_text(re.compile(f"^{shown}"))
+    expect_fields(page, shown)
 
 
 def select(page: Page, shown: str) -> None:
     row(page, shown).locator(".program-row-text").click()
+    expect(row(page, shown)).to_have_attribute("aria-selected", "true")
+    expect_fields(page, shown)
+
+
+def expect_fields(page: Page, shown: str) -> None:
+    """Those of the selected node: for a moment, the form still has those of the one before."""
     expect(page.get_by_test_id("form-title")).to_contain_text(re.compile(f"^{shown}", re.IGNORECASE))
+    expect(page.locator(f'.program-fields[data-node="{selected(page)}"]')).to_have_count(1)
 
 
 def fill(page: Page, key: str, value: str) -> None:
@@ -62,12 +83,20 @@ def choose(page: Page, key: str, title: str) -> None:
     page.get_by_role("option", name=title, exact=True).click()
 
 
+def leave(page: Page, mark: str) -> None:
+    """Press a button that takes the program away, and agree if there is something to lose."""
+    title = page.get_by_test_id("program-title")
+    expect(title).to_have_attribute("data-state", re.compile("changed|saved"))
+    changed = title.get_attribute("data-state") == "changed"
+    page.get_by_test_id(mark).click()
+    if changed:
+        page.get_by_test_id("agree").click()
+
+
 def new_program(page: Page) -> None:
-    page.get_by_test_id("program-new").click()
-    title, agree = page.get_by_test_id("program-title"), page.get_by_test_id("agree")
-    eventually(lambda: agree.is_visible() or title.inner_text() == "unnamed")
-    if agree.is_visible():
-        agree.click()
+    leave(page, "program-new")
+    title = page.get_by_test_id("program-title")
+    expect(title).to_have_attribute("data-state", "saved")
     expect(title).to_have_text("unnamed")
     expect(page.locator(".program-row-text")).to_have_text(["Variables Setup", "Robot Program", "<empty>"])
 
@@ -126,11 +155,19 @@ def taught(page: Page, rig: Rig, name: str, q: tuple[float, ...]) -> None:
     """Teach the waypoint that was inserted last, where the arm is brought as a person would by hand."""
     select(page, "Waypoint_1")
     rig.control.set_joints(q)
-    page.wait_for_timeout(300)  # thirty states a second come to the pendant
-    page.get_by_test_id("teach-position").click()
-    expect(page.get_by_test_id("field-position")).to_contain_text("Joints")
+    eventually(lambda: teaches(page, q))  # once the pendant has heard where the arm is
     fill(page, "name", name)
     expect(row(page, name)).not_to_have_class(re.compile("is-undefined"))
+
+
+def teaches(page: Page, q: tuple[float, ...]) -> bool:
+    """Teach the selected waypoint, and whether it is this one then."""
+    page.get_by_test_id("teach-position").click()
+    position = page.get_by_test_id("field-position")
+    expect(position).to_contain_text("Joints")
+    page.wait_for_timeout(100)
+    shown = [float(number) for number in re.findall(r"-?[\d.]+", position.inner_text())]
+    return shown == pytest.approx([degrees(angle) for angle in q], abs=0.1)
 
 
 def move(page: Page, rig: Rig, motion: str, name: str, q: tuple[float, ...]) -> None:
@@ -170,16 +207,17 @@ def pick_and_place(page: Page, other: Page, rig: Rig) -> None:
     switch(page, "Off")
 
 
-def played(rig: Rig, start: Callable[[], object]) -> list[tuple[float, ...]]:
-    """Where the arm was on the way, and output 2, from the start to the end."""
+def played(rig: Rig, start: Callable[[], object]) -> tuple[list[tuple[float, ...]], float]:
+    """Where the arm was on the way, and output 2, from the start to the end; how long that took [s]."""
     rig.control.set_joints(HOME)
-    way = list[tuple[float, ...]]()
-    with BlockingRTDEClient(rig.host, ("actual_q", "actual_digital_output_bits", "runtime_state")) as watcher:
+    way, times_s = list[tuple[float, ...]](), list[float]()
+    with BlockingRTDEClient(rig.host, FIELDS) as watcher:
         start()
         eventually(lambda: watcher.latest()["runtime_state"] == RuntimeState.PLAYING)
         while (state := watcher.receive())["runtime_state"] == RuntimeState.PLAYING:
             way.append((*state["actual_q"], float(state["actual_digital_output_bits"] >> 2 & 1)))
-    return way
+            times_s.append(state["timestamp"])
+    return way, times_s[-1] - times_s[0]
 
 
 @pytest.mark.long
@@ -192,15 +230,17 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
     save_as(page, "pick")
     script = (rig.programs / "pick.script").read_text()
     assert "set_standard_digital_out(2,True)" in script.replace(" ", "")
+    expect(other.get_by_test_id("program-title")).to_have_text("pick.urp")
     new_program(other)
-    other.get_by_test_id("program-open").click()
+    leave(other, "program-open")
     other.get_by_test_id("program-choice").get_by_text("pick.urp").click()
     expect(page.get_by_test_id("program-title")).to_have_text("pick.urp")
-    here = played(rig, page.get_by_test_id("program-play").click)
-    by_hand = played(rig, lambda: rig.control.send_script(BY_HAND))
+    rig.control.set_speed(2.0)
+    here, here_s = played(rig, page.get_by_test_id("program-play").click)
+    by_hand, by_hand_s = played(rig, lambda: rig.control.send_script(BY_HAND))
     for one, another in ((here, by_hand), (by_hand, here)):
         assert max(min(dist(place, near) for near in another) for place in one[::10]) < 0.05
-    assert len(here) == pytest.approx(len(by_hand), rel=0.1)
+    assert here_s == pytest.approx(by_hand_s, rel=0.1)
     # undo is one for both, and what one selects is not what the other does
     select(page, "Wait")
     select(other, "Bin")
@@ -224,20 +264,29 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     choose(page, "type", "An expression")
     expect(row(page, "Wait")).to_have_class(re.compile("is-undefined"))
     choose(page, "type", "A time")
-    page.get_by_test_id("field-time").fill("x")
-    page.get_by_test_id("field-time").press("Enter")
+    fill(page, "time", "x")
     expect(page.get_by_text("it is a number in s, not 'x'")).to_be_visible()
     fill(page, "time", "60")
     expect(page.locator(".program-row.is-undefined")).to_have_count(0)
-    # keys
+    # what is typed stays where another node is chosen without Enter
     select(page, "'one'")
+    page.get_by_test_id("field-comment").fill("once")
+    select(page, "'two'")
+    expect(page.get_by_test_id("field-comment")).to_have_value("two")
+    expect(row(page, "'once'")).to_be_visible()
+    select(page, "Wait")
+    page.get_by_test_id("field-time").fill("y")
+    select(page, "'two'")
+    expect(page.get_by_text("it is a number in s, not 'y'")).to_be_visible()
+    # keys
+    select(page, "'once'")
     page.keyboard.press("ArrowDown")
     expect(row(page, "'two'")).to_be_focused()
     page.keyboard.press("Alt+ArrowUp")
     shown = page.locator(".program-row-text")
-    expect(shown).to_have_text(["Variables Setup", "Robot Program", "'two'", "'one'", "'three'", re.compile("Wait")])
+    expect(shown).to_have_text(["Variables Setup", "Robot Program", "'two'", "'once'", "'three'", re.compile("Wait")])
     page.keyboard.press("Control+z")
-    expect(shown.nth(2)).to_have_text("'one'")
+    expect(shown.nth(2)).to_have_text("'once'")
     page.keyboard.press("Control+e")
     expect(row(page, "'two'")).to_have_class(re.compile("is-suppressed"))
     page.keyboard.press("Control+e")
@@ -266,6 +315,12 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     expect(page.get_by_text("not part of the robot program")).to_be_visible()
 
 
+def kept(folder: Path, text: bytes) -> bool:
+    """Whether the program in a pendant's folder of drafts has it."""
+    drafts = [json.loads(file.read_text())["urp"] for file in folder.glob("*.json")]
+    return any(text in gzip.decompress(base64.b64decode(urp)) for urp in drafts)
+
+
 def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser: Browser, tmp_path: Path) -> None:
     options = ("--port", "6081", "--modbus-port", str(rig.robot.ports["modbus"]), "--drafts", str(tmp_path))
     context = browser.new_context(viewport=SIZE)
@@ -277,7 +332,7 @@ def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser:
         insert(page, "comment", "Comment")
         fill(page, "comment", "half done")
         expect(row(page, "'half done'")).to_be_visible()
-        page.wait_for_timeout(1000)
+        eventually(lambda: kept(tmp_path, b"half done"))
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     page.close()
@@ -303,7 +358,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
         insert(page, "comment", "Comment")
         fill(page, "comment", "half done")
         expect(row(page, "'half done'")).to_be_visible()
-        page.wait_for_timeout(1000)
+        eventually(lambda: kept(tmp_path / "drafts", b"half done"))
         page.close()
         rig.robot.kill()
         os.kill(rig.pendant_pid, signal.SIGKILL)
@@ -312,8 +367,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
             page = context.new_page()
             page.goto(f"{rig.url}/program")
             expect(row(page, "'half done'")).to_be_visible()
-            page.get_by_test_id("program-open").click()
-            page.get_by_test_id("agree").click()
+            leave(page, "program-open")
             page.get_by_test_id("program-choice").get_by_text("external_control.urp").click()
             expect(row(page, "'half done'")).to_have_count(0)
             expect(row(page, "Control by")).to_be_visible()

@@ -1,7 +1,9 @@
 """A plain rclpy program: asks what it is told to on standard input, a JSON object a line, and answers with one each.
 
 {"call": service, "type": ..., "request": {...}}         the response
-{"goal": action, "type": ..., "goal": {...}}             accepted; {"result": action} waits, {"cancel": action} cancels
+{"goal": action, "type": ..., "goal": {...}}             accepted; {"result": action} waits, {"cancel": action} cancels;
+                                                         "last": {...} of a result: that the last feedback says, too,
+                                                         which takes another way and may come later
 {"echo": topic, "type": ..., "latched": bool}            the next message
 {"publish": topic, "type": ..., "message": {...}}        after somebody listens
 {"graph": true}                                          nodes, topics, services and their types
@@ -90,6 +92,10 @@ class Peer:
     def result(self, order):
         _, future, feedback = self.goals[order["result"]]
         answer = self.wait(future)
+        end_s = time.monotonic() + PATIENCE_S
+        while not order.get("last", {}).items() <= (feedback[-1] if feedback else {}).items():
+            assert time.monotonic() < end_s, f"the last feedback is {feedback[-1:]}"
+            rclpy.spin_once(self.node, timeout_sec=0.05)
         return {
             "status": answer.status,
             "result": plain(answer.result),

@@ -36,11 +36,11 @@ class Bench:
         self.arm = arm
         self.peer = peer
 
-    async def set_mode(self, mode: int, **more: bool) -> dict[str, Any]:
+    async def set_mode(self, mode: int, last: dict[str, int] | None = None, **more: bool) -> dict[str, Any]:
         goal = {"target_robot_mode": int(mode), **more}
         answer = await self.peer.ask(goal=SET_MODE, type="ur_dashboard_msgs/action/SetMode", request=goal)
         assert answer["accepted"]
-        answer = await self.peer.ask(result=SET_MODE)
+        answer = await self.peer.ask(result=SET_MODE, last=last or {})
         assert answer["result"]["success"] == (answer["status"] == SUCCEEDED)
         return answer
 
@@ -84,10 +84,9 @@ async def test_modes(model: str) -> None:
         assert answer["status"] == SUCCEEDED, answer
         assert bench.arm.driver.robot.robot_mode is RobotMode.POWER_OFF
 
-        answer = await bench.set_mode(RobotMode.IDLE)
+        told = {"current_robot_mode": int(RobotMode.IDLE), "current_safety_mode": int(SafetyMode.NORMAL)}
+        answer = await bench.set_mode(RobotMode.IDLE, last=told)
         assert answer["status"] == SUCCEEDED, answer
-        assert answer["feedback"][-1]["current_robot_mode"] == RobotMode.IDLE
-        assert answer["feedback"][-1]["current_safety_mode"] == SafetyMode.NORMAL
 
         answer = await bench.set_mode(RobotMode.RUNNING, play_program=True)
         assert answer["status"] == SUCCEEDED, answer

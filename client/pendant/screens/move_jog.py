@@ -63,6 +63,11 @@ class MoveSettings:
         return _IDENTITY
 
     @property
+    def rotation(self) -> str:
+        """How rotations are written: rv or rpy."""
+        return "rpy" if self.as_rpy else "rv"
+
+    @property
     def joint_speed(self) -> dict[str, float]:
         """For move_j."""
         return {"speed_rad_s": self.speed * JOINT_TOP, "acceleration_rad_s2": _JOINT_RAMP}
@@ -277,6 +282,7 @@ def _choice(options: Mapping[str, str], settings: MoveSettings, what: str) -> No
 
     toggle = ui.toggle(dict(options), value=next(iter(options)), on_change=choose)
     toggle.props(f"no-caps dense unelevated data-testid={what}").classes("move-choice")
+    settings.page.live.bind(toggle, "state", lambda _: settings.feature if what == "feature" else settings.rotation)
 
 
 def _hold_buttons(kind: str, index: int, mark: str, title: str) -> None:

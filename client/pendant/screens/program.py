@@ -28,11 +28,11 @@ def build(page: Page) -> None:
     with ui.element("div").classes("program-screen"):
         _bar(page, deeds)
         _palette(page, selection)
-        _tree(page, selection)
+        tree = _tree()
         with ui.element("div").classes("program-side"):
             form = NodeForm(page, selection)
             program_scene(page, selection)
-    page.live.hear("program", lambda said: deeds.hear(said, form))
+        _follow(page, selection, deeds, tree, form)
     page.live.effect(
         lambda station: page.live.screen == "program" and playing.saves_here(station),
         lambda seen: page.soon(lambda: playing.take_installation(page.station)) if seen else None,
@@ -240,17 +240,26 @@ def _palette(page: Page, selection: Selection) -> None:
     page.live.effect(lambda s: s.version, fill)
 
 
-def _tree(page: Page, selection: Selection) -> None:
-    draft = page.station.program_draft
+def _tree() -> ui.element:
     with ui.card().classes("panel program-tree-panel"):
         box = ui.element("div").classes("program-tree")
-        box.props('role=tree aria-label="Program tree" data-testid=program-tree')
-        page.live.bind(box, "value", lambda _: draft.view.shown_rows())
-        marks = ui.element("span").classes("hidden")
-        page.live.bind(marks, "value", _running)
-        chosen = ui.element("span").classes("hidden")
-        page.live.bind(chosen, "value", lambda _: selection.node)
-    ui.run_javascript(f"pendantProgram.tree({json.dumps([box.id, marks.id, chosen.id])[1:-1]})")
+        return box.props('role=tree aria-label="Program tree" data-testid=program-tree')
+
+
+def _follow(page: Page, selection: Selection, deeds: Deeds, tree: ui.element, form: NodeForm) -> None:
+    """Let the tree show the program, and hear what is done in it.
+
+    What the tree says comes over the connection of the form's fields, and so behind what was typed there before: the
+    form has it when another node is selected, even before it hears that the field has lost the focus.
+    """
+    draft = page.station.program_draft
+    page.live.bind(tree, "value", lambda _: draft.view.shown_rows())
+    marks, chosen = ui.element("span").classes("hidden"), ui.element("span").classes("hidden")
+    page.live.bind(marks, "value", _running)
+    page.live.bind(chosen, "value", lambda _: selection.node)
+    tree.on("said", lambda event: deeds.hear(event.args.get("detail"), form), ["detail"])
+    ids = [tree.id, marks.id, chosen.id, form.fields_id]
+    ui.run_javascript(f"pendantProgram.tree({json.dumps(ids)[1:-1]})")
 
 
 def _running(station: Station) -> list[int]:

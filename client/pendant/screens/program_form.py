@@ -21,13 +21,19 @@ _POSITION: Final = "position"
 
 
 class NodeForm:
-    """The panel with it. It is made anew when another node is selected or other fields have a meaning."""
+    """The panel with it. It is made anew when another node is selected or other fields have a meaning.
+
+    Its fields say in ``data-node`` whose they are: they come a moment after the tree shows the selection.
+    """
 
     def __init__(self, page: Page, selection: Selection) -> None:
         self._page = page
         self._selection = selection
         self._draft = page.station.program_draft
         self._shown = dict[str, Callable[[Any], object]]()  # lets a field show a value
+        self._known = dict[str, Any]()  # the values that were shown last
+        self._node = ""  # whose fields there are
+        self._leave = list[Callable[[], None]]()  # takes what was typed in a field that goes, or says why not
         self._settings = MoveSettings(page)
         with ui.card().classes("panel program-form").props('role=form aria-label="Selected node"') as self._panel:
             page.live.text(lambda _: self._draft.view.text(selection.node), "panel-title").props(
@@ -40,9 +46,14 @@ class NodeForm:
         page.live.effect(self._layout, lambda _: self._make())
         page.live.effect(self._values, self._show)
 
+    @property
+    def fields_id(self) -> int:
+        """Of the element with the fields."""
+        return self._fields.id
+
     def focus(self) -> None:
         """Where somebody types first."""
-        ui.run_javascript(f"pendantProgram.edit({self._fields.id})")
+        ui.run_javascript(f"pendantProgram.edit({self.fields_id})")
 
     # what there is
 
@@ -57,17 +68,25 @@ class NodeForm:
         return tuple((each.key, each.value) for each in self._form())
 
     def _show(self, values: tuple[tuple[str, Any], ...]) -> None:
-        """What another browser, or undoing, has changed."""
+        """What another browser, or undoing, has changed; a text that somebody is typing elsewhere stays."""
+        before, self._known = self._known, dict(values)
         for key, value in values:
-            if key in self._shown:
+            if key in self._shown and not (key in before and before[key] == value):
                 self._shown[key](value)
 
     def _make(self) -> None:
+        node = self._selection.node
+        if node != self._node and self._draft.view.has(self._node):
+            for leave in self._leave:
+                leave()
         self._fields.clear()
         self._shown.clear()
-        node = self._selection.node
+        self._leave.clear()
+        self._node, form = node, self._form()
+        self._known = {field.key: field.value for field in form}
+        self._fields.props(f'data-node="{node}"')
         with self._fields:
-            for field in self._form():
+            for field in form:
                 if field.kind == _POSITION:
                     self._position(node, field)
                 elif field.kind == "boolean":
@@ -99,20 +118,32 @@ class NodeForm:
         if field.help:
             box.props(f'hint="{field.help}"')
 
+        taken = _text(field.value)  # what was typed and is either in the program or known to be wrong
+
         def commit() -> None:
-            text = box.value or ""
-            if text == _text(self._draft.view.value(node, field.key)):
-                box.error = None
+            nonlocal taken
+            if (text := box.value or "") == taken:
                 return
-            box.error = self._set(node, field, None if text == "" and field.optional else text) or None
+            taken = text
+            problem = ""
+            if text != _text(self._draft.view.value(node, field.key)):
+                problem = self._set(node, field, None if text == "" and field.optional else text)
+            box.error = problem or None
+
+        def leave() -> None:
+            commit()
+            if box.error:
+                self._page.complain(f"{self._draft.view.text(node)}, {field.title}: {box.error}")
+
+        def show(value: Any) -> None:
+            nonlocal taken
+            taken = _text(value)
+            box.set_value(taken)
+            box.error = None
 
         box.on("blur", commit)
         box.on("keydown.enter", commit)
-
-        def show(value: Any) -> None:
-            box.set_value(_text(value))
-            box.error = None
-
+        self._leave.append(leave)
         self._shown[field.key] = show
 
     def _select(self, node: str, field: FormField) -> None:

@@ -58,11 +58,16 @@ const pendant = (() => {
   function tellLoss(process) {
     const [since, before] = JSON.parse(sessionStorage.getItem("pendant lost") || "[]");
     sessionStorage.removeItem("pendant lost");
-    if (!since) return;
-    const seconds = Math.max(1, Math.round((Date.now() - since) / 1000));
-    const what = before === process ? "Its connection was lost" : "The pendant has ended and was started anew";
-    const message = `${what}: this page was away for ${seconds} s and is loaded anew. What was held here was let go.`;
-    Quasar.Notify.create({ message, type: "warning", position: "top", timeout: 0, actions: [{ label: "OK", color: "dark" }] });
+    if (since) {
+      const seconds = Math.max(1, Math.round((Date.now() - since) / 1000));
+      const what = before === process ? "Its connection was lost" : "The pendant has ended and was started anew";
+      const text = `${what}: this page was away for ${seconds} s and is loaded anew. What was held here was let go.`;
+      sessionStorage.setItem("pendant told", text); // until somebody has read it: the page may be loaded once more
+    }
+    const message = sessionStorage.getItem("pendant told");
+    if (!message) return;
+    const read = { label: "OK", color: "dark", handler: () => sessionStorage.removeItem("pendant told") };
+    Quasar.Notify.create({ message, type: "warning", position: "top", timeout: 0, actions: [read] });
   }
 
   // process: of the pendant that has made this page.

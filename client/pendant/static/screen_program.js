@@ -1,10 +1,8 @@
 "use strict";
-// Program: the tree of nodes, by pointer, touch and keyboard. What is done in it is said by the word "program".
+// Program: the tree of nodes, by pointer, touch and keyboard. What is done in it is said by its event "said".
 const pendantProgram = (() => {
   // Rows are [id, number, depth, icon, text, marks, problem]; marks are words: undefined, problem, suppressed, breakpoint.
   const ID = 0, NUMBER = 1, DEPTH = 2, ICON = 3, TEXT = 4, MARKS = 5, PROBLEM = 6;
-  const say = (word, id) => pendant.say({ program: [word, id] });
-
   function part(parent, kind, text) {
     const made = document.createElement("span");
     made.className = kind;
@@ -32,8 +30,8 @@ const pendantProgram = (() => {
 
   const writes = (target) => target.closest && target.closest("input, textarea, [contenteditable=true], .q-dialog");
 
-  // boxId: the tree; marksId: numbers of the nodes that are carried out; chosenId: the selected node.
-  function tree(boxId, marksId, chosenId) {
+  // boxId: the tree; marksId: numbers of the nodes that are carried out; chosenId: the selected node; formId: its fields.
+  function tree(boxId, marksId, chosenId, formId) {
     const closed = new Set(); // ids of nodes whose children are hidden
     let rows = [];
     let items = new Map(); // id -> element of a row in view
@@ -41,11 +39,14 @@ const pendantProgram = (() => {
     let chosen = null;
     let box = null;
 
+    const say = (word, id) => box.dispatchEvent(new CustomEvent("said", { detail: [word, id] }));
+    const fields = () => document.getElementById(`c${formId}`);
     const hasChildren = (index) => index + 1 < rows.length && rows[index + 1][DEPTH] > rows[index][DEPTH];
     const indexOf = (id) => rows.findIndex((row) => row[ID] === id);
 
     function draw() {
       if (!box) return;
+      if (indexOf(chosen) < 0) chosen = fields()?.dataset.node ?? chosen; // somebody has deleted it
       const focused = box.contains(document.activeElement);
       items = new Map();
       let hidden = Infinity; // depth below which nothing is shown
@@ -98,6 +99,13 @@ const pendantProgram = (() => {
       const item = items.get(chosen);
       if (item && focus) item.focus();
       if (!item && items.size) items.values().next().value.tabIndex = 0;
+      guard();
+    }
+
+    // Until the fields of the node that was selected last are there, nobody types into those of the one before.
+    function guard() {
+      const form = fields();
+      if (form) form.inert = form.dataset.node !== chosen;
     }
 
     function intoView(item) {
@@ -159,6 +167,7 @@ const pendantProgram = (() => {
         box = target;
         box.addEventListener("keydown", key);
         box.addEventListener("click", click);
+        new MutationObserver(guard).observe(fields(), { attributeFilter: ["data-node"] });
       }
       rows = content;
       draw();
