@@ -9,7 +9,7 @@ Everything else is the same for both: torques come from the rigid-body model wit
 from the torques by one constant a joint, and the TCP force is the external wrench, and the weight of what the program
 does not know of. A dynamic arm's controller adds what a real one adds: the inertia of the rotors to ``target_moment``,
 and its model of friction to ``target_current``. Its constants and its noise are a real arm's too
-(``urproto.robots.drivetrain``).
+(``urproto.robots.measured``).
 """
 
 import math
@@ -22,8 +22,8 @@ from emulator.robot.installation import Installation, Payload
 from emulator.robot.senses import Senses
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
-from urproto.robots.drivetrain import drivetrain_of
 from urproto.robots.kinematics import Jacobian, Kinematics
+from urproto.robots.measured import drivetrain_of
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
 from urproto.vectors import (
     ZERO3,

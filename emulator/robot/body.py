@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from urproto.robots import RobotModel
-from urproto.robots.drivetrain import drivetrain_of
+from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, Vector6, as_six
 
 STEP_S: Final = 0.001  # every arm's stays well inside the limit of explicit steps

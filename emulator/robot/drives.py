@@ -5,7 +5,7 @@
 
 The feed-forward is what the target motion needs by the controller's own knowledge: rigid-body torques with the payload
 the program told, the rotors, and friction as its own model has it, which a real controller's target currents show
-(``urproto.robots.drivetrain``). What it does not know (a wrong payload, a push, friction that is another) shows as a
+(``urproto.robots.measured``). What it does not know (a wrong payload, a push, friction that is another) shows as a
 deviation: the loops have no integral part, so a joint gives way like a spring. Loops run every millisecond; in between
 control periods the target goes on an even acceleration.
 
@@ -20,7 +20,7 @@ from typing import Final
 
 from emulator.robot.body import STEP_S, Body
 from urproto.robots import RobotModel
-from urproto.robots.drivetrain import drivetrain_of
+from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, Vector6, add, rate, sub
 
 # of the friction that direct torque makes up for: defaults of the official drivers' friction model parameters

@@ -7,7 +7,7 @@ from typing import Final
 
 from emulator.robot.body import Body
 from urproto.robots import RobotModel
-from urproto.robots.drivetrain import drivetrain_of, wrench_noise_of
+from urproto.robots.measured import drivetrain_of, wrench_noise_of
 from urproto.vectors import Vector6
 
 _GEAR: Final = 101

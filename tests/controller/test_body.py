@@ -7,7 +7,7 @@ import pytest
 
 from emulator.robot.body import STEP_S, Body
 from urproto.robots import MODELS, Kinematics, load_model
-from urproto.robots.drivetrain import drivetrain_of
+from urproto.robots.measured import drivetrain_of
 
 ZERO6 = (0.0,) * 6
 LOW = (0.3, 0.6, 0.4, -0.5, 0.7, 0.0)

@@ -15,8 +15,8 @@ from emulator.robot.installation import Payload
 from tests.budget import some
 from urproto.modes import ControlMode
 from urproto.robots import MODELS
-from urproto.robots.drivetrain import drivetrain_of
 from urproto.robots.dynamics import Dynamics
+from urproto.robots.measured import drivetrain_of
 from urproto.robots.pose import pose_trans
 
 ZERO6 = (0.0,) * 6
@@ -492,7 +492,7 @@ def test_friction_shares_outside_0_to_1_end_the_program(make):
 
 
 def test_target_moment_has_the_rotors_and_target_current_the_friction_that_the_controller_knows(make):
-    """As recordings of a real UR10e show them, in every period: see ``urproto/robots/drivetrain.toml``."""
+    """As recordings of a real UR10e show them, in every period: see ``urproto/robots/measured.toml``."""
     rig = make("ur10e", running=True, dynamic=True, initial_q=BENT)
     rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=2, v=1)")
     drives, oracle = drivetrain_of(rig.controller.model), Dynamics(rig.controller.model)

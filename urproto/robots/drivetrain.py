@@ -1,23 +1,21 @@
 """What sits between a joint's motor and its link: friction, the rotor behind the gear, and motor currents.
 
-The numbers of each arm come from ``drivetrain.toml``, which says of each where it was measured or by which rule it is
-carried over from another; those of one arm can be measured and given instead (``RobotModel.drivetrain``).
+``urproto.robots.measured`` knows the numbers of each model; those of one arm can be identified and given instead
+(``RobotModel.drivetrain``).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import cache
-from math import isfinite, log
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from math import isfinite
+from typing import Any, Final
 
-from urproto.compat import Self, load_toml
+from urproto.compat import Self
 from urproto.vectors import Vector6, as_six
 
-if TYPE_CHECKING:
-    from urproto.robots.model import RobotModel
-
-_FILE: Final = Path(__file__).with_name("drivetrain.toml")
+# Of the controller's model of friction. Measured, shamilmamedov/dynamic_calibration (a real UR10e, 20 files): target
+# current * torque constant - target moment has both at the same speed on every joint
+KNOWN_COULOMB_RAD_S: Final = 0.012  # up to here Coulomb friction rises in proportion to the speed
+KNOWN_BEND_RAD_S: Final = 0.5  # here the slope of viscous friction changes
 
 
 class DrivetrainError(ValueError):
@@ -45,7 +43,7 @@ class Drivetrain:
 
     def known_friction(self, qd: Vector6) -> Vector6:
         """What the controller takes friction for at these speeds [Nm]; none at rest."""
-        band, bend = friction_knowledge()
+        band, bend = KNOWN_COULOMB_RAD_S, KNOWN_BEND_RAD_S
         a, b, c, d, e, f = (
             (dry * v / band if -band < v < band else dry if v > 0.0 else -dry)
             + (slow * v if -bend <= v <= bend else fast * v + (bend if v > 0.0 else -bend) * (slow - fast))
@@ -79,41 +77,3 @@ def _six(values: Mapping[str, Any], name: str) -> Vector6:
     if name in _POSITIVE and not all(numbers):
         raise DrivetrainError(f"{name} must be six numbers above 0, it is {numbers!r}")
     return as_six([float(number) for number in numbers])
-
-
-def drivetrain_of(model: "RobotModel") -> Drivetrain:
-    """What was measured of this arm; otherwise that of its model, measured or carried over."""
-    if model.drivetrain is not None:
-        return model.drivetrain
-    table = _table()
-    known, noise = table["knowledge"], table["noise"]
-    rows = [row for row in table["sizes"] if row["series"] == model.series.value]
-    sizes = [min(rows, key=lambda row: abs(log(row["torque_max_Nm"] / most))) for most in model.torque_max]
-    values = {name: [size[name] for size in sizes] for name in ("coulomb_Nm", "viscous_Nm_s", "rotor_kg_m2")}
-    values["torque_constants_Nm_A"] = list(model.torque_constants)
-    values["rest_noise_A"] = noise[model.series.value]["current_A"]
-    measured = table["models"].get(model.name, {})
-    values |= measured
-    values.setdefault("known_coulomb_Nm", values["coulomb_Nm"])
-    values.setdefault("known_viscous_Nm_s", [known["slow_share"] * slope for slope in values["viscous_Nm_s"]])
-    values.setdefault("known_fast_viscous_Nm_s", [known["fast_share"] * slope for slope in values["viscous_Nm_s"]])
-    limits = zip(model.torque_max, values["torque_constants_Nm_A"], strict=True)
-    values.setdefault("motion_noise_A", [noise["motion_share"] * most / constant for most, constant in limits])
-    return Drivetrain.from_mapping(values)
-
-
-def wrench_noise_of(model: "RobotModel") -> Vector6:
-    """Standard deviation of the TCP force of a real arm at rest [N, Nm]."""
-    return as_six(_table()["noise"][model.series.value]["wrench"])
-
-
-@cache
-def _table() -> dict[str, Any]:
-    return load_toml(_FILE.read_text(encoding="utf-8"))
-
-
-@cache
-def friction_knowledge() -> tuple[float, float]:
-    """Speeds [rad/s] in the controller's model: where Coulomb friction is whole, where viscous friction bends."""
-    known = _table()["knowledge"]
-    return known["coulomb_rad_s"], known["bend_rad_s"]

@@ -3,7 +3,7 @@
 The model is built in code from the arm's data. Pinocchio's joint i turns about z of
 Denavit-Hartenberg frame i-1, and the link's mass properties sit in frame i, one fixed
 transform further. The base frame is the robot's base; joint torques exclude friction, and
-the inertia of the motors unless it is given (``urproto.robots.drivetrain`` has numbers).
+the inertia of the motors unless it is given (``urproto.robots.measured`` has numbers).
 """
 
 from collections.abc import Sequence

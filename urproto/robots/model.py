@@ -107,7 +107,7 @@ class RobotModel:
     eq_radius: float
     """m; weighs rotation of the tool against its translation."""
     torque_constants: Joints
-    """Nm/A, of an ideal arm: its simulator's where they are known. A real one's: ``urproto.robots.drivetrain``."""
+    """Nm/A, of an ideal arm: its simulator's where they are known. A real one's: ``urproto.robots.measured``."""
     links: tuple[Link, ...]
     """Shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3."""
     tube_offsets: tuple[float, float]
