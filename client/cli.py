@@ -43,6 +43,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "record:plot_command",
         "Draw desired and actual positions and speeds, their differences and the speed scaling of a recording.",
     ),
+    "fidelity": (
+        "identification:fidelity_command",
+        "Compare a recording of a real arm with the emulator's model of it, field by field and joint by joint.",
+    ),
     "replay": (
         "record:replay_command",
         "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest.",

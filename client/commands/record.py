@@ -299,9 +299,9 @@ def convert_command(
         )
 
 
-def read_telling(path: Path) -> Recording:
-    """A recording; it is told when it is damaged or has no proper end."""
-    recording = read(path)
+def read_telling(path: Path, columns: Sequence[str] | None = None) -> Recording:
+    """A recording; it is told when it is damaged or has no proper end. columns: as `read`."""
+    recording = read(path, columns)
     _tell(path, recording)
     return recording
 

@@ -65,6 +65,27 @@ class Dynamics:
         """Torques that give the accelerations ``qdd``."""
         return _joints(pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd)))
 
+    def inverse_dynamics_along(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
+        """`inverse_dynamics` of each row of a motion: all (n, 6)."""
+        rows = zip(q_rad, qd, qdd, strict=True)
+        return np.array([pin.rnea(self._pin, self._data, *row) for row in rows]).reshape(-1, 6)
+
+    def last_link_regressor(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
+        """What something fixed to the last link adds to the torques of each row of a motion: (n, 6, 10), linear in its
+        parameters as `payload_of` takes them.
+        """
+        rows = zip(q_rad, qd, qdd, strict=True)
+        last = [pin.computeJointTorqueRegressor(self._pin, self._data, *row)[:, -10:] for row in rows]
+        return np.array(last).reshape(-1, 6, 10)
+
+    def payload_of(self, parameters: Sequence[float]) -> tuple[float, tuple[float, float, float]]:
+        """Mass [kg] and centre of gravity [m] in the flange frame of a `last_link_regressor`'s ten parameters: mass,
+        first moments, and six of inertia. The mass must not be 0.
+        """
+        mass, *moments = parameters[:4]
+        x, y, z = self._flange.actInv(np.array(moments) / mass).tolist()
+        return float(mass), (x, y, z)
+
     def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
         """What arm and payload do to the base (6,): force [N], torque [Nm] about its origin, base axes.
 
