@@ -47,6 +47,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "identification:fidelity_command",
         "Compare a recording of a real arm with the emulator's model of it, field by field and joint by joint.",
     ),
+    "identify": (
+        "identification:identify_command",
+        "Find the torque constants, rotors, friction and noise of an arm in a recording of it, for ur-emulator --arm.",
+    ),
     "replay": (
         "record:replay_command",
         "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest.",

@@ -5,13 +5,17 @@ from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
+import yaml
 from rich.table import Table
 
 from client.commands.record import Overwrite, check_free, read_telling
+from client.errors import FileError
 from client.identification.fidelity import Fidelity, Payload, fidelity
+from client.identification.identify import Identified, identify
 from client.identification.plots import draw
 from client.recording.recording import Recording
 from urproto.commandline import AsJson, console, print_json
+from urproto.joints import JOINT_LABELS
 from urproto.robots import RobotModel, UnknownModel, load_model
 
 Model: TypeAlias = Annotated[str, typer.Option("--model", help="The arm that was recorded, for example ur10e.")]
@@ -57,6 +61,54 @@ def fidelity_command(
     for note in result.samples.notes:
         typer.echo(f"note: {file}: {note}", err=True)
     console().print(_table(result))
+
+
+def identify_command(
+    file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
+    model: Model,
+    output: Annotated[Path, typer.Option("-o", "--output", help="The arm's file to write, YAML.")] = Path("arm.yaml"),
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="Picture of measured against predicted: .png, .svg or .pdf.")
+    ] = None,
+    payload: Told = None,
+    columns: Columns = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Find the torque constants, rotors, friction and noise of an arm in a recording of it, for ur-emulator --arm."""
+    arm = model_named(model)
+    check_free(output, overwrite)
+    if plot is not None:
+        check_free(plot, overwrite)
+    recording, told = _read(file, columns), _payload("--payload", payload)
+    found = identify(recording, arm, told)
+    _write(output, found)
+    if plot is not None:
+        draw(fidelity(recording, found.arm, told, found.mounted), plot, f"{file.name}: {arm.title}, {output.name}")
+    for note in (*found.samples.notes, *found.kept):
+        typer.echo(f"note: {note}", err=True)
+    console().print(_identified_table(found))
+    if found.payload is not None:
+        cog = ", ".join(f"{part:.3f}" for part in found.payload.cog_m)
+        typer.echo(f"the arm carried {found.payload.mass_kg:.2f} kg at [{cog}] m that its controller was not told of")
+    typer.echo(f"{output}: ur-emulator --arm {output} is this arm")
+
+
+def _write(path: Path, found: Identified) -> None:
+    try:
+        text = yaml.safe_dump(found.to_mapping(), sort_keys=False, default_flow_style=None, width=120)
+        path.write_text(text, "utf-8")
+    except OSError as error:
+        raise FileError(path, error.strerror or str(error)) from error
+
+
+def _identified_table(found: Identified) -> Table:
+    table = Table("number", box=None, pad_edge=False)
+    for joint in JOINT_LABELS:
+        table.add_column(joint, justify="right")
+    for name, values in found.drives.to_mapping().items():
+        cells = zip(values, found.errors[name], strict=True)
+        table.add_row(name, *(f"{v:.3g}" + (" kept" if error is None else f" +-{error:.1g}") for v, error in cells))
+    return table
 
 
 def model_named(name: str) -> RobotModel:

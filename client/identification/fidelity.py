@@ -5,15 +5,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from client.errors import RecordingError
 from client.identification.samples import Array, Samples, known_features, samples_of, true_features
 from client.recording.recording import Recording
 from urproto.joints import JOINT_LABELS
 from urproto.robots import MODELS, RobotModel, load_model
-from urproto.robots.drivetrain import Drivetrain
 from urproto.robots.dynamics import Dynamics
 from urproto.robots.measured import drivetrain_of
+from urproto.vectors import ZERO6, Vector6
 
 UNITS: Final = {"target_moment": "Nm", "target_current": "A", "actual_current": "A"}
 _WRONG_SHARE: Final = 0.05  # of the range of the target moments: no arm of that model with that payload
@@ -106,7 +107,7 @@ def _off(samples: Samples, model: RobotModel, payload: Payload) -> float | None:
     """How far the target moments are from this arm's [Nm]; None when they are near."""
     rows = samples.rows(_LOOKED_AT)
     moment = samples.fields["target_moment"][rows]
-    error = moment - _moments(_dynamics(model, payload), samples, rows, drivetrain_of(model))
+    error = moment - moments(model, payload, samples, rows, drivetrain_of(model).rotor_kg_m2)
     rms = np.sqrt((error**2).mean(axis=0))
     allowed = np.maximum(_WRONG_NM, _WRONG_SHARE * np.ptp(moment, axis=0))
     worst = int(np.argmax(rms / allowed))
@@ -117,8 +118,8 @@ def predictions(samples: Samples, model: RobotModel, payload: Payload, mounted: 
     """What the emulator's model makes of the motion: an array (n, 6) for each field that was recorded."""
     drives = drivetrain_of(model)
     constants = np.array(drives.torque_constants_Nm_A)
-    moment = _moments(_dynamics(model, payload), samples, slice(None), drives)
-    needed = moment if mounted == payload else _moments(_dynamics(model, mounted), samples, slice(None), drives)
+    moment = moments(model, payload, samples, slice(None), drives.rotor_kg_m2)
+    needed = moment if mounted == payload else moments(model, mounted, samples, slice(None), drives.rotor_kg_m2)
     known = np.stack([drives.known_coulomb_Nm, drives.known_viscous_Nm_s, drives.known_fast_viscous_Nm_s], axis=-1)
     true = np.stack([drives.coulomb_Nm, drives.viscous_Nm_s], axis=-1)
     found = {
@@ -129,16 +130,13 @@ def predictions(samples: Samples, model: RobotModel, payload: Payload, mounted: 
     return {name: found[name] for name in samples.fields}
 
 
-def _dynamics(model: RobotModel, payload: Payload) -> Dynamics:
+def moments(
+    model: RobotModel, payload: Payload, samples: Samples, rows: "slice | NDArray[np.int_]", rotors: Vector6 = ZERO6
+) -> Array:
+    """Torques that some rows of a motion take [Nm], without friction: (k, 6)."""
     dynamics = Dynamics(model)
     dynamics.set_payload(payload.mass_kg, payload.cog_m)
-    return dynamics
-
-
-def _moments(
-    dynamics: Dynamics, samples: Samples, rows: "slice | np.ndarray[tuple[int], np.dtype[np.int_]]", drives: Drivetrain
-) -> Array:
-    dynamics.set_rotor_inertia(drives.rotor_kg_m2)
+    dynamics.set_rotor_inertia(rotors)
     return dynamics.inverse_dynamics_along(samples.q[rows], samples.smooth_qd[rows], samples.qdd[rows])
 
 

@@ -11,6 +11,7 @@ from urproto.robots.measured import drivetrain_of, wrench_noise_of
 from urproto.vectors import Vector6
 
 _GEAR: Final = 101
+_CREEP_RAD_S: Final = 0.005  # slower than this is as noisy as standing (guess)
 _ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
 _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
 
@@ -32,7 +33,7 @@ class Senses:
         """Joint currents [A] with noise, which is larger in a joint that moves."""
         gauss = self._chance.gauss
         a, b, c, d, e, f = (
-            value + gauss(0.0, moving if speed else resting)
+            value + gauss(0.0, resting if -_CREEP_RAD_S < speed < _CREEP_RAD_S else moving)
             for value, speed, resting, moving in zip(current, qd, self._rest_A, self._motion_A, strict=True)
         )
         return (a, b, c, d, e, f)

@@ -33,9 +33,9 @@ MOVES = """def moves():
   sleep(1)
   movej([-0.8, -1.0, 0.4, 0.5, 0.9, 1.0], a=3, v=1.2)
   movej([0.7, -1.9, 1.7, -1.5, -0.9, -0.8], a=2, v=1.0)
-  movej([-0.3, -1.2, 0.8, 0.7, 1.0, 0.9], a=4, v=1.4)
+  movej([-0.3, -0.6, 0.8, -0.5, 0.1, 0.1], a=4, v=1.4)
   movej([0.9, -1.7, 1.9, -1.0, 0.2, -1.0], a=3, v=0.4)
-  movej([-0.9, -0.9, 0.5, 0.6, -1.1, 0.5], a=1.5, v=1.1)
+  movej([-0.9, -0.3, 0.5, 0.0, -1.1, 0.5], a=1.5, v=1.1)
   movej([0.2, -1.5, 1.2, -0.6, 1.0, -0.5], a=4, v=1.3)
   movej([-0.6, -1.0, 1.9, 0.8, -0.6, 0.9], a=2, v=0.3)
   sleep(1)
@@ -65,10 +65,9 @@ def without(values: dict[str, np.ndarray], *names: str) -> Recording:
     return Recording({name: array for name, array in values.items() if not name.startswith(names)} if names else values)
 
 
-def saved(path: Path, values: dict[str, np.ndarray], names: tuple[str, ...], head: str | None = None) -> Path:
+def saved(path: Path, values: dict[str, np.ndarray], names: tuple[str, ...], head: str = "") -> Path:
     """As a .csv file; head: its first line, if it has one."""
     table = np.column_stack([values[name] for name in names])
-    np.savetxt(path, table, delimiter=",", header=head or "", comments="", fmt="%.9g")
-    if head is None:
-        path.write_text(path.read_text().removeprefix("\n"))
+    np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.9g")
+    path.write_text(path.read_text().removeprefix("\n"))
     return path
