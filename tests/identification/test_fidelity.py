@@ -93,7 +93,6 @@ def changed(motion, **how):
         ({"target_qd": np.degrees}, r"joint speeds are 57\.\d times"),
         ({"timestamp": lambda array: 1e3 * array}, r"rises by 8 a state: .*milliseconds"),
         ({"timestamp": lambda array: 0.0 * array}, "never rises"),
-        ({"timestamp": lambda array: 20.0 * array}, "too seldom"),
         ({"actual_current": lambda array: 1e3 * array}, "milliamperes"),
         ({"target_moment": lambda array: 2.0 * array}, "off what a UR10"),
     ],
@@ -102,6 +101,13 @@ def test_other_units_are_one_clear_line(motion, how, message):
     with pytest.raises(RecordingError, match=message) as error:
         fidelity(changed(motion, **how), ARM)
     assert "\n" not in str(error.value)
+
+
+def test_measured_angles_that_are_too_far_apart_are_refused(motion):
+    seldom = {name: array[::8] for name, array in motion.items()}
+    assert worst(fidelity(Recording(seldom), ARM), "target_moment") < 1e-9
+    with pytest.raises(RecordingError, match=r"a state every 0.064 s is too seldom"):
+        fidelity(without(seldom, "target_q"), ARM)
 
 
 def test_columns_that_are_missing_are_named(motion):
