@@ -51,6 +51,10 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "identification:identify_command",
         "Find the torque constants, rotors, friction and noise of an arm in a recording of it, for ur-emulator --arm.",
     ),
+    "excite": (
+        "identification:excite_command",
+        "Move every joint, within bounds around where the arm is, so that identify sees everything, and record it.",
+    ),
     "replay": (
         "record:replay_command",
         "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest.",

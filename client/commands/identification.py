@@ -2,18 +2,33 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Final, TypeAlias
 
 import typer
 import yaml
 from rich.table import Table
 
-from client.commands.record import Overwrite, check_free, read_telling
+from client.commands.control import MakeReady
+from client.commands.following import PortOffset, RobotIP
+from client.commands.record import (
+    Overwrite,
+    check_and_ask,
+    check_free,
+    model_of_robot,
+    move_along,
+    read_telling,
+    taking_over,
+)
+from client.driver import points
+from client.driver.config import ROBOT_PORTS
 from client.errors import FileError
+from client.identification.excitation import Bounds, excitation
 from client.identification.fidelity import Fidelity, Payload, fidelity
 from client.identification.identify import Identified, identify
 from client.identification.plots import draw
-from client.recording.recording import Recording
+from client.recording.files import Recorder
+from client.recording.recording import DEFAULT_FIELDS, Recording
+from client.robot import Robot
 from urproto.commandline import AsJson, console, print_json
 from urproto.joints import JOINT_LABELS
 from urproto.robots import RobotModel, UnknownModel, load_model
@@ -109,6 +124,48 @@ def _identified_table(found: Identified) -> Table:
         cells = zip(values, found.errors[name], strict=True)
         table.add_row(name, *(f"{v:.3g}" + (" kept" if error is None else f" +-{error:.1g}") for v, error in cells))
     return table
+
+
+_FIELDS: Final = (*DEFAULT_FIELDS, "target_moment", "target_current", "payload", "payload_cog")
+_REST_S: Final = 1.0  # before and after the motion: torque constants and noise show there
+
+
+def excite_command(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .mcap, .csv or .npz.")] = Path(
+        "excitation.csv"
+    ),
+    angle: Annotated[float, typer.Option(help="How far each joint may go from where it is [rad].", min=0.05)] = 0.5,
+    speed: Annotated[float, typer.Option(help="Highest speed of a joint [rad/s].", min=0.05)] = 1.0,
+    acceleration: Annotated[float, typer.Option(help="Highest acceleration [rad/s2].", min=0.1)] = 3.0,
+    floor: Annotated[float, typer.Option(help="No link comes below this height of the base frame [m].")] = 0.05,
+    duration: Annotated[float, typer.Option(help="How long to move [s].", min=10.0, max=600.0)] = 40.0,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same motion.", min=0)] = 0,
+    yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking.")] = False,
+    make_ready: MakeReady = False,
+    overwrite: Overwrite = False,
+    robot_ip: RobotIP = "127.0.0.1",
+    port_offset: PortOffset = 0,
+) -> None:
+    """Move every joint, within bounds around where the arm is, so that identify sees everything, and record it."""
+    check_free(output, overwrite)
+    bounds = Bounds(angle, speed, acceleration, floor)
+    ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
+    with taking_over(robot_ip, ports), Robot(robot_ip, robot_ports=ports, outputs=_FIELDS) as robot:
+        path = excitation(model_of_robot(robot_ip, port_offset), robot.q, duration, bounds, seed)
+        check_and_ask(robot_ip, robot, path, yes=yes)
+        if make_ready:
+            robot.make_ready()
+        with Recorder(output, _FIELDS, {"robot": robot_ip}) as recorder:
+            robot.inner.driver.robot.on_state.append(recorder.write)
+            _rest(robot)
+            move_along(robot, path, "excitation")
+            _rest(robot)
+            robot.inner.driver.robot.on_state.remove(recorder.write)
+    typer.echo(f"{output}: {recorder.count} states. ur-client identify {output} finds the arm in it")
+
+
+def _rest(robot: Robot) -> None:
+    robot.sequence([points.spline(robot.q, (0.0,) * 6, _REST_S)])
 
 
 def model_named(name: str) -> RobotModel:

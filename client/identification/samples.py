@@ -136,8 +136,8 @@ def _check_times(time_s: Array, *, differentiated: bool) -> None:
         raise RecordingError(f"timestamp rises by {usual:g} a state: seconds are expected, these may be milliseconds")
     if differentiated and usual > _LONGEST_STEP_S:
         raise RecordingError(
-            f"a state every {usual:g} s is too seldom where targets were not recorded: {1.0 / _LONGEST_STEP_S:g} a second "
-            "are the least"
+            f"a state every {usual:g} s is too seldom where targets were not recorded: {1.0 / _LONGEST_STEP_S:g} a "
+            "second are the least"
         )
 
 
