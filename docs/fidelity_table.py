@@ -56,9 +56,8 @@ def main(folder: Path) -> None:
                 rows.append(_row(folder, file, source))
             except RecordingError as error:
                 left_out.append((_name(folder, file), str(error).replace(f"{file}: ", "").replace(f"{file} ", "")))
-    lines = [
-        "| recording | arm | data | " + " | ".join(f"`{name}`" for name in FIELDS) + " | `target_moment` at rest |"
-    ]
+    heads = " | ".join(f"`{name}`" for name in FIELDS)
+    lines = [f"| recording | arm | data | {heads} | `target_moment` at rest |"]
     lines += ["| --- | --- | --- | --- | --- | --- | --- |", *rows, "", "Left out:", ""]
     lines += ["| recording | why |", "| --- | --- |", *(f"| {name} | {why} |" for name, why in left_out)]
     text = PAGE.read_text("utf-8")
