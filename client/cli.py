@@ -43,6 +43,18 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "record:plot_command",
         "Draw desired and actual positions and speeds, their differences and the speed scaling of a recording.",
     ),
+    "fidelity": (
+        "identification:fidelity_command",
+        "Compare a recording of a real arm with the emulator's model of it, field by field and joint by joint.",
+    ),
+    "identify": (
+        "identification:identify_command",
+        "Find the torque constants, rotors, friction and noise of an arm in a recording of it, for ur-emulator --arm.",
+    ),
+    "excite": (
+        "identification:excite_command",
+        "Move every joint, within bounds around where the arm is, so that identify sees everything, and record it.",
+    ),
     "replay": (
         "record:replay_command",
         "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest.",

@@ -90,7 +90,12 @@ def configure(
     ] = None,
     modbus_unit_port: Annotated[int, typer.Option(help="Port of the Modbus units whose signals programs add.")] = 502,
     arm: Annotated[
-        ArmKind, typer.Option(help="ideal: follows its targets exactly; dynamic: moved by torques, with friction.")
+        str,
+        typer.Option(
+            metavar="ideal|dynamic|FILE",
+            help="ideal: follows its targets exactly; dynamic: moved by torques, with friction; FILE: dynamic, as the "
+            "arm that ur-client identify found in a recording.",
+        ),
     ] = ArmKind.IDEAL,
     seed: Annotated[int, typer.Option(help="Seed seed of a dynamic arm's measurement noise.")] = 0,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,

@@ -25,6 +25,7 @@ from urproto import robots
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
 from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
+from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
 from urproto.text import quoted
 from urproto.vectors import as_six
@@ -179,7 +180,7 @@ def controller_config(
     ``fields``: of `ControllerConfig`, by the names that they have there. Files are read and values checked: raises
     ConfigError. Raises TypeError for what is neither an option nor a field.
     """
-    chosen = choose_model(model, polyscope)
+    chosen, dynamic = choose_arm(model, polyscope, arm)
     if fields.get("self_collision"):
         need_coal("--self-collision")
     if (q_rad := fields.pop("initial_q", None)) is None:
@@ -198,7 +199,7 @@ def controller_config(
         safety=safety if isinstance(safety, SafetyConfiguration) else read_safety(_path(safety), chosen),
         external_control=read_driver_address(external_control),
         world=world if isinstance(world, WorldPlan) else read_surroundings(_path(world)),
-        **{"dynamic": arm == ArmKind.DYNAMIC, **fields},
+        **{"dynamic": dynamic, **fields},
     )
 
 
@@ -215,6 +216,28 @@ def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:
         return load_model((name or robots.default_model(polyscope)).lower())
     except ValueError as error:
         raise ConfigError(str(error)) from error
+
+
+def choose_arm(name: str | None, polyscope: str | None, arm: str) -> tuple[RobotModel, bool]:
+    """The model, and whether torques move it. ``arm``: ideal, dynamic, or a file of ``ur-client identify``.
+
+    Raises ConfigError.
+    """
+    if arm in list(ArmKind):
+        return choose_model(name, polyscope), arm == ArmKind.DYNAMIC
+    path = Path(arm)
+    if not path.exists() and not path.suffix:
+        raise ConfigError(f"arm {arm!r} is neither {' nor '.join(ArmKind)} nor a file")
+    values = read_yaml(path)
+    if not isinstance(values, dict) or not isinstance(values.get("model"), str):
+        raise ConfigError(f"{path} is no file of an arm: it has no model. ur-client identify writes such files")
+    chosen = choose_model(name or values["model"], polyscope)
+    if chosen.name != values["model"]:
+        raise ConfigError(f"{path} is a {values['model']}, not a {chosen.name}: leave --model out")
+    try:
+        return replace(chosen, drivetrain=Drivetrain.from_mapping(values)), True
+    except DrivetrainError as error:
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:

@@ -65,6 +65,11 @@ CLIENT_LAYERS: dict[str, Layer] = {
     "recording": Layer(
         "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "driver", "robot")
     ),
+    "identification": Layer(
+        "recordings of a real arm: how far its model is right, and what a better one is",
+        ("client.identification",),
+        ("ports", "driver", "robot", "recording"),
+    ),
     "programs": Layer("program trees: opened, checked, saved", ("client.programs",), ("ports",)),
     "decoding": Layer("traffic: captured bytes shown to people", ("client.decoding",)),
     "traffic": Layer("traffic: recorded, replayed, compared", ("client.traffic",), ("ports", "decoding")),
@@ -85,6 +90,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "driver",
             "robot",
             "recording",
+            "identification",
             "decoding",
             "traffic",
             "controllers",

@@ -3,8 +3,8 @@
 import asyncio
 import ipaddress
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
@@ -137,26 +137,34 @@ def replay_command(
         raise typer.BadParameter(f"--speed is above 0 and at most 10, not {speed:g}")
     path = joint_path(read_telling(file), speed)
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
-    asyncio.run(check_no_manager(robot_ip, ports["rtde"]))
-    try:
-        with Robot(robot_ip, robot_ports=ports) as robot:
-            _check(robot, path)
-            if not yes and not _on_this_machine(robot_ip):
-                _ask(robot_ip, robot, path)
-            if make_ready:
-                robot.make_ready()
-            _move(robot, path)
-    except KeyboardInterrupt:
-        typer.echo("stopped", err=True)
-        raise typer.Exit(_INTERRUPTED) from None
+    with taking_over(robot_ip, ports), Robot(robot_ip, robot_ports=ports) as robot:
+        check_and_ask(robot_ip, robot, path, yes=yes)
+        if make_ready:
+            robot.make_ready()
+        robot.move_j(path.start_rad, speed_rad_s=_APPROACH_RAD_S, acceleration_rad_s2=_APPROACH_RAD_S2)
+        move_along(robot, path, "replay")
     typer.echo(f"{file}: {path.duration_s:.2f} s replayed")
 
 
-def _check(robot: Robot, path: JointPath) -> None:
+@contextmanager
+def taking_over(robot_ip: str, ports: Mapping[str, int]) -> Iterator[None]:
+    """Around what moves a robot: nobody else controls it, and Ctrl-C ends it with a word and an exit status."""
+    asyncio.run(check_no_manager(robot_ip, ports["rtde"]))
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("stopped", err=True)
+        raise typer.Exit(_INTERRUPTED) from None
+
+
+def check_and_ask(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool) -> None:
+    """Whether the robot can go along the path and, unless it is an emulator's, may. Raises URError."""
     arm = robot.inner.driver.robot.configuration
     if arm is None:
         raise RobotRefused("replay", "it does not report its limits", "look whether its primary port (30001) answers")
     path.check(arm)
+    if not yes and not _on_this_machine(robot_ip):
+        _ask(robot_ip, robot, path)
 
 
 def _on_this_machine(address: str) -> bool:
@@ -179,10 +187,10 @@ def _ask(address: str, robot: Robot, path: JointPath) -> None:
         raise typer.Exit(1)
 
 
-def _move(robot: Robot, path: JointPath) -> None:
-    robot.move_j(path.start_rad, speed_rad_s=_APPROACH_RAD_S, acceleration_rad_s2=_APPROACH_RAD_S2)
+def move_along(robot: Robot, path: JointPath, what: str) -> None:
+    """From its start, where the arm is, to its end. what: is shown beside the progress."""
     robot.sequence(path.points(), wait=False)
-    with MotionProgress("replay") as progress:
+    with MotionProgress(what) as progress:
         done_s, last_s = 0.0, robot.state.timestamp_s
         while robot.moving:
             try:
@@ -299,9 +307,9 @@ def convert_command(
         )
 
 
-def read_telling(path: Path) -> Recording:
-    """A recording; it is told when it is damaged or has no proper end."""
-    recording = read(path)
+def read_telling(path: Path, columns: Sequence[str] | None = None) -> Recording:
+    """A recording; it is told when it is damaged or has no proper end. columns: as `read`."""
+    recording = read(path, columns)
     _tell(path, recording)
     return recording
 

@@ -1,9 +1,10 @@
 """Recordings by file name: ``.mcap``, ``.csv`` or ``.npz``."""
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Protocol
@@ -145,10 +146,19 @@ def open_writer(path: Path, names: Collection[str], info: Info) -> FileWriter:
         raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
-def read(path: Path | str) -> Recording:
-    """A recording. Raises RecordingError for what is none."""
+def read(path: Path | str, columns: Sequence[str] | None = None) -> Recording:
+    """A recording. columns: of a CSV file without a first line, the RTDE variables in it.
+
+    Raises RecordingError for what is none.
+    """
     path = Path(path)
-    readers = {".mcap": read_mcap, ".csv": read_csv, ".npz": read_npz}
+    if columns is not None and _suffix(path) != ".csv":
+        raise RecordingError(f"{path} says itself what it has: columns are for .csv files that do not")
+    readers: dict[str, Callable[[Path], Recording]] = {
+        ".mcap": read_mcap,
+        ".csv": partial(read_csv, names=columns),
+        ".npz": read_npz,
+    }
     try:
         recording = readers[_suffix(path)](path)
     except OSError as error:

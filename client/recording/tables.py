@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from os import SEEK_END
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -12,6 +12,7 @@ import numpy as np
 from client.errors import RecordingError
 from client.recording.output import OutputFile
 from client.recording.recording import Columns, Info, Recording
+from client.rtde import unknown_fields
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import FieldType
 from urproto.text import json_document
@@ -99,24 +100,32 @@ class NpzWriter:
             ) from error
 
 
-def read_csv(path: Path) -> Recording:
-    """A file of `CsvWriter`; columns that are no RTDE variable are left out, and so are lines that are damaged.
+def read_csv(path: Path, names: Sequence[str] | None = None) -> Recording:
+    """A file of `CsvWriter`, or of the vendor's recorder, whose columns blanks separate.
 
-    Raises RecordingError.
+    Columns that are no RTDE variable are left out, and so are lines that are damaged. names: the RTDE variables of the
+    columns, for a file without a first line that says them. Raises RecordingError.
     """
     # damaged bytes spoil their own line only: they are no error of the whole text, and quotes span no lines
     with path.open(newline="", encoding="utf-8", errors="replace") as file:
-        rows = csv.reader(file, quoting=csv.QUOTE_NONE)
-        header = [cell.strip('" ') for cell in _row(rows) or []]
-        names = _variables(path, header)
-        columns = Columns(tuple(names))
+        begin = file.readline()
+        file.seek(0)
+        rows = csv.reader(file, delimiter="," if "," in begin else " ", quoting=csv.QUOTE_NONE)
+        if names is None:
+            header = [cell.strip('" ') for cell in _row(rows) or []]
+        elif problem := unknown_fields(names):
+            raise RecordingError(problem)
+        else:
+            header = [column for name in names for column in _columns(name)]
+        places_of = _variables(path, header)
+        columns = Columns(tuple(places_of))
         count, broken = 0, list[str]()
         while (row := _row(rows)) is not None:
             count += 1
             try:
                 if len(row) != len(header):
                     raise ValueError(f"{len(row)} columns instead of {len(header)}")
-                columns.append({name: _parsed(row, places, name) for name, places in names.items()})
+                columns.append({name: _parsed(row, places, name) for name, places in places_of.items()})
             except (ValueError, OverflowError) as error:
                 broken.append(f"line {rows.line_num}: {error}")
                 last = rows.line_num

@@ -7,22 +7,23 @@ moved by torques and follows as well as its servo loops can.
 
 Everything else is the same for both: torques come from the rigid-body model with the payload the program told, currents
 from the torques by one constant a joint, and the TCP force is the external wrench, and the weight of what the program
-does not know of.
+does not know of. A dynamic arm's controller adds what a real one adds: the inertia of the rotors to ``target_moment``,
+and its model of friction to ``target_current``. Its constants and its noise are a real arm's too
+(``urproto.robots.measured``).
 """
 
 import math
 from collections.abc import Sequence
-from math import pi
 from operator import truediv
-from random import Random
 from typing import TYPE_CHECKING, Final
 
-from emulator.robot.body import Body
 from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
+from emulator.robot.senses import Senses
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
 from urproto.robots.kinematics import Jacobian, Kinematics
+from urproto.robots.measured import drivetrain_of
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
 from urproto.vectors import (
     ZERO3,
@@ -43,57 +44,6 @@ from urproto.versions import Series
 
 if TYPE_CHECKING:
     from urproto.robots.dynamics import Dynamics
-
-
-_GEAR: Final = 101
-_ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
-_MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
-_CURRENT_A: Final = 0.02  # standard deviations
-_FORCE_N: Final = 0.2
-_TORQUE_NM: Final = 0.01
-_WRENCH: Final = (_FORCE_N, _FORCE_N, _FORCE_N, _TORQUE_NM, _TORQUE_NM, _TORQUE_NM)
-
-
-class Senses:
-    """Encoders, current and force sensors of one arm."""
-
-    def __init__(self, seed: int) -> None:
-        self._chance = Random(seed)
-
-    def joints(self, body: Body, period_s: float) -> tuple[Vector6, Vector6]:
-        """Angles and speeds as the encoders tell them."""
-        return _stepped(body.q, _ANGLE_STEP), _stepped(body.qd, _MOTOR_STEP / period_s)
-
-    def currents(self, current: Vector6) -> Vector6:
-        """Joint currents [A] with noise."""
-        gauss = self._chance.gauss
-        a, b, c, d, e, f = current
-        return (
-            a + gauss(0.0, _CURRENT_A),
-            b + gauss(0.0, _CURRENT_A),
-            c + gauss(0.0, _CURRENT_A),
-            d + gauss(0.0, _CURRENT_A),
-            e + gauss(0.0, _CURRENT_A),
-            f + gauss(0.0, _CURRENT_A),
-        )
-
-    def wrench(self, wrench: Sequence[float]) -> Vector6:
-        """A wrench [N, Nm] with noise."""
-        gauss = self._chance.gauss
-        a, b, c, d, e, f = (value + gauss(0.0, size) for value, size in zip(wrench, _WRENCH, strict=True))
-        return (a, b, c, d, e, f)
-
-
-def _stepped(values: Vector6, step: float) -> Vector6:
-    a, b, c, d, e, f = values
-    return (
-        step * round(a / step),
-        step * round(b / step),
-        step * round(c / step),
-        step * round(d / step),
-        step * round(e / step),
-        step * round(f / step),
-    )
 
 
 class ToolState:
@@ -151,7 +101,10 @@ class Arm:
         self.kinematics = kinematics_of(model)
         self.dynamics = Dynamics(model)
         self.drives = None if seed is None else Drives(model)
-        self._senses = Senses(seed or 0)
+        drivetrain = drivetrain_of(model)
+        self._known_friction, self._rotors = drivetrain.known_friction, drivetrain.rotor_kg_m2
+        self.torque_constants = model.torque_constants if self.drives is None else drivetrain.torque_constants_Nm_A
+        self._senses = Senses(model, seed or 0)
         self.target_q: Vector6 = ZERO6
         self.target_qd: Vector6 = ZERO6
         self.target_qdd: Vector6 = ZERO6
@@ -391,8 +344,9 @@ class Arm:
             self.target_torque = add(torque.torque, gravity)
             drives.push(self.target_q, torque, gravity, external, period_s)
         else:
-            self.target_torque = self.dynamics.inverse_dynamics(self.target_q, self.target_qd, self.target_qdd)
-            drives.follow(self.target_q, self.target_torque, external, period_s)
+            rigid = self.dynamics.inverse_dynamics(self.target_q, self.target_qd, self.target_qdd)
+            self.target_torque = _with_rotors(rigid, self._rotors, self.target_qdd)
+            drives.follow(self.target_q, rigid, external, period_s)
         if not sum(map(abs, body.qd)) < _LOST_RAD_S:
             body.place(place)
         self.q, self.qd = self._senses.joints(body, period_s)
@@ -478,10 +432,10 @@ class Arm:
     def _measured_currents(self, drives: Drives) -> None:
         """The motors' torques in the last period, as the current sensors tell them."""
         self.own_torque = drives.feedforward
-        self.target_current = self._currents(self.own_torque)
+        self.target_current = self._currents(add(self.target_torque, self._known_friction(self.target_qd)))
         self.control_output = self._currents(drives.torque)
-        self.actual_current = self._senses.currents(self.control_output)
-        a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.model.torque_constants)
+        self.actual_current = self._senses.currents(self.control_output, drives.body.qd)
+        a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)
         self.actual_torque = (a, b, c, d, e, f)
         self._judge_currents()
 
@@ -490,7 +444,7 @@ class Arm:
         self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
 
     def _currents(self, torque: Vector6) -> Vector6:
-        k = self.model.torque_constants
+        k = self.torque_constants
         return (
             torque[0] / k[0],
             torque[1] / k[1],
@@ -499,6 +453,13 @@ class Arm:
             torque[4] / k[4],
             torque[5] / k[5],
         )
+
+
+def _with_rotors(torque: Vector6, rotors: Vector6, qdd: Vector6) -> Vector6:
+    if qdd == ZERO6:
+        return torque
+    a, b, c, d, e, f = (own + inertia * rate for own, inertia, rate in zip(torque, rotors, qdd, strict=True))
+    return (a, b, c, d, e, f)
 
 
 def _weight(axes: tuple[float, ...], payload: Payload, gravity: Vector3) -> Vector3:

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from typing import Final
 
 from urproto.robots import RobotModel
-from urproto.robots.drivetrain import joint_sizes
+from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, Vector6, as_six
 
 STEP_S: Final = 0.001  # every arm's stays well inside the limit of explicit steps
 _BAND: Final = 2.0  # of Coulomb friction, in steps that it takes to stop a rotor
+_NARROWEST: Final = 1e-6  # rad/s; a joint may have no Coulomb friction
 _BRAKE_SHARE: Final = 1.0  # of the torque limit, which a brake must hold (guess)
 _LOCKED_RAD_S: Final = 0.1  # all joints slower than this: the brakes' pins hold (guess)
 _QUIET_RAD_S: Final = 1e-7  # slower than this, and no longer changing, is rest
@@ -28,18 +29,19 @@ class Body:
     def __init__(self, model: RobotModel, *, smooth: bool = False) -> None:
         from urproto.robots.dynamics import Dynamics  # Pinocchio: a dynamic arm alone needs this one
 
-        sizes = joint_sizes(model)
+        drives = drivetrain_of(model)
         self.dynamics = Dynamics(model)
-        self.dynamics.set_rotor_inertia([size.rotor_kg_m2 for size in sizes])
-        self.rotors: Vector6 = as_six([size.rotor_kg_m2 for size in sizes])
-        self.coulomb: Vector6 = ZERO6 if smooth else as_six([size.coulomb_Nm for size in sizes])
-        self.viscous: Vector6 = ZERO6 if smooth else as_six([size.viscous_Nm_s for size in sizes])
+        self.dynamics.set_rotor_inertia(drives.rotor_kg_m2)
+        self.rotors: Vector6 = drives.rotor_kg_m2
+        self.coulomb: Vector6 = ZERO6 if smooth else drives.coulomb_Nm
+        self.viscous: Vector6 = ZERO6 if smooth else drives.viscous_Nm_s
         self.q: Vector6 = ZERO6
         self.qd: Vector6 = ZERO6
         self.brakeless: set[int] = set()  # joints whose brake does not hold
-        self._bands = as_six([_BAND * STEP_S * size.coulomb_Nm / size.rotor_kg_m2 for size in sizes])
+        slowing = zip(drives.coulomb_Nm, drives.rotor_kg_m2, strict=True)
+        self._bands = as_six([max(_NARROWEST, _BAND * STEP_S * torque / rotor) for torque, rotor in slowing])
         self._brakes = as_six([_BRAKE_SHARE * torque for torque in model.torque_max])
-        self._brake_gain = as_six([size.rotor_kg_m2 / STEP_S for size in sizes])
+        self._brake_gain = as_six([rotor / STEP_S for rotor in drives.rotor_kg_m2])
 
     @property
     def standing(self) -> bool:

@@ -4,14 +4,14 @@
     torque       = feed-forward + speed gain * (speed wanted - speed), within the joint's torque limit
 
 The feed-forward is what the target motion needs by the controller's own knowledge: rigid-body torques with the payload
-the program told, the rotors, and most of the friction. What it does not know (a wrong payload, a push, the rest of the
-friction) shows as a deviation: the loops have no integral part, so a joint gives way like a spring. Loops run every
-millisecond; in between control periods the target goes on an even acceleration.
+the program told, the rotors, and friction as its own model has it, which a real controller's target currents show
+(``urproto.robots.measured``). What it does not know (a wrong payload, a push, friction that is another) shows as a
+deviation: the loops have no integral part, so a joint gives way like a spring. Loops run every millisecond; in between
+control periods the target goes on an even acceleration.
 
 Far from its target, a joint wants no more speed than it can lose on the way: an overload ends without swinging.
 
-Gains are guesses: 40 rad/s and critical damping for each joint with its largest inertia. So is what the controller
-knows of friction: the shares by which direct torque control makes up for it by default.
+Gains are guesses: 40 rad/s and critical damping for each joint with its largest inertia.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,10 @@ from typing import Final
 
 from emulator.robot.body import STEP_S, Body
 from urproto.robots import RobotModel
+from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, Vector6, add, rate, sub
 
-# of the friction that is made up for: defaults of the official drivers' friction model parameters
+# of the friction that direct torque makes up for: defaults of the official drivers' friction model parameters
 VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
 COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
 _POSITION_GAIN: Final = 20.0  # 1/s (guess)
@@ -57,6 +58,7 @@ class Drives:
 
     def __init__(self, model: RobotModel) -> None:
         self.body = Body(model)
+        self._known_friction = drivetrain_of(model).known_friction
         self.torque: Vector6 = ZERO6
         self.feedforward: Vector6 = ZERO6
         self.asleep = False
@@ -146,12 +148,10 @@ class Drives:
         return speed
 
     def _expected(self, rigid: Vector6, speed: Vector6, change: Vector6, period_s: float) -> Vector6:
-        viscous, coulomb = self.body.friction_parts(speed)
+        friction = self._known_friction(speed)
         a, b, c, d, e, f = (
-            torque + rotor * gain / period_s + share * v + part * friction
-            for torque, rotor, gain, share, v, part, friction in zip(
-                rigid, self.body.rotors, change, VISCOUS_SHARE, viscous, COULOMB_SHARE, coulomb, strict=True
-            )
+            torque + rotor * gain / period_s + loss
+            for torque, rotor, gain, loss in zip(rigid, self.body.rotors, change, friction, strict=True)
         )
         return (a, b, c, d, e, f)
 

@@ -7,7 +7,7 @@ import pytest
 
 from emulator.robot.body import STEP_S, Body
 from urproto.robots import MODELS, Kinematics, load_model
-from urproto.robots.drivetrain import SIZES, joint_sizes
+from urproto.robots.measured import drivetrain_of
 
 ZERO6 = (0.0,) * 6
 LOW = (0.3, 0.6, 0.4, -0.5, 0.7, 0.0)
@@ -118,19 +118,18 @@ def test_brakes_stop_and_lock_the_arm(name):
     assert body.q == locked
 
 
-def test_sizes_follow_the_torque_limits():
-    assert [size.torque_max_Nm for size in joint_sizes(load_model("ur10"))] == [330, 330, 150, 56, 56, 56]
-    assert [size.torque_max_Nm for size in joint_sizes(load_model("ur3e"))] == [56, 56, 28, 10, 10, 10]
-    for name in MODELS:
-        model = load_model(name)
-        for size, speed, torque in zip(joint_sizes(model), model.qd_max, model.torque_max, strict=True):
-            assert size in SIZES
-            friction = size.coulomb_Nm + size.viscous_Nm_s * speed
-            assert friction < 0.5 * torque, f"{name}: a joint must reach its speed"
+@pytest.mark.parametrize("name", MODELS)
+def test_friction_leaves_every_joint_the_torque_to_reach_its_speed(name):
+    model = load_model(name)
+    drives = drivetrain_of(model)
+    for joint, speed in enumerate(model.qd_max):
+        friction = drives.coulomb_Nm[joint] + drives.viscous_Nm_s[joint] * speed
+        assert friction < 0.5 * model.torque_max[joint]
 
 
 def test_friction_against_motion_and_nothing_at_rest():
-    body = Body(load_model("ur5e"))
+    body, drives = Body(load_model("ur10e")), drivetrain_of(load_model("ur10e"))
     viscous, coulomb = body.friction_parts((1.0, -1.0, 0.0, 2.0, -2.0, 0.0))
-    assert viscous == pytest.approx([10.4, -10.4, 0.0, 3.0, -3.0, 0.0])
-    assert coulomb == pytest.approx([5.0, -5.0, 0.0, 1.2, -1.2, 0.0])
+    signs, speeds = (1.0, -1.0, 0.0, 1.0, -1.0, 0.0), (1.0, -1.0, 0.0, 2.0, -2.0, 0.0)
+    assert viscous == pytest.approx([slope * v for slope, v in zip(drives.viscous_Nm_s, speeds, strict=True)])
+    assert coulomb == pytest.approx([dry * sign for dry, sign in zip(drives.coulomb_Nm, signs, strict=True)])

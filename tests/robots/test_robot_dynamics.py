@@ -122,7 +122,8 @@ def test_plain_python_computes_what_pinocchio_does(name: str, calibrated: bool) 
 
 def test_both_kinds_have_the_same_methods() -> None:
     named = {kind: {name for name in vars(kind) if not name.startswith("_")} for kind in (Dynamics, PlainDynamics)}
-    assert named[Dynamics] == named[PlainDynamics]
+    of_recordings = {"inverse_dynamics_along", "last_link_regressor", "payload_of"}  # identification asks Pinocchio
+    assert named[Dynamics] - of_recordings == named[PlainDynamics]
 
 
 def slightly_off(dh: DH) -> DH:

@@ -1,44 +1,79 @@
-"""What sits between a joint's motor and its link: friction and the rotor behind the gear, one row a size of joint.
+"""What sits between a joint's motor and its link: friction, the rotor behind the gear, and motor currents.
 
-The maker publishes neither. The rows of 330, 150 and 56 Nm are of the size that a public identification of a UR10
-found (least squares on joint torques: viscous 21.3, 20.2, 10.4, 3.6, 2.5, 3.0 Nm s/rad; Coulomb 12.5, 13.3, 5.0, 2.0,
-2.7, 2.3 Nm; drive inertia 3.7 kg m2 at the shoulder lift, 0.07 to 0.44 kg m2 at the wrists). The others, and the rotor
-of 150 Nm, are guesses in proportion to the torque limit.
+``urproto.robots.measured`` knows the numbers of each model; those of one arm can be identified and given instead
+(``RobotModel.drivetrain``).
 """
 
-from dataclasses import dataclass
-from math import log
-from typing import Final
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Any, Final
 
-from urproto.robots.model import RobotModel
+from urproto.compat import Self
+from urproto.vectors import Vector6, as_six
 
-
-@dataclass(frozen=True, slots=True)
-class JointSize:
-    """Everything at the joint's side of the gear (101:1). Friction is viscous * speed + Coulomb * sign(speed)."""
-
-    torque_max_Nm: float  # of the joints this row stands for
-    coulomb_Nm: float
-    viscous_Nm_s: float  # per rad
-    rotor_kg_m2: float  # the rotor's inertia times the gear ratio squared
+# Of the controller's model of friction. Measured, shamilmamedov/dynamic_calibration (a real UR10e, 20 files): target
+# current * torque constant - target moment has both at the same speed on every joint
+KNOWN_COULOMB_RAD_S: Final = 0.012  # up to here Coulomb friction rises in proportion to the speed
+KNOWN_BEND_RAD_S: Final = 0.5  # here the slope of viscous friction changes
 
 
-SIZES: Final = (
-    JointSize(10.0, 0.6, 0.5, 0.04),
-    JointSize(28.0, 1.2, 1.5, 0.12),
-    JointSize(56.0, 2.3, 3.0, 0.25),
-    JointSize(70.0, 2.9, 3.7, 0.35),
-    JointSize(107.0, 4.4, 5.5, 0.6),
-    JointSize(150.0, 5.0, 10.4, 1.3),
-    JointSize(204.0, 7.0, 13.0, 1.9),
-    JointSize(330.0, 13.0, 20.7, 3.7),
-    JointSize(433.0, 17.0, 25.0, 5.5),
-    JointSize(738.0, 29.0, 40.0, 12.0),
-)
+class DrivetrainError(ValueError):
+    """Something is wrong with the numbers of an arm's drives; the text names the entry."""
 
 
-def joint_sizes(model: RobotModel) -> tuple[JointSize, ...]:
-    """The row of each joint, base to wrist 3: the one whose torque limit is nearest in ratio."""
-    return tuple(
-        min(SIZES, key=lambda size: abs(log(size.torque_max_Nm / torque_max))) for torque_max in model.torque_max
-    )
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drivetrain:
+    """Of one arm, base to wrist 3, everything at the joint's side of the gear.
+
+    Friction is viscous * speed + Coulomb * sign(speed). What the controller knows of it, and puts into its target
+    current, is a model of its own: Coulomb friction that rises over a narrow band of speeds, and viscous friction whose
+    slope bends once.
+    """
+
+    torque_constants_Nm_A: Vector6
+    rotor_kg_m2: Vector6
+    coulomb_Nm: Vector6
+    viscous_Nm_s: Vector6  # per rad, as all viscous friction
+    known_coulomb_Nm: Vector6
+    known_viscous_Nm_s: Vector6
+    known_fast_viscous_Nm_s: Vector6  # beyond the bend
+    rest_noise_A: Vector6  # standard deviation of the actual current
+    motion_noise_A: Vector6
+
+    def known_friction(self, qd: Vector6) -> Vector6:
+        """What the controller takes friction for at these speeds [Nm]; none at rest."""
+        band, bend = KNOWN_COULOMB_RAD_S, KNOWN_BEND_RAD_S
+        a, b, c, d, e, f = (
+            (dry * v / band if -band < v < band else dry if v > 0.0 else -dry)
+            + (slow * v if -bend <= v <= bend else fast * v + (bend if v > 0.0 else -bend) * (slow - fast))
+            for v, dry, slow, fast in zip(
+                qd, self.known_coulomb_Nm, self.known_viscous_Nm_s, self.known_fast_viscous_Nm_s, strict=True
+            )
+        )
+        return (a, b, c, d, e, f)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+        """Of a file's entries, named as the fields are. Raises DrivetrainError for one that is missing or wrong."""
+        return cls(**{field.name: _six(values, field.name) for field in fields(cls)})
+
+    def to_mapping(self) -> dict[str, list[float]]:
+        """The entries of a file that `from_mapping` reads."""
+        return {field.name: list(getattr(self, field.name)) for field in fields(self)}
+
+
+_POSITIVE: Final = ("torque_constants_Nm_A", "rotor_kg_m2")
+
+
+def _six(values: Mapping[str, Any], name: str) -> Vector6:
+    numbers = values.get(name)
+    if (
+        not isinstance(numbers, list | tuple)
+        or len(numbers) != 6
+        or not all(type(number) in (int, float) and isfinite(number) and number >= 0.0 for number in numbers)
+    ):
+        raise DrivetrainError(f"{name} must be six numbers, none of them negative, it is {numbers!r}")
+    if name in _POSITIVE and not all(numbers):
+        raise DrivetrainError(f"{name} must be six numbers above 0, it is {numbers!r}")
+    return as_six([float(number) for number in numbers])

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from urproto.compat import Self, load_toml
+from urproto.robots.drivetrain import Drivetrain
 from urproto.vectors import Vector3, Vector6
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
@@ -106,7 +107,7 @@ class RobotModel:
     eq_radius: float
     """m; weighs rotation of the tool against its translation."""
     torque_constants: Joints
-    """Nm/A"""
+    """Nm/A, of an ideal arm: its simulator's where they are known. A real one's: ``urproto.robots.measured``."""
     links: tuple[Link, ...]
     """Shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3."""
     tube_offsets: tuple[float, float]
@@ -118,6 +119,8 @@ class RobotModel:
     """It has a light ring in its base."""
     calibration: DH | None = None
     """What was measured of one arm; None for a nominal one."""
+    drivetrain: Drivetrain | None = None
+    """What was measured of one arm's drives; None for what is known of its model."""
 
     @property
     def position_limits(self) -> tuple[Joints, Joints]:

@@ -3,7 +3,7 @@
 The model is built in code from the arm's data. Pinocchio's joint i turns about z of
 Denavit-Hartenberg frame i-1, and the link's mass properties sit in frame i, one fixed
 transform further. The base frame is the robot's base; joint torques exclude friction, and
-the inertia of the motors unless it is given (``urproto.robots.drivetrain`` has numbers).
+the inertia of the motors unless it is given (``urproto.robots.measured`` has numbers).
 """
 
 from collections.abc import Sequence
@@ -64,6 +64,27 @@ class Dynamics:
     def inverse_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
         """Torques that give the accelerations ``qdd``."""
         return _joints(pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd)))
+
+    def inverse_dynamics_along(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
+        """`inverse_dynamics` of each row of a motion: all (n, 6)."""
+        rows = zip(q_rad, qd, qdd, strict=True)
+        return np.array([pin.rnea(self._pin, self._data, *row) for row in rows]).reshape(-1, 6)
+
+    def last_link_regressor(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
+        """What something fixed to the last link adds to the torques of each row of a motion: (n, 6, 10), linear in its
+        parameters as `payload_of` takes them.
+        """
+        rows = zip(q_rad, qd, qdd, strict=True)
+        last = [pin.computeJointTorqueRegressor(self._pin, self._data, *row)[:, -10:] for row in rows]
+        return np.array(last).reshape(-1, 6, 10)
+
+    def payload_of(self, parameters: Sequence[float]) -> tuple[float, tuple[float, float, float]]:
+        """Mass [kg] and centre of gravity [m] in the flange frame of a `last_link_regressor`'s ten parameters: mass,
+        first moments, and six of inertia. The mass must not be 0.
+        """
+        mass, *moments = parameters[:4]
+        x, y, z = self._flange.actInv(np.array(moments) / mass).tolist()
+        return float(mass), (x, y, z)
 
     def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
         """What arm and payload do to the base (6,): force [N], torque [Nm] about its origin, base axes.

@@ -1,0 +1,161 @@
+"""How far the emulator's model of an arm is from a recording of a real one, field by field and joint by joint."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from client.errors import RecordingError
+from client.identification.samples import Array, Samples, known_features, samples_of, true_features
+from client.recording.recording import Recording
+from urproto.joints import JOINT_LABELS
+from urproto.robots import MODELS, RobotModel, load_model
+from urproto.robots.pinocchio_dynamics import Dynamics
+from urproto.robots.measured import drivetrain_of
+from urproto.vectors import ZERO6, Vector6
+
+UNITS: Final = {"target_moment": "Nm", "target_current": "A", "actual_current": "A"}
+_WRONG_SHARE: Final = 0.05  # of the range of the target moments: no arm of that model with that payload
+_WRONG_NM: Final = 1.0
+_LOOKED_AT: Final = 400  # states that tell which model it is
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """What the controller was told: mass [kg], centre of gravity (3,) in the flange frame [m]."""
+
+    mass_kg: float = 0.0
+    cog_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Error:
+    """Of one field in one joint while it moves, in the field's unit. rest: rms while the whole arm stands, or None.
+
+    range: of the recorded values in motion. share: rms over range. All four are None for a joint that hardly moved.
+    """
+
+    field: str
+    joint: str
+    unit: str
+    range: float | None
+    rms: float | None
+    p99: float | None
+    share: float | None
+    rest: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Fidelity:
+    """errors: a row for each field and joint. predicted, samples: over time, for a plot."""
+
+    model: str
+    payload: Payload
+    errors: tuple[Error, ...]
+    predicted: dict[str, Array]
+    samples: Samples
+
+    def worst(self, field: str) -> tuple[float, str] | None:
+        """The largest share of a joint's range, and the joint; None when none moved or it was not recorded."""
+        shares = [(row.share, row.joint) for row in self.errors if row.field == field and row.share is not None]
+        return max(shares, default=None)
+
+
+def fidelity(
+    recording: Recording, model: RobotModel, payload: Payload | None = None, mounted: Payload | None = None
+) -> Fidelity:
+    """Compare a recording of an arm with its model. payload: what the controller was told (default: as recorded, else
+    none); mounted: what really hung on the arm, and acts on the actual currents (default: the same).
+
+    Raises RecordingError for a recording that cannot be compared, such as one of another arm.
+    """
+    samples = samples_of(recording)
+    payload = payload or recorded_payload(recording)
+    check_model(samples, model, payload)
+    predicted = predictions(samples, model, payload, mounted or payload)
+    return Fidelity(model.name, payload, tuple(_errors(samples, predicted)), predicted, samples)
+
+
+def recorded_payload(recording: Recording) -> Payload:
+    """What the recording says the controller was told. Raises RecordingError when it changed."""
+    if "payload" not in recording or "payload_cog" not in recording:
+        return Payload()
+    masses, cogs = np.asarray(recording["payload"], float), np.asarray(recording["payload_cog"], float)
+    if float(np.ptp(masses)) > 1e-3:
+        raise RecordingError(f"the payload changes from {masses.min():g} to {masses.max():g} kg: compare one at a time")
+    x, y, z = cogs[0].tolist()
+    return Payload(float(masses[0]), (x, y, z))
+
+
+def check_model(samples: Samples, model: RobotModel, payload: Payload) -> None:
+    """Raises RecordingError when the target moments are another arm's, naming the arm that they fit."""
+    if "target_moment" not in samples.fields:
+        return
+    if (off := _off(samples, model, payload)) is None:
+        return
+    fitting = [name for name in MODELS if name != model.name and _off(samples, load_model(name), payload) is None]
+    who = f"; it fits a {' or a '.join(load_model(name).title for name in fitting)}" if fitting else ""
+    raise RecordingError(
+        f"target_moment is {off:.1f} Nm (rms) off what a {model.title} with {payload.mass_kg:g} kg needs{who}: give "
+        "the arm with --model and what it carried with --payload"
+    )
+
+
+def _off(samples: Samples, model: RobotModel, payload: Payload) -> float | None:
+    """How far the target moments are from this arm's [Nm]; None when they are near."""
+    rows = samples.rows(_LOOKED_AT)
+    moment = samples.fields["target_moment"][rows]
+    error = moment - moments(model, payload, samples, rows, drivetrain_of(model).rotor_kg_m2)
+    rms = np.sqrt((error**2).mean(axis=0))
+    allowed = np.maximum(_WRONG_NM, _WRONG_SHARE * np.ptp(moment, axis=0))
+    worst = int(np.argmax(rms / allowed))
+    return float(rms[worst]) if rms[worst] > allowed[worst] else None
+
+
+def predictions(samples: Samples, model: RobotModel, payload: Payload, mounted: Payload) -> dict[str, Array]:
+    """What the emulator's model makes of the motion: an array (n, 6) for each field that was recorded."""
+    drives = drivetrain_of(model)
+    constants = np.array(drives.torque_constants_Nm_A)
+    moment = moments(model, payload, samples, slice(None), drives.rotor_kg_m2)
+    needed = moment if mounted == payload else moments(model, mounted, samples, slice(None), drives.rotor_kg_m2)
+    known = np.stack([drives.known_coulomb_Nm, drives.known_viscous_Nm_s, drives.known_fast_viscous_Nm_s], axis=-1)
+    true = np.stack([drives.coulomb_Nm, drives.viscous_Nm_s], axis=-1)
+    found = {
+        "target_moment": moment,
+        "target_current": (moment + samples.smooth((known_features(samples.qd) * known).sum(axis=-1))) / constants,
+        "actual_current": (needed + samples.smooth((true_features(samples.qd) * true).sum(axis=-1))) / constants,
+    }
+    return {name: found[name] for name in samples.fields}
+
+
+def moments(
+    model: RobotModel, payload: Payload, samples: Samples, rows: "slice | NDArray[np.int_]", rotors: Vector6 = ZERO6
+) -> Array:
+    """Torques that some rows of a motion take [Nm], without friction: (k, 6)."""
+    dynamics = Dynamics(model)
+    dynamics.set_payload(payload.mass_kg, payload.cog_m)
+    dynamics.set_rotor_inertia(rotors)
+    return dynamics.inverse_dynamics_along(samples.q[rows], samples.smooth_qd[rows], samples.qdd[rows])
+
+
+def _errors(samples: Samples, predicted: dict[str, Array]) -> Iterator[Error]:
+    moving, resting = samples.moving, samples.resting
+    for name, values in predicted.items():
+        # noise belongs to what a sensor measures: it is not smoothed away
+        recorded = samples.raw[name] if name == "actual_current" else samples.fields[name]
+        off = values - recorded
+        for joint, label in enumerate(JOINT_LABELS):
+            rest = _rms(off[resting, joint]) if resting.any() else None
+            if not samples.moves(joint):
+                yield Error(name, label, UNITS[name], None, None, None, None, rest)
+                continue
+            error = off[moving[:, joint], joint]
+            range_ = float(np.ptp(recorded[moving[:, joint], joint]))
+            p99 = float(np.percentile(np.abs(error), 99.0))
+            yield Error(name, label, UNITS[name], range_, _rms(error), p99, _rms(error) / max(range_, 1e-9), rest)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt((values**2).mean()))

@@ -1,0 +1,257 @@
+"""The drives of one arm, from a recording of it: torque constants, rotors, friction, noise, and what it carried.
+
+All of it is linear in what is recorded (Pinocchio's inverse dynamics and regressor), so each group of numbers is a
+least squares fit, joint by joint. Its standard error is a jackknife over ten pieces of the recording, which, unlike the
+usual formula, does not take neighbouring states for independent ones. What the motion cannot tell is kept from the
+model.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from client.errors import RecordingError
+from client.identification.fidelity import Payload, check_model, moments, recorded_payload
+from client.identification.samples import Array, Samples, known_features, samples_of, true_features
+from client.recording.recording import Recording
+from urproto.joints import JOINT_LABELS
+from urproto.robots import RobotModel
+from urproto.robots.drivetrain import Drivetrain
+from urproto.robots.pinocchio_dynamics import Dynamics
+from urproto.robots.measured import drivetrain_of
+
+_PIECES: Final = 10
+_UNCERTAIN: Final = 0.2  # of a value: a larger standard error means that the motion does not show it
+_CARRIES_NM: Final = 1.0  # a joint that stands and holds less does not show its torque constant
+_OF_MEDIAN: Final = 1.4826  # a standard deviation, of the median of what is normally distributed
+_FEWEST: Final = 50  # states at rest
+_PAYLOAD_KG: Final = 0.1  # less is what the arm's own data may be wrong by
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """drives: numbers of the recorded arm where it showed them, else of its model.
+
+    errors: standard errors by the names of `Drivetrain`, None in a joint whose number is the model's. kept: what stayed
+    the model's and why, one line each. payload: what hung on the arm, by its currents, beyond what the controller was
+    told; None for nothing.
+    """
+
+    model: RobotModel
+    drives: Drivetrain
+    errors: Mapping[str, tuple[float | None, ...]]
+    kept: tuple[str, ...]
+    payload: Payload | None
+    told: Payload
+    samples: Samples
+
+    @property
+    def arm(self) -> RobotModel:
+        """The model with these drives."""
+        return replace(self.model, drivetrain=self.drives)
+
+    @property
+    def mounted(self) -> Payload:
+        """All that hung on the arm."""
+        return self.told if self.payload is None else _together(self.payload, self.told)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """The entries of an arm's file, as ``ur-emulator --arm FILE`` reads it."""
+        entries: dict[str, Any] = {"model": self.model.name, **_rounded(self.drives.to_mapping())}
+        entries["standard_errors"] = _rounded({name: list(values) for name, values in self.errors.items()})
+        entries["kept_from_the_model"] = list(self.kept)
+        if self.payload is not None:
+            entries["payload"] = _rounded({"mass_kg": self.payload.mass_kg, "cog_m": list(self.payload.cog_m)})
+        return entries
+
+
+def identify(recording: Recording, model: RobotModel, payload: Payload | None = None) -> Identified:
+    """What a recording tells of an arm's drives. payload: what the controller was told (default: as recorded, or none).
+
+    Raises RecordingError for a recording that tells nothing: too little motion, no currents, another arm.
+    """
+    samples = samples_of(recording)
+    told = payload or recorded_payload(recording)
+    if not any(map(samples.moves, range(6))):
+        raise RecordingError(
+            "no joint moves at 0.1 rad/s or more for two seconds: nothing can be identified. ur-client excite makes a "
+            "motion that shows everything"
+        )
+    check_model(samples, model, told)
+    return _Fit(samples, model, told).result()
+
+
+class _Fit:
+    """The fits, one after the other: each stands on what the ones before found."""
+
+    def __init__(self, samples: Samples, model: RobotModel, told: Payload) -> None:
+        self._samples, self._model, self._told = samples, model, told
+        self._before = drivetrain_of(model)
+        self._values = {name: list(values) for name, values in self._before.to_mapping().items()}
+        self._errors: dict[str, list[float | None]] = {name: [None] * 6 for name in self._values}
+        self._kept: list[str] = []
+        self._payload: Payload | None = None
+
+    def result(self) -> Identified:
+        rigid = moments(self._model, self._told, self._samples, slice(None))
+        if "target_moment" in self._samples.fields:
+            self._rotors(rigid)
+            if "target_current" in self._samples.fields:
+                self._constants()
+                self._known_friction()
+            else:
+                self._kept.append("target_current was not recorded: torque constants and known friction stay")
+        else:
+            self._kept.append("target_moment was not recorded: rotors, torque constants and known friction stay")
+        if "actual_current" in self._samples.fields:
+            self._true_friction(rigid)
+            self._noise()
+        else:
+            self._kept.append("actual_current was not recorded: friction and noise stay")
+        if not any(error is not None for errors in self._errors.values() for error in errors):
+            raise RecordingError(f"nothing can be identified: {'; '.join(self._kept)}")
+        drives = Drivetrain.from_mapping(self._values)
+        errors = {name: tuple(values) for name, values in self._errors.items()}
+        return Identified(self._model, drives, errors, tuple(self._kept), self._payload, self._told, self._samples)
+
+    def _rotors(self, rigid: Array) -> None:
+        rest = self._samples.fields["target_moment"] - rigid
+        for joint in self._moving_joints("its rotor"):
+            rows = self._samples.moving[:, joint]
+            self._take(joint, ("rotor_kg_m2",), self._samples.qdd[rows, joint, None], rest[rows, joint])
+
+    def _constants(self) -> None:
+        """From what joints hold at rest; what holds nothing shows it in motion, beside its friction."""
+        moment, current = self._samples.fields["target_moment"], self._samples.fields["target_current"]
+        resting = self._samples.resting
+        for joint, label in enumerate(JOINT_LABELS):
+            rows = resting & (np.abs(moment[:, joint]) > _CARRIES_NM)
+            if rows.sum() >= _FEWEST:
+                self._take(joint, ("torque_constants_Nm_A",), current[rows, joint, None], moment[rows, joint])
+            elif self._samples.moves(joint):
+                rows = self._samples.moving[:, joint]
+                friction = self._samples.smooth(known_features(self._samples.qd))[rows, joint]
+                columns = np.column_stack([current[rows, joint], -friction])
+                self._take(joint, ("torque_constants_Nm_A",), columns, moment[rows, joint])
+            else:
+                self._kept.append(f"{label}: holds nothing and hardly moves, its torque constant stays")
+
+    def _known_friction(self) -> None:
+        names = ("known_coulomb_Nm", "known_viscous_Nm_s", "known_fast_viscous_Nm_s")
+        constants = np.array(self._values["torque_constants_Nm_A"])
+        loss = self._samples.fields["target_current"] * constants - self._samples.fields["target_moment"]
+        features = self._samples.smooth(known_features(self._samples.qd))
+        for joint in self._moving_joints("the friction that the controller knows"):
+            rows = self._samples.moving[:, joint]
+            self._take(joint, names, features[rows, joint], loss[rows, joint])
+
+    def _true_friction(self, rigid: Array) -> None:
+        """With what hung on the arm unknown to its controller: a body on the last link, by Pinocchio's regressor."""
+        samples = self._samples
+        rotors, constants = (np.array(self._values[name]) for name in ("rotor_kg_m2", "torque_constants_Nm_A"))
+        loss = samples.fields["actual_current"] * constants - rigid - rotors * samples.qdd
+        features = samples.smooth(true_features(samples.qd))
+        loss = loss - self._unknown_load(loss, features)
+        for joint in self._moving_joints("its friction"):
+            rows = samples.moving[:, joint]
+            self._take(joint, ("coulomb_Nm", "viscous_Nm_s"), features[rows, joint], loss[rows, joint])
+
+    def _unknown_load(self, loss: Array, features: Array) -> Array:
+        """Torques of what the controller was not told of (n, 6); zeros when there is nothing."""
+        samples, none = self._samples, np.zeros_like(loss)
+        dynamics = Dynamics(self._model)
+        rows = np.flatnonzero(samples.moving.any(axis=1))
+        regressor = dynamics.last_link_regressor(samples.q[rows], samples.smooth_qd[rows], samples.qdd[rows])
+        friction = np.zeros((len(rows), 6, 12))
+        for joint in range(6):
+            friction[:, joint, 2 * joint : 2 * joint + 2] = features[rows, joint]
+        weights = 1.0 / np.maximum(loss[rows].std(axis=0), 1e-6)
+        columns = np.concatenate([regressor, friction], axis=2) * weights[None, :, None]
+        found, error = _fitted(columns, loss[rows] * weights)
+        mass, mass_error = float(found[0]), float(error[0])
+        if mass < _PAYLOAD_KG or mass_error > _UNCERTAIN * mass:
+            return none
+        kg, cog = dynamics.payload_of(found[:10].tolist())
+        self._payload = Payload(kg, cog)
+        told = moments(self._model, self._told, samples, slice(None))
+        together = moments(self._model, _together(self._payload, self._told), samples, slice(None))
+        return together - told
+
+    def _noise(self) -> None:
+        """White noise: second differences of what was recorded, which motion itself hardly has."""
+        raw, step = self._samples.raw["actual_current"], np.zeros(len(self._samples.time_s), bool)
+        for begin, end in self._samples.parts:
+            step[begin + 2 : end] = True
+        second = np.zeros_like(raw)
+        second[2:] = np.diff(raw, 2, axis=0) / np.sqrt(6.0)
+        for name, rows_of in (
+            ("rest_noise_A", self._samples.resting[:, None]),
+            ("motion_noise_A", self._samples.moving),
+        ):
+            for joint in range(6):
+                rows = np.broadcast_to(rows_of, raw.shape)[:, joint] & step
+                if (count := int(rows.sum())) < _FEWEST:
+                    self._kept.append(f"{JOINT_LABELS[joint]}: too few states for {name}, it stays")
+                    continue
+                size = _OF_MEDIAN * float(np.median(np.abs(second[rows, joint])))  # motion has outliers
+                self._values[name][joint] = size
+                self._errors[name][joint] = size / np.sqrt(count / 3.0)
+
+    def _moving_joints(self, what: str) -> Iterator[int]:
+        for joint, label in enumerate(JOINT_LABELS):
+            if self._samples.moves(joint):
+                yield joint
+            else:
+                self._kept.append(f"{label}: hardly moves, {what} stays")
+
+    def _take(self, joint: int, names: tuple[str, ...], columns: Array, wanted: Array) -> None:
+        """Fit; take over what is certain enough. columns: (n, k), of which the first belong to ``names``."""
+        found, errors = _fitted(columns[:, None, :], wanted[:, None])
+        for name, value, error in zip(names, found.tolist(), errors.tolist(), strict=False):
+            if not np.isfinite(error) or value <= 0.0 or error > _UNCERTAIN * value:
+                what = f"{name} ({value:.3g} +- {error:.2g})"
+                self._kept.append(f"{JOINT_LABELS[joint]}: the motion is too poor for {what}, it stays")
+            else:
+                self._values[name][joint] = value
+                self._errors[name][joint] = error
+
+
+def _fitted(columns: Array, wanted: Array) -> tuple[Array, Array]:
+    """Least squares (k,) of (n, m, k) to (n, m), and its standard errors; infinite where nothing tells a column."""
+    count = columns.shape[-1]
+    shown = np.flatnonzero(np.abs(columns).max(axis=(0, 1), initial=0.0) > 0.0)
+    found, errors = np.zeros(count), np.full(count, np.inf)
+    if len(wanted) < _PIECES * count:
+        return found, errors
+    parts = [(columns[piece][..., shown], wanted[piece]) for piece in np.array_split(np.arange(len(wanted)), _PIECES)]
+    squares = [np.tensordot(part, part, ((0, 1), (0, 1))) for part, _ in parts]
+    products = [np.tensordot(part, values, ((0, 1), (0, 1))) for part, values in parts]
+    total, product = np.sum(squares, axis=0), np.sum(products, axis=0)
+    scale = np.sqrt(np.diag(total))
+
+    def solved(square: Array, right: Array) -> Array:
+        return np.asarray(np.linalg.lstsq(square / np.outer(scale, scale), right / scale, rcond=1e-9)[0] / scale)
+
+    every = np.array([solved(total - one, product - other) for one, other in zip(squares, products, strict=True)])
+    spread = ((every - every.mean(axis=0)) ** 2).sum(axis=0) * (_PIECES - 1) / _PIECES
+    found[shown], errors[shown] = solved(total, product), np.sqrt(spread)
+    return found, errors
+
+
+def _together(one: Payload, other: Payload) -> Payload:
+    mass = one.mass_kg + other.mass_kg
+    x, y, z = ((one.mass_kg * a + other.mass_kg * b) / mass for a, b in zip(one.cog_m, other.cog_m, strict=True))
+    return Payload(mass, (x, y, z))
+
+
+def _rounded(values: Mapping[str, Any]) -> dict[str, Any]:
+    """To four digits, which is more than any recording tells."""
+
+    def rounded(value: Any) -> Any:
+        if isinstance(value, list):
+            return [rounded(one) for one in value]
+        return value if value is None else float(f"{value:.4g}")
+
+    return {name: rounded(value) for name, value in values.items()}

@@ -1,0 +1,48 @@
+"""What recordings of real arms say of each model's drives and sensors.
+
+The numbers are in ``measured.toml``, which says of each where it was measured or by which rule it is carried over from
+another arm.
+"""
+
+from functools import cache
+from math import log
+from pathlib import Path
+from typing import Any, Final
+
+from urproto.compat import load_toml
+from urproto.robots.drivetrain import Drivetrain
+from urproto.robots.model import RobotModel
+from urproto.vectors import Vector6, as_six
+
+_FILE: Final = Path(__file__).with_name("measured.toml")
+
+
+def drivetrain_of(model: RobotModel) -> Drivetrain:
+    """What was identified of this arm; otherwise that of its model, measured or carried over."""
+    if model.drivetrain is not None:
+        return model.drivetrain
+    table = _table()
+    known, noise = table["knowledge"], table["noise"]
+    rows = [row for row in table["sizes"] if row["series"] == model.series.value]
+    sizes = [min(rows, key=lambda row: abs(log(row["torque_max_Nm"] / most))) for most in model.torque_max]
+    values = {name: [size[name] for size in sizes] for name in ("coulomb_Nm", "viscous_Nm_s", "rotor_kg_m2")}
+    values["torque_constants_Nm_A"] = list(model.torque_constants)
+    values["rest_noise_A"] = noise[model.series.value]["current_A"]
+    measured = table["models"].get(model.name, {})
+    values |= measured
+    values.setdefault("known_coulomb_Nm", values["coulomb_Nm"])
+    values.setdefault("known_viscous_Nm_s", [known["slow_share"] * slope for slope in values["viscous_Nm_s"]])
+    values.setdefault("known_fast_viscous_Nm_s", [known["fast_share"] * slope for slope in values["viscous_Nm_s"]])
+    limits = zip(model.torque_max, values["torque_constants_Nm_A"], strict=True)
+    values.setdefault("motion_noise_A", [noise["motion_share"] * most / constant for most, constant in limits])
+    return Drivetrain.from_mapping(values)
+
+
+def wrench_noise_of(model: RobotModel) -> Vector6:
+    """Standard deviation of the TCP force of a real arm at rest [N, Nm]."""
+    return as_six(_table()["noise"][model.series.value]["wrench"])
+
+
+@cache
+def _table() -> dict[str, Any]:
+    return load_toml(_FILE.read_text(encoding="utf-8"))
