@@ -62,6 +62,7 @@ _cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
 
 _FUNCTION_WORK = 60  # of Python's compiler, for a function
 _FORGETTING_WORK = 5  # of a function that is not compiled, beside its statements
+_SLICE = 20  # of functions that are forgotten at a time
 _MOST_HINTS = 5  # unknown names for which a known one is looked for, when all errors are asked for
 _STARTING_WORK = 10  # of making a namespace for a run, which follows at once, beside its contents
 _PYTHON_WORK = 6  # of Python's compiler, for each expression and statement
@@ -94,18 +95,26 @@ def compile_steps(
     program = _cached(key)
     if program is None:
         program = yield from _compile(text, libraries, version, stepped)
+        yield from _make_room(len(text))
         _cache[key] = program
-        _trim_cache()
     return program
 
 
-def _trim_cache() -> None:
-    """Forget the programs that were used longest ago, but not the last."""
-    characters = sum(len(text) for text, *_ in _cache)
-    while len(_cache) > 1 and (len(_cache) > _CACHE_SIZE or characters > _CACHE_CHARACTERS):
+def _make_room(wanted: int) -> Steps[None]:
+    """Forget the programs that were used longest ago, until another of so many characters may be kept."""
+    characters = wanted + sum(len(text) for text, *_ in _cache)
+    while _cache and (len(_cache) >= _CACHE_SIZE or characters > _CACHE_CHARACTERS):
         oldest = next(iter(_cache))
         characters -= len(oldest[0])
-        del _cache[oldest]
+        program = _cache.pop(oldest)
+        code, labels, plans = list(program.code), list(program.labels), list(program.functions.values())
+        del program  # with the last of who runs it; what is in these lists goes in steps
+        yield _FORGETTING_WORK
+        while code:
+            del code[-_SLICE:]
+            yield _SLICE * _FORGETTING_WORK
+        yield from let_go(labels)
+        yield from let_go(plans)
 
 
 def find_problems(
