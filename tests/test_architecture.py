@@ -28,6 +28,7 @@ MAY_IMPORT = {
 # third-party package -> the parts of the project that may import it
 THIRD_PARTY = {
     "rclpy": ("client.ros2",),
+    "action_msgs": ("client.ros2",),
     "rcl_interfaces": ("client.ros2",),
     "geometry_msgs": ("client.ros2",),
     "std_msgs": ("client.ros2",),

@@ -6,10 +6,10 @@ it calls must be able to yield, so it becomes a generator.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from urscript.builtins import Builtin
-from urscript.syntax import FunctionDef, Program, Scope
+from urscript.syntax import Parameter, Program, Scope
 from urscript.work import Steps
 
 _WORK = 8  # of planning a function, besides its calls
@@ -20,21 +20,17 @@ _PLAIN_COST = 400
 
 @dataclass(frozen=True, slots=True)
 class FunctionPlan:
-    """How one def or thread is compiled. ``symbol``: its name in Python."""
+    """How one def or thread is compiled and called, without its body: plans outlive the syntax tree.
 
-    definition: FunctionDef
+    ``symbol``: its name in Python.
+    """
+
+    parameters: tuple[Parameter, ...]
+    is_thread: bool
     symbol: str
     cost: int  # with all it calls, in units of the meter
     generator: bool
     recursive: bool  # reaches itself, or a function that does: counts its call depth
-
-    @property
-    def interface(self) -> "FunctionPlan":
-        """What callers need to know, without the body."""
-        definition = self.definition
-        scope = definition.scope
-        outside = Scope(scope.name, is_thread=scope.is_thread, parameters=scope.parameters)
-        return replace(self, definition=FunctionDef(definition.line, definition.column, outside, []))
 
 
 WHOLE = 350
@@ -55,8 +51,7 @@ def plan_functions(
         yield _WORK + len(function.scope.calls)
     plans: dict[str, FunctionPlan] = {}
     for name in _leaves_first(callees):
-        definition = program.functions[name]
-        scope = definition.scope
+        scope = program.functions[name].scope
         yield _WORK + len(scope.calls)
         called = [plans[callee] for callee in callees[name]] + _known_callees(scope, program, known)
         cost = min(scope.cost + sum(plan.cost for plan in called), _PLAIN_COST + 1)  # all there is to know
@@ -66,12 +61,17 @@ def plan_functions(
             or scope.cost > WHOLE
             or any(plan.generator for plan in called)
         )
-        plans[name] = FunctionPlan(definition, f"{prefix}_{name}", cost, generator, recursive=False)
+        plans[name] = _plan(scope, prefix, cost, generator, recursive=False)
     for name, definition in program.functions.items():
-        recursive = not definition.scope.is_thread
-        plans.setdefault(name, FunctionPlan(definition, f"{prefix}_{name}", _PLAIN_COST, True, recursive))
+        if name not in plans:
+            scope = definition.scope
+            plans[name] = _plan(scope, prefix, _PLAIN_COST, generator=True, recursive=not scope.is_thread)
         yield 2
     return plans
+
+
+def _plan(scope: Scope, prefix: str, cost: int, generator: bool, recursive: bool) -> FunctionPlan:
+    return FunctionPlan(tuple(scope.parameters), scope.is_thread, f"{prefix}_{scope.name}", cost, generator, recursive)
 
 
 def lends_its_scope(scope: Scope, builtins: Mapping[str, Builtin]) -> bool:

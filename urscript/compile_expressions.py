@@ -262,7 +262,7 @@ class ExpressionCompiler:
         unit = self.unit
         plan = unit.plans.get(name)
         if plan is not None:
-            a_thread = plan.definition.scope.is_thread
+            a_thread = plan.is_thread
             return f"it is a thread: 'run {name}()' starts it" if a_thread else f"it is a function: {name}() calls it"
         if kind == "thread" and name in unit.builtins:
             return f"it is a function: {name}() calls it"
@@ -379,7 +379,7 @@ class ExpressionCompiler:
         plan = self.unit.plans.get(node.name)
         builtin = self.unit.builtins.get(node.name)
         try:
-            if plan is not None and not plan.definition.scope.is_thread:
+            if plan is not None and not plan.is_thread:
                 return self._user_call(node, plan, place)
             if node.name == "struct" and self.unit.structs:
                 return self._struct(node, place)
@@ -400,7 +400,7 @@ class ExpressionCompiler:
             self.expression(argument)
 
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
-        parameters = plan.definition.scope.parameters
+        parameters = plan.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
         defaults = ExpressionCompiler(self.unit, Scope(""))  # a default sees globals only
         given = len(node.arguments)
@@ -479,7 +479,7 @@ class ExpressionCompiler:
 
     def _run(self, node: Run, place: Place) -> ast.expr:
         plan = self.unit.plans.get(node.name)
-        if plan is None or not plan.definition.scope.is_thread:
+        if plan is None or not plan.is_thread:
             self.name_not_found(node.name, node, "thread")
             return constant(None, place)
         return call("_run", place, load(plan.symbol, place), constant(node.name, place))

@@ -63,6 +63,7 @@ _WORK = 8  # of an expression, and so of a statement without its expressions
 _SLICE = 12  # of these, at least, between two yields
 _PIECE = 100  # of these, about, in a piece
 _REST = 40  # of these, at least, in a piece at the end of a block
+_BRANCH_WORK = 4  # of putting a branch before those that follow, beside what is in it
 _ROW = 20  # values, at least, that are long enough a row to be divided
 
 _OLD_SETTERS = {"digital_out": "set_digital_out"}
@@ -86,12 +87,13 @@ def compile_main(unit: Unit) -> Steps[list[PythonFunction]]:
     return [*compiler.pieces, PythonFunction(function("main", [], body, place), compiler.inline)]
 
 
-def compile_function(unit: Unit, plan: FunctionPlan, *, lasting: bool = True) -> Steps[list[PythonFunction]]:
+def compile_function(
+    unit: Unit, definition: FunctionDef, plan: FunctionPlan, *, lasting: bool = True
+) -> Steps[list[PythonFunction]]:
     """One def or thread as a Python function, and the pieces it is divided into when it is long.
 
     ``lasting``: False for one that can be forgotten while it is executed, so it holds its pieces itself.
     """
-    definition = plan.definition
     scope, place = definition.scope, place_of(definition)
     long = scope.cost > WHOLE
     lends = lends_its_scope(scope, unit.builtins)
@@ -472,6 +474,7 @@ class _BodyCompiler(ExpressionCompiler):
             branch = ast.If(test=test, body=part.code or [ast.Pass(**at)], orelse=rest.code, **at)
             stored = part.stored_globals | rest.stored_globals
             rest = _Part([branch], part.size + rest.size, stored, part.ways + rest.ways, at)
+            yield _BRANCH_WORK
         self.stored_globals |= rest.stored_globals
         self._ways += rest.ways
         return rest.code

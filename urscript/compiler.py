@@ -19,7 +19,7 @@ from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import PythonFunction, compile_function, compile_main
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
-from urscript.parser import normalize, parse
+from urscript.parser import forget, normalize, parse
 from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, let_go, run_to_end
 
@@ -61,9 +61,9 @@ _Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
 _cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
 
 _FUNCTION_WORK = 60  # of Python's compiler, for a function
-_FORGETTING_WORK = 5  # of a function
+_FORGETTING_WORK = 5  # of a function that is not compiled, beside its statements
+_SLICE = 20  # of functions that are forgotten at a time
 _MOST_HINTS = 5  # unknown names for which a known one is looked for, when all errors are asked for
-_INTERFACE_WORK = 8  # of what callers need to know of a function
 _STARTING_WORK = 10  # of making a namespace for a run, which follows at once, beside its contents
 _PYTHON_WORK = 6  # of Python's compiler, for each expression and statement
 
@@ -95,18 +95,26 @@ def compile_steps(
     program = _cached(key)
     if program is None:
         program = yield from _compile(text, libraries, version, stepped)
+        yield from _make_room(len(text))
         _cache[key] = program
-        _trim_cache()
     return program
 
 
-def _trim_cache() -> None:
-    """Forget the programs that were used longest ago, but not the last."""
-    characters = sum(len(text) for text, *_ in _cache)
-    while len(_cache) > 1 and (len(_cache) > _CACHE_SIZE or characters > _CACHE_CHARACTERS):
+def _make_room(wanted: int) -> Steps[None]:
+    """Forget the programs that were used longest ago, until another of so many characters may be kept."""
+    characters = wanted + sum(len(text) for text, *_ in _cache)
+    while _cache and (len(_cache) >= _CACHE_SIZE or characters > _CACHE_CHARACTERS):
         oldest = next(iter(_cache))
         characters -= len(oldest[0])
-        del _cache[oldest]
+        program = _cache.pop(oldest)
+        code, labels, plans = list(program.code), list(program.labels), list(program.functions.values())
+        del program  # with the last of who runs it; what is in these lists goes in steps
+        yield _FORGETTING_WORK
+        while code:
+            del code[-_SLICE:]
+            yield _SLICE * _FORGETTING_WORK
+        yield from let_go(labels)
+        yield from let_go(plans)
 
 
 def find_problems(
@@ -149,10 +157,6 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         yield from _forget(unit)
         raise error
     program = unit.program
-    functions: dict[str, FunctionPlan] = {}
-    for name, plan in unit.plans.items():
-        functions[name] = plan.interface
-        yield _INTERFACE_WORK
     compiled = CompiledProgram(
         name=program.name,
         kind=program.kind,
@@ -162,7 +166,7 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         warnings=tuple(unit.warnings),
         code=tuple(code),
         builtins=unit.used,
-        functions=functions,
+        functions=unit.plans,
         libraries=libraries,
         version=version,
     )
@@ -173,15 +177,10 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
 
 def _forget(unit: Unit) -> Steps[None]:
     """Let go of the syntax tree, and of what was found out about it."""
-    program = unit.program
-    yield from let_go(program.body)
-    yield from let_go(program.scope.calls)
     yield from let_go(unit.errors)
     unit.unexplained.clear()
-    for definition in program.functions.values():
-        yield from let_go(definition.body)
-        yield from let_go(definition.scope.calls)
-        yield _FORGETTING_WORK
+    yield from unit.kinds.forget()
+    yield from forget(unit.program)
 
 
 @contextmanager
@@ -231,7 +230,8 @@ def make_unit(
 
 
 def _bodies(unit: Unit) -> list[Steps[list[PythonFunction]]]:
-    return [*(compile_function(unit, plan) for plan in unit.plans.values()), compile_main(unit)]
+    functions = unit.program.functions
+    return [*(compile_function(unit, functions[name], plan) for name, plan in unit.plans.items()), compile_main(unit)]
 
 
 def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: str) -> Steps[list[CodeType]]:

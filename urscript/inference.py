@@ -36,7 +36,7 @@ from urscript.syntax import (
     While,
 )
 from urscript.values import Pose
-from urscript.work import Steps
+from urscript.work import Steps, let_go
 
 KindSet: TypeAlias = int
 """What a value may be: the sum of some of the four below; 0 when no value is known to arrive."""
@@ -69,6 +69,7 @@ _MOST_ROUNDS: Final = 8
 _LONG_LIST: Final = 500  # items of a list that are not looked at: it takes a microsecond each
 _SCOPE_WORK: Final = 12  # of a body, however short
 _WORK: Final = 2  # of one store, or call, that is found
+_FORGETTING_WORK: Final = 20  # of a hundred stores, or kinds
 
 
 def is_number(kind: KindSet) -> bool:
@@ -98,6 +99,10 @@ class Kinds:
         self._program = program
         self._builtins = builtins
         self._variables = variables
+
+    def forget(self) -> Steps[None]:
+        """Let go of everything that is known, when nobody asks any more."""
+        yield from let_go(self._variables, _FORGETTING_WORK)
 
     def variable(self, scope: Scope, name: str) -> KindSet:
         """What a variable may hold once something was assigned to it."""
@@ -188,6 +193,13 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
     Of nothing when they would take too long to find, or when statements that come later can assign to its variables.
     """
     stores: list[_Store] = []
+    kinds = yield from _kinds(program, builtins, stores)
+    yield from let_go(stores, _FORGETTING_WORK)
+    return kinds
+
+
+def _kinds(program: Program, builtins: Mapping[str, Builtin], stores: list[_Store]) -> Steps[Kinds]:
+    """The kinds of everything in a program, for which its stores are gathered."""
     for scope, body in ((program.scope, program.body), *((f.scope, f.body) for f in program.functions.values())):
         for number, call in enumerate(scope.calls, 1):
             if call.name == _INTERPRETER:
@@ -222,14 +234,19 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
 
 def _constants(stores: Sequence[_Store]) -> Steps[dict[str, Expression]]:
     """What global variables get that get nothing else."""
-    found: dict[str, Expression | None] = {}
+    seen: set[str] = set()
+    constants: dict[str, Expression] = {}
     for number, store in enumerate(stores, 1):
         scope, name = store.variable
         if scope == _GLOBAL:
-            found[name] = None if name in found or store.part else store.value
+            if name in seen or store.part or store.value is None:
+                constants.pop(name, None)
+            else:
+                constants[name] = store.value
+            seen.add(name)
         if number % _SLICE == 0:
             yield _SLICE
-    return {name: value for name, value in found.items() if value is not None}
+    return constants
 
 
 _NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated

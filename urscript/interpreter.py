@@ -82,15 +82,15 @@ def compile_statement(
         builtins = {name: builtin for name, builtin in available.items() if not builtin.takes_scope}
         plans = yield from plan_functions(tree, builtins, functions, prefix=f"f{serial}")
         unit = make_unit(tree, source, program.libraries, builtins, {**functions, **plans}, program.version)
-        bodies = [*(compile_function(unit, plan, lasting=False) for plan in plans.values()), compile_interpreted(unit)]
-        code = yield from generate(unit, bodies, STATEMENT_FILE)
+        defined = [compile_function(unit, tree.functions[name], plans[name], lasting=False) for name in plans]
+        code = yield from generate(unit, [*defined, compile_interpreted(unit)], STATEMENT_FILE)
         if (error_found := (yield from first_error(unit))) is not None:
             raise error_found
     except RecursionError as error:
         raise CompileError.syntax("the statement is nested too deeply", 1, 1, source) from error
     return CompiledStatement(
         code=tuple(code),
-        functions={name: plan.interface for name, plan in plans.items()},
+        functions=plans,
         names=frozenset(names),
         builtins=unit.used,
         calls=frozenset(call.name for call in tree.scope.calls),

@@ -8,7 +8,7 @@ lists combine element by element, poses do not combine.
 import math
 import operator
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -340,19 +340,27 @@ def _size(value: Value, budget: int = MAX_ELEMENTS, levels: int = MAX_NESTING) -
     """Elements of a value, all levels together."""
     if value.__class__ in _SCALARS:
         return 1
-    if isinstance(value, Matrix):
-        return len(value.rows) * len(value.rows[0])
-    items = value.members.values() if isinstance(value, Struct) else value
-    if not isinstance(value, (list, Struct)):
-        return 1
+    items: Collection[Value]
+    if isinstance(value, list):
+        items = value
+    elif isinstance(value, Struct):
+        items = value.members.values()
+    else:
+        return len(value.rows) * len(value.rows[0]) if isinstance(value, Matrix) else 1
     if levels == 0:
         raise RuntimeFault(f"The value has more than {MAX_NESTING} levels of lists and structs")
-    total = 1
+    total = 1 + len(items)
+    _check_elements(total, budget)
     for item in items:
-        total += 1 if item.__class__ in _SCALARS else _size(item, budget - total, levels - 1)
-        if total > budget:
-            raise RuntimeFault(f"The value has more than {MAX_ELEMENTS} elements")
+        if item.__class__ not in _SCALARS:
+            total += _size(item, budget + 1 - total, levels - 1) - 1
+            _check_elements(total, budget)
     return total
+
+
+def _check_elements(count: int, budget: int) -> None:
+    if count > budget:
+        raise RuntimeFault(f"The value has more than {MAX_ELEMENTS} elements")
 
 
 # access

@@ -75,13 +75,30 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
     try:
         program = yield from parser.statements() if statements else parser.program()
     except CompileError as found:
-        for body in parser.bodies:
-            yield from let_go(body)
         error = found.with_traceback(None)
     yield from let_go(tokens)
-    if error is not None:
+    if error is None:
+        return program
+    yield from forget(parser.syntax)
+    try:
         raise error
-    return program
+    finally:
+        del error  # which holds this frame, and would be held by it
+
+
+def forget(program: Program) -> Steps[None]:
+    """Let go of a syntax tree that nobody needs any more."""
+    for block in program.blocks:
+        yield from let_go(block, _STATEMENTS_WORK)
+    yield from let_go(program.blocks)
+    for scope in program.scopes:
+        yield from let_go(scope.calls, _STATEMENTS_WORK)
+        yield from let_go(scope.methods, _STATEMENTS_WORK)
+        yield _FORGETTING_WORK
+    yield from let_go(program.scopes)
+    while program.functions:
+        program.functions.popitem()
+        yield _FORGETTING_WORK
 
 
 def parse_statements(source: str) -> Steps[Program]:
@@ -99,8 +116,8 @@ class _Parser(RecoveringParser):
     ) -> None:
         super().__init__(source, tokens, errors)
         self._inner = inner  # statements of a scope that exists
-        self._program = Program("statement", "", [], self.scope, {}, {}, [], self.damaged)
-        self.bodies: list[list[Statement]] = [self._program.body]  # to be let go of when the text is refused
+        body: list[Statement] = []
+        self.syntax = Program("statement", "", body, self.scope, {}, {}, [], self.damaged, [body], [self.scope])
         self._blocks = 0
         self._loops = 0
         self._counted = 0  # tokens whose work was yielded
@@ -123,7 +140,7 @@ class _Parser(RecoveringParser):
         }
 
     def program(self) -> Steps[Program]:
-        program = self._program
+        program = self.syntax
         if self.token.kind in ("def", "sec"):
             program.kind = _PROGRAM_KINDS[self.take().kind]
             self.header(self._program_name, None)
@@ -135,15 +152,15 @@ class _Parser(RecoveringParser):
         return program
 
     def _program_name(self) -> None:
-        self._program.name = self.expect("name", "for the program").text
+        self.syntax.name = self.expect("name", "for the program").text
         self.expect("(", "after the name of the program")
         self.expect(")", "since a program takes no parameters")
         self.expect(":", "after ')'")
 
     def statements(self) -> Steps[Program]:
         while self.token.kind != "end of text":
-            yield from self._add_statement(self._program.body)
-        return self._program
+            yield from self._add_statement(self.syntax.body)
+        return self.syntax
 
     # blocks
 
@@ -182,7 +199,7 @@ class _Parser(RecoveringParser):
         if self._blocks > _MAX_BLOCKS:
             self.give_up(f"blocks are nested more than {_MAX_BLOCKS} deep")
         body: list[Statement] = []
-        self.bodies.append(body)
+        self.syntax.blocks.append(body)
         while self.token.kind not in BLOCK_ENDS and not self._at_end_word():
             yield from self._add_statement(body)
         self._blocks -= 1
@@ -250,16 +267,16 @@ class _Parser(RecoveringParser):
         return Assign(target.line, target.column, target, value)
 
     def _bind(self, name: str, declared: str | None) -> None:
-        at_program_level = self.scope is self._program.scope and not self._inner
+        at_program_level = self.scope is self.syntax.scope and not self._inner
         if at_program_level or declared == "global":
-            self._program.globals.setdefault(name)
+            self.syntax.globals.setdefault(name)
         elif declared == "local":
             self.scope.locals.add(name)
         else:
             self.scope.assigned.add(name)
 
     def _return(self, token: Token) -> Statement:
-        if self._inner and self.scope is self._program.scope:
+        if self._inner and self.scope is self.syntax.scope:
             self.fail("not inside a function", token)
         following = self.token
         bare = following.after_newline or following.kind in BLOCK_ENDS
@@ -285,7 +302,7 @@ class _Parser(RecoveringParser):
         text = self.expect("string", "for the program label").text[1:-1]
         option = self.take().text[1:-1] if self.token.kind == "string" else ""
         label = Label(token.line, token.column, int(number.text), text, option)
-        self._program.labels.append(label)
+        self.syntax.labels.append(label)
         self.scope.waits = True
         return label
 
@@ -333,14 +350,15 @@ class _Parser(RecoveringParser):
     def _function(self, token: Token) -> Steps[Statement]:
         outer, outer_loops = self.scope, self._loops
         self.scope, self._loops = Scope("", is_thread=token.kind == "thread"), 0
+        self.syntax.scopes.append(self.scope)
         self.header(lambda: self._signature(token), None)
         first = self.at
         body = yield from self._block(f"to close the {token.kind} of line {token.line}")
         self.scope.cost += self.at - first
         function = FunctionDef(token.line, token.column, self.scope, body)
-        if len(self._program.functions) >= _MAX_FUNCTIONS:
+        if len(self.syntax.functions) >= _MAX_FUNCTIONS:
             self.fail(f"the program has more than {_MAX_FUNCTIONS} defs and threads", token)
-        self._program.functions[self.scope.name] = function  # a second def of a name replaces the first
+        self.syntax.functions[self.scope.name] = function  # a second def of a name replaces the first
         self.scope, self._loops = outer, outer_loops
         return function
 
@@ -382,6 +400,8 @@ _MAX_FUNCTIONS = 5000
 """Most defs and threads of a program, which are planned in one step: ten times those of the largest seen (a guess)."""
 
 _WORK = 2  # of a token
+_FORGETTING_WORK = 2  # of a scope, and of a function
+_STATEMENTS_WORK = 40  # of forgetting a hundred statements, or calls
 _SLICE = 32  # tokens, at least, between two yields
 
 _ABOVE_OPERATORS = 10

@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from itertools import islice
 from types import CodeType
 from typing import TypedDict
 
@@ -36,7 +37,7 @@ if sys.version_info >= (3, 11):
 
     def instruction_position(code: CodeType, instruction: int) -> tuple[int, int]:
         """Line and column (from 1) of an instruction; column 1 when Python runs without column tables."""
-        line, _, column, _ = list(code.co_positions())[instruction // 2]
+        line, _, column, _ = next(islice(code.co_positions(), instruction // 2, None))
         return line or 0, (column or 0) + 1
 
 else:  # 3.10 keeps no columns in its code: its line numbers hold them too, as far as they go

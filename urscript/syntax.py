@@ -216,3 +216,5 @@ class Program:
     globals: dict[str, None]  # in order of appearance
     labels: list[Label]
     damaged: set[str]  # names in text that did not parse
+    blocks: list[list[Statement]]  # of all statements: for `urscript.parser.forget`
+    scopes: list[Scope]

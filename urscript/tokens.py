@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from urproto.text import BLANKS
 from urscript.errors import CompileError
-from urscript.work import Steps
+from urscript.work import Steps, let_go
 
 _KEYWORDS = """
 def end thread sec if elif else while break continue return halt global local run kill join
@@ -79,6 +79,7 @@ def tokenize(source: str) -> Steps[list[Token]]:
             continue
         column = match.start(group) - line_start + 1
         if len(text) >= _LONGEST:
+            yield from let_go(tokens)
             message = f"syntax error: a {group} here is longer than {_LONGEST - 2} characters"
             raise CompileError.syntax(message, line, column, source)
         if group == "name":

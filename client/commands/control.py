@@ -22,7 +22,7 @@ from client.controllers import (
 )
 from client.controllers.controller import LifecycleState
 from client.controllers.remote import ANSWER_S, RemoteManager
-from client.controllers.running import RunningManager
+from client.controllers.running import ManagerOptions, RunningManager
 from client.controllers.session import Session
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
@@ -57,7 +57,12 @@ Headless: TypeAlias = Annotated[
     ),
 ]
 MakeReady: TypeAlias = Annotated[
-    bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if necessary.")
+    bool,
+    typer.Option(
+        "--make-ready",
+        help="Power the arm on and release its brakes first, if necessary; with --no-headless, play what is loaded, "
+        "or wait for it.",
+    ),
 ]
 
 
@@ -209,6 +214,18 @@ async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:
     with suppress(NotImplementedError, RuntimeError):  # on Windows, and outside the main thread
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
     await work
+
+
+async def announce(running: RunningManager, options: ManagerOptions) -> None:
+    """Say that a manager is there; if it is to make the arm ready, when the control program runs, whoever plays it."""
+    if options.make_ready and not running.robot.driver.program_running:
+        typer.echo(
+            f"waiting for the control program: {options.robot_ip}, {running.summary()}. "
+            "Load a program with External Control on the robot and play it.",
+            err=True,
+        )
+        await running.program_runs()
+    typer.echo(f"ready: {options.robot_ip}, {running.summary()}. Ctrl-C ends it.", err=True)
 
 
 async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str) -> Result:

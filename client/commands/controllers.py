@@ -20,6 +20,7 @@ from client.commands.control import (
     RecordOption,
     SpeedSlider,
     Target,
+    announce,
     controllers_file,
     follow,
     rest,
@@ -279,7 +280,7 @@ async def serve(options: ManagerOptions) -> None:
                 typer.echo(f"note: {note}", err=True)
             with real_time(robot.driver.config.realtime):
                 async with running.at_work(options), ManagerServer(running, place):
-                    typer.echo(f"ready: {options.robot_ip}, {running.summary()}. Ctrl-C ends it.", err=True)
+                    await announce(running, options)
                     await asyncio.Event().wait()
 
 

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from client.commands.control import ControllersOption, Headless, MakeReady, controllers_file, run
+from client.commands.control import ControllersOption, Headless, MakeReady, announce, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
 from client.driver.scheduling import real_time
@@ -88,5 +88,5 @@ async def serve(options: "DriverOptions") -> None:
 
     async with Ros2Driver(options) as driver:
         with real_time("auto"):  # of the event loop alone: the threads of nodes are there already
-            typer.echo(f"ready: {options.robot_ip}, {driver.running.summary()}. Ctrl-C ends it.", err=True)
+            await announce(driver.running, options)
             await asyncio.Event().wait()

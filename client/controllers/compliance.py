@@ -183,6 +183,11 @@ class ToolContactController(Controller[ToolContactParameters]):
     def on_deactivate(self) -> None:
         self._end(False, "the controller was deactivated")
 
+    @property
+    def watching(self) -> bool:
+        """True while somebody waits for a contact."""
+        return self._call is not None
+
     def detect_tool_contact(self) -> Call:
         """Watch from now on; the call ends well when the arm is back where contact began. Raises ControllerError."""
         self.check_active()

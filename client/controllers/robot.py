@@ -114,7 +114,7 @@ class ControlledRobot(ControlLoop):
         async with AsyncExitStack() as opening:
             await opening.enter_async_context(self.robot)
             if self._make_ready:
-                await self.robot.make_ready()
+                await self.robot.make_ready(program=self._start)
             elif self._start:
                 await self.driver.start_program()
             recorder = None

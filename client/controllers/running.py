@@ -25,6 +25,7 @@ from client.recording import DEFAULT_FIELDS
 
 _AGAIN_S: Final = 1.0  # between tries to reach the robot; guess
 _SAID_S: Final = 10.0  # how often it is said that it is still out of reach; guess
+_LOOK_S: Final = 0.1  # for a program that somebody is to play
 _OUTPUTS: Final = ("payload", "payload_cog", "payload_inertia", "tcp_offset")
 
 _logger = logging.getLogger(__name__)
@@ -36,7 +37,8 @@ class ManagerOptions:
 
     robot: options of `client.driver.DriverConfig`. file: the usual controllers when None. controller: the one that is
     active at first, beside those that move nothing; "" for none. headless: the control program is sent to the robot;
-    else it waits until somebody plays External Control there.
+    else it waits until somebody plays External Control there. make_ready: the arm is powered on and its brakes are
+    released; when not headless, what is loaded on the robot is played.
     """
 
     robot_ip: str
@@ -64,7 +66,7 @@ async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
                 options.file,
                 prefix=options.tf_prefix,
                 make_ready=options.make_ready,
-                start=False,
+                start=options.make_ready and options.headless,
                 headless=options.headless,
                 outputs=DEFAULT_FIELDS,  # somebody may want to record
                 outputs_if_any=_OUTPUTS,
@@ -152,6 +154,8 @@ class RunningManager:
         with ControllerStopper(self.robot) as stopper:
             self._activate(options, stopper)
             if not options.headless:
+                if options.make_ready:
+                    await start_if_ready(self.robot)  # somebody else may play another program later
                 yield
                 return
             with ProgramKeeper(self.robot):
@@ -172,6 +176,11 @@ class RunningManager:
                     self.manager.activate(name)
                 except ClientError as error:
                     _logger.warning("%s", error)
+
+    async def program_runs(self) -> None:
+        """Wait until the control program runs, whoever starts it, however long that takes."""
+        while not self.robot.driver.program_running:
+            await asyncio.sleep(_LOOK_S)
 
     def summary(self) -> str:
         """What there is, in some words."""

@@ -306,10 +306,17 @@ class ProgramSupervisor:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
 
     async def _play(self) -> None:
-        assert self._robot.dashboard is not None
+        board = self._robot.dashboard
+        assert board is not None
         if self._config.program is not None:
-            await self._robot.dashboard.ask(dashboard.load(self._config.program))
-        await self._robot.dashboard.ask(dashboard.PLAY)
+            await board.ask(dashboard.load(self._config.program))
+        elif await board.ask(dashboard.LOADED_PROGRAM) is None:
+            raise RobotRefused(
+                "start of the control program",
+                "no program is loaded on the robot",
+                "load one with an External Control node and play it",
+            )
+        await board.ask(dashboard.PLAY)
 
     async def _wait_for_program(self) -> None:
         connected = asyncio.create_task(self.reverse.wait_connected(self._config.start_timeout_s))

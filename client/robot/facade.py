@@ -174,13 +174,13 @@ class AsyncRobot:
 
     # readiness
 
-    async def make_ready(self) -> None:
+    async def make_ready(self, *, program: bool = True) -> None:
         """Power the arm on, release the brakes and start the control program, whatever of it is still to be done.
 
-        The arm moves a little as its brakes are released. Raises SafetyStopError while a stop
-        is in effect, RobotRefused when the robot says no.
+        program: False leaves the control program alone. The arm moves a little as its brakes are
+        released. Raises SafetyStopError while a stop is in effect, RobotRefused when the robot says no.
         """
-        await self._readiness.make_ready()
+        await self._readiness.make_ready(program=program)
 
     async def recover(self) -> None:
         """Unlock a protective stop, 5 s after it occurred, and start the control program again.

@@ -28,18 +28,15 @@ class Readiness:
         self.diagnosis = diagnosis
         self._reported_running = False  # the program runs as far as the caller was told: its end is explained first
 
-    async def make_ready(self) -> None:
-        """Power the arm on, release the brakes and start the control program, whatever of it is still to be done.
-
-        The arm moves a little as its brakes are released. Raises SafetyStopError while a stop
-        is in effect, RobotRefused when the robot says no.
-        """
+    async def make_ready(self, *, program: bool = True) -> None:
+        """As `AsyncRobot.make_ready`."""
         await self.diagnosis.refuse_in_stop("make_ready")
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             await self._release_brakes()
-        if not self.driver.program_running or self.diagnosis.paused:
-            await self.start("make_ready")
-        self._reported_running = True
+        if program:
+            if not self.driver.program_running or self.diagnosis.paused:
+                await self.start("make_ready")
+            self._reported_running = True
 
     async def recover(self) -> None:
         """Unlock a protective stop, 5 s after it occurred, and start the control program again.

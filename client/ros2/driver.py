@@ -25,6 +25,7 @@ from client.ros2.publishing import Outbox
 from client.ros2.state_helper import StateHelperNode
 from client.ros2.state_publisher import RobotStatePublisher
 from client.ros2.topics import Scene
+from client.ros2.trajectory_until import TrajectoryUntilNode
 from client.ros2.urscript_interface import URScriptNode
 
 _PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
@@ -107,3 +108,5 @@ class Ros2Driver:
         for kind in beside:
             node = await asyncio.to_thread(kind, host, robot.robot)
             opening.push_async_callback(asyncio.to_thread, node.close)
+        until = await asyncio.to_thread(TrajectoryUntilNode, host, self._options.controller)
+        opening.push_async_callback(asyncio.to_thread, until.close)

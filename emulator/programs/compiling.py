@@ -150,7 +150,7 @@ class Compiling:
                 return None
             submission.program = self._job.result
         except CompileError as error:
-            submission.error = error
+            submission.error = error.with_traceback(None)  # whose frames hold all that was found out
         except TreeError as error:
             submission.refusal = str(error)
         self._job = None

@@ -5,17 +5,22 @@ import contextlib
 from dataclasses import replace
 
 import pytest
-from driver_rig import HOME, HOST, PATIENCE_S, SCALED, driver_options, goals_file, moved
+from driver_rig import HOME, HOST, PATIENCE_S, SCALED, driver_options, emulator, goals_file, moved
 from emulator_process import EmulatorProcess
 
+from client import dashboard
+from client.commands.control import announce
 from client.commands.controllers import ForwardKind, forward, go, publish, serve
 from client.controllers import JOINT_NAMES, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import read_goals
 from client.controllers.remote import RemoteManager
-from client.controllers.running import ManagerOptions
+from client.controllers.running import ManagerOptions, RunningManager, reached
+from client.dashboard import DashboardClient
 from client.errors import ControllerError, ManagerError, NoManagerError
 from client.recording import read
+from emulator.services.urcap import DriverAddress
 from urproto.compat_asyncio import timeout
+from urproto.modes import RobotMode
 
 REST = (0.0,) * 6
 ON_CB3 = pytest.mark.parametrize("robot", ["ur3"], indirect=True)
@@ -65,6 +70,43 @@ async def until(condition):
 @pytest.fixture
 def options(robot):
     return ManagerOptions(HOST, driver_options(robot))
+
+
+async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_plays(capsys, caplog):
+    """Not headless, an arm that is off, nothing loaded; the second time the program is there, and is played."""
+    async with emulator("ur5e") as robot, DashboardClient(HOST, port=robot.ports["dashboard"]) as board:
+        await board.ask(dashboard.POWER_OFF)
+        options = ManagerOptions(HOST, driver_options(robot), headless=False, make_ready=True)
+        async with reached(options) as arm:
+            running = RunningManager(arm, headless=False)
+            running.load_all()
+            async with running.at_work(options):
+                assert arm.driver.robot.robot_mode is RobotMode.RUNNING
+                assert "no program is loaded on the robot" in caplog.text
+                ready = asyncio.create_task(announce(running, options))
+                await until(lambda: _said(capsys, "waiting for the control program: 127.0.0.1, "))
+                port = arm.driver.program.sender.port
+                address = DriverAddress(HOST, port)
+                robot.controller.config = replace(robot.controller.config, external_control=address)
+                await board.ask(dashboard.load("external_control.urp"))
+                assert not ready.done()
+                await board.ask(dashboard.PLAY)
+                async with timeout(PATIENCE_S):
+                    await ready
+                assert await _said(capsys, "the control program runs. Ctrl-C ends it.")
+                await until(lambda: _active(running, SCALED))
+        await board.ask(dashboard.STOP)  # it loops, and asks for a driver that has left
+        options = replace(options, robot=driver_options(robot, sender_port=port), controller="")
+        async with reached(options) as arm, RunningManager(arm, headless=False).at_work(options):
+            assert arm.driver.program_running
+
+
+async def _said(capsys, text):
+    return text in capsys.readouterr().err
+
+
+async def _active(running, name):
+    return name in [controller.name for controller in running.manager.active()]
 
 
 @ON_CB3

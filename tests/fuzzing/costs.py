@@ -16,7 +16,7 @@ from typing import Final
 from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
-from emulator.programs.compiling import LIBRARY_SET
+from emulator.programs.compiling import LIBRARY_SET, Compiling, Submission, WorkShare
 from emulator.services.sockets import MemorySockets
 from urproto.robots import load_model
 from urproto.versions import DEFAULT_VERSION, Series
@@ -176,6 +176,25 @@ def steps_of(text: str) -> list[int]:
     with suppress(CompileError):
         work.extend(steps)
     return work
+
+
+def left_by(text: str) -> tuple[int, int]:
+    """What compiling a text leaves for the garbage collector to go through, and how much of that is garbage."""
+    compiler._cache.clear()
+    share = WorkShare(Series.CB3.period_s)
+    compiling = Compiling(share)
+    compiling.add(Submission(text, DEFAULT_VERSION[Series.E]))
+    gc.collect()
+    gc.freeze()
+    try:
+        while compiling.next() is None:
+            share.new_period()
+        gc.disable()
+        left = len(gc.get_objects())
+        return left, gc.collect()
+    finally:
+        gc.enable()
+        gc.unfreeze()
 
 
 def tick_times(text: str, periods: int, model: str) -> list[float]:

@@ -5,15 +5,28 @@ from collections.abc import Callable
 from random import Random
 
 import pytest
-from costs import SOURCES, busy_program, least_time, long_source, longest_tick, slowness, source, steps_of, tick_times
+from costs import (
+    SOURCES,
+    busy_program,
+    least_time,
+    left_by,
+    long_source,
+    longest_tick,
+    slowness,
+    source,
+    steps_of,
+    tick_times,
+)
 
+from emulator.programs.compiling import LIBRARY_SET
 from emulator.servers.read_budget import SHARE, Intake
 from urproto.dashboard import LineDecoder
 from urproto.interpreter import StatementDecoder
 from urproto.modbus import FrameDecoder
 from urproto.robotiq import RequestDecoder
 from urproto.rtde.codec import RTDEDecoder
-from urproto.versions import Series
+from urproto.versions import DEFAULT_VERSION, Series
+from urscript import compiler
 from urscript.splitter import ScriptSplitter
 
 WANTED = os.environ.get("RANDOM_COSTS")
@@ -95,6 +108,27 @@ def test_no_step_of_compiling_a_long_text_is_long(name: str) -> None:
     *steps, last = [0, *steps_of(source(name, SIZE))]
     assert max(steps, default=0) <= MOST_OF_A_STEP
     assert last <= (MOST_TO_START if WANTED else MOST_OF_A_STEP)
+
+
+@pytest.mark.parametrize("name", SOURCES if WANTED else ["functions that call each other", "a long call", "threads"])
+def test_a_long_text_leaves_little_to_the_garbage_collector(name: str) -> None:
+    """It rests while a text is compiled; then it goes through everything that is left, in one go."""
+    text = source(name, SIZE)
+    left, garbage = left_by(text)
+    assert left <= 400 + text.count("\n")
+    assert not garbage
+
+
+def test_programs_that_make_room_for_another_are_forgotten_in_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    long = source("a long def", SIZE)
+    monkeypatch.setattr(compiler, "_cache", {})
+    monkeypatch.setattr(compiler, "_CACHE_CHARACTERS", len(long))
+    compiler.compile_script(long, LIBRARY_SET, DEFAULT_VERSION[Series.E])
+    short = "def short():\n  a = 1\nend\n"
+    steps = [*compiler.compile_steps(short, LIBRARY_SET, DEFAULT_VERSION[Series.E])]
+    assert [text for text, *_ in compiler._cache] == [short]
+    assert max(steps) <= MOST_OF_A_STEP
+    assert len(steps) > SIZE // 400  # pieces of the long one
 
 
 @pytest.mark.timeout(0 if WANTED else 120)

@@ -86,7 +86,8 @@ class Peer:
                 fill(kind.Goal(), order.get("request", {})), lambda message: feedback.append(plain(message.feedback))
             )
         )
-        self.goals[key] = handle, handle.get_result_async() if handle.accepted else None, feedback
+        if handle.accepted:
+            self.goals[key] = handle, handle.get_result_async(), feedback
         return {"accepted": handle.accepted}
 
     def result(self, order):

@@ -1,5 +1,6 @@
 """The ROS 2 driver before a plain rclpy program in another process: one robot for all of them, at its usual speed."""
 
+import asyncio
 import json
 import math
 import os
@@ -29,10 +30,13 @@ FOLLOW = "control_msgs/action/FollowJointTrajectory"
 SWITCH = "controller_manager_msgs/srv/SwitchController"
 LIST = "controller_manager_msgs/srv/ListControllers"
 TRIGGER = "std_srvs/srv/Trigger"
+UNTIL = "/trajectory_until_node/execute"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+TRIGGERED, NOT_TRIGGERED = 0, 1
 BEST_EFFORT, STRICT = 1, 2
 ALL = ("joint_trajectory_controller", SCALED, "forward_position_controller", "forward_velocity_controller",
-       "passthrough_trajectory_controller", "freedrive_mode_controller", "force_mode_controller")  # fmt: skip
+       "passthrough_trajectory_controller", "freedrive_mode_controller", "force_mode_controller",
+       "tool_contact_controller")  # fmt: skip
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
@@ -111,7 +115,7 @@ async def test_nodes_services_and_topics_are_those_of_the_official_driver(lab: L
     assert {
         "/controller_manager", "/robot_state_publisher", "/joint_state_broadcaster", "/io_and_status_controller",
         "/speed_scaling_state_broadcaster", "/force_torque_sensor_broadcaster", "/tcp_pose_broadcaster",
-        "/ur_configuration_controller", f"/{SCALED}",
+        "/ur_configuration_controller", "/trajectory_until_node", f"/{SCALED}",
     } <= set(graph["nodes"])  # fmt: skip
     for service, kind in (
         ("/controller_manager/list_controllers", LIST),
@@ -198,6 +202,57 @@ async def test_a_goal_is_replaced(lab: Lab) -> None:
         -1, "Current goal preempted by new incoming action.",
     )  # fmt: skip
     assert (await result(lab, SCALED))["status"] == SUCCEEDED
+
+
+async def until_contact(lab: Lab, target: Any, seconds: float, **more: Any) -> bool:
+    goal = {"trajectory": trajectory((target, seconds)), **more}
+    answer = await lab.peer.ask(goal=UNTIL, type="ur_msgs/action/FollowJointTrajectoryUntil", request=goal)
+    return bool(answer["accepted"])
+
+
+async def test_a_trajectory_until_the_tool_touches_something(lab: Lab) -> None:
+    watching = lab.driver.robot.manager.controller("tool_contact_controller")
+    assert not await until_contact(lab, shifted(0.4), 2.0)  # nobody watches
+    await only(lab, SCALED, "tool_contact_controller")
+    assert not await until_contact(lab, shifted(0.4), 2.0, until_type=1)
+    assert not await until_contact(lab, HOME[:3], 2.0)
+    await settled(lambda: not watching.watching)
+
+    assert await until_contact(lab, shifted(0.4), 1.0)
+    answer = await lab.peer.ask(result=UNTIL)
+    assert (answer["status"], answer["result"]["error_code"]) == (SUCCEEDED, 0)
+    assert answer["result"]["until_condition_result"] == NOT_TRIGGERED
+    assert answer["feedback"][0]["joint_names"] == list(JOINT_NAMES)
+    assert q(lab) == pytest.approx(shifted(0.4), abs=5e-3)
+    await settled(lambda: not watching.watching)
+
+    assert await until_contact(lab, shifted(-1.0), 10.0)
+    assert not await until_contact(lab, shifted(0.4), 1.0)  # one at a time
+    assert len((await lab.peer.ask(cancel=UNTIL))["goals_canceling"]) == 1
+    answer = await lab.peer.ask(result=UNTIL)
+    assert answer["status"] == CANCELED
+    assert "Trajectory action was canceled." in answer["result"]["error_string"]
+    await settled(lambda: not watching.watching)
+
+    assert await until_contact(lab, moved_down(), 10.0)
+    lab.robot.controller.external_wrench = (0.0, 0.0, 60.0, 0.0, 0.0, 0.0)
+    answer = await lab.peer.ask(result=UNTIL)
+    lab.robot.controller.external_wrench = (0.0,) * 6
+    assert (answer["status"], answer["result"]["error_code"]) == (SUCCEEDED, 0)
+    assert answer["result"]["until_condition_result"] == TRIGGERED
+    assert q(lab) != pytest.approx(moved_down(), abs=0.2)
+    await settled(lambda: not watching.watching)
+    await only(lab, SCALED)
+
+
+def moved_down() -> list[float]:
+    return [angle + (0.4 if place == 1 else 0.0) for place, angle in enumerate(HOME)]
+
+
+async def settled(condition: Callable[[], bool]) -> None:
+    async with timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.01)
 
 
 async def test_a_violated_tolerance_aborts(lab: Lab) -> None:

@@ -1,0 +1,211 @@
+"""The node ``trajectory_until_node``: its action ``~/execute`` follows a trajectory until the tool touches something.
+
+As the official driver's, it is a client of two actions: the trajectory's and ``detect_tool_contact``'s. Whichever ends
+first ends the other. Names, types, parameters and texts: trajectory_until_node.cpp of ur_robot_driver; see docs/ros2.md
+for what is different.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from action_msgs.msg import GoalStatus
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+
+from client.ros2.host import NodeHost, interface, interface_if_any
+
+NAME: Final = "trajectory_until_node"
+DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
+_ANSWER_S: Final = 1.0  # an action that is not there, or does not answer for so long, takes no goal
+_GRACE_S: Final = 0.5  # guess: what ends one action may end the other, too, and be heard of a little later
+_MOTION: Final = "control_msgs/action/FollowJointTrajectory"
+_CONTACT: Final = "ur_msgs/action/ToolContact"
+_WATCH: Final = "tool_contact_controller/detect_tool_contact"
+_ENDS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "canceled"}
+
+
+class TrajectoryUntilNode:
+    """The node; it spins from its making until `close`. One goal at a time; others are rejected.
+
+    controller: whose ``follow_joint_trajectory`` is used, unless the parameter ``motion_controller_uri`` names another.
+    """
+
+    def __init__(self, host: NodeHost, controller: str = DEFAULT_CONTROLLER) -> None:
+        self.node = host.node(NAME)
+        self._host = host
+        self._type = interface_if_any("ur_msgs/action/FollowJointTrajectoryUntil")
+        self._busy = False
+        self._both: _Both | None = None  # while a goal is carried out
+        self._group = ReentrantCallbackGroup()  # an answer comes while a callback of the server awaits it
+        default = f"{controller or DEFAULT_CONTROLLER}/follow_joint_trajectory"
+        self._motion = self._client("motion_controller_uri", default, interface(_MOTION))
+        self._contact = self._client("until_action_uri", _WATCH, interface(_CONTACT))
+        if self._type is None:
+            self.node.get_logger().warning("~/execute is not offered: this ur_msgs has no FollowJointTrajectoryUntil")
+        else:
+            self._server = ActionServer(
+                self.node,
+                self._type,
+                "~/execute",
+                self._execute,
+                goal_callback=self._judge,
+                cancel_callback=self._cancel,
+            )
+        host.spin(self.node)
+
+    def close(self) -> None:
+        """End the node; what it has begun is left to the controllers."""
+        self._host.close(self.node)
+
+    def _client(self, parameter: str, default: str, type_: Any) -> "_Client":
+        uri = str(self.node.declare_parameter(parameter, default, ParameterDescriptor(read_only=True)).value)
+        return _Client(uri, type_, ActionClient(self.node, type_, uri, callback_group=self._group))
+
+    # in the node's thread
+
+    async def _judge(self, goal: Any) -> GoalResponse:
+        if self._busy:
+            return self._reject("another goal is carried out")
+        self._busy = True
+        try:
+            self._both = await self._begin(goal)
+        finally:
+            self._busy = self._both is not None
+        return GoalResponse.ACCEPT if self._busy else GoalResponse.REJECT
+
+    def _reject(self, why: str) -> GoalResponse:
+        self.node.get_logger().error(f"execute: a goal is rejected: {why}")
+        return GoalResponse.REJECT
+
+    async def _begin(self, goal: Any) -> "_Both | None":
+        """Both actions, the contact first; None, with the reason in the log, when one of them takes no goal."""
+        if goal.until_type != self._type.Goal.TOOL_CONTACT:
+            self._reject(f"there is no until_type {goal.until_type}: choose TOOL_CONTACT (0)")
+            return None
+        for client in (self._motion, self._contact):
+            if not client.ros.wait_for_server(timeout_sec=_ANSWER_S):
+                self._reject(f"nobody offers the action {client.uri}: is its controller loaded?")
+                return None
+        contact = await self._sent(self._contact, self._contact.type.Goal())
+        if contact is None:
+            self._reject("tool contact is not watched for: is tool_contact_controller active?")
+            return None
+        motion = self._motion.type.Goal()
+        for name in ("trajectory", "path_tolerance", "goal_tolerance", "goal_time_tolerance"):
+            setattr(motion, name, getattr(goal, name))
+        both = _Both(contact, self._host.ending(self.node))
+        both.motion = await self._sent(self._motion, motion, lambda message: self._feed_back(both, message.feedback))
+        if both.motion is None:
+            contact.cancel_goal_async()
+            self._reject(f"{self._motion.uri} does not take the trajectory; the log of its node says why")
+            return None
+        return both
+
+    async def _sent(self, client: "_Client", goal: Any, feed_back: Any = None) -> Any:
+        """The handle of a goal that was accepted; None when it was rejected, or nobody answers."""
+        answer = client.ros.send_goal_async(goal, feed_back)
+        if not await self._within(answer, _ANSWER_S):
+            answer.add_done_callback(lambda late: late.result().accepted and late.result().cancel_goal_async())
+            return None
+        return answer.result() if answer.result().accepted else None
+
+    async def _within(self, future: Any, longest_s: float) -> bool:
+        """Wait for a future, but not for ever; whether it is done."""
+        either = self._host.ending(self.node)
+
+        def end(_: object = None) -> None:
+            if not either.done():
+                either.set_result(None)
+
+        timer = self.node.create_timer(longest_s, end, callback_group=self._group)
+        future.add_done_callback(end)
+        try:
+            await either
+        finally:
+            self.node.destroy_timer(timer)
+        return bool(future.done())
+
+    def _cancel(self, goal: Any) -> CancelResponse:
+        if self._both is not None:
+            self._both.cancel()
+        return CancelResponse.ACCEPT
+
+    async def _execute(self, goal: Any) -> Any:
+        both = self._both
+        assert both is not None
+        both.goal = goal
+        try:
+            return await self._ended(both)
+        finally:
+            both.cancel()  # the other one
+            self._both, self._busy = None, False
+
+    async def _ended(self, both: "_Both") -> Any:
+        touched, moved = both.contact.get_result_async(), both.motion.get_result_async()
+        for end in (touched, moved):
+            end.add_done_callback(both.tell)
+        await both.ended
+        if both.goal.is_cancel_requested:
+            await self._within(moved, _GRACE_S)
+        elif moved.done() and moved.result().status == GoalStatus.STATUS_ABORTED:
+            await self._within(touched, _GRACE_S)
+        if touched.done() and touched.result().status == GoalStatus.STATUS_SUCCEEDED:
+            text = "Trajectory finished successfully by triggering until condition."
+            both.goal.succeed()
+            return self._type.Result(until_condition_result=self._type.Result.TRIGGERED, error_string=text)
+        result = self._type.Result(until_condition_result=self._type.Result.NOT_TRIGGERED)
+        if moved.done():
+            status, answer = moved.result().status, moved.result().result
+            result.error_code, result.error_string = answer.error_code, answer.error_string
+            what = "Trajectory action"
+        else:
+            status, what = touched.result().status, "Until action"
+        if status == GoalStatus.STATUS_SUCCEEDED:
+            both.goal.succeed()
+            return result
+        result.error_string = f"{result.error_string} {what} was {_ENDS.get(status, 'lost')}.".lstrip()
+        self.node.get_logger().error(f"execute: {result.error_string}")
+        if both.goal.is_cancel_requested:
+            both.goal.canceled()
+        else:
+            both.goal.abort()
+        return result
+
+    def _feed_back(self, both: "_Both", told: Any) -> None:
+        if both.goal is None or not both.goal.is_active:
+            return
+        message = self._type.Feedback()
+        for name in ("header", "joint_names", "desired", "actual", "error"):
+            setattr(message, name, getattr(told, name))
+        both.goal.publish_feedback(message)
+
+
+@dataclass(frozen=True, slots=True)
+class _Client:
+    """Of an action, by its name as it was given."""
+
+    uri: str
+    type: Any
+    ros: ActionClient
+
+
+class _Both:
+    """The goals of the two actions, and the one that they are for."""
+
+    def __init__(self, contact: Any, ended: Any) -> None:
+        self.contact = contact
+        self.motion: Any = None
+        self.ended = ended  # set when one of them has
+        self.goal: Any = None
+
+    def tell(self, _: object) -> None:
+        """One of them has ended."""
+        if not self.ended.done():
+            self.ended.set_result(None)
+
+    def cancel(self) -> None:
+        """Whatever of them still goes on."""
+        for handle in (self.contact, self.motion):
+            if handle.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_UNKNOWN):
+                handle.cancel_goal_async()
