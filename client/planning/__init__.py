@@ -3,7 +3,7 @@
 from client.planning.collisions import CollisionChecker, Nearness
 from client.planning.goals import NAMED, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
-from client.planning.scene import Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
+from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
 from client.planning.timing import Limits, TimedPath
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "Cylinder",
     "Goal",
     "GoalUnreachableError",
+    "Hull",
     "JointGoal",
     "Limits",
     "Mesh",

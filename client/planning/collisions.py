@@ -16,11 +16,11 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from client.errors import SceneError
-from client.planning.scene import LINKS, Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Sphere
+from client.planning.scene import LINKS, Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Sphere
 from urproto.robots.calibration import chain_of
 from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.robots.shapes import Capsule, capsules
-from urproto.vectors import dot, sub3
+from urproto.vectors import ZERO3, Vector3, dot, sub3
 
 # of the links: neighbours touch always, and so do the base and the upper arm, the forearm and wrist 2, wrist 1 and 3
 _BESIDE: Final = 3
@@ -32,11 +32,16 @@ _Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Nearness:
-    """Two things, links or objects, and how far they are apart [m]; negative: how deep one is in the other."""
+    """Two things, links or objects, and how far they are apart [m]; negative: how deep one is in the other.
+
+    point: the middle between their nearest points [m], in the base frame. normal: from one towards the other.
+    """
 
     one: str
     other: str
     distance_m: float
+    point: Vector3 = ZERO3
+    normal: Vector3 = ZERO3
 
     def __str__(self) -> str:
         if self.distance_m < 0.0:
@@ -72,8 +77,8 @@ class CollisionChecker:
     def nearest(self, q_rad: Sequence[float]) -> list[Nearness]:
         """All pairs that may not touch, nearest first."""
         self.clearance(q_rad)
-        distances = [float(result.min_distance) for result in self._geometry_data.distanceResults]
-        pairs = [Nearness(*names, distance) for names, distance in zip(self._pairs, distances, strict=True)]
+        results = self._geometry_data.distanceResults
+        pairs = [_nearness(names, result) for names, result in zip(self._pairs, results, strict=True)]
         return sorted(pairs, key=lambda pair: pair.distance_m)
 
     def collisions(self, q_rad: Sequence[float]) -> list[Nearness]:
@@ -169,6 +174,12 @@ class CollisionChecker:
         return np.array(reach[::-1])
 
 
+def _nearness(names: tuple[str, str], result: Any) -> Nearness:
+    x, y, z = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
+    u, v, w = result.normal
+    return Nearness(*names, float(result.min_distance), (float(x), float(y), float(z)), (float(u), float(v), float(w)))
+
+
 def _capsule(part: Capsule) -> tuple[Any, Any]:
     along = sub3(part.end, part.start)
     length = sqrt(dot(along, along))
@@ -194,6 +205,8 @@ def _solid(name: str, thing: SceneObject) -> Any:
             return coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
         case Mesh(path, scale):
             return _hull(name, str(path), scale)
+        case Hull(points):
+            return _around(points)
     raise SceneError(f"{name} has a shape that is not known")
 
 
@@ -204,6 +217,13 @@ def _hull(name: str, path: str, scale: float) -> Any:
     except (RuntimeError, ValueError) as error:
         raise SceneError(f"{name}: {path} is not a mesh that can be read: {error}") from error
     return mesh.convex
+
+
+def _around(points: Sequence[Sequence[float]]) -> Any:
+    corners = coal.StdVec_Vec3s()
+    for point in points:
+        corners.append(np.array(point, dtype=float))
+    return coal.Convex.convexHull(corners, True, "Qt")
 
 
 def _extent(name: str, thing: SceneObject) -> float:
