@@ -11,7 +11,8 @@ import pytest_asyncio
 from driver_rig import HOME, driver_options, emulator
 from ros2_rig import Lab, laboratory
 
-from client.planning import Box, CollisionChecker, PlanningScene
+from client.planning import Box, CollisionChecker, PlanningScene, Sphere
+from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 from urproto.robots import kinematics_of, load_model
 from urproto.robots.description import urdf
@@ -43,6 +44,13 @@ async def lab(laboratory_: Lab) -> Lab:
 
 def stands(lab: Lab) -> list[float]:
     return list(lab.robot.controller.snapshot.actual_q)
+
+
+async def rests(lab: Lab, q: Any) -> None:
+    """The arm is there, or soon will be: a controller's goal ends within its tolerances."""
+    async with timeout(30.0):
+        while max(abs(one - other) for one, other in zip(stands(lab), q, strict=True)) > 1e-3:
+            await lab.driver.robot.driver.robot.next_state()
 
 
 def state(q: Any = START, names: Any = JOINT_NAMES) -> dict[str, Any]:
@@ -342,15 +350,16 @@ async def test_an_attached_object_moves_with_the_arm(lab: Lab) -> None:
     carried = {"link_name": "tool0", "touch_links": ["wrist_3_link"],
                "object": {"id": "rod", "pose": pose((0.0, 0.0, 0.33)), **long_box}}  # fmt: skip
     free = await plan(lab)
-    assert await put(lab, "post", (0.5, 0.0, -0.1))
-    assert (await plan(lab, goal=joint_goal()))["error_code"]["val"] == SUCCESS
+    ball = {"primitives": [{"type": SPHERE, "dimensions": [0.08]}]}
+    assert await put(lab, "ball", (0.6, 0.16, 0.0), **ball)
+    assert points(await plan(lab)) == pytest.approx(points(free))  # the arm alone passes above
     assert await apply(lab, robot_state={"is_diff": True, "attached_collision_objects": [carried]})
     scene = await scene_of(lab)
     (attached,) = scene["robot_state"]["attached_collision_objects"]
     assert (attached["link_name"], attached["object"]["id"]) == ("tool0", "rod")
     assert attached["object"]["pose"]["position"]["z"] == pytest.approx(0.33)
     own = PlanningScene("ur5e")
-    own.add("post", Box((0.1, 0.1, 1.0)), (-0.5, 0.0, -0.1, 0.0, 0.0, 0.0))
+    own.add("ball", Sphere(0.08), (-0.6, -0.16, 0.0, 0.0, 0.0, 0.0))
     own.attach("rod", Box((0.05, 0.05, 0.6)), (0.0, 0.0, 0.33, 0.0, 0.0, 0.0))
     checker = CollisionChecker(own)
     assert min(map(checker.clearance, points(free))) < 0.0
@@ -361,7 +370,7 @@ async def test_an_attached_object_moves_with_the_arm(lab: Lab) -> None:
     assert await apply(lab, robot_state={"is_diff": True, "attached_collision_objects": [gone]})
     scene = await scene_of(lab)
     assert not scene["robot_state"]["attached_collision_objects"]
-    assert {one["id"] for one in scene["world"]["collision_objects"]} == {"post", "rod"}
+    assert {one["id"] for one in scene["world"]["collision_objects"]} == {"ball", "rod"}
 
 
 async def move(lab: Lab, wait: bool = True, **more: Any) -> dict[str, Any]:
@@ -377,20 +386,19 @@ async def test_the_arm_moves_around_what_is_in_the_way(lab: Lab) -> None:
     own = PlanningScene("ur5e")
     own.add("post", Box((0.1, 0.1, 1.0)), (-0.5, 0.0, 0.5, 0.0, 0.0, 0.0))
     checker = CollisionChecker(own)
-    heard: list[float] = []
-    lab.driver.robot.driver.robot.on_state.append(
-        watch := lambda state: heard.append(checker.clearance(state["actual_q"]))
-    )
+    heard: list[Any] = []
+    told = lab.driver.robot.driver.robot.on_state
+    told.append(watch := lambda state: heard.append(state["actual_q"]))
     try:
         answer = await move(lab)
     finally:
-        lab.driver.robot.driver.robot.on_state.remove(watch)
+        told.remove(watch)
     assert answer["status"] == SUCCEEDED, answer
     assert answer["result"]["error_code"]["val"] == SUCCESS
     assert answer["feedback"] == [{"state": "MONITOR"}]
-    assert stands(lab) == pytest.approx(GOAL, abs=2e-3)
+    await rests(lab, GOAL)
     assert len(heard) > 100
-    assert min(heard) > 0.005
+    assert min(checker.clearance(q) for q in heard[::10]) > 0.005
     assert (await move(lab))["result"]["error_code"]["val"] == SUCCESS  # it is there
 
 
@@ -401,7 +409,7 @@ async def test_a_plan_is_executed_later_and_stopped(lab: Lab) -> None:
     assert (await lab.peer.ask(**order, request=trajectory))["accepted"]
     answer = await lab.peer.ask(result="/execute_trajectory")
     assert answer["status"] == SUCCEEDED, answer
-    assert stands(lab) == pytest.approx(HOME, abs=2e-3)
+    await rests(lab, HOME)
     # from elsewhere it is refused
     moved = await plan(lab, start=GOAL, goal=joint_goal(START))
     assert (await lab.peer.ask(**order, request={"trajectory": moved["trajectory"]}))["accepted"]
@@ -436,7 +444,7 @@ async def test_a_motion_ends_when_its_way_is_blocked(lab: Lab) -> None:
     # again, around it
     answer = await move(lab, planning_options={"replan": True, "replan_attempts": 2})
     assert answer["status"] == SUCCEEDED, answer["result"]["error_code"]
-    assert stands(lab) == pytest.approx(GOAL, abs=2e-3)
+    await rests(lab, GOAL)
 
 
 async def test_planning_alone_moves_nothing(lab: Lab) -> None:

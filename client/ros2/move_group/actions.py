@@ -173,7 +173,9 @@ class MoveAction(_Action):
 
     async def _planned(self, goal: Any, *, plan_only: bool) -> Planned:
         q = self._monitor.stands()
-        state = self._monitor.state.changed(goal.planning_options.planning_scene_diff, q)
+        difference = goal.planning_options.planning_scene_diff
+        difference.is_diff = True  # as its name says; who leaves it empty does not want an empty scene
+        state = self._monitor.state.changed(difference, q)
         if not plan_only:
             goal.request.start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
         return await asyncio.to_thread(planned, self._monitor.arm, state, goal.request, q)

@@ -27,7 +27,7 @@ class Execution:
         self._under_way: tuple[Any, GoalHandle] | None = None
 
     async def follow(self, message: Any, names: Sequence[str] = ()) -> None:
-        """Have a moveit_msgs/RobotTrajectory followed, by the active trajectory controller, or by the one that is named.
+        """Have a moveit_msgs/RobotTrajectory followed, by the active trajectory controller or the one that is named.
 
         Raises RefusedError: CONTROL_FAILED with the reason, or PREEMPTED when somebody stopped it.
         """

@@ -28,7 +28,7 @@ from client.ros2.move_group.arm import Arm, RefusedError, pose_of
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 from urproto.robots.kinematics import unwind
-from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
+from urproto.robots.pose import pose_inv, pose_trans, quaternion_to_rotvec
 
 PIPELINE: Final = "ompl"
 PLANNERS: Final[dict[str, PlannerName]] = {
