@@ -238,21 +238,31 @@ class Follower:
         pose = way.pose(share)
         flange = pose_trans(pose, self._flange)
         if not self._kinematics.inverse_all(flange, q):
-            return f"p[{', '.join(f'{value:.4f}' for value in pose)}] is out of the reach of a {self._model.title}"
+            where = f"p[{', '.join(f'{value:.4f}' for value in pose)}]"
+            beside, least = self._beside_base(flange), abs(self._model.dh.d[3])
+            if beside < least:
+                return (
+                    f"{where} would bring the wrist {1000 * beside:.0f} mm near to the base's axis, and it cannot come "
+                    f"nearer than {1000 * least:.0f} mm: go around the base, by CIRC or PTP"
+                )
+            return f"{where} is out of the reach of a {self._model.title}"
         if self._solved(way, share, q) is None:
             return "a joint would be beyond its limits; begin in another posture"
         return f"{self._singularity(q)}: the joints would have to jump there; begin in another posture, or take PTP"
 
+    def _beside_base(self, flange: Pose) -> float:
+        """How far from the base's axis the axes of joints 5 and 6 cross [m]."""
+        x, y, *_ = pose_trans(flange, (0.0, 0.0, -self._model.dh.d[5], 0.0, 0.0, 0.0))
+        return hypot(x, y)
+
     def _singularity(self, q: Joints) -> str:
         """Which one the arm is nearest to, by what makes the Jacobian's determinant zero."""
-        dh = self._model.dh
-        x, y, *_ = self._kinematics.forward(q, (0.0, 0.0, -dh.d[5], 0.0, 0.0, 0.0))  # where axes 5 and 6 cross
-        beside = hypot(x, y) - abs(dh.d[3])
+        beside = self._beside_base(self._kinematics.forward(q))
         found = {
             f"wrist singularity (wrist 2 at {q[4]:.3f} rad)": abs(sin(q[4])),
             f"elbow singularity (elbow at {q[2]:.3f} rad)": abs(sin(q[2])),
-            f"shoulder singularity (the wrist is {1000 * hypot(x, y):.0f} mm from the base's axis)": (
-                max(0.0, beside) / self._model.reach_m
+            f"shoulder singularity (the wrist is {1000 * beside:.0f} mm from the base's axis)": (
+                abs(beside - abs(self._model.dh.d[3])) / self._model.reach_m
             ),
         }
         name = min(found, key=found.__getitem__)
