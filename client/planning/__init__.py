@@ -1,7 +1,9 @@
 """Ways around what is in the way: planned here, executed by any robot. Needs the extra ``plan``."""
 
+from client.planning.cartesian import CartesianPath
 from client.planning.collisions import CollisionChecker, Nearness
-from client.planning.goals import NAMED, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
+from client.planning.goals import NAMED, CircGoal, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
+from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
 from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
 from client.planning.timing import Limits, TimedPath
@@ -9,14 +11,19 @@ from client.planning.timing import Limits, TimedPath
 __all__ = [
     "NAMED",
     "Box",
+    "CartesianLimits",
+    "CartesianPath",
+    "CircGoal",
     "CollisionChecker",
     "Cylinder",
     "Goal",
     "GoalUnreachableError",
     "Hull",
+    "IncompletePathError",
     "JointGoal",
     "Limits",
     "Mesh",
+    "MotionSequenceItem",
     "NamedGoal",
     "Nearness",
     "NoPathError",

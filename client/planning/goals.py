@@ -14,7 +14,7 @@ from urproto.joints import JOINT_LABELS
 from urproto.robots import Joints, RobotModel
 from urproto.robots.kinematics import unwind
 from urproto.robots.pose import pose_inv, pose_trans
-from urproto.vectors import ZERO6
+from urproto.vectors import ZERO6, Vector3
 
 NAMED: Final[dict[str, Joints]] = {
     "home": (0.0, -pi / 2, 0.0, 0.0, 0.0, 0.0),
@@ -45,13 +45,27 @@ class PoseGoal:
 
 
 @dataclass(frozen=True, slots=True)
+class CircGoal:
+    """A pose of the TCP, as of a `PoseGoal`, at the end of an arc (planner ``CIRC``).
+
+    The arc leads over the point ``interim``, or is the shorter one about ``center``: x, y, z [m] in the base frame, one
+    of both. Its orientation turns evenly; that at the interim point is not looked at, as by Pilz' planner.
+    """
+
+    pose: Sequence[float]
+    interim: Vector3 | None = None
+    center: Vector3 | None = None
+    tcp_offset: Sequence[float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class NamedGoal:
     """A posture of `NAMED`."""
 
     name: str
 
 
-Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal
+Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal | CircGoal
 
 
 class GoalUnreachableError(PlanningError):
@@ -72,6 +86,8 @@ def candidates(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker
 
 def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
     model = checker.scene.model
+    if isinstance(goal, CircGoal):
+        raise PlanningError("a CircGoal is for the planner CIRC; others go to a PoseGoal")
     if isinstance(goal, NamedGoal):
         if goal.name not in NAMED:
             raise GoalUnreachableError(f"there is no posture {goal.name!r}; known are {', '.join(NAMED)}")
