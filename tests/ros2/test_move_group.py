@@ -25,6 +25,8 @@ SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BOX, SPHERE, CYLINDER, CONE = 1, 2, 3, 4
 START = (-0.6, -1.2, 1.4, -1.7, -1.5, 0.0)
 GOAL = (0.6, -1.2, 1.4, -1.7, -1.5, 0.0)
+PILZ = "pilz_industrial_motion_planner"
+ARM = kinematics_of(load_model("ur5e"))
 POST = {"primitives": [{"type": BOX, "dimensions": [0.1, 0.1, 1.0]}]}
 SRV, MSG, ACTION = "moveit_msgs/srv", "moveit_msgs/msg", "moveit_msgs/action"
 
@@ -96,6 +98,11 @@ async def put(lab: Lab, name: str = "post", at: Any = (0.5, 0.0, 0.5), frame: st
     return await apply(lab, world={"collision_objects": [thing]})
 
 
+def end_s(answer: dict[str, Any]) -> float:
+    last = answer["trajectory"]["joint_trajectory"]["points"][-1]["time_from_start"]
+    return float(last["sec"] + last["nanosec"] * 1e-9)
+
+
 def points(answer: dict[str, Any]) -> np.ndarray:
     trajectory = answer["trajectory"]["joint_trajectory"]
     assert trajectory["joint_names"] == list(JOINT_NAMES)
@@ -108,6 +115,7 @@ async def test_names_and_types_are_those_of_moveit(lab: Lab) -> None:
     services = {
         "apply_planning_scene": "ApplyPlanningScene",
         "check_state_validity": "GetStateValidity",
+        "compute_cartesian_path": "GetCartesianPath",
         "compute_fk": "GetPositionFK",
         "compute_ik": "GetPositionIK",
         "get_planning_scene": "GetPlanningScene",
@@ -134,7 +142,7 @@ async def test_forward_kinematics_are_the_robots(lab: Lab) -> None:
     )  # fmt: skip
     assert answer["error_code"]["val"] == SUCCESS
     tool, root = (stamped["pose"] for stamped in answer["pose_stamped"])
-    expected = kinematics_of(load_model("ur5e")).forward(GOAL)
+    expected = ARM.forward(GOAL)
     assert list(tool["position"].values()) == pytest.approx(expected[:3], abs=1e-9)
     turn = np.array(list(tool["orientation"].values()))
     assert abs(turn @ rotvec_to_quaternion(*expected[3:])) == pytest.approx(1.0)
@@ -199,31 +207,109 @@ async def test_a_plan_goes_around_what_the_scene_has(lab: Lab) -> None:
     assert min(checker.clearance(q) for q in path) > 0.009
 
 
+def tool_at(q: Any) -> dict[str, Any]:
+    """Of tool0, in base_link."""
+    in_root = pose_trans((0.0, 0.0, 0.0, 0.0, 0.0, math.pi), ARM.forward(q))
+    return pose(in_root[:3], rotvec_to_quaternion(*in_root[3:]))
+
+
+def position(xyz: Any, name: str = "") -> dict[str, Any]:
+    """Constraints of that name with one position of tool0."""
+    region = {"primitives": [{"type": SPHERE, "dimensions": [0.001]}], "primitive_poses": [pose(xyz)]}
+    place = {"header": {"frame_id": "base_link"}, "link_name": "tool0", "constraint_region": region}
+    return {"name": name, "position_constraints": [place]}
+
+
+def pose_goal(q: Any = GOAL) -> dict[str, Any]:
+    place = tool_at(q)
+    turn = {"header": {"frame_id": "base_link"}, "link_name": "tool0", "orientation": place["orientation"]}
+    return {**position(place["position"].values()), "orientation_constraints": [turn]}
+
+
+def way(answer: dict[str, Any]) -> np.ndarray:
+    """Where the flange goes, in base."""
+    return np.array([ARM.forward(q)[:3] for q in points(answer)])
+
+
 async def test_a_pose_goal_is_reached(lab: Lab) -> None:
-    target = kinematics_of(load_model("ur5e")).forward(GOAL)
-    in_root = pose_trans((0.0, 0.0, 0.0, 0.0, 0.0, math.pi), target)
-    place = pose(in_root[:3], rotvec_to_quaternion(*in_root[3:]))
-    goal = {
-        "position_constraints": [
-            {
-                "header": {"frame_id": "base_link"},
-                "link_name": "tool0",
-                "constraint_region": {
-                    "primitives": [{"type": SPHERE, "dimensions": [0.001]}],
-                    "primitive_poses": [pose(in_root[:3])],
-                },
-            }
-        ],
-        "orientation_constraints": [
-            {"header": {"frame_id": "base_link"}, "link_name": "tool0", "orientation": place["orientation"]}
-        ],
-    }
+    goal = pose_goal()
     answer = await plan(lab, goal=goal)
     assert answer["error_code"]["val"] == SUCCESS, answer["error_code"]
-    reached = kinematics_of(load_model("ur5e")).forward(points(answer)[-1])
-    assert reached[:3] == pytest.approx(target[:3], abs=1e-6)
+    assert way(answer)[-1] == pytest.approx(ARM.forward(GOAL)[:3], abs=1e-6)
     goal["orientation_constraints"].clear()
     assert (await plan(lab, goal=goal))["error_code"]["val"] == -16
+
+
+async def test_lines_and_arcs_of_pilz_planner(lab: Lab) -> None:
+    line = await plan(lab, goal=pose_goal(), pipeline_id=PILZ, planner_id="LIN")
+    assert line["error_code"]["val"] == SUCCESS, line["error_code"]
+    path = way(line)
+    along = (path[-1] - path[0]) / np.linalg.norm(path[-1] - path[0])
+    off = (path - path[0]) - np.outer((path - path[0]) @ along, along)
+    assert abs(off).max() < 1e-4
+    slow = await plan(lab, goal=joint_goal(), pipeline_id=PILZ, planner_id="LIN", max_cartesian_speed=0.05)
+    assert end_s(slow) > np.linalg.norm(path[-1] - path[0]) / 0.05 > end_s(line)
+    middle = ARM.forward(((START[0] + GOAL[0]) / 2, *GOAL[1:]))[:3]
+    arc = await plan(
+        lab, goal=pose_goal(), pipeline_id=PILZ, planner_id="CIRC",
+        path_constraints=position((-middle[0], -middle[1], middle[2]), "interim"),
+    )  # fmt: skip
+    assert arc["error_code"]["val"] == SUCCESS, arc["error_code"]
+    assert np.linalg.norm(way(arc) - middle, axis=1).min() < 0.01
+    assert np.linalg.norm(way(arc)[:, :2], axis=1) == pytest.approx(math.hypot(*middle[:2]), abs=1e-3)
+
+
+async def test_a_sequence_blends(lab: Lab) -> None:
+    linear = {"pipeline_id": PILZ, "planner_id": "LIN"}
+    corner = (START[0], -1.0, *START[2:])
+    first, second = request(pose_goal(corner), **linear), request(pose_goal((-0.3, -1.0, *START[2:])), **linear)
+    second.pop("start_state")
+    items = [{"req": first, "blend_radius": 0.03}, {"req": second}]
+    kind = f"{SRV}/GetMotionSequence"
+    blended = (await lab.peer.call("/plan_sequence_path", kind, request={"items": items}))["response"]
+    assert blended["error_code"]["val"] == SUCCESS, blended["error_code"]
+    (trajectory,) = blended["planned_trajectories"]
+    nearest = np.linalg.norm(way({"trajectory": trajectory}) - ARM.forward(corner)[:3], axis=1).min()
+    assert 0.001 < nearest < 0.03
+    items[0].pop("blend_radius")
+    stopped = (await lab.peer.call("/plan_sequence_path", kind, request={"items": items}))["response"]
+    (other,) = stopped["planned_trajectories"]
+    assert end_s({"trajectory": other}) > end_s({"trajectory": trajectory})
+
+
+async def test_a_cartesian_path_goes_as_far_as_it_can(lab: Lab) -> None:
+    def moved(x: float, z: float) -> dict[str, Any]:
+        place = tool_at(START)
+        there = [place["position"]["x"] + x, place["position"]["y"], place["position"]["z"] + z]
+        return {"position": dict(zip("xyz", there, strict=True)), "orientation": place["orientation"]}
+
+    async def path(*waypoints: Any, frame: str = "base_link", **more: Any) -> dict[str, Any]:
+        asked = {"header": {"frame_id": frame}, "start_state": state(), "group_name": "ur_manipulator",
+                 "link_name": "tool0", "waypoints": list(waypoints), "max_step": 0.01, "avoid_collisions": True,
+                 **more}  # fmt: skip
+        answer = await lab.peer.call("/compute_cartesian_path", f"{SRV}/GetCartesianPath", **asked)
+        return {**answer, "trajectory": answer["solution"]}
+
+    whole = await path(moved(0.0, 0.1), moved(-0.1, 0.1))
+    assert (whole["error_code"]["val"], whole["fraction"]) == (SUCCESS, 1.0)
+    begin = np.array(ARM.forward(START)[:3])
+    assert way(whole)[-1] - begin == pytest.approx((0.1, 0.0, 0.1), abs=1e-6)  # base is turned by pi
+    assert (whole["start_state"]["joint_state"]["position"]) == pytest.approx(START)
+    far = await path(moved(0.0, 0.1), moved(2.0, 0.1))
+    assert far["error_code"]["val"] == SUCCESS
+    assert 0.5 < far["fraction"] < 0.9
+    along = await path(pose((0.0, 0.0, -0.05)), pose((0.0, 0.0, -0.05)), frame="tool0")
+    axis = pose_trans((0.0, 0.0, 0.0, *ARM.forward(START)[3:]), (0.0, 0.0, -0.1, 0.0, 0.0, 0.0))[:3]
+    assert way(along)[-1] - begin == pytest.approx(axis, abs=1e-6)
+    place = moved(0.0, 0.35)["position"]
+    assert await put(lab, "lid", [place["x"], place["y"], place["z"] + 0.1], **{
+        "primitives": [{"type": BOX, "dimensions": [0.4, 0.4, 0.02]}]})  # fmt: skip
+    blocked = await path(moved(0.0, 0.5))
+    free = await path(moved(0.0, 0.5), avoid_collisions=False)
+    assert blocked["fraction"] < free["fraction"]
+    assert (await path(moved(0.0, 0.1), max_step=0.0))["error_code"]["val"] < 0
+    assert (await path(moved(0.0, 0.1), link_name="forearm_link"))["error_code"]["val"] == -18
+    assert (await path(moved(0.0, 0.1), path_constraints=joint_goal()))["error_code"]["val"] == -16
 
 
 @pytest.mark.parametrize(
@@ -235,7 +321,11 @@ async def test_a_pose_goal_is_reached(lab: Lab) -> None:
         ({"goal": joint_goal((7.0, *GOAL[1:]))}, -27, "limits"),
         ({"goal": joint_goal((0.0, 0.6, 0.9, 0.0, 0.0, 0.0))}, -12, "table"),
         ({"start": (0.0, 0.6, 0.9, 0.0, 0.0, 0.0)}, -10, "table"),
+        ({"goal": pose_goal() | position((3.0, 0.0, 0.0))}, -31, "out of the reach"),
         ({"path_constraints": joint_goal()}, -16, "path constraints"),
+        ({"pipeline_id": PILZ, "planner_id": "RRTConnect"}, 99999, "CIRC"),
+        ({"pipeline_id": PILZ, "planner_id": "CIRC"}, -2, "interim"),
+        ({"max_cartesian_speed": 0.1}, 99999, "lines and arcs"),
     ],
 )
 async def test_what_cannot_be_planned_has_a_code_and_words(lab: Lab, more: Any, code: int, words: str) -> None:

@@ -111,7 +111,11 @@ class Arm:
         if len(names) != len(positions) or not all(map(isfinite, positions)):
             raise RefusedError("INVALID_ROBOT_STATE", "a joint state has one number for each of its names")
         given = dict(zip(self.joints, q_rad, strict=True)) | dict(zip(names, positions, strict=True))
-        a, b, c, d, e, f = (float(given[name]) for name in self.joints)
+        return self.joints_of([given[name] for name in self.joints])
+
+    def joints_of(self, q_rad: Sequence[float]) -> Joints:
+        """As numbers of six joints."""
+        a, b, c, d, e, f = map(float, q_rad)
         return (a, b, c, d, e, f)
 
     def state_message(self, q_rad: Sequence[float]) -> Any:

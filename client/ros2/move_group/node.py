@@ -13,11 +13,12 @@ from client.controllers.robot import ControlledRobot
 from client.errors import ClientError, PlanningError
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction
-from client.ros2.move_group.arm import Arm, RefusedError, set_code
+from client.ros2.move_group.arm import Arm, RefusedError
 from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
-from client.ros2.move_group.requests import Planned, planned
-from client.ros2.move_group.services import SERVICES, Service, Situation, answered
+from client.ros2.move_group.plans import PLANS
+from client.ros2.move_group.requests import Planned
+from client.ros2.move_group.services import SERVICES, Service, Situation, answer_code, answered
 from client.ros2.move_group.srdf import srdf
 from urproto.robots import RobotModel
 from urproto.robots.description import urdf
@@ -61,12 +62,9 @@ class MoveGroupNode:
             if (kind := interface_if_any(row.type)) is not None:  # Humble has fewer
                 node.create_service(kind, row.name, self._handler(row))
         node.create_service(interface("moveit_msgs/srv/ApplyPlanningScene"), "apply_planning_scene", self._apply)
-        node.create_service(
-            interface("moveit_msgs/srv/GetMotionPlan"),
-            "plan_kinematic_path",
-            self._plan,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        beside = ReentrantCallbackGroup()  # others are answered while it is planned
+        for row in PLANS:
+            node.create_service(interface(row.type), row.name, self._planner(row), callback_group=beside)
         self._actions = (
             ExecuteTrajectoryAction(host, node, self._execution),
             MoveAction(host, node, self._execution, self._monitor, self._show),
@@ -106,36 +104,36 @@ class MoveGroupNode:
     def _handler(self, row: Service) -> Callable[[Any, Any], Any]:
         def handle(request: Any, response: Any) -> Any:
             try:
-                now = self._host.do(self._situation)
+                _, reason = answered(row, self._host.do(self._situation), request, response)
             except RefusedError as error:
-                reason = str(error)
-                if hasattr(response, "error_code"):
-                    set_code(response.error_code, error.code, reason)
+                self._refuse(row, response, error)
             else:
-                reason = answered(row, now, request, response)
-            if reason:
-                self._error(row.name, reason)
+                if reason:
+                    self._error(row.name, reason)
             return response
 
         return handle
 
-    async def _plan(self, request: Any, response: Any) -> Any:
-        answer, wanted = response.motion_plan_response, request.motion_plan_request
-        answer.group_name = wanted.group_name
-        try:
-            now = self._host.do(self._situation)
-            work = asyncio.to_thread(planned, now.arm, now.state, wanted, now.q_rad)
-            plan = await self._host.task(self.node, work)
-        except RefusedError as error:
-            self._error("plan_kinematic_path", error)
-            set_code(answer.error_code, error.code, str(error))
+    def _planner(self, row: Service) -> Callable[[Any, Any], Any]:
+        async def handle(request: Any, response: Any) -> Any:
+            try:
+                now = self._host.do(self._situation)
+            except RefusedError as error:
+                self._refuse(row, response, error)
+                return response
+            work = asyncio.to_thread(answered, row, now, request, response)
+            plan, reason = await self._host.task(self.node, work)
+            if reason:
+                self._error(row.name, reason)
+            if plan is not None:
+                self._show(plan)
             return response
-        answer.trajectory_start = self._arm.state_message(plan.start_rad)
-        answer.trajectory = self._arm.trajectory_message(plan.timed)
-        answer.planning_time = plan.time_s
-        set_code(answer.error_code, "SUCCESS")
-        self._show(plan)
-        return response
+
+        return handle
+
+    def _refuse(self, row: Service, response: Any, error: RefusedError) -> None:
+        self._error(row.name, error)
+        answer_code(response, error.code, str(error))
 
     def _event(self, message: Any) -> None:
         if message.data != "stop":

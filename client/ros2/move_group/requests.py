@@ -5,18 +5,21 @@ Goals are the middles of the regions that constraints allow. A goal that leaves 
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import numpy as np
 
 from client.errors import PlanningError, SceneError
 from client.planning import (
+    CartesianLimits,
+    CircGoal,
     Goal,
     GoalUnreachableError,
     JointGoal,
+    MotionSequenceItem,
     NoPathError,
     Planner,
     PlannerName,
@@ -29,14 +32,16 @@ from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 from urproto.robots.kinematics import unwind
 from urproto.robots.pose import pose_inv, pose_trans, quaternion_to_rotvec
+from urproto.vectors import ZERO6, Vector3
 
-PIPELINE: Final = "ompl"
-PLANNERS: Final[dict[str, PlannerName]] = {
-    f"{name}{suffix}": name for suffix in ("", "kConfigDefault") for name in ("RRTConnect", "RRTstar", "PRM")
+OMPL: Final = "ompl"
+PILZ: Final = "pilz_industrial_motion_planner"
+PLANNERS: Final[dict[str, dict[str, PlannerName]]] = {
+    OMPL: {f"{name}{suffix}": name for suffix in ("", "kConfigDefault") for name in ("RRTConnect", "RRTstar", "PRM")},
+    PILZ: {"PTP": "PTP", "LIN": "LIN", "CIRC": "CIRC"},
 }
-"""By the names in ur_moveit_config's OMPL configuration, and by OMPL's own."""
+"""By pipeline: the names in ur_moveit_config's OMPL configuration and OMPL's own, and those of Pilz' planner."""
 _DEFAULT_TIME_S: Final = 1.0  # MoveIt's, for a request that gives none
-_SAME_RAD: Final = 1e-4  # an arm that is this near is there (guess)
 _ZERO: Final = 1e-6  # a quaternion this short is none
 
 _logger = logging.getLogger(__name__)
@@ -54,20 +59,13 @@ class Planned:
 def planned(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -> Planned:
     """Plan what a moveit_msgs/MotionPlanRequest asks for. q_rad: where the arm stands. Raises RefusedError."""
     began_s = time.perf_counter()
-    arm.check_group(request.group_name)
-    _check(request)
-    start = arm.angles(request.start_state, q_rad)
-    state = state.with_attached(request.start_state.attached_collision_objects, start)
-    targets, options = goals(arm, state, request, start), _options(request)
-    try:
-        planner = Planner(state.scene())
-    except PlanningError as error:
-        raise refusal(arm, error, start) from None
-    if any(_is_there(arm, target, start) for target in targets):
-        return Planned(start, _rest(start), time.perf_counter() - began_s)
-    for target in targets:
+    start, state = begun(arm, state, request, q_rad)
+    planner = planner_in(arm, state, request, start)
+    name = _planner(request)
+    limit_s, shares = time_limit(request), scaling(request)
+    for target in goals(arm, state, request, start, name):
         try:
-            timed = planner.plan(start, target, **options).timed
+            timed = planner.plan(start, target, planner=name, time_limit_s=limit_s, **shares).timed
         except PlanningError as error:
             refused = refusal(arm, error, start, target)
         else:
@@ -75,52 +73,107 @@ def planned(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -
     raise refused
 
 
-def _is_there(arm: Arm, goal: Goal, start: Joints) -> bool:
-    ends: list[Sequence[float]] = []
-    if isinstance(goal, JointGoal):
-        ends = [goal.q_rad]
-    elif isinstance(goal, PoseGoal):
-        ends = [*reaching(arm, goal.pose, start)]
-    return any(max(abs(one - other) for one, other in zip(q, start, strict=True)) < _SAME_RAD for q in ends)
+def planned_sequence(arm: Arm, state: SceneState, message: Any, q_rad: Sequence[float]) -> Planned:
+    """Plan a moveit_msgs/MotionSequenceRequest: motions that blend, as one. Raises RefusedError."""
+    began_s = time.perf_counter()
+    if not message.items:
+        return Planned(arm.joints_of(q_rad), _rest(q_rad), 0.0)
+    first = message.items[0].req
+    start, state = begun(arm, state, first, q_rad)
+    if any(one.req.start_state.joint_state.name for one in message.items[1:]):
+        raise RefusedError("INVALID_ROBOT_STATE", "of a sequence, the first motion alone has a start state")
+    items = [_item(arm, state, one, start) for one in message.items]
+    planner = planner_in(arm, state, first, start)
+    try:
+        timed = planner.plan_sequence(start, items, time_limit_s=time_limit(first)).timed
+    except PlanningError as error:
+        raise refusal(arm, error, start) from None
+    return Planned(start, timed, time.perf_counter() - began_s)
 
 
-def _rest(q_rad: Joints) -> TimedPath:
+def _item(arm: Arm, state: SceneState, message: Any, start: Joints) -> MotionSequenceItem:
+    """Joints that a goal leaves out stay where the sequence begins."""
+    _check(arm, message.req)
+    name = _planner(message.req)
+    targets = goals(arm, state, message.req, start, name)
+    if len(targets) > 1:
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "a motion of a sequence has one goal")
+    try:
+        return MotionSequenceItem(targets[0], name, float(message.blend_radius), **scaling(message.req))
+    except PlanningError as error:
+        raise RefusedError("INVALID_MOTION_PLAN", str(error)) from None
+
+
+def begun(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -> tuple[Joints, SceneState]:
+    """Where a request begins, and in which scene. Raises RefusedError for one that cannot be had."""
+    _check(arm, request)
+    start = arm.angles(request.start_state, q_rad)
+    return start, state.with_attached(request.start_state.attached_collision_objects, start)
+
+
+def planner_in(arm: Arm, state: SceneState, request: Any, start: Joints) -> Planner:
+    """Of a scene, with the limits that a request gives. Raises RefusedError."""
+    speed = float(request.max_cartesian_speed) if hasattr(request, "max_cartesian_speed") else 0.0
+    try:
+        limits = CartesianLimits(velocity_m_s=min(speed, CartesianLimits().velocity_m_s)) if speed > 0.0 else None
+        return Planner(state.scene(), cartesian_limits=limits)
+    except PlanningError as error:
+        raise refusal(arm, error, start) from None
+
+
+def _rest(q_rad: Sequence[float]) -> TimedPath:
     still = np.zeros((1, 6))
     return TimedPath(np.zeros(1), np.array([q_rad]), still, still)
 
 
-def _check(request: Any) -> None:
-    if request.pipeline_id not in ("", PIPELINE):
-        raise RefusedError("FAILURE", f"there is no planning pipeline {request.pipeline_id!r}: there is {PIPELINE}")
+def _check(arm: Arm, request: Any) -> None:
+    arm.check_group(request.group_name)
+    if request.pipeline_id not in ("", *PLANNERS):
+        raise RefusedError(
+            "FAILURE", f"there is no planning pipeline {request.pipeline_id!r}; there are {' and '.join(PLANNERS)}"
+        )
     if request.trajectory_constraints.constraints:
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "trajectory constraints are not kept here: leave them out")
-    if not is_empty(request.path_constraints):
+    if _planner(request) != "CIRC" and not is_empty(request.path_constraints):
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "path constraints are not kept here: leave them out")
-    if request.max_cartesian_speed > 0.0:
-        raise RefusedError("FAILURE", "a limit of the Cartesian speed is not kept here: scale the velocity")
+    if _planner(request) not in PLANNERS[PILZ] and request.max_cartesian_speed > 0.0:
+        raise RefusedError("FAILURE", "the Cartesian speed is limited on lines and arcs alone: scale the velocity")
 
 
-def _options(request: Any) -> dict[str, Any]:
-    planner = PLANNERS.get(request.planner_id)
-    if planner is None:
-        if request.planner_id:
-            _logger.warning("there is no planner %r: RRTConnect is used", request.planner_id)
-        planner = "RRTConnect"
+def _planner(request: Any) -> PlannerName:
+    names = PLANNERS[request.pipeline_id or OMPL]
+    if request.planner_id in names:
+        return names[request.planner_id]
+    if request.pipeline_id == PILZ:
+        raise RefusedError("FAILURE", f"{PILZ} has no planner {request.planner_id!r}; it has {', '.join(names)}")
+    if request.planner_id:  # as MoveIt
+        _logger.warning("there is no planner %r: RRTConnect is used", request.planner_id)
+    return "RRTConnect"
+
+
+def time_limit(request: Any) -> float:
+    """Of a request [s]."""
     limit_s = float(request.allowed_planning_time)
-    return {
-        "planner": planner,
-        "time_limit_s": limit_s if 0.0 < limit_s < float("inf") else _DEFAULT_TIME_S,
-        **scaling(request),
-    }
+    return limit_s if 0.0 < limit_s < float("inf") else _DEFAULT_TIME_S
 
 
-def scaling(request: Any) -> dict[str, float]:
+class Shares(TypedDict):
+    """Of the limits, above 0 to 1."""
+
+    velocity_scaling: float
+    acceleration_scaling: float
+
+
+def scaling(request: Any) -> Shares:
     """Of a request; what is no share is 1, as MoveIt takes it (0 is «not given»)."""
-    shares = {
-        "velocity_scaling": float(request.max_velocity_scaling_factor),
-        "acceleration_scaling": float(request.max_acceleration_scaling_factor),
-    }
-    return {name: share if 0.0 < share <= 1.0 else 1.0 for name, share in shares.items()}
+    return Shares(
+        velocity_scaling=_share(request.max_velocity_scaling_factor),
+        acceleration_scaling=_share(request.max_acceleration_scaling_factor),
+    )
+
+
+def _share(value: Any) -> float:
+    return float(value) if 0.0 < value <= 1.0 else 1.0
 
 
 def is_empty(constraints: Any) -> bool:
@@ -138,11 +191,43 @@ def is_empty(constraints: Any) -> bool:
 # goals
 
 
-def goals(arm: Arm, state: SceneState, request: Any, start: Joints) -> list[Goal]:
+def goals(arm: Arm, state: SceneState, request: Any, start: Joints, planner: str) -> list[Goal]:
     """Any of which will do. Raises RefusedError for constraints that are none, or are not kept here."""
     if not request.goal_constraints:
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "the request has no goal")
-    return [goal for one in request.goal_constraints for goal in _goals(arm, state, one, start)]
+    found = [goal for one in request.goal_constraints for goal in _goals(arm, state, one, start)]
+    if planner == "CIRC":
+        circ = _circ(arm, state, request.path_constraints, start)
+        return [CircGoal(goal.pose, **circ, tcp_offset=goal.tcp_offset) for goal in map(_tool_goal(arm), found)]
+    return list(map(_tool_goal(arm), found)) if planner == "LIN" else found
+
+
+def _tool_goal(arm: Arm) -> Callable[[Goal], PoseGoal]:
+    """Lines and arcs lead to poses; of joint angles, to that of the tip, as by Pilz' planner."""
+
+    def tool_goal(goal: Goal) -> PoseGoal:
+        if isinstance(goal, PoseGoal):
+            return goal
+        assert isinstance(goal, JointGoal)
+        return PoseGoal(arm.kinematics.forward(goal.q_rad), ZERO6)
+
+    return tool_goal
+
+
+def _circ(arm: Arm, state: SceneState, constraints: Any, start: Joints) -> dict[str, Vector3]:
+    """The point that makes an arc, where Pilz' planner has it: in the path constraints, which it names."""
+    places = constraints.position_constraints
+    if constraints.name not in ("interim", "center") or len(places) != 1:
+        raise RefusedError(
+            "INVALID_MOTION_PLAN",
+            "an arc has path constraints of the name interim or center, with one position; these are "
+            f"{constraints.name!r} with {len(places)}",
+        )
+    region = places[0].constraint_region.primitive_poses
+    if len(region) != 1:
+        raise RefusedError("INVALID_MOTION_PLAN", f"the {constraints.name} point is one pose, not {len(region)}")
+    frame = arm.frame(places[0].header.frame_id, start, state.frames(start))
+    return {constraints.name: pose_trans(frame, pose_of(region[0]))[:3]}
 
 
 def _goals(arm: Arm, state: SceneState, constraints: Any, start: Joints) -> Iterator[Goal]:
@@ -200,7 +285,7 @@ def _pose_goals(arm: Arm, state: SceneState, place: Any, turn: Any, start: Joint
     for middle in region.primitive_poses:
         x, y, z = pose_trans(frame, pose_of(middle))[:3]
         link = pose_trans((x, y, z, *turned), (-offset.x, -offset.y, -offset.z, 0.0, 0.0, 0.0))
-        yield PoseGoal(pose_trans(link, pose_inv(beyond)))
+        yield PoseGoal(link, beyond)
 
 
 def reaching(arm: Arm, flange: Sequence[float], seed_rad: Sequence[float]) -> list[Joints]:
@@ -220,8 +305,9 @@ def _code(arm: Arm, error: PlanningError, start: Joints, goal: Goal | None) -> s
     match error, goal:
         case StartInCollisionError(), _:
             return "START_STATE_IN_COLLISION" if _is_inside(arm, start) else "START_STATE_INVALID"
-        case GoalUnreachableError(), PoseGoal(pose):
-            return "GOAL_IN_COLLISION" if reaching(arm, pose, start) else "NO_IK_SOLUTION"
+        case GoalUnreachableError(), PoseGoal(pose, offset):
+            flange = pose_trans(pose, pose_inv(offset or ZERO6))
+            return "GOAL_IN_COLLISION" if reaching(arm, flange, start) else "NO_IK_SOLUTION"
         case GoalUnreachableError(), JointGoal(q_rad):
             return "GOAL_IN_COLLISION" if _is_inside(arm, q_rad) else "GOAL_STATE_INVALID"
         case NoPathError(), _:

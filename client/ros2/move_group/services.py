@@ -11,7 +11,7 @@ from client.errors import PlanningError
 from client.planning import CollisionChecker, Nearness
 from client.ros2.host import interface
 from client.ros2.move_group.arm import Arm, RefusedError, pose_of, set_code
-from client.ros2.move_group.requests import PIPELINE, PLANNERS, is_empty, reaching
+from client.ros2.move_group.requests import PLANNERS, Planned, is_empty, reaching
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 from urproto.robots.description import urdf
@@ -142,7 +142,9 @@ def get_planning_scene(now: Situation, request: Any, response: Any) -> None:
 def query_planner_interface(now: Situation, request: Any, response: Any) -> None:
     """The planners that there are."""
     kind = interface("moveit_msgs/msg/PlannerInterfaceDescription")
-    response.planner_interfaces = [kind(name="OMPL", pipeline_id=PIPELINE, planner_ids=list(PLANNERS))]
+    response.planner_interfaces = [
+        kind(name=name, pipeline_id=name, planner_ids=list(names)) for name, names in PLANNERS.items()
+    ]
 
 
 def get_urdf(now: Situation, request: Any, response: Any) -> None:
@@ -153,11 +155,11 @@ def get_urdf(now: Situation, request: Any, response: Any) -> None:
 
 @dataclass(frozen=True)
 class Service:
-    """A service. answer: fills the response. Its code is set, if it has one."""
+    """A service. answer: fills the response, and gives what it has planned, if it plans."""
 
     name: str
     type: str
-    answer: Callable[[Situation, Any, Any], None]
+    answer: Callable[[Situation, Any, Any], Planned | None]
 
 
 SERVICES: Final = (
@@ -172,15 +174,21 @@ SERVICES: Final = (
 """Those that change nothing and move nothing."""
 
 
-def answered(row: Service, now: Situation, request: Any, response: Any) -> str:
-    """Fill a response; why it is none of success, or ""."""
-    code, reason = "SUCCESS", ""
+def answered(row: Service, now: Situation, request: Any, response: Any) -> tuple[Planned | None, str]:
+    """Fill a response, with its code if it has one; what was planned, and why it is none of success, or nothing."""
+    code, reason, plan = "SUCCESS", "", None
     try:
-        row.answer(now, request, response)
+        plan = row.answer(now, request, response)
     except RefusedError as error:
         code, reason = error.code, str(error)
     except PlanningError as error:
         code, reason = "FAILURE", str(error)
-    if hasattr(response, "error_code"):
-        set_code(response.error_code, code, reason)
-    return reason
+    answer_code(response, code, reason)
+    return plan, reason
+
+
+def answer_code(response: Any, code: str, reason: str) -> None:
+    """Set the code of a response that has one."""
+    for holder in (response, *(getattr(response, name, None) for name in ("motion_plan_response", "response"))):
+        if hasattr(holder, "error_code"):
+            set_code(holder.error_code, code, reason)
