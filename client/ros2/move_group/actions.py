@@ -2,9 +2,9 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from math import dist
 from typing import Any, Final
 
-import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from client.errors import ClientError, PlanningError
@@ -204,10 +204,10 @@ class MoveAction(_Action):
 def _blocked(monitor: Monitor, timed: TimedPath) -> str:
     """What is in the way of what is left of a path; "" for nothing."""
     checker = CollisionChecker(monitor.state.scene())
-    stands = np.array(monitor.stands())
-    nearest = int(np.argmin(np.linalg.norm(timed.q - stands, axis=1)))
-    before = stands
-    for q in timed.q[nearest:]:
+    before = monitor.stands()
+    places = timed.q.tolist()
+    nearest = min(range(len(places)), key=lambda i: dist(places[i], before))
+    for q in places[nearest:]:
         if not checker.way_is_free(before, q):
             near = checker.collisions(q)
             return f"the scene has changed, and the way is blocked{f': {near[0]}' if near else ''}"

@@ -30,12 +30,14 @@ def plan_kinematic_path(now: Situation, request: Any, response: Any) -> Planned:
     return plan
 
 
-def plan_sequence_path(now: Situation, request: Any, response: Any) -> Planned:
+def plan_sequence_path(now: Situation, request: Any, response: Any) -> Planned | None:
     """Motions that go over into one another, as one trajectory."""
     answer = response.response
+    if not request.request.items:
+        return None
     plan = planned_sequence(now.arm, now.state, request.request, now.q_rad)
     answer.sequence_start = now.arm.state_message(plan.start_rad)
-    answer.planned_trajectories = [now.arm.trajectory_message(plan.timed)] if request.request.items else []
+    answer.planned_trajectories = [now.arm.trajectory_message(plan.timed)]
     answer.planning_time = plan.time_s
     return plan
 

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final, TypedDict
 
-import numpy as np
-
 from client.errors import PlanningError, SceneError
 from client.planning import (
     CartesianLimits,
@@ -76,8 +74,6 @@ def planned(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -
 def planned_sequence(arm: Arm, state: SceneState, message: Any, q_rad: Sequence[float]) -> Planned:
     """Plan a moveit_msgs/MotionSequenceRequest: motions that blend, as one. Raises RefusedError."""
     began_s = time.perf_counter()
-    if not message.items:
-        return Planned(arm.joints_of(q_rad), _rest(q_rad), 0.0)
     first = message.items[0].req
     start, state = begun(arm, state, first, q_rad)
     if any(one.req.start_state.joint_state.name for one in message.items[1:]):
@@ -119,11 +115,6 @@ def planner_in(arm: Arm, state: SceneState, request: Any, start: Joints) -> Plan
         return Planner(state.scene(), cartesian_limits=limits)
     except PlanningError as error:
         raise refusal(arm, error, start) from None
-
-
-def _rest(q_rad: Sequence[float]) -> TimedPath:
-    still = np.zeros((1, 6))
-    return TimedPath(np.zeros(1), np.array([q_rad]), still, still)
 
 
 def _check(arm: Arm, request: Any) -> None:
