@@ -22,9 +22,9 @@ _AXES: Final = ("x", "y", "z")
 class OrientationConstraint:
     """The TCP turned no farther from an orientation than the tolerances say.
 
-    orientation: rotation vector [rad] (3,) in the base frame. tolerance_rad: to both sides about x, y and z (3,), of the
-    turns Rx Ry Rz that lead from the wanted to the present orientation, as MoveIt's XYZ_EULER_ANGLES; pi is free. What
-    is to stay level has the tool's free axis as its z.
+    orientation: rotation vector [rad] (3,) in the base frame. tolerance_rad: to both sides about x, y and z (3,), of
+    the turns Rx Ry Rz that lead from the wanted to the present orientation, as MoveIt's XYZ_EULER_ANGLES; pi about z is
+    free: what is to stay level has its upright axis as z. Others are below pi/2.
     """
 
     orientation: Vector3
@@ -33,6 +33,8 @@ class OrientationConstraint:
     def __post_init__(self) -> None:
         _check("an orientation", self.orientation, -np.inf)
         _check("tolerances of an orientation", self.tolerance_rad, 0.0)
+        if max(self.tolerance_rad[:2]) >= pi / 2:
+            raise PlanningError(f"tolerances about x and y are below pi/2, not {list(self.tolerance_rad)}")
 
     def excess(self, pose: Pose) -> Array:
         """By how much each turn is beyond its tolerance [rad] (3,), with its sign."""
@@ -133,7 +135,3 @@ def _check(what: str, values: Sequence[float], least: float) -> None:
     if len(values) != 3 or not all(isfinite(value) and value >= least for value in values):
         bound = "" if least < 0.0 else ", 0 or above"
         raise PlanningError(f"{what}: three finite numbers{bound}, not {list(values)}")
-
-
-FREE_RAD: Final = pi
-"""A tolerance of `OrientationConstraint` that holds nothing."""

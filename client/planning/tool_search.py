@@ -1,11 +1,11 @@
 """Ways on which the tool keeps to constraints: looked for among its poses rather than among joint angles.
 
-The poses that keep to an orientation within tolerances and to a box are a box themselves, in the right coordinates: the
-TCP's place along the edges of the one, and its turns from the other. OMPL searches that box, where nothing needs to be
-rejected or projected; joint angles follow in the posture that the arm begins with. Measured with a level tool (tolerance
-0.1 and 0.3 rad), 5 s each: see docs/planning.md.
+The poses that keep to an orientation within tolerances and to a box are a box themselves, in the right coordinates:
+the TCP's place along the edges of the one, and its turns from the other. OMPL searches that box, where nothing needs to
+be rejected or projected; joint angles follow in the posture that the arm begins with.
 """
 
+import time
 from collections.abc import Sequence
 from itertools import pairwise
 from math import asin, atan2, cos, hypot, pi, sin, tau
@@ -30,6 +30,7 @@ _RANGE_M: Final = 0.2  # of a tree's step (guess)
 _STEPS_M: Final = (0.02, 0.01)  # between looks at a way
 _INNER: Final = 0.9  # of the tolerances: corners are cut inside of them
 _SHORTCUTS: Final = 12
+_ATTEMPTS: Final = 4
 _BLENDS: Final = 8  # halvings
 _LARGEST_BLEND_M: Final = 0.1
 _NUDGE: Final = 1e-5
@@ -126,8 +127,13 @@ class ToolSearch:
             if segments := self._followed([start, end]):
                 return self._rounded(segments)
         bounds = list(zip(self._space.low, self._space.high, strict=True))
-        for step in _STEPS_M:
-            way = solved(bounds, self._is_free, start, ends, planner, 0.5 * limit_s, seed, step, _RANGE_M)
+        until_s = time.perf_counter() + limit_s
+        for attempt in range(_ATTEMPTS):  # what was found may lead beyond the joints' limits, another way may not
+            left_s = until_s - time.perf_counter()
+            if left_s <= 0.0:
+                break
+            step = _STEPS_M[min(attempt, len(_STEPS_M) - 1)]
+            way = solved(bounds, self._is_free, start, ends, planner, left_s, seed + attempt, step, _RANGE_M)
             if way is not None and (segments := self._followed(self._shortened(way, Random(seed)))):
                 return self._rounded(segments)
         return None
