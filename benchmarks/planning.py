@@ -76,7 +76,7 @@ def ask(model: str, place: str, queries: int, long_s: float = LONG_S) -> Tally:
                 tally.around_s.append(cpu_s)
             tally.parts_s.append((plan.search_s, plan.shortening_s, plan.timing_s))
             tally.plans.append(plan)
-            tally.nearest_m = min(tally.nearest_m, *(clearance(q) - scene.padding_m for q in samples(plan)))
+            tally.nearest_m = min(tally.nearest_m, *(clearance(q) - scene.padding_m for q in samples(plan, 2)))
         elif _plan(planner, start, goal, FULL + number, long_s) is not None:
             tally.solvable += 1
         way, cpu_s = _timed(_bare, planner.checker, start, goal, number)

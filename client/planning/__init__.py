@@ -2,6 +2,7 @@
 
 from client.planning.cartesian import CartesianPath
 from client.planning.collisions import CollisionChecker, Nearness
+from client.planning.constraints import OrientationConstraint, PathConstraints, PositionConstraint
 from client.planning.goals import NAMED, CircGoal, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
 from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
@@ -27,12 +28,15 @@ __all__ = [
     "NamedGoal",
     "Nearness",
     "NoPathError",
+    "OrientationConstraint",
+    "PathConstraints",
     "Plan",
     "Plane",
     "Planner",
     "PlannerName",
     "PlanningScene",
     "PoseGoal",
+    "PositionConstraint",
     "SceneObject",
     "Shape",
     "Sphere",

@@ -11,7 +11,7 @@ import numpy as np
 from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
 from client.planning.goals import PoseGoal
-from client.planning.industrial import MotionSequenceItem, Run, Segment, blocked, follower_of, runs, what_blocks
+from client.planning.industrial import MotionSequenceItem, Run, Segment, blocked, follower_of, runs
 from client.planning.lines import TURN_RAD_M, Line
 from client.planning.path import PiecewisePath
 from client.planning.timing import Array
@@ -109,7 +109,7 @@ def _cut(
         why = f"a joint would go {angle:.3f} rad in the next step, more than the jump threshold allows"
     near = blocked(checker, path) if avoid_collisions else None
     if near is not None and path.starts[near[0]] < share:
-        share, why = float(path.starts[near[0]]), what_blocks(checker, near[1])
+        share, why = float(path.starts[near[0]]), checker.objection(near[1])
     return path.part(0.0, share) if share > 0.0 else None, share, why
 
 

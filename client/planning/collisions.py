@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from client.errors import SceneError
 from client.planning.scene import LINKS, Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Sphere
+from urproto.joints import JOINT_LABELS
 from urproto.robots.calibration import chain_of
 from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.robots.shapes import Capsule, capsules
@@ -84,6 +85,16 @@ class CollisionChecker:
     def collisions(self, q_rad: Sequence[float]) -> list[Nearness]:
         """Pairs that are nearer than the padding, deepest first."""
         return [pair for pair in self.nearest(q_rad) if pair.distance_m < self.scene.padding_m]
+
+    def objection(self, q_rad: Sequence[float]) -> str:
+        """Why the arm may not be there; nothing for a free place."""
+        q = np.asarray(q_rad, dtype=float)
+        for name, low, angle, high in zip(JOINT_LABELS, self._low, q, self._high, strict=True):
+            if not low <= angle <= high:
+                return f"{name} is at {angle:.4f} rad, its limits are {low:.4f} and {high:.4f} rad"
+        pairs = self.collisions(q_rad)
+        kept = f", and {1000 * self.scene.padding_m:g} mm are to be kept"
+        return "; ".join(map(str, pairs[:3])) + kept if pairs else ""
 
     def way_is_free(self, start_rad: Sequence[float] | _Vector, end_rad: Sequence[float] | _Vector) -> bool:
         """Whether the arm may go straight, in joint space, from one configuration to another."""

@@ -9,7 +9,7 @@ from math import isfinite, pi, tau
 from typing import Final, TypeAlias
 
 from client.errors import PlanningError
-from client.planning.collisions import CollisionChecker, Nearness
+from client.planning.collisions import CollisionChecker
 from urproto.joints import JOINT_LABELS
 from urproto.robots import Joints, RobotModel
 from urproto.robots.kinematics import unwind
@@ -132,12 +132,9 @@ def _check_limits(q_rad: Joints, model: RobotModel) -> None:
 
 
 def _why(reaching: Sequence[Joints], checker: CollisionChecker) -> str:
-    least: list[Nearness] = min(
-        (checker.collisions(q) for q in reaching),
-        key=lambda pairs: -min((pair.distance_m for pair in pairs), default=0.0),
-    )
+    least = min(reaching, key=lambda q: -min((pair.distance_m for pair in checker.collisions(q)), default=0.0))
     many = f"in the least bad of {len(reaching)} postures, " if len(reaching) > 1 else ""
-    return f"{many}{'; '.join(map(str, least[:3]))}, and {1000 * checker.scene.padding_m:g} mm are to be kept"
+    return many + checker.objection(least)
 
 
 def _distance(q: Sequence[float], other: Sequence[float]) -> float:

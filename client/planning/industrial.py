@@ -181,12 +181,6 @@ def blocked(checker: CollisionChecker, path: PiecewisePath) -> tuple[int, Joints
     return None
 
 
-def what_blocks(checker: CollisionChecker, q_rad: Joints) -> str:
-    """What is too near there."""
-    pairs = checker.collisions(q_rad)
-    return f"{'; '.join(map(str, pairs[:3]))}, and {1000 * checker.scene.padding_m:g} mm are to be kept"
-
-
 # sequences
 
 
@@ -221,9 +215,9 @@ def runs(segments: Sequence[Segment], items: Sequence[MotionSequenceItem]) -> It
         path = segment.path
         if paths:
             before, earlier, slower = paths.pop()
-            one, blend, path = _blend(before, path, segments[number - 1], items[number - 1].blend_radius_m, number)
+            one, between, path = blend(before, path, segments[number - 1], items[number - 1].blend_radius_m, number)
             both = (min(slower[0], scaling[0]), min(slower[1], scaling[1]))
-            paths += (one, earlier, slower), (blend, earlier, both)
+            paths += (one, earlier, slower), (between, earlier, both)
         paths.append((path, number, scaling))
         if not item.blend_radius_m:
             yield _run(paths)
@@ -241,7 +235,7 @@ def _run(paths: Sequence[tuple[PiecewisePath, int, tuple[float, float]]]) -> Run
     )
 
 
-def _blend(
+def blend(
     one: PiecewisePath, other: PiecewisePath, corner: Segment, radius_m: float, number: int
 ) -> tuple[PiecewisePath, PiecewisePath, PiecewisePath]:
     """What remains of two motions, and what is between them, within a sphere about the goal of the first.
@@ -267,9 +261,9 @@ def _blend(
         begin, end = ([value[0] for value in path(np.array([s]))] for path, s in ((one, leave), (scaled, inside)))
         end[0][6:] += one(np.array([one.length]))[0][0, 6:]  # ways of the TCP go on
         size = 2.5 * inside
-        blend = PiecewisePath(hermite(begin, end, size)[None], [size])
-        if all(away(blend, s) <= radius_m * 1.001 for s in np.linspace(0.0, size, _LOOKS)):
-            return one.part(0.0, leave), blend, scaled.part(inside, scaled.length)
+        between = PiecewisePath(hermite(begin, end, size)[None], [size])
+        if all(away(between, s) <= radius_m * 1.001 for s in np.linspace(0.0, size, _LOOKS)):
+            return one.part(0.0, leave), between, scaled.part(inside, scaled.length)
         radius *= 0.7
     raise PlanningError(f"motion {number} cannot be blended with the next within {1000 * radius_m:g} mm: stop there")
 

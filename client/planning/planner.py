@@ -6,6 +6,7 @@ way that it finds is then shown to be free as a whole, and where one is not, the
 
 import time
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
@@ -17,7 +18,8 @@ import numpy as np
 from client.errors import PlanningError
 from client.planning.cartesian import CartesianPath, cartesian_runs
 from client.planning.collisions import CollisionChecker
-from client.planning.goals import Goal, candidates
+from client.planning.constraints import ConstrainedChecker, PathConstraints
+from client.planning.goals import Goal, PoseGoal, candidates
 from client.planning.industrial import (
     INDUSTRIAL,
     CartesianLimits,
@@ -30,13 +32,13 @@ from client.planning.industrial import (
     runs,
     straight_segment,
     tool_segment,
-    what_blocks,
 )
 from client.planning.lines import COLUMNS
 from client.planning.path import RoundedPath
 from client.planning.scene import PlanningScene
 from client.planning.search import searched
 from client.planning.timing import Array, Limits, TimedPath, time_optimal
+from client.planning.tool_search import ToolSearch
 from urproto.robots import Joints, RobotModel
 
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM", "PTP", "LIN", "CIRC"]
@@ -102,7 +104,7 @@ class Planner:
         self, scene: PlanningScene, limits: Limits | None = None, cartesian_limits: CartesianLimits | None = None
     ) -> None:
         self.scene = scene
-        self.checker = CollisionChecker(scene)
+        self.checker: CollisionChecker = CollisionChecker(scene)
         self.limits = limits or usual_limits(scene.model)
         self.cartesian_limits = cartesian_limits or CartesianLimits()
 
@@ -116,6 +118,7 @@ class Planner:
         seed: int = 0,
         velocity_scaling: float = 1.0,
         acceleration_scaling: float = 1.0,
+        path_constraints: PathConstraints | None = None,
     ) -> Plan:
         """The way from these joint angles [rad] (6,) to a goal, from rest to rest.
 
@@ -132,6 +135,7 @@ class Planner:
             seed=seed,
             velocity_scaling=velocity_scaling,
             acceleration_scaling=acceleration_scaling,
+            path_constraints=path_constraints,
         )
 
     def plan_sequence(
@@ -143,13 +147,24 @@ class Planner:
         seed: int = 0,
         velocity_scaling: float = 1.0,
         acceleration_scaling: float = 1.0,
+        path_constraints: PathConstraints | None = None,
     ) -> Plan:
         """Motions one after the other, without a stop where they blend.
 
         PTP: all joints go straight to the goal (of a pose, to the nearest posture) and arrive together. LIN: the TCP of
         a `PoseGoal` goes straight. CIRC: on the arc of a `CircGoal`. time_limit_s: for each search. Blends keep within
-        a sphere of their radius about the goal. Raises as `plan`; IncompletePathError says where a motion ends and why.
+        a sphere of their radius about the goal. path_constraints: what the tool keeps to all the way. Raises as `plan`;
+        IncompletePathError says where a motion ends and why.
         """
+        if path_constraints is not None:
+            return self._under(path_constraints).plan_sequence(
+                start_rad,
+                items,
+                time_limit_s=time_limit_s,
+                seed=seed,
+                velocity_scaling=velocity_scaling,
+                acceleration_scaling=acceleration_scaling,
+            )
         limits = self._wanted(items, time_limit_s, seed).scaled(velocity_scaling, acceleration_scaling)
         start = self._checked_start(start_rad)
         began_s = time.perf_counter()
@@ -187,6 +202,7 @@ class Planner:
         blend_radius_m: float = 0.0,
         velocity_scaling: float = 1.0,
         acceleration_scaling: float = 1.0,
+        path_constraints: PathConstraints | None = None,
     ) -> CartesianPath[Plan]:
         """The TCP straight from waypoint to waypoint as far as it can go: a plan, and the fraction of it, 0 to 1.
 
@@ -202,8 +218,9 @@ class Planner:
         began_s = time.perf_counter()
         if avoid_collisions:
             self.check_start(start)
+        checker = self.checker if path_constraints is None else self._under(path_constraints).checker
         found = cartesian_runs(
-            self.checker,
+            checker,
             start,
             waypoints,
             tcp_offset,
@@ -221,13 +238,16 @@ class Planner:
     def check_start(self, start_rad: Sequence[float]) -> None:
         """Raise StartInCollisionError, saying what touches what, and how deep."""
         if not self.checker.is_free(start_rad):
-            near = self.checker.collisions(start_rad)
-            if near:
-                raise StartInCollisionError(
-                    f"the arm cannot start here: {'; '.join(map(str, near[:3]))}, and "
-                    f"{1000 * self.scene.padding_m:g} mm are to be kept. Move it away, or allow this pair to touch"
-                )
-            raise StartInCollisionError("the arm cannot start here: a joint is beyond its limits")
+            objection = self.checker.objection(start_rad)
+            raise StartInCollisionError(
+                f"the arm cannot start here: {objection}. Move it away, or allow what touches to touch"
+            )
+
+    def _under(self, constraints: PathConstraints) -> "Planner":
+        """The same planner, for ways that keep to these."""
+        other = copy(self)
+        other.checker = ConstrainedChecker(self.scene, constraints)
+        return other
 
     def _wanted(self, items: Sequence[MotionSequenceItem], time_limit_s: float, seed: int) -> Limits:
         """The limits, for what can be asked for. Raises PlanningError."""
@@ -255,6 +275,12 @@ class Planner:
         if item.planner in INDUSTRIAL:
             return tool_segment(self.checker, start, item.goal, item.planner, self.cartesian_limits)
         goals = candidates(item.goal, start, self.checker)
+        if isinstance(self.checker, ConstrainedChecker):
+            any_turn = isinstance(item.goal, PoseGoal)
+            found = ToolSearch(self.checker, start, goals, any_turn).find(item.planner, 0.5 * time_limit_s, seed)
+            if found is not None:
+                return found
+            time_limit_s *= 0.5  # for ways through other postures
         way = self._search(start, goals, item.planner, time_limit_s, seed)
         began_s = time.perf_counter()
         way = self._shortened(way, Random(seed))
@@ -277,7 +303,7 @@ class Planner:
         fraction = float(sizes[: piece - first].sum() / sizes.sum())
         which = f"motion {number + 1} ({items[number].planner})" if len(items) > 1 else items[number].planner
         raise IncompletePathError(
-            f"{which} is free for {100 * fraction:.0f} % of its way, then {what_blocks(self.checker, q)}. RRTConnect "
+            f"{which} is free for {100 * fraction:.0f} % of its way, then {self.checker.objection(q)}. RRTConnect "
             "looks for a way around",
             fraction,
             _six(part.path.at(float(part.path.starts[piece]))[:6]),

@@ -1,6 +1,6 @@
 """OMPL looks for a way between joint angles."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -24,7 +24,23 @@ def searched(
     seed: int,
     step_rad: float,
 ) -> list[Array] | None:
-    """The way that OMPL finds with looks so far apart; None without one."""
+    """The way between joint angles that OMPL finds with looks so far apart; None without one."""
+    bounds = list(_box(checker, start, goals))
+    return solved(bounds, checker.is_free, start, goals, planner, limit_s, seed, step_rad, _RANGE_RAD)
+
+
+def solved(
+    bounds: Sequence[tuple[float, float]],
+    is_free: Callable[[Array], bool],
+    start: Sequence[float] | Array,
+    goals: Sequence[Sequence[float] | Array],
+    planner: str,
+    limit_s: float,
+    seed: int,
+    step: float,
+    tree_step: float,
+) -> list[Array] | None:
+    """The way that OMPL finds in a box, of any six coordinates. None without one."""
     try:
         from ompl import base, geometric, util
     except ImportError as error:
@@ -32,14 +48,14 @@ def searched(
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)
     space = base.RealVectorStateSpace(6)
-    bounds = base.RealVectorBounds(6)
-    for i, (low, high) in enumerate(_box(checker, start, goals)):
-        bounds.setLow(i, low)
-        bounds.setHigh(i, high)
-    space.setBounds(bounds)
+    box = base.RealVectorBounds(6)
+    for i, (low, high) in enumerate(bounds):
+        box.setLow(i, low)
+        box.setHigh(i, high)
+    space.setBounds(box)
     information = base.SpaceInformation(space)
-    information.setStateValidityChecker(lambda state: checker.is_free([state[i] for i in range(6)]))
-    information.setStateValidityCheckingResolution(step_rad / space.getMaximumExtent())
+    information.setStateValidityChecker(lambda state: is_free(np.array([state[i] for i in range(6)])))
+    information.setStateValidityCheckingResolution(step / space.getMaximumExtent())
     information.setup()
     problem = base.ProblemDefinition(information)
     problem.addStartState(_state(space, start))
@@ -49,7 +65,7 @@ def searched(
     problem.setGoal(ends)
     search = getattr(geometric, planner)(information)
     if planner != "PRM":
-        search.setRange(_RANGE_RAD)
+        search.setRange(tree_step)
     search.setProblemDefinition(problem)
     search.setup()
     if not search.solve(limit_s) or not problem.hasExactSolution():
@@ -66,8 +82,8 @@ def _box(checker: CollisionChecker, start: Joints, goals: Sequence[Joints]) -> I
         yield max(low, min(angles) - _AROUND_RAD), min(high, max(angles) + _AROUND_RAD)
 
 
-def _state(space: Any, q: Joints) -> Any:
+def _state(space: Any, q: Sequence[float] | Array) -> Any:
     state = space.allocState()
     for i, angle in enumerate(q):
-        state[i] = angle
+        state[i] = float(angle)
     return state

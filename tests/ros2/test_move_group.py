@@ -16,7 +16,7 @@ from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 from urproto.robots import kinematics_of, load_model
 from urproto.robots.description import urdf
-from urproto.robots.pose import pose_trans, rotvec_to_quaternion
+from urproto.robots.pose import pose_trans, rotvec_to_matrix, rotvec_to_quaternion
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
 
@@ -33,7 +33,7 @@ SRV, MSG, ACTION = "moveit_msgs/srv", "moveit_msgs/msg", "moveit_msgs/action"
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def laboratory_() -> AsyncIterator[Lab]:
-    async with emulator("ur5e", speed=3.0) as robot, laboratory(robot, driver_options(robot)) as lab:
+    async with emulator("ur5e") as robot, laboratory(robot, driver_options(robot)) as lab:
         yield lab
 
 
@@ -257,6 +257,32 @@ async def test_lines_and_arcs_of_pilz_planner(lab: Lab) -> None:
     assert arc["error_code"]["val"] == SUCCESS, arc["error_code"]
     assert np.linalg.norm(way(arc) - middle, axis=1).min() < 0.01
     assert np.linalg.norm(way(arc)[:, :2], axis=1) == pytest.approx(math.hypot(*middle[:2]), abs=1e-3)
+
+
+async def test_path_constraints_are_kept_to(lab: Lab) -> None:
+    """The tool stays upright, turned about its own axis as it likes, around what is in the way."""
+    level = (-0.6, -1.4, 1.7, -1.8707963, -1.5707963, 0.0)
+    there = (0.6, *level[1:])
+    assert await put(lab, "post", (0.5, 0.0, 0.5))
+    turn = {**pose_goal(level)["orientation_constraints"][0], "absolute_x_axis_tolerance": 0.1,
+            "absolute_y_axis_tolerance": 0.1, "absolute_z_axis_tolerance": math.pi}  # fmt: skip
+    asked = {"start": level, "goal": joint_goal(there)}
+    answer = await plan(lab, **asked, path_constraints={"orientation_constraints": [turn]})
+    assert answer["error_code"]["val"] == SUCCESS, answer["error_code"]
+
+    def leaning(q: Any) -> float:
+        wanted, now = (rotvec_to_matrix(*ARM.forward(one)[3:]) for one in (level, q))
+        return math.acos(min(1.0, sum(wanted[i] * now[i] for i in (2, 5, 8))))
+
+    assert max(map(leaning, points(answer))) < 0.15
+    assert max(map(leaning, points(await plan(lab, **asked)))) > 0.2
+    narrow = {**turn, "parameterization": 1}
+    for wrong, code in ((narrow, -16), ({**turn, "link_name": "forearm_link"}, -18)):
+        answer = await plan(lab, **asked, path_constraints={"orientation_constraints": [wrong]})
+        assert answer["error_code"]["val"] == code, answer["error_code"]
+    answer = await plan(lab, start=START, path_constraints={"orientation_constraints": [
+        {**turn, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}]})  # fmt: skip
+    assert answer["error_code"]["val"] == -11, answer["error_code"]
 
 
 async def test_a_sequence_blends(lab: Lab) -> None:
@@ -538,6 +564,7 @@ async def test_a_motion_ends_when_its_way_is_blocked(lab: Lab) -> None:
 
 
 async def test_planning_alone_moves_nothing(lab: Lab) -> None:
+    await rests(lab, GOAL)
     before = stands(lab)
     answer = await move(lab, planning_options={"plan_only": True}, goal=joint_goal(HOME))
     assert answer["status"] == SUCCEEDED

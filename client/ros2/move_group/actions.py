@@ -1,7 +1,7 @@
 """The actions of ``move_group``: planning and moving in one, and following a trajectory that was planned before."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from math import dist
 from typing import Any, Final
 
@@ -28,6 +28,8 @@ class _Action:
         self._name = name
         self._type = interface(type_name)
         self._execution = execution
+        self._canceled: set[bytes] = set()
+        self._moving: bytes | None = None
         self.server = ActionServer(
             node,
             self._type,
@@ -63,7 +65,23 @@ class _Action:
     # in the event loop
 
     def _stop(self, handle: Any) -> None:
-        raise NotImplementedError
+        name = _name(handle)
+        self._canceled.add(name)
+        if self._moving == name:
+            self._execution.stop()
+
+    async def _follow(self, handle: Any, trajectory: Any, controllers: Sequence[str] = ()) -> None:
+        """Nothing happens between the look whether it was canceled and its beginning."""
+        self._check_canceled(handle)
+        self._moving = _name(handle)
+        try:
+            await self._execution.follow(trajectory, controllers)
+        finally:
+            self._moving = None
+
+    def _check_canceled(self, handle: Any) -> None:
+        if _name(handle) in self._canceled:
+            raise RefusedError("PREEMPTED", "it was canceled before the arm moved")
 
     async def _work(self, handle: Any, result: Any) -> None:
         raise NotImplementedError
@@ -77,6 +95,8 @@ class _Action:
             return "FAILURE", str(error)
         except ClientError as error:
             return "CONTROL_FAILED", str(error)
+        finally:
+            self._canceled.discard(_name(handle))
         return _SUCCESS
 
     def _tell(self, handle: Any, state: str) -> None:
@@ -87,23 +107,12 @@ class ExecuteTrajectoryAction(_Action):
     """``execute_trajectory``."""
 
     def __init__(self, host: NodeHost, node: Any, execution: Execution) -> None:
-        self._following: Any = None
         super().__init__(host, node, "execute_trajectory", "moveit_msgs/action/ExecuteTrajectory", execution)
 
     async def _work(self, handle: Any, result: Any) -> None:
         goal = handle.request
-        if handle.is_cancel_requested:
-            raise RefusedError("PREEMPTED", "it was canceled before it began")
         self._tell(handle, "MONITOR")
-        self._following, before = handle, self._following
-        try:
-            await self._execution.follow(goal.trajectory, getattr(goal, "controller_names", ()))
-        finally:
-            self._following = before
-
-    def _stop(self, handle: Any) -> None:
-        if handle is self._following or self._following is None:
-            self._execution.stop()
+        await self._follow(handle, goal.trajectory, getattr(goal, "controller_names", ()))
 
 
 class MoveAction(_Action):
@@ -119,35 +128,23 @@ class MoveAction(_Action):
     ) -> None:
         self._monitor = monitor
         self._show = show
-        self._canceled: set[bytes] = set()
-        self._moving: bytes | None = None
         super().__init__(host, node, "move_action", "moveit_msgs/action/MoveGroup", execution)
 
-    def _stop(self, handle: Any) -> None:
-        name = bytes(handle.goal_id.uuid)
-        self._canceled.add(name)
-        if self._moving == name:
-            self._execution.stop()
-
     async def _work(self, handle: Any, result: Any) -> None:
-        name = bytes(handle.goal_id.uuid)
         options = handle.request.planning_options
         if options.look_around:
             raise RefusedError("FAILURE", "there is no sensor to look around with: leave look_around out")
         tries = 1 + min(max(options.replan_attempts, 0), _MOST_TRIES) if options.replan else 1
-        try:
-            for left in reversed(range(tries)):
-                try:
-                    await self._once(handle, result, name)
-                    return
-                except RefusedError as error:
-                    if error.code != "MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE" or not left:
-                        raise
-                await asyncio.sleep(max(0.0, options.replan_delay))
-        finally:
-            self._canceled.discard(name)
+        for left in reversed(range(tries)):
+            try:
+                await self._once(handle, result)
+                return
+            except RefusedError as error:
+                if error.code != "MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE" or not left:
+                    raise
+            await asyncio.sleep(max(0.0, options.replan_delay))
 
-    async def _once(self, handle: Any, result: Any, name: bytes) -> None:
+    async def _once(self, handle: Any, result: Any) -> None:
         self._tell(handle, "PLANNING")
         goal = handle.request
         plan_only = goal.planning_options.plan_only
@@ -159,16 +156,11 @@ class MoveAction(_Action):
         result.planned_trajectory = arm.trajectory_message(plan.timed)
         result.planning_time = plan.time_s
         self._show(plan)
-        if name in self._canceled:
-            raise RefusedError("PREEMPTED", "it was canceled while it was planned")
+        self._check_canceled(handle)
         if plan_only or not plan.timed.duration_s:  # it is there
             return
         self._tell(handle, "MONITOR")
-        self._moving = name
-        try:
-            await self._watched(self._execution.follow(result.planned_trajectory), plan.timed)
-        finally:
-            self._moving = None
+        await self._watched(self._follow(handle, result.planned_trajectory), plan.timed)
         result.executed_trajectory = result.planned_trajectory
 
     async def _planned(self, goal: Any, *, plan_only: bool) -> Planned:
@@ -199,6 +191,11 @@ class MoveAction(_Action):
             await follow
         finally:
             follow.cancel()
+
+
+def _name(handle: Any) -> bytes:
+    """Of a goal."""
+    return bytes(handle.goal_id.uuid)
 
 
 def _blocked(monitor: Monitor, timed: TimedPath) -> str:

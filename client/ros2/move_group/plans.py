@@ -3,11 +3,11 @@
 from typing import Any, Final
 
 from client.errors import PlanningError
-from client.ros2.move_group.arm import RefusedError, pose_of
+from client.ros2.move_group.arm import pose_of
+from client.ros2.move_group.constraints import path_constraints
 from client.ros2.move_group.requests import (
     Planned,
     Shares,
-    is_empty,
     planned,
     planned_sequence,
     planner_in,
@@ -46,8 +46,6 @@ def compute_cartesian_path(now: Situation, request: Any, response: Any) -> Plann
     """A link straight from waypoint to waypoint, as far as that goes."""
     arm = now.arm
     arm.check_group(request.group_name)
-    if not is_empty(request.path_constraints):
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "path constraints are not kept here: leave them out")
     link = request.link_name or arm.tip
     beyond = arm.beyond_flange(link)
     start = arm.angles(request.start_state, now.q_rad)
@@ -61,6 +59,7 @@ def compute_cartesian_path(now: Situation, request: Any, response: Any) -> Plann
         base = arm.frame(frame, start, state.frames(start))
         waypoints = [pose_trans(base, pose_of(one)) for one in request.waypoints]
     planner = planner_in(arm, state, request, start)
+    kept = path_constraints(arm, state, request.path_constraints, start)
     given = hasattr(request, "max_velocity_scaling_factor")  # since Jazzy
     shares = scaling(request) if given else Shares(velocity_scaling=1.0, acceleration_scaling=1.0)
     try:
@@ -72,6 +71,7 @@ def compute_cartesian_path(now: Situation, request: Any, response: Any) -> Plann
             revolute_jump_threshold_rad=float(request.revolute_jump_threshold),
             avoid_collisions=request.avoid_collisions,
             tcp_offset=beyond,
+            path_constraints=kept,
             **shares,
         )
     except PlanningError as error:

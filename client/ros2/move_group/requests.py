@@ -26,10 +26,11 @@ from client.planning import (
     TimedPath,
 )
 from client.ros2.move_group.arm import Arm, RefusedError, pose_of
+from client.ros2.move_group.constraints import is_empty, orientation_of, path_constraints
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 from urproto.robots.kinematics import unwind
-from urproto.robots.pose import pose_inv, pose_trans, quaternion_to_rotvec
+from urproto.robots.pose import pose_inv, pose_trans
 from urproto.vectors import ZERO6, Vector3
 
 OMPL: Final = "ompl"
@@ -40,7 +41,6 @@ PLANNERS: Final[dict[str, dict[str, PlannerName]]] = {
 }
 """By pipeline: the names in ur_moveit_config's OMPL configuration and OMPL's own, and those of Pilz' planner."""
 _DEFAULT_TIME_S: Final = 1.0  # MoveIt's, for a request that gives none
-_ZERO: Final = 1e-6  # a quaternion this short is none
 
 _logger = logging.getLogger(__name__)
 
@@ -61,9 +61,12 @@ def planned(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -
     planner = planner_in(arm, state, request, start)
     name = _planner(request)
     limit_s, shares = time_limit(request), scaling(request)
+    kept = None if name == "CIRC" else path_constraints(arm, state, request.path_constraints, start)
     for target in goals(arm, state, request, start, name):
         try:
-            timed = planner.plan(start, target, planner=name, time_limit_s=limit_s, **shares).timed
+            timed = planner.plan(
+                start, target, planner=name, time_limit_s=limit_s, path_constraints=kept, **shares
+            ).timed
         except PlanningError as error:
             refused = refusal(arm, error, start, target)
         else:
@@ -91,6 +94,8 @@ def _item(arm: Arm, state: SceneState, message: Any, start: Joints) -> MotionSeq
     """Joints that a goal leaves out stay where the sequence begins."""
     _check(arm, message.req)
     name = _planner(message.req)
+    if name != "CIRC" and not is_empty(message.req.path_constraints):
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "path constraints: a sequence does not keep to any")
     targets = goals(arm, state, message.req, start, name)
     if len(targets) > 1:
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "a motion of a sequence has one goal")
@@ -125,8 +130,6 @@ def _check(arm: Arm, request: Any) -> None:
         )
     if request.trajectory_constraints.constraints:
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "trajectory constraints are not kept here: leave them out")
-    if _planner(request) != "CIRC" and not is_empty(request.path_constraints):
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "path constraints are not kept here: leave them out")
     if _planner(request) not in PLANNERS[PILZ] and request.max_cartesian_speed > 0.0:
         raise RefusedError("FAILURE", "the Cartesian speed is limited on lines and arcs alone: scale the velocity")
 
@@ -165,18 +168,6 @@ def scaling(request: Any) -> Shares:
 
 def _share(value: Any) -> float:
     return float(value) if 0.0 < value <= 1.0 else 1.0
-
-
-def is_empty(constraints: Any) -> bool:
-    """Whether a moveit_msgs/Constraints asks for nothing."""
-    return not any(
-        (
-            constraints.joint_constraints,
-            constraints.position_constraints,
-            constraints.orientation_constraints,
-            constraints.visibility_constraints,
-        )
-    )
 
 
 # goals
@@ -260,16 +251,9 @@ def _pose_goals(arm: Arm, state: SceneState, place: Any, turn: Any, start: Joint
             f"position and orientation are of one link, not of {place.link_name!r} and {turn.link_name!r}",
         )
     beyond = arm.beyond_flange(place.link_name or arm.tip)
-    others = state.frames(start)
-    orientation = turn.orientation
-    parts = (orientation.x, orientation.y, orientation.z, orientation.w)
-    if not all(map(isfinite, parts)) or max(map(abs, parts)) < _ZERO:
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "the orientation is a quaternion that is zero, or no numbers")
-    turned = pose_trans(arm.frame(turn.header.frame_id, start, others), (0.0, 0.0, 0.0, *quaternion_to_rotvec(*parts)))[
-        3:
-    ]
+    turned = orientation_of(arm, state, turn, start)
     offset = place.target_point_offset
-    frame = arm.frame(place.header.frame_id, start, others)
+    frame = arm.frame(place.header.frame_id, start, state.frames(start))
     region = place.constraint_region
     if region.meshes or not region.primitive_poses:
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "a position is a region of solid primitives")

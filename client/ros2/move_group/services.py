@@ -11,7 +11,8 @@ from client.errors import PlanningError
 from client.planning import CollisionChecker, Nearness
 from client.ros2.host import interface
 from client.ros2.move_group.arm import Arm, RefusedError, pose_of, set_code
-from client.ros2.move_group.requests import PLANNERS, Planned, is_empty, reaching
+from client.ros2.move_group.constraints import is_empty
+from client.ros2.move_group.requests import PLANNERS, Planned, reaching
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 from urproto.robots.description import urdf
