@@ -29,7 +29,7 @@ class _Action:
         self._type = interface(type_name)
         self._execution = execution
         self._canceled: set[bytes] = set()
-        self._moving: bytes | None = None
+        self._moving: set[bytes] = set()
         self.server = ActionServer(
             node,
             self._type,
@@ -67,17 +67,17 @@ class _Action:
     def _stop(self, handle: Any) -> None:
         name = _name(handle)
         self._canceled.add(name)
-        if self._moving == name:
+        if name in self._moving:
             self._execution.stop()
 
     async def _follow(self, handle: Any, trajectory: Any, controllers: Sequence[str] = ()) -> None:
         """Nothing happens between the look whether it was canceled and its beginning."""
         self._check_canceled(handle)
-        self._moving = _name(handle)
+        self._moving.add(_name(handle))
         try:
             await self._execution.follow(trajectory, controllers)
         finally:
-            self._moving = None
+            self._moving.discard(_name(handle))
 
     def _check_canceled(self, handle: Any) -> None:
         if _name(handle) in self._canceled:
