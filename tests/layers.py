@@ -76,7 +76,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
     "controllers": Layer(
         "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")
     ),
-    "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "driver", "robot", "controllers")),
+    "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "planning", "driver", "robot", "controllers")),
     "pendant": Layer(
         "teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording", "controllers", "programs")
     ),

@@ -9,31 +9,43 @@ if find_spec("coal") is None:
         name="coal",
     )
 
+from client.planning.cartesian import CartesianPath
 from client.planning.collisions import CollisionChecker, Nearness
-from client.planning.goals import NAMED, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
+from client.planning.constraints import OrientationConstraint, PathConstraints, PositionConstraint
+from client.planning.goals import NAMED, CircGoal, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
+from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
-from client.planning.scene import Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
+from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
 from client.planning.timing import Limits, TimedPath
 
 __all__ = [
     "NAMED",
     "Box",
+    "CartesianLimits",
+    "CartesianPath",
+    "CircGoal",
     "CollisionChecker",
     "Cylinder",
     "Goal",
     "GoalUnreachableError",
+    "Hull",
+    "IncompletePathError",
     "JointGoal",
     "Limits",
     "Mesh",
+    "MotionSequenceItem",
     "NamedGoal",
     "Nearness",
     "NoPathError",
+    "OrientationConstraint",
+    "PathConstraints",
     "Plan",
     "Plane",
     "Planner",
     "PlannerName",
     "PlanningScene",
     "PoseGoal",
+    "PositionConstraint",
     "SceneObject",
     "Shape",
     "Sphere",

@@ -16,11 +16,12 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from client.errors import SceneError
-from client.planning.scene import LINKS, Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Sphere
+from client.planning.scene import LINKS, Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Sphere
+from urproto.joints import JOINT_LABELS
 from urproto.robots.calibration import chain_of
 from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.robots.shapes import Capsule, capsules
-from urproto.vectors import dot, sub3
+from urproto.vectors import ZERO3, Vector3, dot, sub3
 
 # of the links: neighbours touch always, and so do the base and the upper arm, the forearm and wrist 2, wrist 1 and 3
 _BESIDE: Final = 3
@@ -32,11 +33,16 @@ _Vector = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Nearness:
-    """Two things, links or objects, and how far they are apart [m]; negative: how deep one is in the other."""
+    """Two things, links or objects, and how far they are apart [m]; negative: how deep one is in the other.
+
+    point: the middle between their nearest points [m], in the base frame. normal: from one towards the other.
+    """
 
     one: str
     other: str
     distance_m: float
+    point: Vector3 = ZERO3
+    normal: Vector3 = ZERO3
 
     def __str__(self) -> str:
         if self.distance_m < 0.0:
@@ -72,13 +78,23 @@ class CollisionChecker:
     def nearest(self, q_rad: Sequence[float]) -> list[Nearness]:
         """All pairs that may not touch, nearest first."""
         self.clearance(q_rad)
-        distances = [float(result.min_distance) for result in self._geometry_data.distanceResults]
-        pairs = [Nearness(*names, distance) for names, distance in zip(self._pairs, distances, strict=True)]
+        results = self._geometry_data.distanceResults
+        pairs = [_nearness(names, result) for names, result in zip(self._pairs, results, strict=True)]
         return sorted(pairs, key=lambda pair: pair.distance_m)
 
     def collisions(self, q_rad: Sequence[float]) -> list[Nearness]:
         """Pairs that are nearer than the padding, deepest first."""
         return [pair for pair in self.nearest(q_rad) if pair.distance_m < self.scene.padding_m]
+
+    def objection(self, q_rad: Sequence[float]) -> str:
+        """Why the arm may not be there; nothing for a free place."""
+        q = np.asarray(q_rad, dtype=float)
+        for name, low, angle, high in zip(JOINT_LABELS, self._low, q, self._high, strict=True):
+            if not low <= angle <= high:
+                return f"{name} is at {angle:.4f} rad, its limits are {low:.4f} and {high:.4f} rad"
+        pairs = self.collisions(q_rad)
+        kept = f", and {1000 * self.scene.padding_m:g} mm are to be kept"
+        return "; ".join(map(str, pairs[:3])) + kept if pairs else ""
 
     def way_is_free(self, start_rad: Sequence[float] | _Vector, end_rad: Sequence[float] | _Vector) -> bool:
         """Whether the arm may go straight, in joint space, from one configuration to another."""
@@ -169,6 +185,12 @@ class CollisionChecker:
         return np.array(reach[::-1])
 
 
+def _nearness(names: tuple[str, str], result: Any) -> Nearness:
+    x, y, z = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
+    u, v, w = result.normal
+    return Nearness(*names, float(result.min_distance), (float(x), float(y), float(z)), (float(u), float(v), float(w)))
+
+
 def _capsule(part: Capsule) -> tuple[Any, Any]:
     along = sub3(part.end, part.start)
     length = sqrt(dot(along, along))
@@ -194,6 +216,8 @@ def _solid(name: str, thing: SceneObject) -> Any:
             return coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
         case Mesh(path, scale):
             return _hull(name, str(path), scale)
+        case Hull(points):
+            return _around(points)
     raise SceneError(f"{name} has a shape that is not known")
 
 
@@ -204,6 +228,13 @@ def _hull(name: str, path: str, scale: float) -> Any:
     except (RuntimeError, ValueError) as error:
         raise SceneError(f"{name}: {path} is not a mesh that can be read: {error}") from error
     return mesh.convex
+
+
+def _around(points: Sequence[Sequence[float]]) -> Any:
+    corners = coal.StdVec_Vec3s()
+    for point in points:
+        corners.append(np.array(point, dtype=float))
+    return coal.Convex.convexHull(corners, True, "Qt")
 
 
 def _extent(name: str, thing: SceneObject) -> float:

@@ -9,12 +9,12 @@ from math import isfinite, pi, tau
 from typing import Final, TypeAlias
 
 from client.errors import PlanningError
-from client.planning.collisions import CollisionChecker, Nearness
+from client.planning.collisions import CollisionChecker
 from urproto.joints import JOINT_LABELS
 from urproto.robots import Joints, RobotModel
 from urproto.robots.kinematics import unwind
 from urproto.robots.pose import pose_inv, pose_trans
-from urproto.vectors import ZERO6
+from urproto.vectors import ZERO6, Vector3
 
 NAMED: Final[dict[str, Joints]] = {
     "home": (0.0, -pi / 2, 0.0, 0.0, 0.0, 0.0),
@@ -45,13 +45,27 @@ class PoseGoal:
 
 
 @dataclass(frozen=True, slots=True)
+class CircGoal:
+    """A pose of the TCP, as of a `PoseGoal`, at the end of an arc (planner ``CIRC``).
+
+    The arc leads over the point ``interim``, or is the shorter one about ``center``: x, y, z [m] in the base frame, one
+    of both. Its orientation turns evenly; that at the interim point is not looked at, as by Pilz' planner.
+    """
+
+    pose: Sequence[float]
+    interim: Vector3 | None = None
+    center: Vector3 | None = None
+    tcp_offset: Sequence[float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class NamedGoal:
     """A posture of `NAMED`."""
 
     name: str
 
 
-Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal
+Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal | CircGoal
 
 
 class GoalUnreachableError(PlanningError):
@@ -72,6 +86,8 @@ def candidates(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker
 
 def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
     model = checker.scene.model
+    if isinstance(goal, CircGoal):
+        raise PlanningError("a CircGoal is for the planner CIRC; others go to a PoseGoal")
     if isinstance(goal, NamedGoal):
         if goal.name not in NAMED:
             raise GoalUnreachableError(f"there is no posture {goal.name!r}; known are {', '.join(NAMED)}")
@@ -116,12 +132,9 @@ def _check_limits(q_rad: Joints, model: RobotModel) -> None:
 
 
 def _why(reaching: Sequence[Joints], checker: CollisionChecker) -> str:
-    least: list[Nearness] = min(
-        (checker.collisions(q) for q in reaching),
-        key=lambda pairs: -min((pair.distance_m for pair in pairs), default=0.0),
-    )
+    least = min(reaching, key=lambda q: -min((pair.distance_m for pair in checker.collisions(q)), default=0.0))
     many = f"in the least bad of {len(reaching)} postures, " if len(reaching) > 1 else ""
-    return f"{many}{'; '.join(map(str, least[:3]))}, and {1000 * checker.scene.padding_m:g} mm are to be kept"
+    return many + checker.objection(least)
 
 
 def _distance(q: Sequence[float], other: Sequence[float]) -> float:

@@ -10,6 +10,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Final, TypeAlias
 
+import numpy as np
+
 from client.errors import SceneError
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import Pose, pose_inv, pose_trans
@@ -22,6 +24,7 @@ LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", 
 
 PADDING_M: Final = 0.01
 _FARTHEST_M: Final = 100.0  # no arm is near such a thing (guess)
+_FLAT_M: Final = 1e-6  # thinner things have no hull (guess)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +62,14 @@ class Mesh:
     scale: float = 1.0
 
 
-Shape: TypeAlias = Box | Sphere | Cylinder | Plane | Mesh
+@dataclass(frozen=True, slots=True)
+class Hull:
+    """The convex hull of points [m] (n, 3), n at least 4."""
+
+    points: tuple[Vector3, ...]
+
+
+Shape: TypeAlias = Box | Sphere | Cylinder | Plane | Mesh | Hull
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,9 +239,19 @@ def _checked(name: str, shape: Shape) -> Shape:
             sizes = (scale,)
             if not path.is_file():
                 raise SceneError(f"{name}: there is no file {path}")
+        case Hull(points):
+            _check_points(name, points)
     if not all(_is_number(size) and 0.0 < size < _FARTHEST_M for size in sizes):
         raise SceneError(f"{name}: sizes are above 0 and below {_FARTHEST_M:g} m, not {list(sizes)}")
     return shape
+
+
+def _check_points(name: str, points: Sequence[Vector3]) -> None:
+    places = np.array(points, dtype=float).reshape(-1, 3)
+    if not (abs(places) < _FARTHEST_M).all():
+        raise SceneError(f"{name}: points are below {_FARTHEST_M:g} m, and numbers")
+    if len(places) < 4 or np.linalg.matrix_rank(places - places[0], tol=_FLAT_M) < 3:
+        raise SceneError(f"{name}: its {len(places)} points are flat: a hull has a volume")
 
 
 def _pose(name: str, pose: Sequence[float]) -> Pose:

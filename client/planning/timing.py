@@ -18,7 +18,10 @@ from client.errors import PlanningError
 
 Array: TypeAlias = npt.NDArray[np.float64]
 PathFunction = Callable[[Array], tuple[Array, Array, Array]]
-"""Of places s (n,): q, dq/ds and d2q/ds2, each (n, 6)."""
+"""Of places s (n,): q, dq/ds and d2q/ds2, each (n, columns)."""
+
+Shares = Callable[[Array], Array]
+"""Of places s (n,): what share of the velocities and of the accelerations may be used there (n, 2)."""
 
 _TINY: Final = 1e-9
 _ALMOST: Final = 1.0 - 1e-9
@@ -43,7 +46,10 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class TimedPath:
-    """Samples at equal distances in time: times [s] (n,), q [rad], qd [rad/s], qdd [rad/s2], each (n, 6)."""
+    """Samples: times [s] (n,), q [rad], qd [rad/s], qdd [rad/s2], each (n, 6).
+
+    Their distances in time are equal between two rests.
+    """
 
     times_s: Array
     q: Array
@@ -55,39 +61,66 @@ class TimedPath:
         """From rest to rest."""
         return float(self.times_s[-1])
 
+    @classmethod
+    def still(cls, q_rad: Sequence[float]) -> "TimedPath":
+        """An arm that does not move."""
+        return cls(np.zeros(1), np.array([q_rad], dtype=float), np.zeros((1, 6)), np.zeros((1, 6)))
 
-def time_optimal(path: PathFunction, places: Array, limits: Limits, *, step_s: float) -> TimedPath:
+    def joints(self) -> "TimedPath":
+        """Without the columns that are none."""
+        return TimedPath(self.times_s, self.q[:, :6], self.qd[:, :6], self.qdd[:, :6])
+
+    def then(self, other: "TimedPath") -> "TimedPath":
+        """This and, from where it ends, another one."""
+        return TimedPath(
+            np.concatenate((self.times_s, self.duration_s + other.times_s[1:])),
+            np.concatenate((self.q, other.q[1:])),
+            np.concatenate((self.qd, other.qd[1:])),
+            np.concatenate((self.qdd, other.qdd[1:])),
+        )
+
+
+def time_optimal(
+    path: PathFunction, places: Array, limits: Limits, *, step_s: float, shares: Shares | None = None
+) -> TimedPath:
     """A path as fast as the limits allow, from rest to rest.
 
-    places: ascending, from the path's beginning to its end, dense where it bends. step_s: between the samples.
+    limits: of each column of the path. places: ascending, from the path's beginning to its end, dense where it bends.
+    step_s: between the samples. shares: of the limits; between places of different ones the greater counts while the
+    acceleration changes.
     """
-    speeds = _fastest(path, places, limits)
+    shares = shares or _whole
+    speeds = _fastest(path, places, limits, shares(places))
     when = _times(places, speeds)
     smooth_s = float(np.max(limits.acceleration / limits.jerk))
     stretch = 1.0
     for _ in range(_MOST_STEPS):
-        timed = _sampled(path, places, speeds, when, smooth_s, stretch, step_s)
-        excess = _excess(timed, limits)
+        timed, behind, ahead = _sampled(path, places, speeds, when, smooth_s, stretch, step_s)
+        excess = _excess(timed, limits, np.maximum(shares(behind), shares(ahead)))
         if excess <= 1.0 + 1e-6:
             break
         stretch *= excess * 1.001
     return timed
 
 
-def _fastest(path: PathFunction, s: Array, limits: Limits) -> Array:
+def _whole(s: Array) -> Array:
+    return np.ones((len(s), 2))
+
+
+def _fastest(path: PathFunction, s: Array, limits: Limits, shares: Array) -> Array:
     """The largest ds/dt at each place."""
     _, first, second = path(s)
     with np.errstate(divide="ignore"):
-        largest = np.min((limits.velocity / np.maximum(abs(first), _TINY)) ** 2, axis=1)
+        largest = np.min((limits.velocity * shares[:, :1] / np.maximum(abs(first), _TINY)) ** 2, axis=1)
     steps = np.diff(s)
-    a, b, c = first, second, limits.acceleration
+    a, b, c = first, second, limits.acceleration * shares[:, 1:]
     x = np.empty(len(s))
     x[-1] = 0.0
     for i in range(len(s) - 2, -1, -1):
-        x[i] = _controllable(a[i], b[i], c, float(largest[i]), float(x[i + 1]), float(steps[i]))
+        x[i] = _controllable(a[i], b[i], c[i], float(largest[i]), float(x[i + 1]), float(steps[i]))
     x[0] = 0.0
     for i in range(len(steps)):
-        highest = _accelerations(a[i], b[i] * x[i], c)[1]
+        highest = _accelerations(a[i], b[i] * x[i], c[i])[1]
         x[i + 1] = max(0.0, min(float(x[i + 1]), x[i] + 2.0 * float(steps[i]) * highest))
     return np.sqrt(x)
 
@@ -129,8 +162,11 @@ def _times(s: Array, speed: Array) -> Array:
 
 def _sampled(
     path: PathFunction, s: Array, speed: Array, when: Array, smooth_s: float, stretch: float, step_s: float
-) -> TimedPath:
-    """The path over time, its way along it averaged over ``smooth_s``, which bounds the jerk, and slowed down."""
+) -> tuple[TimedPath, Array, Array]:
+    """The path over time, its way along it averaged over ``smooth_s``, which bounds the jerk, and slowed down.
+
+    And the places between which each average is taken.
+    """
     total = float(when[-1]) + smooth_s
     times = np.linspace(0.0, total, max(2, int(np.ceil(total * stretch / step_s)) + 1))
     ahead, behind = _profile(when, s, speed, times), _profile(when, s, speed, times - smooth_s)
@@ -139,7 +175,7 @@ def _sampled(
     q, first, second = path(np.clip(place, s[0], s[-1]))
     qd = first * rate[:, None] / stretch
     qdd = (first * gain[:, None] + second * (rate**2)[:, None]) / stretch**2
-    return TimedPath(times * stretch, q, qd, qdd)
+    return TimedPath(times * stretch, q, qd, qdd), behind[1], ahead[1]
 
 
 def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, Array, Array]:
@@ -158,12 +194,17 @@ def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, 
     return area, place, np.where(moving, speed[i] + quickening[i] * t, 0.0)
 
 
-def _excess(timed: TimedPath, limits: Limits) -> float:
+def _excess(timed: TimedPath, limits: Limits, allowed: Array) -> float:
     """By what factor it has to be slower to keep all limits; at most 1 when it keeps them."""
     step = float(timed.times_s[1] - timed.times_s[0])
     jerk = np.diff(timed.qdd, axis=0) / step
-    shares = (timed.qd / limits.velocity, timed.qdd / limits.acceleration, jerk / limits.jerk)
-    excess: float = max(float(np.max(abs(share))) ** (1.0 / order) for order, share in enumerate(shares, 1))
+    fast, quick = allowed[:, :1], allowed[:, 1:]
+    used = (
+        timed.qd / (limits.velocity * fast),
+        timed.qdd / (limits.acceleration * quick),
+        jerk / (limits.jerk * np.maximum(quick[:-1], quick[1:])),
+    )
+    excess: float = max(float(np.max(abs(share))) ** (1.0 / order) for order, share in enumerate(used, 1))
     return excess
 
 

@@ -71,6 +71,8 @@ class BlockingPlannedMotion(Part[PlannedMotion]):
 
     model = blocking(PlannedMotion.model)
     plan = blocking(PlannedMotion.plan)
+    plan_sequence = blocking(PlannedMotion.plan_sequence)
+    compute_cartesian_path = blocking(PlannedMotion.compute_cartesian_path)
     execute = blocking(PlannedMotion.execute)
 
 

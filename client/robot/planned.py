@@ -4,6 +4,7 @@ Needs the extra ``plan``, which nothing else of this package loads.
 """
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +13,12 @@ from client.errors import PlanningError
 from client.robot.moves import Moves
 from client.robot.state import RobotState
 from urproto.external_control import TrajectoryPoint
-from urproto.robots import RobotModel
+from urproto.robots import Joints, RobotModel
+from urproto.robots.pose import Pose
 
 if TYPE_CHECKING:
     from client.driver import URDriver
-    from client.planning import Goal, Plan, PlanningScene
+    from client.planning import CartesianPath, Goal, MotionSequenceItem, Plan, PlanningScene
 
 
 class PlannedMotion:
@@ -37,24 +39,62 @@ class PlannedMotion:
     async def plan(self, goal: "Goal", scene: "PlanningScene", /, **options: Any) -> "Plan":
         """A way from where the arm stands; options are those of `client.planning.Planner.plan`.
 
-        A `PoseGoal` without a TCP is one of the robot's TCP. Other tasks go on meanwhile. Raises PlanningError.
+        A goal that is a pose without a TCP is one of the robot's TCP. Other tasks go on meanwhile. Raises
+        PlanningError.
         """
-        from client.planning import Planner, PoseGoal
+        from client.planning import Planner
 
-        q_rad = RobotState(self._driver.state).q_rad
-        if isinstance(goal, PoseGoal) and goal.tcp_offset is None:
-            state = self._driver.robot.primary_state
-            if state is None or state.cartesian is None:
-                raise PlanningError("the robot has not said yet which TCP it has: give the goal's tcp_offset")
-            goal = replace(goal, tcp_offset=state.cartesian.tcp_offset)
-        return await asyncio.to_thread(Planner(scene).plan, q_rad, goal, **options)
+        return await asyncio.to_thread(Planner(scene).plan, self._q_rad, self._with_tcp(goal), **options)
+
+    async def plan_sequence(
+        self, items: "Sequence[MotionSequenceItem]", scene: "PlanningScene", /, **options: Any
+    ) -> "Plan":
+        """Motions one after the other from where the arm stands; see `client.planning.Planner.plan_sequence`."""
+        from client.planning import Planner
+
+        items = [replace(item, goal=self._with_tcp(item.goal)) for item in items]
+        return await asyncio.to_thread(Planner(scene).plan_sequence, self._q_rad, items, **options)
+
+    async def compute_cartesian_path(
+        self, waypoints: Sequence[Sequence[float]], scene: "PlanningScene", /, *args: Any, **options: Any
+    ) -> "CartesianPath[Plan]":
+        """Straight from waypoint to waypoint; see `client.planning.Planner.compute_cartesian_path`.
+
+        The waypoints are poses of the robot's TCP unless a tcp_offset is given.
+        """
+        from client.planning import Planner
+
+        options["tcp_offset"] = options.get("tcp_offset") or self._tcp_offset()
+        planner = Planner(scene)
+        return await asyncio.to_thread(planner.compute_cartesian_path, self._q_rad, waypoints, *args, **options)
 
     async def execute(self, plan: "Plan", *, wait: bool = True) -> None:
         """Let the robot follow a plan, from where it begins. Raises PlanningError when the arm stands elsewhere."""
         plan.check_start(self._driver.state["actual_q"])
         timed = plan.timed
+        if len(timed.times_s) < 2:
+            if plan.stopped_by:
+                raise PlanningError(f"there is nothing to execute: {plan.stopped_by}")
+            return  # the arm is there
         steps = zip(timed.q[1:], timed.qd[1:], timed.qdd[1:], timed.times_s[1:] - timed.times_s[:-1], strict=True)
         points = [
             TrajectoryPoint.spline(q.tolist(), qd.tolist(), float(step), qdd.tolist()) for q, qd, qdd, step in steps
         ]
         await self._moves.execute("plan_to", points, wait)
+
+    @property
+    def _q_rad(self) -> Joints:
+        return RobotState(self._driver.state).q_rad
+
+    def _with_tcp(self, goal: "Goal") -> "Goal":
+        from client.planning import CircGoal, PoseGoal
+
+        if isinstance(goal, PoseGoal | CircGoal) and goal.tcp_offset is None:
+            return replace(goal, tcp_offset=self._tcp_offset())
+        return goal
+
+    def _tcp_offset(self) -> Pose:
+        state = self._driver.robot.primary_state
+        if state is None or state.cartesian is None:
+            raise PlanningError("the robot has not said yet which TCP it has: give the tcp_offset")
+        return state.cartesian.tcp_offset

@@ -47,6 +47,9 @@ _BUILDER: Final = Path(__file__).with_name("message_builder.py")
 _VERSIONS: Final = {
     "control_msgs": {"humble": "4.8.0", "jazzy": "5.8.0", "kilted": "6.8.0"},
     "controller_manager_msgs": {"humble": "2.54.0", "jazzy": "4.46.0", "kilted": "5.16.0"},
+    "octomap_msgs": {"humble": "2.0.1", "jazzy": "2.0.1", "kilted": "2.0.1"},
+    "object_recognition_msgs": {"humble": "2.0.0", "jazzy": "2.0.0", "kilted": "2.0.0"},
+    "moveit_msgs": {"humble": "2.2.1", "jazzy": "2.7.1", "kilted": "2.7.1"},
     "tf2_msgs": {"humble": "0.25.0", "jazzy": "0.36.0", "kilted": "0.41.0"},
     "ur_dashboard_msgs": {"humble": "2.14.0", "jazzy": "3.8.0", "kilted": "4.8.0"},
     "ur_msgs": {"humble": "2.5.0", "jazzy": "2.5.0", "kilted": "2.5.0"},

@@ -1,8 +1,10 @@
-"""Three places to work in, of a size that suits an arm."""
+"""Three places to work in, of a size that suits an arm; postures in them; and all places of a plan."""
 
 from random import Random
 
-from client.planning import Box, CollisionChecker, Plane, PlanningScene, Sphere
+import numpy as np
+
+from client.planning import Box, CollisionChecker, Plan, Plane, PlanningScene, Sphere
 from urproto.robots import Joints, load_model
 
 SCENES = ("table and wall", "shelf", "slot")
@@ -46,3 +48,25 @@ def free_postures(checker: CollisionChecker, random: Random, count: int) -> list
         if checker.is_free(q):
             found.append(q)
     return found
+
+
+def samples(plan: Plan, count: int = 5) -> np.ndarray:
+    """So many times as many as the trajectory has, by the splines of fifth degree that a robot makes of its points."""
+    timed, rows = plan.timed, []
+    powers = np.arange(6)
+    for i, step in enumerate(np.diff(timed.times_s)):
+        known = np.array([timed.q[i], timed.qd[i], timed.qdd[i], timed.q[i + 1], timed.qd[i + 1], timed.qdd[i + 1]])
+        equations = np.array(
+            [
+                [1, 0, 0, 0, 0, 0],
+                [0, 1, 0, 0, 0, 0],
+                [0, 0, 2, 0, 0, 0],
+                step**powers,
+                powers * step ** np.maximum(powers - 1, 0),
+                powers * (powers - 1) * step ** np.maximum(powers - 2, 0),
+            ],
+            dtype=float,
+        )
+        spline = np.linalg.solve(equations, known)
+        rows += [(share * step) ** powers @ spline for share in np.linspace(0.0, 1.0, count, endpoint=False)]
+    return np.array([*rows, timed.q[-1]])

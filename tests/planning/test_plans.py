@@ -11,7 +11,7 @@ pytest.importorskip("ompl")
 from clearance import Clearance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import SCENES, free_postures, scene_of
+from scenes import SCENES, free_postures, samples, scene_of
 
 from client.errors import PlanningError, SceneError
 from client.planning import (
@@ -21,7 +21,6 @@ from client.planning import (
     JointGoal,
     NamedGoal,
     NoPathError,
-    Plan,
     Plane,
     Planner,
     PlanningScene,
@@ -32,22 +31,6 @@ from client.planning import (
 from urproto.robots import MODELS, START_Q, Kinematics, load_model
 
 NEAR = 1e-6
-
-
-def samples(plan: Plan) -> np.ndarray:
-    """Five times as many as the trajectory has, by cubics through its points."""
-    timed, rows = plan.timed, []
-    for i in range(len(timed.times_s) - 1):
-        step = timed.times_s[i + 1] - timed.times_s[i]
-        for share in np.linspace(0.0, 1.0, 5, endpoint=False):
-            s, r = share, 1.0 - share
-            rows.append(
-                (1 + 2 * s) * r**2 * timed.q[i]
-                + s * r**2 * step * timed.qd[i]
-                + s**2 * (3 - 2 * s) * timed.q[i + 1]
-                - s**2 * r * step * timed.qd[i + 1]
-            )
-    return np.array([*rows, timed.q[-1]])
 
 
 @pytest.mark.parametrize("place", SCENES)

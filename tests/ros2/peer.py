@@ -48,6 +48,8 @@ def fill(message, values):
             kind = message.get_fields_and_field_types()[name].removeprefix("sequence<").split(">")[0].split("[")[0]
             package, type_name = kind.split("/")
             setattr(message, name, [fill(interface(f"{package}/msg/{type_name}")(), item) for item in value])
+        elif isinstance(now, bytes):  # a byte, by its constant's name or as it is
+            setattr(message, name, getattr(message, value) if isinstance(value, str) else bytes([value]))
         else:
             setattr(message, name, value)
     return message

@@ -1,0 +1,137 @@
+"""What a tool must keep to on its way: an orientation with tolerances, a box for its TCP."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import asin, atan2, isfinite, pi
+from typing import Final
+
+import numpy as np
+
+from client.errors import PlanningError
+from client.planning.collisions import CollisionChecker
+from client.planning.scene import PlanningScene
+from client.planning.timing import Array
+from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
+from urproto.vectors import ZERO6, Vector3
+
+_LOOKS_RAD: Final = 0.02  # between two of them on a way (guess): the TCP turns by less than six of these
+_AXES: Final = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationConstraint:
+    """The TCP turned no farther from an orientation than the tolerances say.
+
+    orientation: rotation vector [rad] (3,) in the base frame. tolerance_rad: to both sides about x, y and z (3,), of
+    the turns Rx Ry Rz that lead from the wanted to the present orientation, as MoveIt's XYZ_EULER_ANGLES; pi about z is
+    free: what is to stay level has its upright axis as z. Others are below pi/2.
+    """
+
+    orientation: Vector3
+    tolerance_rad: Vector3
+
+    def __post_init__(self) -> None:
+        _check("an orientation", self.orientation, -np.inf)
+        _check("tolerances of an orientation", self.tolerance_rad, 0.0)
+        if max(self.tolerance_rad[:2]) >= pi / 2:
+            raise PlanningError(f"tolerances about x and y are below pi/2, not {list(self.tolerance_rad)}")
+
+    def excess(self, pose: Pose) -> Array:
+        """By how much each turn is beyond its tolerance [rad] (3,), with its sign."""
+        wanted = (0.0, 0.0, 0.0, *self.orientation)
+        r = rotvec_to_matrix(*pose_trans(pose_inv(wanted), (0.0, 0.0, 0.0, *pose[3:]))[3:])
+        turns = (atan2(-r[5], r[8]), asin(max(-1.0, min(1.0, r[2]))), atan2(-r[1], r[0]))
+        return _beyond(np.array(turns), np.array(self.tolerance_rad))
+
+
+@dataclass(frozen=True, slots=True)
+class PositionConstraint:
+    """The TCP in a box: edge lengths [m] (3,), and the pose of its middle in the base frame."""
+
+    size: Vector3
+    pose: Sequence[float] = ZERO6
+
+    def __post_init__(self) -> None:
+        _check("a box", self.size, 0.0)
+        if len(self.pose) != 6 or not all(map(isfinite, self.pose)):
+            raise PlanningError(f"a box's pose is six finite numbers, not {list(self.pose)}")
+
+    def excess(self, pose: Pose) -> Array:
+        """How far the TCP is out of it along its axes [m] (3,), with its sign."""
+        inside = pose_trans(pose_inv(self.pose), pose)[:3]
+        return _beyond(np.array(inside), 0.5 * np.array(self.size))
+
+
+@dataclass(frozen=True, slots=True)
+class PathConstraints:
+    """All that counts on a whole way. tcp_offset: flange to TCP; as that of a `PoseGoal`."""
+
+    orientation: OrientationConstraint | None = None
+    position: PositionConstraint | None = None
+    tcp_offset: Sequence[float] | None = None
+
+    def excess(self, pose: Pose) -> Array:
+        """Of the orientation [rad] and of the position [m], as many threes as there are constraints."""
+        parts = [part.excess(pose) for part in (self.orientation, self.position) if part is not None]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def objection(self, pose: Pose) -> str:
+        """What is broken there; nothing for a pose that keeps to all."""
+        broken = []
+        for part, name, unit, scale in (
+            (self.orientation, "is turned about", "rad", 1.0),
+            (self.position, "is along", "mm", 1000.0),
+        ):
+            for axis, over in zip(_AXES, () if part is None else part.excess(pose), strict=False):
+                if over:
+                    broken.append(
+                        f"the TCP {name} {axis} by {abs(scale * over):.3g} {unit} more than the constraint lets"
+                    )
+        return "; ".join(broken)
+
+
+class ConstrainedChecker(CollisionChecker):
+    """Takes the breaking of a constraint for a collision."""
+
+    def __init__(self, scene: PlanningScene, constraints: PathConstraints) -> None:
+        super().__init__(scene)
+        self.constraints = constraints
+
+    def is_free(self, q_rad: Sequence[float] | Array) -> bool:
+        """As of collisions, and the TCP keeps to its constraints."""
+        return self.keeps(q_rad) and super().is_free(q_rad)
+
+    def blocked_at(self, path: Callable[[float], Array], travel_rad: Array) -> float | None:
+        """As of collisions; the constraints are looked at every 0.02 rad of the joint that goes farthest."""
+        looks = np.linspace(0.0, 1.0, 2 + int(travel_rad.max() / _LOOKS_RAD))
+        for share in looks.tolist():
+            if not self.keeps(path(share)):
+                return float(share)
+        return super().blocked_at(path, travel_rad)
+
+    def objection(self, q_rad: Sequence[float]) -> str:
+        """As of collisions, or which constraint is broken."""
+        return self.constraints.objection(self._pose(q_rad)) or super().objection(q_rad)
+
+    def keeps(self, q_rad: Sequence[float] | Array) -> bool:
+        """Whether the TCP keeps to its constraints."""
+        return not self.excess(q_rad).any()
+
+    def excess(self, q_rad: Sequence[float] | Array) -> Array:
+        """See `PathConstraints.excess`."""
+        return self.constraints.excess(self._pose(q_rad))
+
+    def _pose(self, q_rad: Sequence[float] | Array) -> Pose:
+        a, b, c, d, e, f = (float(angle) for angle in q_rad)
+        return self.scene.kinematics.forward((a, b, c, d, e, f), self.constraints.tcp_offset or ZERO6)
+
+
+def _beyond(values: Array, most: Array) -> Array:
+    over: Array = np.sign(values) * np.maximum(abs(values) - most - 1e-9, 0.0)
+    return over
+
+
+def _check(what: str, values: Sequence[float], least: float) -> None:
+    if len(values) != 3 or not all(isfinite(value) and value >= least for value in values):
+        bound = "" if least < 0.0 else ", 0 or above"
+        raise PlanningError(f"{what}: three finite numbers{bound}, not {list(values)}")

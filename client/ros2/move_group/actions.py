@@ -1,0 +1,212 @@
+"""The actions of ``move_group``: planning and moving in one, and following a trajectory that was planned before."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from math import dist
+from typing import Any, Final
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+
+from client.errors import ClientError, PlanningError
+from client.planning import CollisionChecker, TimedPath
+from client.ros2.host import NodeHost, interface
+from client.ros2.move_group.arm import RefusedError, set_code
+from client.ros2.move_group.execution import Execution
+from client.ros2.move_group.monitor import Monitor
+from client.ros2.move_group.requests import Planned, planned
+
+_MOST_TRIES: Final = 10  # of plans whose way was blocked; guess
+_SUCCESS: Final = "SUCCESS", ""
+
+
+class _Action:
+    """An action whose goals are all taken, and end with a code."""
+
+    def __init__(self, host: NodeHost, node: Any, name: str, type_name: str, execution: Execution) -> None:
+        self._host = host
+        self._node = node
+        self._name = name
+        self._type = interface(type_name)
+        self._execution = execution
+        self._canceled: set[bytes] = set()
+        self._moving: set[bytes] = set()
+        self.server = ActionServer(
+            node,
+            self._type,
+            name,
+            self._execute,
+            goal_callback=lambda goal: GoalResponse.ACCEPT,
+            cancel_callback=self._cancel,
+        )
+
+    # in the node's thread
+
+    async def _execute(self, handle: Any) -> Any:
+        result = self._type.Result()
+        code, reason = await self._host.task(self._node, self._ended(handle, result))
+        set_code(result.error_code, code, reason)
+        if code == "SUCCESS":
+            handle.succeed()
+        elif code == "PREEMPTED" and handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            self._node.get_logger().error(f"{self._name}: {code}: {reason}")
+            handle.abort()
+        return result
+
+    def _cancel(self, handle: Any) -> CancelResponse:
+        try:
+            self._host.do(lambda: self._stop(handle))
+        except ClientError as error:
+            self._node.get_logger().error(f"{self._name}: it cannot be stopped: {error}")
+            return CancelResponse.REJECT
+        return CancelResponse.ACCEPT
+
+    # in the event loop
+
+    def _stop(self, handle: Any) -> None:
+        name = _name(handle)
+        self._canceled.add(name)
+        if name in self._moving:
+            self._execution.stop()
+
+    async def _follow(self, handle: Any, trajectory: Any, controllers: Sequence[str] = ()) -> None:
+        """Nothing happens between the look whether it was canceled and its beginning."""
+        self._check_canceled(handle)
+        self._moving.add(_name(handle))
+        try:
+            await self._execution.follow(trajectory, controllers)
+        finally:
+            self._moving.discard(_name(handle))
+
+    def _check_canceled(self, handle: Any) -> None:
+        if _name(handle) in self._canceled:
+            raise RefusedError("PREEMPTED", "it was canceled before the arm moved")
+
+    async def _work(self, handle: Any, result: Any) -> None:
+        raise NotImplementedError
+
+    async def _ended(self, handle: Any, result: Any) -> tuple[str, str]:
+        try:
+            await self._work(handle, result)
+        except RefusedError as error:
+            return error.code, str(error)
+        except PlanningError as error:
+            return "FAILURE", str(error)
+        except ClientError as error:
+            return "CONTROL_FAILED", str(error)
+        finally:
+            self._canceled.discard(_name(handle))
+        return _SUCCESS
+
+    def _tell(self, handle: Any, state: str) -> None:
+        handle.publish_feedback(self._type.Feedback(state=state))
+
+
+class ExecuteTrajectoryAction(_Action):
+    """``execute_trajectory``."""
+
+    def __init__(self, host: NodeHost, node: Any, execution: Execution) -> None:
+        super().__init__(host, node, "execute_trajectory", "moveit_msgs/action/ExecuteTrajectory", execution)
+
+    async def _work(self, handle: Any, result: Any) -> None:
+        goal = handle.request
+        self._tell(handle, "MONITOR")
+        await self._follow(handle, goal.trajectory, getattr(goal, "controller_names", ()))
+
+
+class MoveAction(_Action):
+    """``move_action``: plans, follows the plan, and stops when the scene changes so that it is blocked."""
+
+    def __init__(
+        self,
+        host: NodeHost,
+        node: Any,
+        execution: Execution,
+        monitor: Monitor,
+        show: Callable[[Planned], object],
+    ) -> None:
+        self._monitor = monitor
+        self._show = show
+        super().__init__(host, node, "move_action", "moveit_msgs/action/MoveGroup", execution)
+
+    async def _work(self, handle: Any, result: Any) -> None:
+        options = handle.request.planning_options
+        if options.look_around:
+            raise RefusedError("FAILURE", "there is no sensor to look around with: leave look_around out")
+        tries = 1 + min(max(options.replan_attempts, 0), _MOST_TRIES) if options.replan else 1
+        for left in reversed(range(tries)):
+            try:
+                await self._once(handle, result)
+                return
+            except RefusedError as error:
+                if error.code != "MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE" or not left:
+                    raise
+            await asyncio.sleep(max(0.0, options.replan_delay))
+
+    async def _once(self, handle: Any, result: Any) -> None:
+        self._tell(handle, "PLANNING")
+        goal = handle.request
+        plan_only = goal.planning_options.plan_only
+        if not plan_only and goal.request.start_state.joint_state.name:
+            self._node.get_logger().warning("move_action: it starts where the arm stands, whatever start_state says")
+        plan = await self._planned(goal, plan_only=plan_only)
+        arm = self._monitor.arm
+        result.trajectory_start = arm.state_message(plan.start_rad)
+        result.planned_trajectory = arm.trajectory_message(plan.timed)
+        result.planning_time = plan.time_s
+        self._show(plan)
+        self._check_canceled(handle)
+        if plan_only or not plan.timed.duration_s:  # it is there
+            return
+        self._tell(handle, "MONITOR")
+        await self._watched(self._follow(handle, result.planned_trajectory), plan.timed)
+        result.executed_trajectory = result.planned_trajectory
+
+    async def _planned(self, goal: Any, *, plan_only: bool) -> Planned:
+        q = self._monitor.stands()
+        difference = goal.planning_options.planning_scene_diff
+        difference.is_diff = True  # as its name says; who leaves it empty does not want an empty scene
+        state = self._monitor.state.changed(difference, q)
+        if not plan_only:
+            goal.request.start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
+        return await asyncio.to_thread(planned, self._monitor.arm, state, goal.request, q)
+
+    async def _watched(self, following: Awaitable[None], timed: TimedPath) -> None:
+        """Follow, and look at the rest of the way each time the scene has changed."""
+        follow = asyncio.ensure_future(following)
+        try:
+            while not follow.done():
+                change = asyncio.ensure_future(self._monitor.change())
+                await asyncio.wait({follow, change}, return_when=asyncio.FIRST_COMPLETED)
+                change.cancel()
+                if follow.done():
+                    break
+                blocked = await asyncio.to_thread(_blocked, self._monitor, timed)
+                if blocked and not follow.done():
+                    self._execution.stop()
+                    await asyncio.wait({follow})
+                    follow.exception()
+                    raise RefusedError("MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE", blocked)
+            await follow
+        finally:
+            follow.cancel()
+
+
+def _name(handle: Any) -> bytes:
+    """Of a goal."""
+    return bytes(handle.goal_id.uuid)
+
+
+def _blocked(monitor: Monitor, timed: TimedPath) -> str:
+    """What is in the way of what is left of a path; "" for nothing."""
+    checker = CollisionChecker(monitor.state.scene())
+    before = monitor.stands()
+    places = timed.q.tolist()
+    nearest = min(range(len(places)), key=lambda i: dist(places[i], before))
+    for q in places[nearest:]:
+        if not checker.way_is_free(before, q):
+            near = checker.collisions(q)
+            return f"the scene has changed, and the way is blocked{f': {near[0]}' if near else ''}"
+        before = q
+    return ""

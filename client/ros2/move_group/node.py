@@ -1,0 +1,159 @@
+"""The node ``move_group``: topics by which the scene changes and is seen, services, actions, and the arm's SRDF."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any, Final
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.qos import QoSProfile
+from std_msgs.msg import String
+
+from client.controllers.robot import ControlledRobot
+from client.errors import ClientError, PlanningError
+from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
+from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction
+from client.ros2.move_group.arm import Arm, RefusedError
+from client.ros2.move_group.execution import Execution
+from client.ros2.move_group.monitor import Monitor
+from client.ros2.move_group.plans import PLANS
+from client.ros2.move_group.requests import Planned
+from client.ros2.move_group.services import SERVICES, Service, Situation, answer_code, answered
+from client.ros2.move_group.srdf import srdf
+from urproto.robots import RobotModel
+from urproto.robots.description import urdf
+
+NAME: Final = "move_group"
+_DEPTH: Final = 100
+_CHANGING: Final = (
+    ("planning_scene", "moveit_msgs/msg/PlanningScene"),
+    ("planning_scene_world", "moveit_msgs/msg/PlanningSceneWorld"),
+    ("collision_object", "moveit_msgs/msg/CollisionObject"),
+    ("attached_collision_object", "moveit_msgs/msg/AttachedCollisionObject"),
+)
+"""Topics whose messages change the scene. Source: MoveIt's planning scene monitor."""
+
+
+class MoveGroupNode:
+    """The node; it spins from its making until `close`."""
+
+    def __init__(self, host: NodeHost, robot: ControlledRobot, model: RobotModel, prefix: str = "") -> None:
+        self._host = host
+        self.node = node = host.node(NAME)
+        self._arm = Arm(model, prefix)
+        self._monitor = Monitor(self._arm, robot)
+        self._execution = Execution(robot)
+        semantic = srdf(self._arm)
+        fixed = ParameterDescriptor(read_only=True)
+        node.declare_parameter("robot_description", urdf(model, prefix=prefix), fixed)
+        node.declare_parameter("robot_description_semantic", semantic, fixed)
+        self._semantic = node.create_publisher(String, "robot_description_semantic", LATCHED)
+        self._semantic.publish(String(data=semantic))
+        self._scene = node.create_publisher(
+            interface("moveit_msgs/msg/PlanningScene"), "monitored_planning_scene", LATCHED
+        )
+        self._way = node.create_publisher(
+            interface("moveit_msgs/msg/DisplayTrajectory"), "display_planned_path", QoSProfile(depth=10)
+        )
+        for topic, kind in _CHANGING:
+            node.create_subscription(interface(kind), topic, self._listener(topic), _DEPTH)
+        node.create_subscription(String, "trajectory_execution_event", self._event, 1)
+        for row in SERVICES:
+            if (kind := interface_if_any(row.type)) is not None:  # Humble has fewer
+                node.create_service(kind, row.name, self._handler(row))
+        node.create_service(interface("moveit_msgs/srv/ApplyPlanningScene"), "apply_planning_scene", self._apply)
+        beside = ReentrantCallbackGroup()  # others are answered while it is planned
+        for row in PLANS:
+            node.create_service(interface(row.type), row.name, self._planner(row), callback_group=beside)
+        self._actions = (
+            ExecuteTrajectoryAction(host, node, self._execution),
+            MoveAction(host, node, self._execution, self._monitor, self._show),
+        )
+        host.spin(node)
+
+    def close(self) -> None:
+        """End the node; a trajectory that is under way is stopped."""
+        self._host.close(self.node)
+
+    # in the node's thread
+
+    def _error(self, what: str, reason: object) -> None:
+        self.node.get_logger().error(f"{what}: {reason}")
+
+    def _listener(self, topic: str) -> Callable[[Any], None]:
+        def listen(message: Any) -> None:
+            self._change(topic, message)
+
+        return listen
+
+    def _change(self, what: str, message: Any) -> bool:
+        """Whether the scene has been changed; all of a message or nothing."""
+        try:
+            self._host.do(lambda: self._monitor.apply(message))
+            told = self._monitor.state.message(self._host.do(self._monitor.stands))
+        except (RefusedError, PlanningError) as error:
+            self._error(what, error)
+            return False
+        self._scene.publish(told)
+        return True
+
+    def _apply(self, request: Any, response: Any) -> Any:
+        response.success = self._change("apply_planning_scene", request.scene)
+        return response
+
+    def _handler(self, row: Service) -> Callable[[Any, Any], Any]:
+        def handle(request: Any, response: Any) -> Any:
+            try:
+                _, reason = answered(row, self._host.do(self._situation), request, response)
+            except RefusedError as error:
+                self._refuse(row, response, error)
+            else:
+                if reason:
+                    self._error(row.name, reason)
+            return response
+
+        return handle
+
+    def _planner(self, row: Service) -> Callable[[Any, Any], Any]:
+        async def handle(request: Any, response: Any) -> Any:
+            try:
+                now = self._host.do(self._situation)
+            except RefusedError as error:
+                self._refuse(row, response, error)
+                return response
+            work = asyncio.to_thread(answered, row, now, request, response)
+            plan, reason = await self._host.task(self.node, work)
+            if reason:
+                self._error(row.name, reason)
+            if plan is not None:
+                self._show(plan)
+            return response
+
+        return handle
+
+    def _refuse(self, row: Service, response: Any, error: RefusedError) -> None:
+        self._error(row.name, error)
+        answer_code(response, error.code, str(error))
+
+    def _event(self, message: Any) -> None:
+        if message.data != "stop":
+            self._error("trajectory_execution_event", f"{message.data!r} is not known: there is stop")
+            return
+        try:
+            self._host.do(self._execution.stop)
+        except ClientError as error:
+            self._error("trajectory_execution_event", error)
+
+    # anywhere
+
+    def _situation(self) -> Situation:
+        """In the event loop."""
+        return Situation(self._arm, self._monitor.state, self._monitor.stands())
+
+    def _show(self, plan: Planned) -> None:
+        """What RViz draws."""
+        message = interface("moveit_msgs/msg/DisplayTrajectory")()
+        message.model_id = self._arm.model.name
+        message.trajectory_start = self._arm.state_message(plan.start_rad)
+        message.trajectory = [self._arm.trajectory_message(plan.timed)]
+        self._way.publish(message)
