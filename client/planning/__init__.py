@@ -6,7 +6,7 @@ from client.planning.constraints import OrientationConstraint, PathConstraints, 
 from client.planning.goals import NAMED, CircGoal, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
 from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
-from client.planning.scene import Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
+from client.planning.scene import Box, Cylinder, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere, read_safety
 from client.planning.timing import Limits, TimedPath
 
 __all__ = [
@@ -41,5 +41,6 @@ __all__ = [
     "Sphere",
     "StartInCollisionError",
     "TimedPath",
+    "read_safety",
     "usual_limits",
 ]
