@@ -138,10 +138,10 @@ async def execute(model: str, place: str, plans: Sequence[Plan]) -> tuple[int, i
                 for plan in plans:
                     await arm.move_j(plan.way[0], speed_rad_s=3.0)
                     driven.append(arm.q)
-                    unsubscribe = arm.driver.robot.on_state
-                    unsubscribe.append(note := lambda state: driven.append(tuple(state["actual_q"])))
+                    listeners = arm.driver.robot.on_state
+                    listeners.append(note := lambda state: driven.append(tuple(state["actual_q"])))
                     await arm.planning.execute(plan)
-                    unsubscribe.remove(note)
+                    listeners.remove(note)
                     taken += 1
     return taken, len(driven), min((clearance(q) - scene.padding_m for q in driven), default=float("inf"))
 
@@ -151,10 +151,10 @@ def measure(queries: int = QUERIES, executed: int = EXECUTED, models: Sequence[s
     rows = [_row(model, place, queries, executed) for model in models for place in SCENES]
     note = (
         f"Random pairs of free postures, seeded. Solved: within {LIMIT_S:g} s, of those that this or a search of "
-        f"{LONG_S:g} s solves. CPU: of one plan with search, shortening and timing; around: of those whose straight way "
-        "is not free. Bare: OMPL's RRT-Connect and simplification with its own settings, no timing; blocked: its ways "
-        "that touch something between the places it looked at. Nearest: of planned ways, and of the actual_q recorded "
-        "of executed ones, beyond the padding, by geometry of the tests' own, exact to 1 mm."
+        f"{LONG_S:g} s solves. CPU: of one plan with search, shortening and timing; around: of those whose straight "
+        "way is not free. Bare: OMPL's RRT-Connect and simplification with its own settings, no timing; blocked: its "
+        "ways that touch something between the places it looked at. Nearest: of planned ways, and of the actual_q "
+        "recorded of executed ones, beyond the padding, by geometry of the tests' own, exact to 1 mm."
     )
     columns = [
         "arm",

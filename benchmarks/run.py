@@ -13,6 +13,7 @@ import fleet
 import jitter
 import latency
 import pendant
+import planning
 import ros2_driver
 import rtde_codec
 import startup
@@ -41,6 +42,7 @@ def main() -> None:
         latency.measure(),
         streaming.measure(),
         pendant.measure(),
+        planning.measure(),
         ros2_driver.measure(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),

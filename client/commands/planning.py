@@ -17,6 +17,7 @@ from urproto.robots import load_model
 
 if TYPE_CHECKING:
     from client.planning import Goal, Plan, PlanningScene
+    from urscript.polyscope.safety_configuration import SafetyConfiguration
 
 _NUMBERS = re.compile(r"(p?)\[?([^\[\]]*)\]?")
 
@@ -32,10 +33,15 @@ def plan_command(
     scene: Annotated[
         Path | None, typer.Option(help="What stands around the arm: a file as `ur-emulator --world` takes it.")
     ] = None,
+    safety: Annotated[
+        Path | None, typer.Option(help="Keep inside of the safety planes of this file, an installation of PolyScope.")
+    ] = None,
     execute: Annotated[bool, typer.Option("--execute", help="Let the arm take the way.")] = False,
     degrees: Annotated[bool, typer.Option("--degrees", help="Joint angles are in degrees.")] = False,
     padding: Annotated[float, typer.Option(help="How far the arm keeps from everything [m].")] = 0.01,
-    planner: Annotated[str, typer.Option(help="RRTConnect, RRTstar or PRM.")] = "RRTConnect",
+    planner: Annotated[
+        str, typer.Option(help="RRTConnect, RRTstar, PRM: around what is in the way. PTP, LIN: straight.")
+    ] = "RRTConnect",
     time_limit: Annotated[float, typer.Option(help="How long to look for a way [s].")] = 5.0,
     seed: Annotated[int, typer.Option(help="The same seed gives the same way.")] = 0,
     velocity: Annotated[float, typer.Option(help="Share of the joints' speeds, up to 1.")] = 0.3,
@@ -76,12 +82,16 @@ def plan_command(
 
         if start is not None and model is not None:
             around = _scene(PlanningScene(load_model(model), padding_m=padding), scene)
+            if safety is not None:
+                around.set_safety(_read_safety(safety))
             _tell(Planner(around).plan(_angles(start, degrees), wanted, **options), as_json, plot)
             return
 
         target = Target(robot_ip, port_offset, make_ready=make_ready, record=record)
         async with AsyncRobot(robot_ip, robot_ports=target.ports) as robot:
             around = _scene(PlanningScene(await robot.planning.model(), padding_m=padding), scene)
+            if safety is not None:
+                around.set_safety(_read_safety(safety), robot.planning.tcp_offset())
             plan = await robot.planning.plan(wanted, around, **options)
         _tell(plan, as_json, plot)
         if execute:
@@ -107,6 +117,15 @@ def _scene(scene: "PlanningScene", path: Path | None) -> "PlanningScene":
         except OSError as error:
             raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
     return scene
+
+
+def _read_safety(path: Path) -> "SafetyConfiguration":
+    from client.planning import read_safety
+
+    try:
+        return read_safety(path)
+    except OSError as error:
+        raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
 
 
 def _goal(text: str, degrees: bool) -> "Goal":

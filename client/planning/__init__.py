@@ -15,7 +15,7 @@ from client.planning.constraints import OrientationConstraint, PathConstraints, 
 from client.planning.goals import NAMED, CircGoal, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
 from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
-from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere
+from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere, read_safety
 from client.planning.timing import Limits, TimedPath
 
 __all__ = [
@@ -51,5 +51,6 @@ __all__ = [
     "Sphere",
     "StartInCollisionError",
     "TimedPath",
+    "read_safety",
     "usual_limits",
 ]

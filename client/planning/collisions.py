@@ -21,13 +21,16 @@ from urproto.joints import JOINT_LABELS
 from urproto.robots.calibration import chain_of
 from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.robots.shapes import Capsule, capsules
-from urproto.vectors import ZERO3, Vector3, dot, sub3
+from urproto.vectors import ZERO3, ZERO6, Vector3, dot, sub3
+from urscript.polyscope.safety_configuration import elbow_radius
 
 # of the links: neighbours touch always, and so do the base and the upper arm, the forearm and wrist 2, wrist 1 and 3
 _BESIDE: Final = 3
 _OWN_PAIRS: Final = tuple((i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _BESIDE or (i, j) == (1, 3))
 _MOVED: Final = range(2, 7)  # the links that things are kept from: the base stands, the shoulder turns on the spot
 _FINEST_M: Final = 0.001
+_ELBOW: Final = 3  # the joint whose axis the elbow is on
+_POINT_M: Final = 0.001  # radius of what has none
 _Vector = npt.NDArray[np.float64]
 
 
@@ -158,6 +161,7 @@ class CollisionChecker:
         for name, number in carried.items():
             for i in range(4):  # wrist 2 and 3 are where it is mounted; wrist 1 is next to them
                 self._pair(LINKS[i], own[i], name, number)
+        self._add_safety(joint)
         self._data, self._geometry_data = self._arm.createData(), self._geometry.createData()
         for request in self._geometry_data.collisionRequests:
             request.security_margin = scene.padding_m
@@ -166,6 +170,32 @@ class CollisionChecker:
 
     def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:
         return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape)))
+
+    def _add_safety(self, last: int) -> None:
+        """The planes, and balls for what they restrict, which meet nothing else."""
+        safety = self.scene.safety
+        if safety is None:
+            return
+        x, y, z, *_ = safety.tcp_offset
+        spheres = [("the TCP", (x, y, z), _POINT_M)]
+        spheres += [
+            (f"tool sphere {n}", s.centre, s.radius) for n, s in enumerate(safety.configuration.tool_spheres, 1)
+        ]
+        balls = [
+            (name, self._add(name, last, _placement((*centre, 0.0, 0.0, 0.0)), coal.Sphere(radius)))
+            for name, centre, radius in spheres
+        ]
+        elbow = ("the elbow", self._add("the elbow", _ELBOW, _placement(ZERO6), coal.Sphere(self._elbow_m)))
+        for plane in safety.planes:
+            name = f"safety plane {plane.name}"
+            solid = coal.Halfspace(np.array(plane.normal), -plane.distance)  # beyond it
+            number = self._add(name, 0, _placement(ZERO6), solid)
+            for one, first in [*balls, elbow] if plane.elbow else balls:
+                self._pair(one, first, name, number)
+
+    @property
+    def _elbow_m(self) -> float:
+        return max(_POINT_M, elbow_radius(self.scene.model))
 
     def _pair(self, one: str, first: int, other: str, second: int) -> None:
         if not self.scene.allows(one, other):
@@ -178,6 +208,10 @@ class CollisionChecker:
         beyond = [max(hypot(*part.start), hypot(*part.end)) + part.radius for part in parts]
         carried = (_extent(name, thing) for name, thing in self.scene.objects.items() if thing.attached)
         far = max(beyond[-1], *carried, 0.0)
+        if (safety := self.scene.safety) is not None:
+            beyond[_ELBOW - 1] = max(beyond[_ELBOW - 1], self._elbow_m)
+            spheres = safety.configuration.tool_spheres
+            far = max(far, hypot(*safety.tcp_offset[:3]), *(hypot(*s.centre) + s.radius for s in spheres))
         reach = [far]
         for own, link in zip(reversed(beyond[:-1]), reversed(self._chain[1:]), strict=True):
             far = max(own, hypot(*link.position) + far)

@@ -17,6 +17,10 @@ from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 from urproto.vectors import ZERO6, Vector3
 from urproto.worldfile import Thing, WorldFileError, read_world_file
+from urscript.polyscope.document import DocumentError, read_document
+from urscript.polyscope.safety_configuration import BoundaryMode, SafetyConfiguration
+from urscript.polyscope.safety_configuration import Plane as SafetyPlane
+from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
 
 LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
                 "wrist_3_link")  # fmt: skip
@@ -81,11 +85,29 @@ class SceneObject:
     attached: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Safety:
+    """What the robot's safety system restricts: planes, and by what they are met, all as in its configuration.
+
+    tcp_offset: flange to TCP. reduced: the planes of reduced mode, not those of normal mode.
+    """
+
+    configuration: SafetyConfiguration
+    tcp_offset: Pose
+    reduced: bool
+
+    @property
+    def planes(self) -> tuple[SafetyPlane, ...]:
+        """That limit positions in this mode; one that leads to reduced mode does not."""
+        mode = BoundaryMode.REDUCED if self.reduced else BoundaryMode.NORMAL
+        return tuple(plane for plane in self.configuration.planes if plane.mode in (mode, BoundaryMode.BOTH))
+
+
 class PlanningScene:
     """One arm and what is around it.
 
     model: a name such as ``ur3`` or an arm's own model, calibrated or not. padding_m: how near links and attached
-    things may come to others. revision: counts changes.
+    things may come to others. revision: counts changes. safety: see `set_safety`.
     """
 
     def __init__(self, model: RobotModel | str, *, padding_m: float = PADDING_M) -> None:
@@ -95,6 +117,7 @@ class PlanningScene:
         self.kinematics: Kinematics = kinematics_of(self.model)
         self.padding_m = padding_m
         self.revision = 0
+        self.safety: Safety | None = None
         self._objects: dict[str, SceneObject] = {}
         self._allowed: set[frozenset[str]] = set()
 
@@ -168,6 +191,22 @@ class PlanningScene:
         """All pairs that may touch, in alphabetical order."""
         for pair in sorted(tuple(sorted(pair)) for pair in self._allowed):
             yield pair[0], pair[-1]
+
+    # the safety system
+
+    def set_safety(
+        self, configuration: SafetyConfiguration | None, tcp_offset: Sequence[float] = ZERO6, *, reduced: bool = False
+    ) -> None:
+        """Keep the TCP, the tool's spheres and, where a plane restricts it, the elbow inside of the safety planes.
+
+        configuration: such as `read_safety` gives; None takes the planes away. The robot stops at the planes, here the
+        padding is kept from them, too. Its limits of speed, force and tool orientation are not looked at.
+        """
+        safety = None
+        if configuration is not None:
+            safety = Safety(configuration, _pose("the TCP", tcp_offset), reduced)
+        self.safety = safety
+        self.revision += 1
 
     # in and out
 
@@ -263,3 +302,17 @@ def _pose(name: str, pose: Sequence[float]) -> Pose:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def read_safety(path: Path) -> SafetyConfiguration:
+    """The safety settings of an ``.installation`` as PolyScope saves it: a robot does not tell them to clients.
+
+    Raises SceneError, OSError.
+    """
+    try:
+        settings = read_document(path.read_bytes()).child("SafetySettings")
+        if settings is None:
+            raise SceneError(f"{path}: the installation has no safety settings")
+        return read_safety_settings(settings.text)
+    except (DocumentError, SafetySettingsError) as error:
+        raise SceneError(f"{path}: {error}") from error

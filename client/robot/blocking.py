@@ -70,6 +70,7 @@ class BlockingPlannedMotion(Part[PlannedMotion]):
     """`PlannedMotion` for scripts and notebooks."""
 
     model = blocking(PlannedMotion.model)
+    tcp_offset = straight(PlannedMotion.tcp_offset)
     plan = blocking(PlannedMotion.plan)
     plan_sequence = blocking(PlannedMotion.plan_sequence)
     compute_cartesian_path = blocking(PlannedMotion.compute_cartesian_path)

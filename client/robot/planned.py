@@ -36,6 +36,13 @@ class PlannedMotion:
             raise PlanningError("this arm is no model that is known here, so its shape is not known either")
         return model
 
+    def tcp_offset(self) -> Pose:
+        """Flange to the TCP that the robot has. Raises PlanningError before it has said so."""
+        state = self._driver.robot.primary_state
+        if state is None or state.cartesian is None:
+            raise PlanningError("the robot has not said yet which TCP it has: give the tcp_offset")
+        return state.cartesian.tcp_offset
+
     async def plan(self, goal: "Goal", scene: "PlanningScene", /, **options: Any) -> "Plan":
         """A way from where the arm stands; options are those of `client.planning.Planner.plan`.
 
@@ -64,7 +71,7 @@ class PlannedMotion:
         """
         from client.planning import Planner
 
-        options["tcp_offset"] = options.get("tcp_offset") or self._tcp_offset()
+        options["tcp_offset"] = options.get("tcp_offset") or self.tcp_offset()
         planner = Planner(scene)
         return await asyncio.to_thread(planner.compute_cartesian_path, self._q_rad, waypoints, *args, **options)
 
@@ -90,11 +97,5 @@ class PlannedMotion:
         from client.planning import CircGoal, PoseGoal
 
         if isinstance(goal, PoseGoal | CircGoal) and goal.tcp_offset is None:
-            return replace(goal, tcp_offset=self._tcp_offset())
+            return replace(goal, tcp_offset=self.tcp_offset())
         return goal
-
-    def _tcp_offset(self) -> Pose:
-        state = self._driver.robot.primary_state
-        if state is None or state.cartesian is None:
-            raise PlanningError("the robot has not said yet which TCP it has: give the tcp_offset")
-        return state.cartesian.tcp_offset
