@@ -243,7 +243,12 @@
 
   pendant.plan = async (id) => {
     THREE = (await import("nicegui-scene")).THREE;
-    // where on the screen the ball of the handle is, null without a handle
-    pendant.handle = () => (view(id)?.handle.visible ? pendant.pixels(view(id).scene, view(id).handle.position) : null);
+    // Where on the screen a place of the handle is, in its axes [m], null without a handle.
+    pendant.handle = (...place) => {
+      const found = view(id);
+      if (!found?.handle.visible) return null;
+      found.handle.updateWorldMatrix(true, false);
+      return pendant.pixels(found.scene, found.handle.localToWorld(new THREE.Vector3(...place)));
+    };
   };
 })();
