@@ -247,7 +247,7 @@ class ProgramDraft:
         self._touch()
 
     def drop(self, node: str, at: str, place: str) -> None:
-        """Move a node ``before`` or ``after`` another one, or ``onto`` it: into it if it holds nodes, else behind it."""
+        """Move a node ``before`` or ``after`` another one, or ``onto`` it: into it if it holds any, else behind it."""
         row = self.view.row(at)
         if row is None or not self.view.has(node):
             raise ValueError("this node is not in the program any more")
