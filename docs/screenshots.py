@@ -6,10 +6,11 @@ python docs/screenshots.py        # wants Chromium, and the extras pendant and t
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from subprocess import PIPE, Popen
+from typing import Any
 
 from playwright.sync_api import Page, sync_playwright
 
@@ -23,6 +24,8 @@ SIZE = {"width": 1280, "height": 800}
 FLAGS = ["--no-sandbox", "--disable-background-networking", "--use-gl=angle", "--use-angle=swiftshader"]
 DARK = ("graph", "simulation")
 SETTLE_MS = 2500
+START = (0.6, -1.3, 1.4, -1.7, -1.57, 0.3)
+GOAL_DEG = (115.0, -74.0, 80.0, -97.0, -90.0, 17.0)  # the post is between
 PROGRAM = """def pick_and_place():
   picks = 0
   above = [0.6, -1.3, 1.4, -1.7, -1.57, 0.3]
@@ -50,6 +53,11 @@ def main() -> None:
             _make_program(Path(folder), robot)
             with _pendant(robot, folder) as url, sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
+
+                def look(screen: str, name: str = "", act: Callable[[Page], object] = lambda page: None) -> None:
+                    scheme: Any = "dark" if screen in DARK else "light"
+                    _look(browser.new_page(viewport=SIZE, color_scheme=scheme), url, screen, name or screen, act)
+
                 for screen in (
                     "graph",
                     "initialize",
@@ -61,8 +69,13 @@ def main() -> None:
                     "installation",
                     "simulation",
                 ):
-                    scheme = "dark" if screen in DARK else "light"
-                    _look(browser.new_page(viewport=SIZE, color_scheme=scheme), url, screen)  # type: ignore[arg-type]
+                    look(screen)
+                robot.dashboard("stop")
+                robot.set_joints(START)
+                robot.add_object("post", {"box": [0.08, 0.08, 0.6], "pose": [-0.24, -0.62, 0.3, 0.0, 0.0, 0.6]})
+                look("move", "plan", _plan)
+                with _manager(robot):
+                    look("controllers", act=lambda page: page.get_by_test_id("sliders-enable").click())
                 browser.close()
 
 
@@ -96,10 +109,22 @@ def _teach(draft: ProgramDraft, name: str, q: tuple[float, ...]) -> None:
     draft.teach(node, "position", q, pose, (0.0,) * 6)
 
 
-def _look(page: Page, url: str, screen: str) -> None:
+def _plan(page: Page) -> None:
+    """A way around the post, to a target that is typed."""
+    for i, angle in enumerate(GOAL_DEG):
+        page.get_by_test_id(f"target-joint-{i}").fill(f"{angle:.1f}")
+    page.get_by_test_id("target-plan").click()
+    page.wait_for_function("() => pendant.handle?.()")
+    page.get_by_test_id("plan").click()
+    page.locator(".plan-status[data-state=good]").wait_for()
+
+
+def _look(page: Page, url: str, screen: str, name: str, act: Callable[[Page], object]) -> None:
     page.goto(f"{url}/{screen}")
     page.wait_for_timeout(SETTLE_MS * (4 if screen == "graph" else 1))
-    target = IMAGES / f"pendant_{screen}.png"
+    act(page)
+    page.wait_for_timeout(SETTLE_MS)
+    target = IMAGES / f"pendant_{name}.png"
     page.screenshot(path=target)
     sys.stdout.write(f"{target}: {target.stat().st_size // 1000} kB\n")
     page.close()
@@ -116,6 +141,17 @@ def _pendant(robot: EmulatorProcess, folder: str) -> Iterator[str]:
     yield f"http://{robot.host}:6080"
     process.stdin.close()
     process.wait()
+
+
+@contextmanager
+def _manager(robot: EmulatorProcess) -> Iterator[None]:
+    """A controller manager that is running for the robot."""
+    words = [sys.executable, "-u", "-m", "client", "controllers", "serve", "--robot-ip", robot.host]
+    with Popen(words, stderr=PIPE, text=True) as process:
+        assert process.stderr is not None
+        next(line for line in process.stderr if line.startswith("ready:"))
+        yield
+        process.terminate()
 
 
 if __name__ == "__main__":

@@ -78,7 +78,9 @@ CLIENT_LAYERS: dict[str, Layer] = {
     ),
     "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "planning", "driver", "robot", "controllers")),
     "pendant": Layer(
-        "teach pendant", ("client.pendant",), ("ports", "driver", "robot", "recording", "controllers", "programs")
+        "teach pendant",
+        ("client.pendant",),
+        ("ports", "planning", "driver", "robot", "recording", "controllers", "programs"),
     ),
     "doctor": Layer("command line: what is between this machine and a robot", ("client.doctor",), ("ports", "driver")),
     "commands": Layer(

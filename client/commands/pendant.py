@@ -11,6 +11,7 @@ import typer
 from client.commands.following import PortOffset, RobotIP
 from client.recording.extras import extra
 from urproto.ports import PENDANT_PORT
+from urproto.robots import MODELS
 
 
 def pendant_command(
@@ -38,6 +39,10 @@ def pendant_command(
         Path | None,
         typer.Option(help="Folder that keeps programs being made, if it is not drafts in your configuration folder."),
     ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(help="What stands around the arm, for planning: a world file (default: what an emulator says)."),
+    ] = None,
     with_parent: Annotated[
         bool, typer.Option("--with-parent", hidden=True, help="Exit when standard input closes.")
     ] = False,
@@ -49,6 +54,8 @@ def pendant_command(
     with extra("pendant", "the teach pendant"):
         from client.pendant.server import serve
         from client.pendant.station import Station
+    if scene is not None:
+        _check_scene(scene)
     if with_parent:
         threading.Thread(target=_end_with_standard_input, name="parent watch", daemon=True).start()
     station = Station(
@@ -61,8 +68,19 @@ def pendant_command(
         poses or _own_file("poses"),
         tools or _own_file("tools"),
         drafts or Path(typer.get_app_dir("ur-client")) / "drafts",
+        scene,
     )
     serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
+
+
+def _check_scene(path: Path) -> None:
+    """What is wrong with the file is said now, and not when somebody looks at the Move screen."""
+    from client.planning import CollisionChecker, PlanningScene
+
+    try:
+        CollisionChecker(PlanningScene.read(MODELS[0], path))  # things are the same around every arm
+    except OSError as error:
+        raise typer.BadParameter(f"cannot read {path}: {error.strerror}", param_hint="--scene") from error
 
 
 def _own_file(name: str) -> Path:

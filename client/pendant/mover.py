@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from math import inf
-from typing import Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from client.calibration import geometry_of, model_of
 from client.driver.robot import MOVABLE
@@ -23,6 +23,9 @@ from client.pendant.jogging import Bounds, Ramp, Velocity
 from client.robot import AsyncRobot
 from urproto.errors import RobotRefused, URError
 from urproto.modes import RobotMode, RuntimeState
+
+if TYPE_CHECKING:
+    from client.planning import Plan
 
 STALE_S: Final = 0.4
 """A button that has not been heard of for so long is no longer held."""
@@ -161,6 +164,10 @@ class Mover:
     async def move_to_pose(self, pose_base_tcp: Sequence[float], doing: str = "Moving", **options: Any) -> None:
         """To a pose (6,), turning the joints together."""
         await self._do(doing, lambda robot: robot.move_j(pose_base_tcp=pose_base_tcp, **options))
+
+    async def follow(self, plan: "Plan", doing: str = "Moving as planned") -> None:
+        """The way of a plan. Raises PlanningError when the arm does not stand where that begins."""
+        await self._do(doing, lambda robot: robot.planning.execute(plan))
 
     async def start_freedrive(self) -> None:
         """Let the arm be moved by hand; returns when that has ended, by ``end_freedrive`` or otherwise."""

@@ -246,6 +246,16 @@ class ProgramDraft:
             self.editor.move(node, after=anchor)
         self._touch()
 
+    def drop(self, node: str, at: str, place: str) -> None:
+        """Move a node ``before`` or ``after`` another one, or ``onto`` it: into it if it holds any, else behind it."""
+        row = self.view.row(at)
+        if row is None or not self.view.has(node):
+            raise ValueError("this node is not in the program any more")
+        if place == "onto":
+            place = "into" if row.holds_nodes else "after"
+        self.editor.move(node, **{place: at})
+        self._touch()
+
     def suppress(self, node: str) -> None:
         """Leave a node out, or not any more."""
         row = self.view.row(node)

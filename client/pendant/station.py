@@ -14,6 +14,7 @@ from client.calibration import model_of
 from client.dashboard import DashboardClient
 from client.dashboard_commands import Operation
 from client.errors import NoAnswerError, RobotUnreachableError
+from client.pendant.arena import Arena, Arenas, Surroundings
 from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues, Stops
 from client.pendant.emulator_control import EmulatorControl
@@ -80,6 +81,8 @@ class Station:
     its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
     manager: the controller manager that is running for the robot, if there is one.
     program_draft: the program that is being made; drafts: the folder that keeps it, None for memory only.
+    arenas: what motions are planned in; scene: the file that says what stands around the arm, None for what an emulator
+    says.
     """
 
     def __init__(
@@ -93,6 +96,7 @@ class Station:
         poses: Path | None = None,
         tools: Path | None = None,
         drafts: Path | None = None,
+        scene: Path | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -122,6 +126,7 @@ class Station:
         self.tools = Tools(tools)
         kept = ProgramFile(drafts, f"{robot_ip}_{self.ports['primary']}")
         self.program_draft = ProgramDraft(kept, self.log.note, self.wake, lambda: (self.version, self.model))
+        self.arenas = Arenas(scene, self.wake)
         self.feeds = Feeds(self._open_feed)
         self.manager = ManagerLink(robot_ip, self.ports["rtde"], self.wake)
         self.port_registers = PortRegisters(robot_ip, self.ports["modbus"], self.wake)
@@ -139,6 +144,7 @@ class Station:
             opening.push_async_callback(self.emulator.close)
             opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
+            opening.push_async_callback(self.arenas.close)
             opening.push_async_callback(self.feeds.close)
             opening.push_async_callback(self.port_registers.close)
             opening.push_async_callback(self.manager.close)
@@ -178,6 +184,21 @@ class Station:
         if arm is not self._arm:
             self._arm, self._model = arm, None if arm is None else model_of(arm)
         return self._model
+
+    @property
+    def arena(self) -> Arena | None:
+        """This arm and what stands around it, for planning; None while that is not known, see ``arenas.problem``."""
+        world = self.emulator.watch("world").value if self.emulator.available else None
+        offset = self.values.get("tcp_offset")
+        return self.arenas.look(
+            Surroundings(self._core.configuration, self._core.kinematics, offset and tuple(offset), world)
+        )
+
+    @property
+    def has_surroundings(self) -> bool:
+        """Something is known to stand around the arm."""
+        world = self.emulator.watch("world").value if self.emulator.available else None
+        return self.arenas.file is not None or bool(world and world["objects"])
 
     @property
     def robot_mode(self) -> RobotMode:

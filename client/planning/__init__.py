@@ -15,7 +15,18 @@ from client.planning.constraints import OrientationConstraint, PathConstraints, 
 from client.planning.goals import NAMED, CircGoal, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
 from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
-from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Shape, Sphere, read_safety
+from client.planning.scene import (
+    Box,
+    Cylinder,
+    Hull,
+    Mesh,
+    Plane,
+    PlanningScene,
+    SceneObject,
+    Shape,
+    Sphere,
+    read_safety,
+)
 from client.planning.timing import Limits, TimedPath
 
 __all__ = [

@@ -271,6 +271,16 @@ def _around(points: Sequence[Sequence[float]]) -> Any:
     return coal.Convex.convexHull(corners, True, "Qt")
 
 
+def hull_of(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
+    """What of a mesh is kept clear of: the corners of its convex hull [m], and its triangles by the corners' numbers.
+
+    Raises SceneError.
+    """
+    hull = _hull(mesh.path.name, str(mesh.path), mesh.scale)
+    triangles = [[int(hull.polygons(i)[k]) for k in range(3)] for i in range(hull.num_polygons)]
+    return hull.points().tolist(), triangles
+
+
 def _extent(name: str, thing: SceneObject) -> float:
     """How far its farthest point is from the flange [m]."""
     away = hypot(*thing.pose[:3])

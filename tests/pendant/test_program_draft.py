@@ -56,6 +56,31 @@ def test_nodes_go_into_the_selected_one_or_behind_it_or_as_near_as_they_may_stan
         draft.insert("else", wait)
 
 
+def test_a_node_is_dropped_before_after_or_into_another_one(draft: ProgramDraft) -> None:
+    first = draft.insert("comment", draft.view.first())
+    folder = draft.insert("folder", first)
+    wait = draft.insert("wait", draft.view.rows()[1].id)
+
+    def kinds_shown() -> list[tuple[str, int]]:
+        return [(row.kind, row.depth) for row in draft.view.rows()[2:] if row.kind != "empty"]
+
+    draft.drop(wait, first, "before")
+    assert kinds_shown() == [("wait", 1), ("comment", 1), ("folder", 1)]
+    draft.drop(wait, folder, "onto")
+    assert kinds_shown() == [("comment", 1), ("folder", 1), ("wait", 2)]
+    draft.drop(folder, first, "onto")  # a comment holds nothing
+    assert kinds_shown() == [("comment", 1), ("folder", 1), ("wait", 2)]
+    draft.drop(first, wait, "after")
+    assert kinds_shown() == [("folder", 1), ("wait", 2), ("comment", 2)]
+    with pytest.raises(ValueError, match="cannot be put beside or into itself"):
+        draft.drop(folder, wait, "after")
+    draft.undo()
+    assert kinds_shown() == [("comment", 1), ("folder", 1), ("wait", 2)]
+    draft.delete(wait)
+    with pytest.raises(ValueError, match="not in the program any more"):
+        draft.drop(wait, first, "before")
+
+
 def test_what_one_person_deletes_the_other_is_told_and_undoing_brings_back(draft: ProgramDraft) -> None:
     node = draft.insert("comment", draft.view.first())
     draft.set(node, "comment", "mine")

@@ -5,6 +5,7 @@ from nicegui import ui
 from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.page import Page
 from client.pendant.screens.move_jog import JogPanels, MoveSettings
+from client.pendant.screens.move_plan import PlannedMove
 from client.pendant.screens.move_target import joint_target, pose_target, saved_poses
 from client.pendant.situation import Action
 from client.pendant.station import Station
@@ -14,6 +15,7 @@ def build(page: Page) -> None:
     """Put it on the page."""
     settings = MoveSettings(page)
     jog = JogPanels(page, settings)
+    planned = PlannedMove(page, settings)
     with ui.element("div").classes("move") as screen:
         with ui.element("div").classes("move-side"):
             jog.tool()
@@ -22,18 +24,19 @@ def build(page: Page) -> None:
         with ui.element("div").classes("move-view panel"):
             scene = arm_scene(page)
             scene.preview = lambda: settings.preview
+            planned.draw(scene)
             camera_buttons(page, scene)
             _status(page)
         with ui.element("div").classes("move-side"):
             jog.joints()
-            _targets(page, settings)
+            _targets(page, settings, planned)
     page.live.bind(screen, "state", lambda station: "free" if station.situation.may(Action.MOVE) else "blocked")
 
 
-def _targets(page: Page, settings: MoveSettings) -> None:
+def _targets(page: Page, settings: MoveSettings, planned: PlannedMove) -> None:
     with ui.card().classes("panel move-targets"):
         with ui.tabs().props("dense no-caps align=justify inline-label").classes("move-tabs") as tabs:
-            names = {"joints": "Joint angles", "pose": "TCP pose", "poses": "Poses"}
+            names = {"joints": "Joint angles", "pose": "TCP pose", "poses": "Poses", "plan": "Plan"}
             for name, title in names.items():
                 ui.tab(name, title).props(f"data-testid=target-{name}")
         with ui.tab_panels(tabs, value="joints", animated=False).classes("move-tab-panels"):
@@ -43,6 +46,9 @@ def _targets(page: Page, settings: MoveSettings) -> None:
                 pose_target(page, settings)
             with ui.tab_panel("poses"):
                 saved_poses(page, settings)
+            with ui.tab_panel("plan"):
+                planned.panel()
+        tabs.on_value_change(lambda change: planned.look(change.value == "plan"))
 
 
 def _stop(page: Page) -> None:

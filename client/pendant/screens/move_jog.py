@@ -31,8 +31,8 @@ _IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 class MoveSettings:
     """speed: 0 to 1 of the top speeds. feature: of `FEATURES`. as_rpy: rotations in RPY [deg], not rotation vectors.
 
-    on_rotation: told when as_rpy has changed. preview: joints [rad] that somebody has typed as a target, until the arm
-    is moved otherwise or the target is taken back.
+    on_rotation: told when as_rpy has changed. preview: joints [rad] that somebody has typed or dragged as a target,
+    until the arm is moved otherwise or the target is taken back. on_target: told a target that was not typed.
     """
 
     def __init__(self, page: Page) -> None:
@@ -42,6 +42,7 @@ class MoveSettings:
         self.as_rpy = False
         self.preview: tuple[float, ...] | None = None
         self.on_rotation: list[Callable[[bool], None]] = []
+        self.on_target: list[Callable[[Joints], None]] = []
         self._mine = False
         page.live.on_lost.append(self._stop_what_i_began)
 

@@ -148,9 +148,12 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
         if all(number.value is not None for number in numbers):
             settings.preview = tuple(radians(number.value) for number in numbers)
 
-    def take_present() -> None:
-        for number, angle in zip(numbers, _present(page, "actual_q"), strict=True):
+    def show(q_rad: Joints) -> None:
+        for number, angle in zip(numbers, q_rad, strict=True):
             number.set_value(round(degrees(angle), 2))
+
+    def take_present() -> None:
+        show(_present(page, "actual_q"))
         settings.preview = None
 
     def fit(model: RobotModel | None) -> None:
@@ -166,6 +169,7 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
 
     for number in numbers:
         number.on_value_change(preview)
+    settings.on_target.append(show)
     page.live.effect(lambda station: station.model if "actual_q" in station.values else None, fit)
     with ui.row().classes("target-buttons"):
         _button(page, "Present", "my_location", take_present, "joints-present")

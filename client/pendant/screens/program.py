@@ -18,6 +18,7 @@ from client.pendant.station import Station
 from urproto.versions import PolyscopeVersion
 
 _ONLY_EMULATED: Final = "A robot does this at its own pendant only"
+_PLACES: Final = ("before", "onto", "after")  # where a node is dropped at another one
 _BREAKPOINT: Final = "Breakpoint: the program pauses here (F9)"
 
 
@@ -33,6 +34,7 @@ def build(page: Page) -> None:
             form = NodeForm(page, selection)
             program_scene(page, selection)
         _follow(page, selection, deeds, tree, form)
+    page.live.hear("drop", deeds.drop)
     page.live.effect(
         lambda station: page.live.screen == "program" and playing.saves_here(station),
         lambda seen: page.soon(lambda: playing.take_installation(page.station)) if seen else None,
@@ -61,6 +63,16 @@ class Deeds:
             self.page.soon(self.save)
         elif (deed := self.by_word.get(word)) is not None:
             self.page.soon(deed)
+
+    def drop(self, said: Any) -> None:
+        """A node that was dragged: [its id, the other's, one of `_PLACES`]."""
+        match said:
+            case [str(node), str(at), str(place)] if place in _PLACES:
+                self._selection.choose(node)
+                self.page.soon(lambda: self._drop(node, at, place))
+
+    async def _drop(self, node: str, at: str, place: str) -> None:
+        self._draft.drop(node, at, place)
 
     @property
     def by_word(self) -> dict[str, Callable[[], Awaitable[None]]]:

@@ -44,6 +44,7 @@
       addMatrix(object);
       if (object.visible) add(1);
       if (object.name === "trace") add(object.geometry.attributes.position.version);
+      if (object.userData.version) add(object.userData.version);
       if (object.material?.color) add(object.material.color.getHex() + object.material.opacity);
     });
     scene.camera.updateMatrix();
@@ -90,13 +91,23 @@
 
   // Joints are groups that are called "joint 0" and so on, those of the ghost "ghost joint 0".
   function turn(id, scene) {
-    const { angles, ghost } = scenes.get(id);
+    const { angles, way } = scenes.get(id);
+    const ghost = along(way) || scenes.get(id).ghost;
     scene.scene.traverse((object) => {
       if (angles && object.name.startsWith("joint ")) object.rotation.z = angles[object.name.slice(6)];
       if (ghost && object.name.startsWith("ghost joint ")) object.rotation.z = ghost[object.name.slice(12)];
       if (object.name === "ghost") object.visible = Boolean(ghost);
     });
     if (angles) trace(scene.scene);
+  }
+
+  // Where the ghost is that plays along a way; none where a person wants to see little motion.
+  const still = matchMedia("(prefers-reduced-motion: reduce)");
+  const REST_S = 1; // at the way's end, before it begins again
+  function along(way) {
+    if (!way?.angles.length || still.matches) return null;
+    const share = ((performance.now() / 1000 - way.since) % (way.duration + REST_S)) / way.duration;
+    return way.angles[Math.min(way.angles.length - 1, Math.floor(share * way.angles.length))];
   }
 
   // One more point of the TCP's way, if it is shown and the TCP has moved.
@@ -132,8 +143,66 @@
     return Boolean(known);
   };
 
+  pendant.play = (id, way) => {
+    scenes.get(id).way = way && { ...way, since: performance.now() / 1000 };
+  };
+
+  // A thing as world files have it, in the colour of its kind or another one.
+  pendant.thing = (THREE, thing, color) => {
+    const [radius, length] = thing.cylinder || [];
+    const geometry = thing.box
+      ? new THREE.BoxGeometry(...thing.box)
+      : thing.sphere
+        ? new THREE.SphereGeometry(thing.sphere, 32, 20)
+        : thing.cylinder
+          ? new THREE.CylinderGeometry(radius, radius, length, 32).rotateX(Math.PI / 2)
+          : thing.mesh
+            ? hull(THREE, thing.mesh)
+            : new THREE.PlaneGeometry(1.6, 1.6);
+    const flat = !thing.box && !thing.sphere && !thing.cylinder && !thing.mesh;
+    const material = new THREE.MeshPhongMaterial({
+      color: color || (flat ? "#8f9ba6" : "#c99a5b"), transparent: true, opacity: flat ? 0.45 : 0.9, side: THREE.DoubleSide,
+    });
+    const mesh = new THREE.Mesh(geometry, material);
+    if (!thing.sphere)
+      mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry), new THREE.LineBasicMaterial({ color: "#6b4d22" })));
+    return mesh;
+  };
+
+  function hull(THREE, { points, triangles }) {
+    const corners = triangles.flatMap((three) => three.flatMap((corner) => points[corner]));
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
+    geometry.computeVertexNormals();
+    return geometry;
+  }
+
+  pendant.place = (mesh, { pose, rotation: r }) => {
+    mesh.matrix.set(r[0], r[1], r[2], 0, r[3], r[4], r[5], 0, r[6], r[7], r[8], 0, 0, 0, 0, 1);
+    mesh.quaternion.setFromRotationMatrix(mesh.matrix);
+    mesh.position.set(...pose.slice(0, 3));
+  };
+
+  // What a pointer points at in a scene: a raycaster.
+  pendant.ray = (THREE, view, event) => {
+    const box = view.renderer.domElement.getBoundingClientRect();
+    const at = new THREE.Vector2(
+      ((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2,
+    );
+    const caster = new THREE.Raycaster();
+    caster.setFromCamera(at, view.camera);
+    return caster;
+  };
+
+  // Where a place of a scene is on the screen, in pixels of the page.
+  pendant.pixels = (view, place) => {
+    const at = place.clone().project(view.camera);
+    const box = view.renderer.domElement.getBoundingClientRect();
+    return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+  };
+
   pendant.dress = (id) => {
-    scenes.set(id, { scene: null, angles: null, ghost: null });
+    scenes.set(id, { scene: null, angles: null, ghost: null, way: null });
     pendant.followers.set(id, (angles) => {
       scenes.get(id).angles = angles;
       const scene = getElement(id);

@@ -3,6 +3,8 @@
 const pendantProgram = (() => {
   // Rows are [id, number, depth, icon, text, marks, problem]; marks are words: undefined, problem, suppressed, breakpoint.
   const ID = 0, NUMBER = 1, DEPTH = 2, ICON = 3, TEXT = 4, MARKS = 5, PROBLEM = 6;
+  const DRAG_PX = 6; // less is a click with an unsteady hand
+
   function part(parent, kind, text) {
     const made = document.createElement("span");
     made.className = kind;
@@ -162,9 +164,56 @@ const pendantProgram = (() => {
       choose(id);
     }
 
+    // A node is dragged by the mouse anywhere in its row; by touch, which scrolls the tree, at its icon.
+    let drag = null; // {id, x, y, begun, at: [id of a node, place]}
+
+    function press(event) {
+      const item = event.target.closest(".program-row");
+      if (!item || event.button > 0) return;
+      if (event.pointerType === "touch" && !event.target.closest(".program-icon")) return;
+      drag = { id: item.dataset.node, x: event.clientX, y: event.clientY, begun: false, at: null };
+    }
+
+    function pull(event) {
+      if (!drag) return;
+      if (!drag.begun && Math.hypot(event.clientX - drag.x, event.clientY - drag.y) < DRAG_PX) return;
+      if (!drag.begun) {
+        drag.begun = true;
+        box.setPointerCapture(event.pointerId);
+        box.classList.add("is-dragging");
+      }
+      showDrop(null);
+      const over = document.elementFromPoint(event.clientX, event.clientY)?.closest(".program-row");
+      if (!over || over.dataset.node === drag.id) return;
+      const { top, height } = over.getBoundingClientRect();
+      const share = (event.clientY - top) / height;
+      showDrop([over.dataset.node, share < 0.3 ? "before" : share > 0.7 ? "after" : "onto"]);
+      intoView(over);
+    }
+
+    function showDrop(at) {
+      if (drag.at) items.get(drag.at[0])?.removeAttribute("data-drop");
+      drag.at = at;
+      if (at) items.get(at[0])?.setAttribute("data-drop", at[1]);
+    }
+
+    function release(drops) {
+      if (!drag) return;
+      const { id, at, begun } = drag;
+      if (begun) showDrop(null);
+      box.classList.remove("is-dragging");
+      drag = null;
+      if (begun && at && drops) pendant.say({ drop: [id, ...at] });
+    }
+
     pendant.followers.set(boxId, (content, target) => {
       if (box !== target) {
         box = target;
+        box.addEventListener("pointerdown", press);
+        box.addEventListener("pointermove", pull);
+        box.addEventListener("pointerup", () => release(true));
+        box.addEventListener("pointercancel", () => release(false));
+        window.addEventListener("keydown", (event) => event.key === "Escape" && release(false));
         box.addEventListener("keydown", key);
         box.addEventListener("click", click);
         new MutationObserver(guard).observe(fields(), { attributeFilter: ["data-node"] });

@@ -60,33 +60,13 @@
       let mesh = this.things.get(thing.name);
       if (mesh && mesh.userData.shape !== shape) this.remove(thing.name, mesh), (mesh = null);
       if (!mesh) {
-        mesh = this.mesh(thing);
+        mesh = pendant.thing(this.THREE, thing);
         mesh.userData = { shape, name: thing.name };
         this.things.set(thing.name, mesh);
         this.group.add(mesh);
       }
       if (this.drag?.mesh === mesh) return;
-      const r = thing.rotation;
-      mesh.matrix.set(r[0], r[1], r[2], 0, r[3], r[4], r[5], 0, r[6], r[7], r[8], 0, 0, 0, 0, 1);
-      mesh.quaternion.setFromRotationMatrix(mesh.matrix);
-      mesh.position.set(...thing.pose.slice(0, 3));
-    }
-
-    mesh(thing) {
-      const T = this.THREE;
-      const geometry = thing.box
-        ? new T.BoxGeometry(...thing.box)
-        : thing.sphere
-          ? new T.SphereGeometry(thing.sphere, 32, 20)
-          : new T.PlaneGeometry(1.6, 1.6);
-      const flat = !thing.box && !thing.sphere;
-      const material = new T.MeshPhongMaterial({
-        color: flat ? "#8f9ba6" : "#c99a5b", transparent: true, opacity: flat ? 0.45 : 0.9, side: T.DoubleSide,
-      });
-      const mesh = new T.Mesh(geometry, material);
-      if (!thing.sphere)
-        mesh.add(new T.LineSegments(new T.EdgesGeometry(geometry), new T.LineBasicMaterial({ color: "#6b4d22" })));
-      return mesh;
+      pendant.place(mesh, thing);
     }
 
     remove(name, mesh) {
@@ -98,13 +78,7 @@
     // dragging
 
     ray(event) {
-      const box = this.view.renderer.domElement.getBoundingClientRect();
-      const at = new this.THREE.Vector2(
-        ((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2,
-      );
-      const caster = new this.THREE.Raycaster();
-      caster.setFromCamera(at, this.view.camera);
-      return caster;
+      return pendant.ray(this.THREE, this.view, event);
     }
 
     down(event) {
@@ -180,9 +154,7 @@
     where(name) {
       const mesh = name === undefined ? this.ball : this.things.get(name);
       if (!mesh) return null;
-      const at = mesh.getWorldPosition(new this.THREE.Vector3()).project(this.view.camera);
-      const box = this.view.renderer.domElement.getBoundingClientRect();
-      return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
+      return pendant.pixels(this.view, mesh.getWorldPosition(new this.THREE.Vector3()));
     }
   }
 

@@ -1,0 +1,254 @@
+"use strict";
+// Move, Plan: what stands around the arm, a handle that drags the target, the way there. See screens/move_plan.py.
+(() => {
+  const TELL_MS = 60;
+  const ARROW_M = 0.17;
+  const RING_M = 0.12;
+  const WAY_M = 0.004; // radius of its line
+  const WAY = "#b0267a";
+  const TARGET = "#e07b00";
+  const RED = "#d02020";
+  const FAR = "#8a949d";
+  const AXES = ["#d6453d", "#3d9a4a", "#2f6fd0"];
+  const views = new Map(); // element id of a scene -> its view
+  const shown = new Map(); // element id of a scene -> what it was last told of each kind
+  let THREE = null;
+
+  class View {
+    constructor(scene) {
+      this.scene = scene; // NiceGUI's
+      this.root = scene.scene;
+      this.things = [];
+      this.version = 1;
+      this.drag = null;
+      this.told = 0;
+      this.build();
+      const listen = (type, does) => scene.$el.addEventListener(type, does.bind(this), true);
+      listen("pointerdown", this.down);
+      listen("pointermove", this.move);
+      listen("pointerup", this.up);
+      listen("pointercancel", this.up);
+      window.addEventListener("blur", () => this.up());
+    }
+
+    // The handle: a ball, and for each axis an arrow and a ring, with thicker shapes that are not seen to be caught by.
+    build() {
+      this.handle = new THREE.Group();
+      this.handle.name = "handle";
+      this.handle.visible = false;
+      this.catchers = [];
+      this.ball = this.part(new THREE.SphereGeometry(0.028, 24, 16), TARGET, 0.8, { what: "ball" });
+      AXES.forEach((color, axis) => {
+        const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), this.unit(axis));
+        const along = (geometry) => geometry.rotateX(Math.PI / 2).translate(0, 0, ARROW_M / 2); // from y to z
+        const tip = new THREE.ConeGeometry(0.014, 0.04, 16).rotateX(Math.PI / 2).translate(0, 0, ARROW_M);
+        this.part(along(new THREE.CylinderGeometry(0.005, 0.005, ARROW_M, 10)), color, 0.9).quaternion.copy(turn);
+        this.part(tip, color, 0.9).quaternion.copy(turn);
+        this.part(new THREE.TorusGeometry(RING_M, 0.003, 8, 64), color, 0.75).quaternion.copy(turn);
+        const arrow = new THREE.CylinderGeometry(0.014, 0.014, ARROW_M * 0.75, 8).translate(0, ARROW_M * 0.25, 0);
+        this.part(along(arrow), color, 0, { what: "arrow", axis }).quaternion.copy(turn);
+        this.part(new THREE.TorusGeometry(RING_M, 0.012, 6, 48), color, 0, { what: "ring", axis }).quaternion.copy(turn);
+      });
+      this.root.add(this.handle);
+    }
+
+    unit(axis) {
+      return new THREE.Vector3().setComponent(axis, 1);
+    }
+
+    part(geometry, color, opacity, caught) {
+      const material = new THREE.MeshBasicMaterial({ color, opacity, transparent: true, depthTest: false });
+      const mesh = new THREE.Mesh(geometry, material);
+      mesh.renderOrder = 4;
+      mesh.visible = opacity > 0;
+      if (caught) {
+        mesh.userData = caught;
+        this.catchers.push(mesh);
+      }
+      this.handle.add(mesh);
+      return mesh;
+    }
+
+    showThings(value) {
+      for (const mesh of this.things) mesh.removeFromParent();
+      this.things = [];
+      for (const thing of value?.things || []) {
+        const color = value.red.includes(thing.name) ? RED : undefined;
+        // what the arm carries is at its flange and at the ghost's, in the frame of the last joint
+        for (const name of thing.attached ? ["joint 5", "ghost joint 5"] : [null]) {
+          const parent = name ? this.root.getObjectByName(name) : this.root;
+          if (!parent) return false; // the arm is not drawn yet
+          const mesh = pendant.thing(THREE, thing, color);
+          mesh.name = `thing ${thing.name}`;
+          mesh.userData.version = this.version++;
+          pendant.place(mesh, thing);
+          parent.add(mesh);
+          this.things.push(mesh);
+        }
+      }
+      return true;
+    }
+
+    lacksThings() {
+      return this.things.some((mesh) => {
+        let top = mesh;
+        while (top.parent) top = top.parent;
+        return top !== this.root;
+      });
+    }
+
+    showGoal(value) {
+      this.goal = value;
+      this.handle.visible = Boolean(value);
+      if (!value) return this.up();
+      this.ball.material.color.set(value.far ? FAR : value.red.length ? RED : TARGET);
+      const ghost = this.root.getObjectByName("ghost");
+      ghost?.traverse((part) => {
+        if (!part.isMesh || part.name.startsWith("thing ")) return;
+        let link = part;
+        while (link !== ghost && !link.name.startsWith("ghost joint ")) link = link.parent;
+        const number = link === ghost ? 0 : 1 + Number(link.name.slice(12));
+        part.material.color.set(value.red.includes(number) ? RED : TARGET);
+      });
+      if (this.drag) return;
+      this.handle.position.set(...value.position);
+      this.turn.set(...value.quaternion);
+      this.orient();
+    }
+
+    turn = new THREE.Quaternion(); // of the target
+
+    orient() {
+      if (this.goal.turned) this.handle.quaternion.copy(this.turn);
+      else this.handle.quaternion.identity();
+    }
+
+    showWay(id, value) {
+      this.way?.removeFromParent();
+      this.way = null;
+      pendant.play(id, value);
+      if (!value) return;
+      const points = value.points.map((point) => new THREE.Vector3(...point));
+      const apart = points.filter((point, i) => i === 0 || point.distanceTo(points[i - 1]) > 1e-4);
+      if (apart.length < 2) return; // the tool turns on the spot
+      const curve = new THREE.CatmullRomCurve3(apart, false, "centripetal");
+      const geometry = new THREE.TubeGeometry(curve, 2 * apart.length, WAY_M, 6);
+      this.way = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: WAY }));
+      this.way.name = "way";
+      this.way.userData.version = this.version++;
+      this.root.add(this.way);
+    }
+
+    // dragging
+
+    caught(event) {
+      if (!this.handle.visible) return null;
+      return pendant.ray(THREE, this.scene, event).intersectObjects(this.catchers, false)[0] || null;
+    }
+
+    down(event) {
+      if (event.button > 0 || this.drag) return;
+      const met = this.caught(event);
+      if (!met) return;
+      const { what, axis } = met.object.userData;
+      const away = this.scene.camera.getWorldDirection(new THREE.Vector3());
+      const along = axis === undefined ? null : this.unit(axis).applyQuaternion(this.handle.quaternion);
+      const normal = what === "ball" ? away : what === "ring" ? along : along.clone().cross(away).cross(along).normalize();
+      const center = this.handle.position.clone();
+      const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, center);
+      const start = this.on(plane, event);
+      if (!start) return;
+      this.drag = { what, along, plane, center, start, turn: this.turn.clone(), axes: this.handle.quaternion.clone(), pointer: event.pointerId };
+      this.scene.controls.enabled = false;
+      this.scene.$el.setPointerCapture(event.pointerId);
+      event.stopPropagation();
+      event.preventDefault();
+    }
+
+    on(plane, event) {
+      return pendant.ray(THREE, this.scene, event).ray.intersectPlane(plane, new THREE.Vector3());
+    }
+
+    move(event) {
+      if (!this.drag) {
+        this.scene.$el.style.cursor = this.caught(event) ? "grab" : "";
+        return;
+      }
+      event.stopPropagation();
+      const { what, along, plane, center, start, turn, axes } = this.drag;
+      const at = this.on(plane, event);
+      if (!at) return;
+      if (what === "ring") {
+        const from = start.clone().sub(center);
+        const to = at.clone().sub(center);
+        const angle = Math.atan2(from.clone().cross(to).dot(along), from.dot(to));
+        const by = new THREE.Quaternion().setFromAxisAngle(along, angle);
+        this.turn.copy(by).multiply(turn);
+        if (this.goal.turned) this.handle.quaternion.copy(by).multiply(axes);
+      } else {
+        const way = at.sub(start);
+        this.handle.position.copy(center).add(what === "arrow" ? along.clone().multiplyScalar(way.dot(along)) : way);
+      }
+      this.tell(false);
+    }
+
+    tell(end) {
+      const now = performance.now();
+      if (!end && now - this.told < TELL_MS) return;
+      this.told = now;
+      pendant.say({ goal: { position: this.handle.position.toArray(), quaternion: this.turn.toArray(), end } });
+    }
+
+    up(event) {
+      if (!this.drag) return;
+      const { pointer } = this.drag;
+      event?.stopPropagation();
+      this.tell(true);
+      this.drag = null;
+      this.scene.controls.enabled = true;
+      if (this.scene.$el.hasPointerCapture?.(pointer)) this.scene.$el.releasePointerCapture(pointer);
+    }
+  }
+
+  const kinds = {
+    things: (found, value) => found.showThings(value),
+    goal: (found, value) => found.showGoal(value),
+    way: (found, value, id) => found.showWay(id, value),
+  };
+
+  function view(id) {
+    const scene = getElement(id);
+    if (!THREE || !scene?.scene || !scene.controls) return null;
+    if (views.get(id)?.root !== scene.scene) views.set(id, new View(scene));
+    return views.get(id);
+  }
+
+  for (const [kind, show] of Object.entries(kinds))
+    pendant.receivers[kind] = (value, id) => {
+      const found = view(id);
+      if (!found || show(found, value, id) === false) return false;
+      shown.set(id, { ...shown.get(id), [kind]: value });
+      return true;
+    };
+
+  // A scene is made anew when its browser's graphics were lost, and an arm when its calibration has come.
+  setInterval(() => {
+    for (const [id, values] of shown) {
+      const known = views.get(id);
+      const found = view(id);
+      if (found && (found !== known || found.lacksThings()))
+        for (const kind of Object.keys(values)) kinds[kind](found, values[kind], id);
+    }
+  }, 500);
+
+  pendant.plan = async (id) => {
+    THREE = (await import("nicegui-scene")).THREE;
+    // Where on the screen a place of the handle is, in its axes [m], null without a handle.
+    pendant.handle = (...place) => {
+      const found = view(id);
+      if (!found?.handle.visible) return null;
+      found.handle.updateWorldMatrix(true, false);
+      return pendant.pixels(found.scene, found.handle.localToWorld(new THREE.Vector3(...place)));
+    };
+  };
+})();

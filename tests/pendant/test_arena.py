@@ -1,0 +1,131 @@
+"""What a pendant plans in: made of an emulator's world or of a file, and made anew when either is another one."""
+
+import asyncio
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from client.cli import app
+from client.errors import PlanningError, SceneError
+from client.pendant.arena import Arena, Arenas, Surroundings, lacking, make_arena, red_links
+from client.planning import Box, Sphere
+from emulator.servers.primary_state import configuration_data, kinematics_info
+from urproto.compat_asyncio import timeout
+from urproto.robots import load_model
+
+UR3 = load_model("ur3")
+ARM, KINEMATICS = configuration_data(UR3), kinematics_info(UR3)
+TCP = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
+BOX = {"box": [0.1, 0.2, 0.3], "pose": [0.3, 0.0, 0.15, 0.0, 0.0, 0.0], "stiffness": 1e4}
+POINT = {"sphere": 0.0, "pose": [0.0] * 6}
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def world(objects: Mapping[str, Any], tool: Mapping[str, Any] = POINT) -> dict[str, Any]:
+    """As the verb of this name tells it."""
+    return {"objects": objects, "tool": tool, "push": None, "payload": None}
+
+
+def made(of: Mapping[str, Any] | None = None, file: Path | None = None) -> Arena:
+    arena = make_arena(Surroundings(ARM, KINEMATICS, TCP, of), file)
+    assert arena is not None
+    return arena
+
+
+def test_an_emulator_world_is_a_scene_and_a_picture() -> None:
+    plane = {"plane": {}, "pose": [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]}
+    arena = made(world({"box": BOX, "floor": plane}))
+    assert arena.scene.objects["box"].shape == Box((0.1, 0.2, 0.3))
+    assert [thing["name"] for thing in arena.things] == ["box", "floor"]
+    assert arena.things[0]["box"] == [0.1, 0.2, 0.3]
+    assert arena.things[0]["pose"][:3] == [0.3, 0.0, 0.15]
+    assert "tool" not in arena.scene.objects  # a point needs no room
+
+
+def test_a_tool_is_where_world_files_have_it_at_the_tcp() -> None:
+    tool = {"sphere": 0.03, "pose": [0.0, 0.0, 0.02, 0.0, 0.0, 0.0]}
+    attached = made(world({}, tool)).scene.objects["tool"]
+    assert attached.attached
+    assert attached.shape == Sphere(0.03)
+    assert attached.pose == pytest.approx((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
+
+
+def test_a_file_is_taken_and_a_mesh_is_seen_as_what_is_kept_clear_of(tmp_path: Path) -> None:
+    (tmp_path / "tip.obj").write_text(TETRAHEDRON)
+    file = tmp_path / "cell.yaml"
+    file.write_text("objects:\n  tip: {mesh: tip.obj, pose: [0.5, 0, 0]}\n  rod: {cylinder: [0.03, 0.5]}\n")
+    drawn = {thing["name"]: thing for thing in made(world({"box": BOX}), file).things}
+    assert set(drawn) == {"tip", "rod"}
+    assert drawn["rod"]["cylinder"] == [0.03, 0.5]
+    assert sorted(drawn["tip"]["mesh"]["points"]) == [[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]]
+    assert sorted(map(sorted, drawn["tip"]["mesh"]["triangles"])) == [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]
+
+
+def test_who_is_in_the_way_is_named_and_numbered() -> None:
+    q = (0.0, -1.4, 1.5, -1.7, -1.5, 0.0)
+    flange = made().scene.kinematics.forward(q)
+    arena = made(world({"ball": {"sphere": 0.03, "pose": list(flange)}}))
+    pairs = arena.checker.collisions(q)
+    assert {pair.other for pair in pairs} == {"ball"}
+    assert 6 in red_links(pairs)
+    assert "wrist_3_link is" in str(pairs[0])
+
+
+def test_what_cannot_be_a_scene_says_why() -> None:
+    assert make_arena(Surroundings(ARM, KINEMATICS), None) is None
+    with pytest.raises(SceneError, match="wheel has a shape that is not known"):
+        made(world({"wheel": {"torus": 0.1, "pose": [0.0] * 6}}))
+    with pytest.raises(PlanningError, match="no model that is known here"):
+        make_arena(Surroundings(replace(ARM, robot_type=99), KINEMATICS, TCP), None)
+
+
+def test_an_arena_is_made_anew_when_the_world_is_another_one() -> None:
+    async def work() -> None:
+        news = asyncio.Event()
+        arenas = Arenas(None, news.set)
+
+        async def next_one(of: Mapping[str, Any]) -> Arena | None:
+            news.clear()
+            known = Surroundings(ARM, KINEMATICS, TCP, of)
+            arenas.look(known)
+            async with timeout(20.0):
+                await news.wait()
+            return arenas.look(known)
+
+        first = await next_one(world({"box": BOX}))
+        assert first is not None
+        assert arenas.look(Surroundings(ARM, KINEMATICS, TCP, world({"box": BOX}))) is first
+        second = await next_one(world({}))
+        assert second is not None
+        assert second is not first
+        assert not second.things
+        assert await next_one(world({"box": {"box": [0.0, 0.1, 0.1]}})) is None
+        assert "sizes are above 0" in arenas.problem
+        assert await next_one(world({})) is not None
+        assert not arenas.problem
+        await arenas.close()
+
+    asyncio.run(work())
+
+
+def test_what_planning_lacks_is_said_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert lacking() == ""
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    assert lacking().endswith("in the folder of ur-emulator, pip install '.[plan]'")
+
+
+def test_a_file_that_is_no_scene_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    file = tmp_path / "cell.yaml"
+    run = CliRunner().invoke
+    missing = run(app, ["pendant", "--scene", str(file)], env={"COLUMNS": "200"})
+    assert missing.exit_code == 2
+    assert "cannot read" in missing.output
+    file.write_text("objects: {post: {cylinder: [0.03]}}")
+    broken = run(app, ["pendant", "--scene", str(file)])
+    assert broken.exit_code != 0
+    assert "cell.yaml" in broken.output + str(broken.exception)

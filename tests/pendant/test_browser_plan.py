@@ -1,0 +1,191 @@
+"""Move, Plan, in a browser: targets are dragged, ways are seen, and nothing moves before somebody says so."""
+
+import re
+from collections.abc import Callable, Iterator
+from math import degrees, dist, radians
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.pendant.conftest import FEW_FRAMES, SIZE, Rig, eventually
+from tests.pendant.pendants import pendant
+from urproto.robots import kinematics_of, load_model
+
+BENT = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
+BESIDE = (80.0, -80.0, 86.0, -97.0, -86.0, 6.0)  # degrees; the post is between it and BENT
+POST = {"box": [0.06, 0.06, 0.4], "pose": [-0.15, -0.33, 0.2]}
+Open = Callable[[str], Page]
+DRAWN = """() => {
+  const scene = Object.values(window).find((value) => value?.isScene);
+  const red = (part) => part.material.color.getHexString() === "d02020";
+  const found = { things: [], red: [], links: 0, way: false, ghost: null };
+  scene.traverse((part) => {
+    if (part.name.startsWith("thing ")) {
+      found.things.push(part.name.slice(6));
+      if (red(part)) found.red.push(part.name.slice(6));
+    } else if (part.isMesh) {
+      let top = part;
+      while (top && top.name !== "ghost") top = top.parent;
+      if (top && red(part)) found.links += 1;
+    }
+    if (part.name === "way") found.way = true;
+    if (part.name === "ghost joint 0") found.ghost = part.rotation.z;
+  });
+  return found;
+}"""
+
+
+@pytest.fixture
+def bent(rig: Rig) -> Iterator[Rig]:
+    """An arm far from limits and singularities, among things that are gone afterwards."""
+    eventually(lambda: not any(rig.state("target_qd")))
+    rig.control.set_joints(BENT)
+    yield rig
+    for name in rig.control.objects():
+        rig.control.remove_object(name)
+
+
+def q(rig: Rig) -> tuple[float, ...]:
+    return tuple(rig.state("actual_q"))
+
+
+def drawn(page: Page) -> dict[str, Any]:
+    return page.evaluate(DRAWN)
+
+
+def drag(page: Page, x: float, y: float, place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    """Pull what is at this place of the handle by so many pixels."""
+
+    def over() -> bool:
+        at = page.evaluate("(place) => pendant.handle?.(...place) ?? null", place)
+        if at is None:
+            return False
+        page.mouse.move(*at)
+        page.mouse.move(at[0] + 1, at[1])
+        where.update(x=at[0], y=at[1])
+        return page.evaluate("() => document.querySelector('.move-view .arm').style.cursor") == "grab"
+
+    where = dict[str, float]()
+    eventually(over)
+    page.mouse.down()
+    page.mouse.move(where["x"] + x, where["y"] + y, steps=4)
+    page.mouse.up()
+
+
+def plan_tab(open_page: Open) -> Page:
+    page = open_page("move")
+    page.get_by_test_id("target-plan").click()
+    expect(page.get_by_test_id("plan-status")).to_contain_text("Drag the ball")
+    return page
+
+
+def target(page: Page) -> tuple[float, ...]:
+    """Joint angles [rad] in the fields, which follow the handle."""
+    page.get_by_test_id("target-joints").click()
+    angles = tuple(radians(float(page.get_by_test_id(f"target-joint-{i}").input_value())) for i in range(6))
+    page.get_by_test_id("target-plan").click()
+    return angles
+
+
+def typed(page: Page, angles: tuple[float, ...]) -> None:
+    page.get_by_test_id("target-joints").click()
+    for i, angle in enumerate(angles):
+        page.get_by_test_id(f"target-joint-{i}").fill(f"{angle:.2f}")
+    page.get_by_test_id("target-plan").click()
+
+
+def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig, open_page: Open) -> None:
+    bent.control.add_object("table", {"plane": {}, "pose": [0.0, 0.0, -0.02]})
+    page = plan_tab(open_page)
+    status = page.get_by_test_id("plan-status")
+    eventually(lambda: drawn(page)["things"] == ["table"])
+    drag(page, 0.0, 250.0)
+    expect(status).to_contain_text(re.compile(r"wrist_3_link is \d+\.\d mm deep in table"))
+    eventually(lambda: drawn(page)["red"] == ["table"] and drawn(page)["links"] > 0)
+    page.get_by_test_id("plan").click()
+    expect(status).to_contain_text("the goal cannot be reached")
+    expect(page.get_by_test_id("plan-move")).to_be_disabled()
+    drag(page, 20.0, -220.0)
+    expect(status).to_contain_text("The target is free")
+    eventually(lambda: not drawn(page)["red"] and not drawn(page)["links"])
+    page.get_by_test_id("plan").click()
+    expect(status).to_contain_text(re.compile(r"A way of \d+\.\d s"))
+    eventually(lambda: drawn(page)["way"])
+    assert q(bent) == pytest.approx(BENT, abs=1e-3)
+    goal = target(page)
+    page.get_by_test_id("plan-move").click()
+    eventually(lambda: q(bent) == pytest.approx(goal, abs=1e-3))
+    expect(status).to_contain_text("Drag the ball")
+    eventually(lambda: not drawn(page)["way"])
+
+
+def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: Open) -> None:
+    page = plan_tab(open_page)
+    forward = kinematics_of(load_model("ur3")).forward
+    before = forward(BENT)
+    drag(page, 0.0, -60.0, (0.0, 0.0, 0.15))
+    expect(page.get_by_test_id("plan-status")).to_contain_text("The target is free")
+    eventually(lambda: dist(target(page), BENT) > 0.05)
+    raised = forward(target(page))
+    assert raised[2] > before[2] + 0.03
+    assert dist(raised[:2], before[:2]) < 2e-3
+    drag(page, 40.0, 0.0, (0.085, -0.085, 0.0))
+    eventually(lambda: dist(forward(target(page))[3:], raised[3:]) > 0.1)
+    assert dist(forward(target(page))[:3], raised[:3]) < 2e-3
+    assert q(bent) == pytest.approx(BENT, abs=1e-3)
+
+
+def test_a_way_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig, open_page: Open) -> None:
+    bent.control.add_object("post", POST)
+    page = plan_tab(open_page)
+    status = page.get_by_test_id("plan-status")
+    eventually(lambda: drawn(page)["things"] == ["post"])
+    typed(page, BESIDE)
+    page.get_by_test_id("plan").click()
+    expect(status).to_contain_text("by RRTConnect")
+    angles = set[float]()
+    eventually(lambda: len(angles.add(drawn(page)["ghost"]) or angles) > 3)  # the ghost goes along
+    bent.control.set_speed_slider(0.05)  # a minute and more, however busy the machine is
+    page.get_by_test_id("plan-move").click()
+    eventually(lambda: any(bent.state("target_qd")) and dist(q(bent), BENT) > 0.03)
+    page.get_by_test_id("stop-moving").click()
+    eventually(lambda: not any(bent.state("target_qd")))
+    assert dist(tuple(map(degrees, q(bent))), BESIDE) > 5.0
+    page.get_by_test_id("plan-move").click()
+    expect(page.get_by_text("plan again from where it is")).to_be_visible()
+    bent.control.set_joints(BENT)
+    bent.control.add_object("on the arm", {"sphere": 0.1, "pose": [-0.2, -0.1, 0.3]})
+    expect(page.get_by_test_id("plan-move")).to_be_disabled()
+    expect(page.get_by_test_id("plan-move")).to_have_attribute("title", re.compile("press Plan first"))
+    page.get_by_test_id("plan").click()
+    expect(status).to_contain_text("the arm cannot start here")
+    expect(status).to_contain_text("on the arm")
+
+
+def test_a_robot_has_the_things_of_a_file_and_moves_after_a_question(
+    bent: Rig, browser: Browser, tmp_path: Path
+) -> None:
+    scene = tmp_path / "cell.yaml"
+    scene.write_text("objects: {post: {cylinder: [0.03, 0.6], pose: [0.3, 0.3, 0.3]}}")
+    options = ("--port", "6082", "--control-port", "0", "--scene", str(scene))
+    with pendant(bent.host, *options):
+        context = browser.new_context(viewport=SIZE)
+        context.add_init_script(FEW_FRAMES)
+        page = context.new_page()
+        page.goto(f"http://{bent.host}:6082/move")
+        page.get_by_test_id("target-plan").click()
+        expect(page.get_by_test_id("plan-source")).to_contain_text("what cell.yaml has")
+        expect(page.get_by_test_id("plan-status")).to_contain_text("Drag the ball")
+        eventually(lambda: drawn(page)["things"] == ["post"])
+        drag(page, 30.0, 0.0)
+        expect(page.get_by_test_id("plan-status")).to_contain_text("The target is free")
+        page.get_by_test_id("plan").click()
+        expect(page.get_by_test_id("plan-move")).to_be_enabled()
+        page.get_by_test_id("plan-move").click()
+        expect(page.get_by_test_id("may-move")).to_be_visible()
+        assert q(bent) == pytest.approx(BENT, abs=1e-3)
+        page.get_by_test_id("may-move").click()
+        eventually(lambda: dist(q(bent), BENT) > 0.03)
+        context.close()
