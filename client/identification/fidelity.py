@@ -12,8 +12,8 @@ from client.identification.samples import Array, Samples, known_features, sample
 from client.recording.recording import Recording
 from urproto.joints import JOINT_LABELS
 from urproto.robots import MODELS, RobotModel, load_model
-from urproto.robots.pinocchio_dynamics import Dynamics
 from urproto.robots.measured import drivetrain_of
+from urproto.robots.pinocchio_dynamics import Dynamics
 from urproto.vectors import ZERO6, Vector6
 
 UNITS: Final = {"target_moment": "Nm", "target_current": "A", "actual_current": "A"}

@@ -19,8 +19,8 @@ from client.recording.recording import Recording
 from urproto.joints import JOINT_LABELS
 from urproto.robots import RobotModel
 from urproto.robots.drivetrain import Drivetrain
-from urproto.robots.pinocchio_dynamics import Dynamics
 from urproto.robots.measured import drivetrain_of
+from urproto.robots.pinocchio_dynamics import Dynamics
 
 _PIECES: Final = 10
 _UNCERTAIN: Final = 0.2  # of a value: a larger standard error means that the motion does not show it
