@@ -35,7 +35,8 @@ window.cancelAnimationFrame = clearTimeout;
 """
 SIZE = {"width": 1280, "height": 800}
 POLICY = "Content Security Policy"  # is in what a browser says when a page does what that forbids
-SOON_S = 20.0  # a busy machine's
+SOON_S = 45.0  # a busy machine's
+LONGEST_S = 300.0  # of a test and the starts of robot, pendant and browser before it
 
 if CHROMIUM is None or sys.platform != "linux":
     collect_ignore_glob = ["test_browser_*"]
@@ -52,10 +53,11 @@ def eventually(condition: Callable[[], object], within_s: float = SOON_S) -> Non
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests of a module have one worker, since they have one browser."""
+    """The tests of a module have one worker, since they have one browser, and more time than others."""
     for item in items:
         if item.path.parent == HERE and item.path.name.startswith("test_browser_"):
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
+            item.add_marker(pytest.mark.timeout(LONGEST_S))
 
 
 def number(field: Locator) -> float:
