@@ -68,7 +68,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
     "identification": Layer(
         "recordings of a real arm: how far its model is right, and what a better one is",
         ("client.identification",),
-        ("ports", "driver", "robot", "recording"),
+        ("ports", "recording"),
     ),
     "programs": Layer("program trees: opened, checked, saved", ("client.programs",), ("ports",)),
     "decoding": Layer("traffic: captured bytes shown to people", ("client.decoding",)),

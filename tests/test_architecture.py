@@ -45,12 +45,13 @@ THIRD_PARTY = {
     "nicegui": ("client.pendant",),
     "foxglove": ("client.recording.live",),
     "websockets": ("client.recording.live",),
-    "matplotlib": ("client.recording.plots",),
+    "matplotlib": ("client.recording.plots", "client.identification.plots"),
     "mcap": ("client.recording.mcapfile",),
     "numpy": (
         "urproto.robots.pinocchio_dynamics",
         "emulator.world.links",
         "client.recording",
+        "client.identification",
         "client.traffic",
         "client.planning",
     ),
@@ -59,7 +60,7 @@ THIRD_PARTY = {
     "tomli": ("urproto.compat",),
     "typing_extensions": ("urproto.compat",),
     "pinocchio": ("urproto.robots.pinocchio_dynamics", "client.planning"),
-    "yaml": ("urproto.yamltext", "client.calibration"),
+    "yaml": ("urproto.yamltext", "client.calibration", "client.identification.armfile"),
     "typer": (
         "emulator.check",
         "emulator.cli",

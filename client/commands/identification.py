@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated, Final, TypeAlias
 
 import typer
-import yaml
 from rich.table import Table
 
 from client.commands.control import MakeReady
@@ -21,7 +20,7 @@ from client.commands.record import (
 )
 from client.driver import points
 from client.driver.config import ROBOT_PORTS
-from client.errors import FileError
+from client.identification.armfile import write_arm
 from client.identification.excitation import Bounds, excitation
 from client.identification.fidelity import Fidelity, Payload, fidelity
 from client.identification.identify import Identified, identify
@@ -96,7 +95,7 @@ def identify_command(
         check_free(plot, overwrite)
     recording, told = _read(file, columns), _payload("--payload", payload)
     found = identify(recording, arm, told)
-    _write(output, found)
+    write_arm(output, found)
     if plot is not None:
         draw(fidelity(recording, found.arm, told, found.mounted), plot, f"{file.name}: {arm.title}, {output.name}")
     for note in (*found.samples.notes, *found.kept):
@@ -106,14 +105,6 @@ def identify_command(
         cog = ", ".join(f"{part:.3f}" for part in found.payload.cog_m)
         typer.echo(f"the arm carried {found.payload.mass_kg:.2f} kg at [{cog}] m that its controller was not told of")
     typer.echo(f"{output}: ur-emulator --arm {output} is this arm")
-
-
-def _write(path: Path, found: Identified) -> None:
-    try:
-        text = yaml.safe_dump(found.to_mapping(), sort_keys=False, default_flow_style=None, width=120)
-        path.write_text(text, "utf-8")
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
 
 
 def _identified_table(found: Identified) -> Table:
