@@ -42,6 +42,7 @@ def main() -> None:
         streaming.measure(),
         pendant.measure(),
         ros2_driver.measure(),
+        ros2_driver.latency(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),
         rtde_codec.measure(),
