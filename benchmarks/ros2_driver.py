@@ -1,24 +1,44 @@
-"""What the ROS 2 driver costs beside controllers without ROS, at an arm of 500 Hz.
+"""What the ROS 2 driver costs beside controllers without ROS, and how late its setpoints are, at an arm of 500 Hz.
 
 Both are processes of their own before an emulated UR5e, with the scaled trajectory controller and the joint state
 broadcaster active; the subscriber is a third one, whose cost does not count.
+
+For the setpoints a further process commands a joint angle a little off, to an arm at rest, and takes the time until
+the first RTDE state whose target has left the place has come.
 """
 
+import asyncio
+import json
 import os
+import random
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from contextlib import ExitStack, asynccontextmanager, contextmanager
 from typing import Final
 
 from pendant import cpu_s
 from table import Table
 
+from client import RTDEClient
+from client.controllers.remote import RemoteManager
+from client.errors import NoManagerError
+
 SECONDS: Final = 10.0
 HOST: Final = "127.0.0.79"
 _DOMAIN: Final = "79"
 _SETTLED_S: Final = 5.0  # after the start
+SAMPLES: Final = 300
+_ROUNDS: Final = 2  # of each, by turns: what else the machine does meets both
+_FORWARD: Final = "forward_position_controller"
+_TOPIC: Final = f"/{_FORWARD}/commands"
+_OFFSET_RAD: Final = 0.002  # of the last joint: too little to matter, far above rounding
+_MOVED_RAD: Final = 1e-6
+_REST_S: Final = 0.35  # servoj has come to rest by then, to 1e-7 rad
+_GIVE_UP_S: Final = 2.0
+_BAR_MS: Final = 1.0
+_WAYS: Final = {"socket": ["controllers", "serve"], "topic": ["ros2"]}
 _CONTROLLERS: Final = ("joint_state_broadcaster", "scaled_joint_trajectory_controller")
 
 
@@ -56,6 +76,125 @@ def _row(what: str, words: list[str], seconds: float, *, subscribed: bool) -> li
     return [what, f"{share:.1%}"]
 
 
+def latency(samples: int = SAMPLES) -> Table:
+    """One row for each way of a setpoint to the arm; the second says whether it is within the bar."""
+    found_s: dict[str, list[float]] = {way: [] for way in _WAYS}
+    for _ in range(_ROUNDS):
+        for way in _WAYS:
+            found_s[way] += _latencies_of(way, samples // _ROUNDS)
+    (socket_50, socket_99), (topic_50, topic_99) = (_percentiles_ms(times_s) for times_s in found_s.values())
+    more = topic_99 - socket_99
+    rows = [
+        ["`ur-client controllers serve`, its socket", f"{socket_50:.2f} ms", f"{socket_99:.2f} ms", ""],
+        [
+            f"`ur-client ros2`, `{_TOPIC}`",
+            f"{topic_50:.2f} ms",
+            f"{topic_99:.2f} ms",
+            f"{more:+.2f} ms: {'held' if more <= _BAR_MS else 'missed'}",
+        ],
+    ]
+    about = (
+        f"From a command to the first RTDE state of an emulated UR5e that shows it, {samples} commands each, in "
+        f"{_ROUNDS} rounds by turns. Bar: by a topic the 99th percentile is at most {_BAR_MS:g} ms more."
+    )
+    return Table("ROS 2 setpoints", about, ["way", "p50", "p99", "p99 more"], rows)
+
+
+def _percentiles_ms(times_s: Sequence[float]) -> tuple[float, float]:
+    times = sorted(times_s)
+    return 1e3 * times[len(times) // 2], 1e3 * times[min(len(times) - 1, int(0.99 * len(times)))]
+
+
+def _latencies_of(way: str, samples: int) -> list[float]:
+    environment = {**os.environ, "ROS_DOMAIN_ID": _DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    with ExitStack() as running:
+        running.enter_context(_process([sys.executable, __file__, "serve"], environment))
+        time.sleep(_SETTLED_S)
+        command = [sys.executable, "-m", "client", *_WAYS[way], "--controller", _FORWARD, "--robot-ip", HOST]
+        running.enter_context(_process(command, environment))
+        measured = [sys.executable, __file__, "measure", way, str(samples)]
+        times_s: list[float] = json.loads(subprocess.check_output(measured, env=environment))
+    return times_s
+
+
+async def _measure(way: str, samples: int) -> list[float]:
+    """In a process of its own: the time of each command [s]."""
+    async with (
+        _manager() as manager,
+        _COMMANDERS[way](manager) as command,
+        RTDEClient(HOST, ["timestamp", "target_q"]) as states,
+    ):
+        home = (await states.receive())["target_q"]
+        return [await _once(states, command, home) for _ in range(samples)]
+
+
+async def _once(
+    states: RTDEClient, command: Callable[[Sequence[float]], Awaitable[object]], home: Sequence[float]
+) -> float:
+    state = await states.receive()
+    until_s = state["timestamp"] + _REST_S
+    while state["timestamp"] < until_s:
+        state = await states.latest()
+    await asyncio.sleep(random.uniform(0.0, 0.01))  # no rhythm of ours meets that of the control periods
+    at = state["target_q"][5]
+    target = [*home[:5], home[5] + (_OFFSET_RAD if at <= home[5] else -_OFFSET_RAD)]
+    began_s = time.perf_counter()
+    answered = asyncio.ensure_future(command(target))
+    while abs(state["target_q"][5] - at) < _MOVED_RAD:
+        state = await states.receive()
+        if time.perf_counter() - began_s > _GIVE_UP_S:
+            raise RuntimeError(f"no target was executed within {_GIVE_UP_S} s")
+    taken_s = time.perf_counter() - began_s
+    await answered
+    return taken_s
+
+
+@asynccontextmanager
+async def _manager() -> AsyncIterator[RemoteManager]:
+    """The running one, when the forward controller is active."""
+    while True:
+        try:
+            async with RemoteManager(HOST) as manager:
+                while _FORWARD not in await _active(manager):
+                    await asyncio.sleep(0.1)
+                yield manager
+                return
+        except NoManagerError:
+            await asyncio.sleep(0.1)
+
+
+async def _active(manager: RemoteManager) -> list[str]:
+    return [one["name"] for one in await manager.ask("list_controllers") if one["state"] == "active"]
+
+
+@asynccontextmanager
+async def _by_socket(manager: RemoteManager) -> AsyncIterator[Callable[[Sequence[float]], Awaitable[object]]]:
+    yield lambda q: manager.ask("forward_command", controller=_FORWARD, values=list(q))
+
+
+@asynccontextmanager
+async def _by_topic(manager: RemoteManager) -> AsyncIterator[Callable[[Sequence[float]], Awaitable[object]]]:
+    import rclpy
+    from rclpy.node import Node
+    from std_msgs.msg import Float64MultiArray
+
+    rclpy.init()
+    publisher = Node("commander").create_publisher(Float64MultiArray, _TOPIC, 1)
+    while not publisher.get_subscription_count():
+        await asyncio.sleep(0.1)
+
+    async def command(q: Sequence[float]) -> None:
+        publisher.publish(Float64MultiArray(data=list(q)))
+
+    try:
+        yield command
+    finally:
+        rclpy.shutdown()
+
+
+_COMMANDERS: Final = {"socket": _by_socket, "topic": _by_topic}
+
+
 @contextmanager
 def _process(command: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
     quiet = subprocess.DEVNULL
@@ -85,5 +224,10 @@ if __name__ == "__main__":
         serve_at("ur5e", HOST)
     elif sys.argv[1:] == ["subscribe"]:
         _subscribe()
+    elif sys.argv[1:2] == ["measure"]:
+        sys.stdout.write(json.dumps(asyncio.run(_measure(sys.argv[2], int(sys.argv[3])))))
+    elif sys.argv[1:] == ["latency"]:
+        sys.stdout.write(latency().markdown())
     else:
         sys.stdout.write(measure().markdown())
+        sys.stdout.write(latency().markdown())

@@ -44,6 +44,7 @@ def main() -> None:
         pendant.measure(),
         planning.measure(),
         ros2_driver.measure(),
+        ros2_driver.latency(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),
         rtde_codec.measure(),
