@@ -180,8 +180,8 @@ class ToolSearch:
                 del way[i + 1 : j]
         return way
 
-    def _rounded(self, segments: Sequence[Segment]) -> Segment:
-        """Without stops: each corner as round as constraints and things around allow."""
+    def _rounded(self, segments: Sequence[Segment]) -> Segment | None:
+        """Without stops: each corner as round as constraints and things around allow; None where they allow none."""
         assert segments[0].path is not None
         done: list[PiecewisePath] = []
         last = segments[0].path
@@ -198,7 +198,7 @@ class ToolSearch:
                     break
                 radius *= 0.5
             else:
-                raise PlanningError("a corner of the way cannot be rounded within the constraints: widen a tolerance")
+                return None
             done += (one, between)
             last = other
         way = (segments[0].way[0], *(segment.way[-1] for segment in segments))

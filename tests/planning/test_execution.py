@@ -1,5 +1,7 @@
 """What was planned is what the arm does: recorded angles keep clear of the scene."""
 
+from math import dist, hypot
+
 import pytest
 
 pytest.importorskip("ompl")
@@ -8,7 +10,7 @@ from clearance import Clearance
 from driver_rig import HOME, Lab, emulator
 
 from client.errors import PlanningError
-from client.planning import Box, CollisionChecker, JointGoal, PlanningScene, PoseGoal
+from client.planning import Box, CircGoal, CollisionChecker, JointGoal, MotionSequenceItem, PlanningScene, PoseGoal
 
 
 @pytest.mark.parametrize("model", ["ur3", pytest.param("ur5e", marks=pytest.mark.long)])
@@ -36,3 +38,37 @@ async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.Monkey
             await arm.move_j((there[0] + 0.1, *there[1:]))
             with pytest.raises(PlanningError, match=r"0\.100 rad from where the plan begins"):
                 await arm.planning.execute(plan)
+
+
+async def test_the_arm_draws_a_line_and_an_arc_without_a_stop_between(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Recorded angles keep to the line, the arc and the blend that were planned."""
+    async with emulator("ur5e", speed=2.0) as robot:
+        monkeypatch.setattr("client.driver.endpoint.time", robot.clock)
+        lab = Lab(robot)
+        async with lab.arm as arm:
+            scene = PlanningScene(await arm.planning.model())
+            x, y, z, *turn = start = arm.tcp_pose_at(HOME)
+            corner, radius = (x, y + 0.15, z), 0.03
+            middle = (x, y + 0.15, z + 0.1)
+            items = [
+                MotionSequenceItem(PoseGoal((*corner, *turn)), "LIN", radius),
+                MotionSequenceItem(CircGoal((x, y + 0.15, z + 0.2, *turn), (x, y + 0.25, z + 0.1)), "CIRC"),
+            ]
+            driven: list[tuple[float, ...]] = []
+            arm.driver.robot.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
+            plan = await arm.planning.plan_sequence(items, scene, velocity_scaling=0.5, acceleration_scaling=0.5)
+            await arm.planning.execute(plan)
+            places = [arm.tcp_pose_at(q)[:3] for q in driven]
+            for place in places:
+                if dist(place, corner) > radius:
+                    beside = hypot(place[0] - x, place[2] - z)
+                    outside = hypot(place[0] - x, dist(place, middle) - 0.1)
+                    assert min(beside, outside) < 0.001
+            assert 0 < sum(dist(place, corner) < 0.005 for place in places) < 40  # 1 cm, in 80 ms: it does not stop
+            assert dist(places[-1], (x, y + 0.15, z + 0.2)) < 0.001
+            back, fraction = await arm.planning.compute_cartesian_path([start, (x + 3.0, y, z, *turn)], scene)
+            assert 0.5 < fraction < 1.0
+            assert "out of the reach" in back.stopped_by
+            stays, fraction = await arm.planning.compute_cartesian_path([(x + 3.0, y, z + 3.0, *turn)], scene, 1.0)
+            assert fraction < 0.2
+            assert stays.stopped_by
