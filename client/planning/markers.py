@@ -11,6 +11,7 @@ from client.planning.timing import Array
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_quaternion
 
 _FRAME: Final = "base"
+_TOOL: Final = "tool0"
 _CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _POINTS, _MESH = 1, 2, 3, 4, 8, 10  # visualization_msgs/Marker
 _GREY: Final = (0.6, 0.6, 0.65, 0.8)
 _CARRIED: Final = (0.9, 0.6, 0.1, 0.9)
@@ -21,29 +22,37 @@ _DOT_M: Final = 0.005
 Marker = Mapping[str, Any]
 
 
-def scene_markers(scene: PlanningScene, q_rad: Sequence[float], *, carried_only: bool = False) -> list[Marker]:
-    """Everything in a scene with the arm at these joint angles (6,) [rad], or only what moves with the arm."""
-    flange = scene.kinematics.forward(q_rad)
+def scene_markers(
+    scene: PlanningScene, q_rad: Sequence[float] | None, *, carried_only: bool = False, prefix: str = ""
+) -> list[Marker]:
+    """Everything in a scene with the arm at these joint angles (6,) [rad], or only what moves with the arm.
+
+    Without joint angles what moves with the arm is in the frame ``tool0``, for those who know the arm's frames. prefix:
+    of frames.
+    """
+    flange = None if q_rad is None else scene.kinematics.forward(q_rad)
     found: list[Marker] = []
     for number, (name, thing) in enumerate(scene.objects.items()):
         if thing.attached or not carried_only:
-            pose = pose_trans(flange, thing.pose) if thing.attached else thing.pose
+            pose = pose_trans(flange, thing.pose) if thing.attached and flange else thing.pose
             color = _CARRIED if thing.attached else _GREY
-            found.append({**_marker(name, number, pose, color), **_drawn(thing.shape)})
+            frame = prefix + (_TOOL if thing.attached and not flange else _FRAME)
+            found.append({**_marker(name, number, pose, color, frame), **_drawn(thing.shape)})
     return found
 
 
-def way_marker(scene: PlanningScene, q_rad: Array) -> Marker:
+def way_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marker:
     """The way of the flange through joint angles (n, 6) [rad] as a line."""
     places = [scene.kinematics.forward(tuple(map(float, q)))[:3] for q in q_rad]
     line = {"type": _LINE_STRIP, "scale": _xyz((_DOT_M, 0.0, 0.0)), "points": [_xyz(place) for place in places]}
-    return {**_marker("way", 0, (0.0,) * 6, _WAY), **line}
+    return {**_marker("way", 0, (0.0,) * 6, _WAY, prefix + _FRAME), **line}
 
 
-def _marker(name: str, number: int, pose: Pose, color: Sequence[float]) -> Marker:
+def _marker(name: str, number: int, pose: Pose, color: Sequence[float], frame: str) -> Marker:
     turn = rotvec_to_quaternion(*pose[3:])
     return {
-        "header": {"frame_id": _FRAME},
+        "header": {"frame_id": frame},
+        "frame_locked": True,
         "ns": name,
         "id": number,
         "pose": {"position": _xyz(pose[:3]), "orientation": dict(zip("xyzw", turn, strict=True))},

@@ -74,6 +74,7 @@ def request(goal: dict[str, Any] | None = None, start: Any = START, **more: Any)
         "start_state": state(start),
         "goal_constraints": [joint_goal() if goal is None else goal],
         "allowed_planning_time": 10.0,
+        "max_velocity_scaling_factor": 0.5,  # at full speed a busy machine may be later than a controller lets it
         **more,
     }
 
@@ -408,6 +409,21 @@ async def test_the_scene_is_told_as_it_was_given(lab: Lab) -> None:
     # and applied as a whole it is the same
     assert await apply(lab, **{**scene, "is_diff": False})
     assert (await scene_of(lab))["world"]["collision_objects"][0]["pose"] == pipe["pose"]
+
+
+async def test_scene_and_way_are_drawn(lab: Lab) -> None:
+    assert await put(lab, "post", (0.5, 0.0, 0.5))
+    carried = {"link_name": "tool0", "object": {"id": "probe", "primitives": [{"type": SPHERE, "dimensions": [0.02]}]}}
+    assert await apply(lab, robot_state={"is_diff": True, "attached_collision_objects": [carried]})
+    array = "visualization_msgs/msg/MarkerArray"
+    wiped, *drawn = (await lab.peer.echo("/move_group/scene_markers", array, latched=True))["markers"]
+    assert wiped["action"] == 3
+    assert [(one["ns"], one["type"], one["header"]["frame_id"]) for one in drawn] == [
+        ("post", 1, "base"), ("probe", 2, "tool0")]  # fmt: skip
+    assert drawn[0]["pose"]["position"]["x"] == pytest.approx(-0.5)
+    answer = await plan(lab)
+    (line,) = (await lab.peer.echo("/move_group/way_markers", array, latched=True))["markers"]
+    assert np.array([list(point.values()) for point in line["points"]]) == pytest.approx(way(answer))
 
 
 async def test_objects_come_move_and_go_on_topics(lab: Lab) -> None:
