@@ -1,6 +1,8 @@
 """``ur-client plan``: a way around what is in the way."""
 
 import re
+import time
+from contextlib import closing
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -47,6 +49,9 @@ def plan_command(
     velocity: Annotated[float, typer.Option(help="Share of the joints' speeds, up to 1.")] = 0.3,
     acceleration: Annotated[float, typer.Option(help="Share of the accelerations, up to 1.")] = 0.3,
     plot: Annotated[Path | None, typer.Option(help="Draw joint angles and speeds into this file (.png, .pdf).")] = None,
+    markers: Annotated[
+        Path | None, typer.Option(help="Write motion, scene and way as markers for Foxglove into this file (.mcap).")
+    ] = None,
     start: Annotated[
         str | None, typer.Option(help="Joint angles to plan from without a robot; needs --model.", show_default=False)
     ] = None,
@@ -66,8 +71,9 @@ def plan_command(
         raise typer.BadParameter("--start and --model plan without a robot: give both, or none")
     if start is not None and execute:
         raise typer.BadParameter("--execute needs a robot: leave --start and --model away")
-    if record is not None:
-        check_free(record, overwrite)
+    for file in (record, markers):
+        if file is not None:
+            check_free(file, overwrite)
     options: dict[str, Any] = {
         "planner": planner,
         "time_limit_s": time_limit,
@@ -84,7 +90,9 @@ def plan_command(
             around = _scene(PlanningScene(load_model(model), padding_m=padding), scene)
             if safety is not None:
                 around.set_safety(_read_safety(safety))
-            _tell(Planner(around).plan(_angles(start, degrees), wanted, **options), as_json, plot)
+            plan = Planner(around).plan(_angles(start, degrees), wanted, **options)
+            _tell(plan, as_json, plot)
+            _draw(plan, around, markers)
             return
 
         target = Target(robot_ip, port_offset, make_ready=make_ready, record=record)
@@ -94,6 +102,7 @@ def plan_command(
                 around.set_safety(_read_safety(safety), robot.planning.tcp_offset())
             plan = await robot.planning.plan(wanted, around, **options)
         _tell(plan, as_json, plot)
+        _draw(plan, around, markers)
         if execute:
             await _execute(plan, target, controller)
 
@@ -172,6 +181,24 @@ def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
         f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortened in {1000 * plan.shortening_s:.0f} ms, "
         f"timed in {1000 * plan.timing_s:.0f} ms"
     )
+
+
+def _draw(plan: "Plan", scene: "PlanningScene", path: Path | None) -> None:
+    """The motion over time, from now on, in what is around it."""
+    if path is None:
+        return
+    from client.planning.markers import scene_markers, way_marker
+    from client.recording.mcapfile import McapWriter
+
+    timed, began_ns = plan.timed, time.time_ns()
+    with closing(McapWriter(path, ("timestamp", "actual_q", "actual_qd"), {"made_by": "ur-client plan"})) as writer:
+        writer.write_markers("/planning_scene", scene_markers(scene, plan.way[0]), began_ns)
+        writer.write_markers("/planned_path", [way_marker(scene, timed.q)], began_ns)
+        for time_s, q, qd in zip(timed.times_s.tolist(), timed.q.tolist(), timed.qd.tolist(), strict=True):
+            time_ns = began_ns + round(time_s * 1e9)
+            writer.write({"timestamp": time_s, "actual_q": q, "actual_qd": qd}, time_ns)
+            if carried := scene_markers(scene, q, carried_only=True):
+                writer.write_markers("/planning_scene", carried, time_ns)
 
 
 def _as_json(plan: "Plan") -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
@@ -12,7 +12,7 @@ from client.recording.definitions import ros_name
 from client.recording.extras import extra
 from client.recording.output import FLUSH_S, OutputFile
 from client.recording.recording import ROBOT, Columns, Info, Recording
-from client.recording.topics import RTDE_TOPIC, ControllerTopic, Topic, Topics, controller_message
+from client.recording.topics import RTDE_TOPIC, ControllerTopic, MarkerTopic, Topic, Topics, controller_message
 from client.recording.tracking import Tracking, TrackingBuilder
 from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -76,6 +76,11 @@ class McapWriter:
         topic = ControllerTopic(controller)
         self._add(topic, topic.type.encode(controller_message(state, time_ns)), time_ns)
 
+    def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_ns: int) -> None:
+        """Add a visualization_msgs/msg/MarkerArray. markers: their fields; those not named are zero or empty."""
+        kind = MarkerTopic(topic)
+        self._add(kind, kind.type.encode({"markers": markers}), time_ns)
+
     def close(self) -> None:
         """Finish the file: its index and its end. Raises RecordingError."""
         finish: Callable[[], None] = self._writer.finish
@@ -87,7 +92,7 @@ class McapWriter:
         finally:
             self._file.close()
 
-    def _add(self, topic: Topic | ControllerTopic, data: bytes, time_ns: int) -> None:
+    def _add(self, topic: Topic | ControllerTopic | MarkerTopic, data: bytes, time_ns: int) -> None:
         if topic.name not in self._channels:
             self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", self._schema(topic.type))
         self._writer.add_message(self._channels[topic.name], time_ns, data, time_ns)

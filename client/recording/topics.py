@@ -55,6 +55,18 @@ class ControllerTopic:
         return message_type("control_msgs/msg/JointTrajectoryControllerState")
 
 
+@dataclass(frozen=True, slots=True)
+class MarkerTopic:
+    """Markers, as ``visualization_msgs/msg/MarkerArray``."""
+
+    name: str
+
+    @property
+    def type(self) -> MessageType:
+        """Its message."""
+        return message_type("visualization_msgs/msg/MarkerArray")
+
+
 class Topics:
     """The topics that can be made of some RTDE variables, and what is to be told of each state."""
 

@@ -111,14 +111,14 @@ class Ros2Driver:
             opening.push_async_callback(asyncio.to_thread, node.close)
         until = await asyncio.to_thread(TrajectoryUntilNode, host, self._options.controller)
         opening.push_async_callback(asyncio.to_thread, until.close)
-        if model is not None and _can_plan():
+        if model is not None and can_plan():
             from client.ros2.move_group.node import MoveGroupNode
 
             group = await asyncio.to_thread(MoveGroupNode, host, robot, model, prefix)
             opening.push_async_callback(asyncio.to_thread, group.close)
 
 
-def _can_plan() -> bool:
+def can_plan() -> bool:
     """Whether the extra ``plan`` is there; says so if it is not."""
     if importlib.util.find_spec("ompl") is not None:
         return True

@@ -1,6 +1,7 @@
 """The node move_group before a plain rclpy program in another process: what MoveIt's clients ask, move and change."""
 
 import math
+import sys
 from collections.abc import AsyncIterator
 from typing import Any
 from xml.etree import ElementTree
@@ -12,6 +13,7 @@ from driver_rig import HOME, driver_options, emulator
 from ros2_rig import Lab, laboratory
 
 from client.planning import Box, CollisionChecker, PlanningScene, Sphere
+from client.ros2.driver import can_plan
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 from urproto.robots import kinematics_of, load_model
@@ -74,6 +76,7 @@ def request(goal: dict[str, Any] | None = None, start: Any = START, **more: Any)
         "start_state": state(start),
         "goal_constraints": [joint_goal() if goal is None else goal],
         "allowed_planning_time": 10.0,
+        "max_velocity_scaling_factor": 0.5,  # at full speed a busy machine may be later than a controller lets it
         **more,
     }
 
@@ -109,6 +112,15 @@ def points(answer: dict[str, Any]) -> np.ndarray:
     return np.array([point["positions"] for point in trajectory["points"]])
 
 
+async def test_without_ompl_the_driver_goes_on(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert can_plan()
+    monkeypatch.setitem(sys.modules, "ompl", None)
+    assert not can_plan()
+    assert "pip install '.[plan]'" in caplog.text
+
+
 async def test_names_and_types_are_those_of_moveit(lab: Lab) -> None:
     graph = await lab.peer.ask(graph=True)
     assert "/move_group" in graph["nodes"]
@@ -133,6 +145,12 @@ async def test_names_and_types_are_those_of_moveit(lab: Lab) -> None:
     assert {one.get("name") for one in root.iterfind("group_state")} == {"home", "up", "test_configuration"}
     answer = await lab.peer.call("/query_planner_interface", f"{SRV}/QueryPlannerInterfaces")
     assert "RRTConnectkConfigDefault" in answer["planner_interfaces"][0]["planner_ids"]
+    answer = await lab.peer.call("/get_urdf", f"{SRV}/GetGroupUrdf", group_name="ur_manipulator")
+    assert (
+        answer["urdf_string"]
+        == (await lab.peer.echo("/robot_description", "std_msgs/msg/String", latched=True))["data"]
+    )
+    assert (await lab.peer.call("/get_urdf", f"{SRV}/GetGroupUrdf"))["error_code"]["val"] == -15
 
 
 async def test_forward_kinematics_are_the_robots(lab: Lab) -> None:
@@ -379,6 +397,14 @@ async def test_validity_names_what_touches(lab: Lab) -> None:
     assert math.dist(contact["position"].values(), tool.values()) < 0.1
     assert contact["depth"] > 0.0
 
+    async def all_judged(*states: Any) -> bool:
+        joints = [state(q)["joint_state"] for q in states]
+        kind = f"{SRV}/GetMultiStateValidity"
+        return bool((await lab.peer.call("/check_multi_state_validity", kind, joint_states=joints))["valid"])
+
+    assert await all_judged(START, HOME)
+    assert not await all_judged(START, GOAL, HOME)
+
 
 async def test_the_scene_is_told_as_it_was_given(lab: Lab) -> None:
     things = [
@@ -410,6 +436,21 @@ async def test_the_scene_is_told_as_it_was_given(lab: Lab) -> None:
     assert (await scene_of(lab))["world"]["collision_objects"][0]["pose"] == pipe["pose"]
 
 
+async def test_scene_and_way_are_drawn(lab: Lab) -> None:
+    assert await put(lab, "post", (0.5, 0.0, 0.5))
+    carried = {"link_name": "tool0", "object": {"id": "probe", "primitives": [{"type": SPHERE, "dimensions": [0.02]}]}}
+    assert await apply(lab, robot_state={"is_diff": True, "attached_collision_objects": [carried]})
+    array = "visualization_msgs/msg/MarkerArray"
+    wiped, *drawn = (await lab.peer.echo("/move_group/scene_markers", array, latched=True))["markers"]
+    assert wiped["action"] == 3
+    assert [(one["ns"], one["type"], one["header"]["frame_id"]) for one in drawn] == [
+        ("post", 1, "base"), ("probe", 2, "tool0")]  # fmt: skip
+    assert drawn[0]["pose"]["position"]["x"] == pytest.approx(-0.5)
+    answer = await plan(lab)
+    (line,) = (await lab.peer.echo("/move_group/way_markers", array, latched=True))["markers"]
+    assert np.array([list(point.values()) for point in line["points"]]) == pytest.approx(way(answer))
+
+
 async def test_objects_come_move_and_go_on_topics(lab: Lab) -> None:
     topic = {"publish": "/collision_object", "type": f"{MSG}/CollisionObject"}
     monitored = {"echo": "/monitored_planning_scene", "type": f"{MSG}/PlanningScene", "latched": True}
@@ -425,6 +466,10 @@ async def test_objects_come_move_and_go_on_topics(lab: Lab) -> None:
     moved = {"id": "post", "header": {"frame_id": "base_link"}, "pose": pose((0.6, 0.0, 0.5)), "operation": "MOVE"}
     await lab.peer.ask(**topic, message=moved)
     assert await ids() == {"post": pytest.approx(0.6)}
+    lid = {"primitives": [{"type": BOX, "dimensions": [0.3, 0.3, 0.02]}], "primitive_poses": [pose((0.0, 0.0, 0.5))]}
+    await lab.peer.ask(**topic, message={**moved, "operation": "APPEND", **lid})
+    (grown,) = (await lab.peer.ask(**monitored))["world"]["collision_objects"]
+    assert [one["dimensions"][0] for one in grown["primitives"]] == [0.1, 0.3]
     await lab.peer.ask(**topic, message={"id": "post", "operation": "REMOVE"})
     assert await ids() == {}
 

@@ -14,6 +14,7 @@ from client.errors import ClientError, PlanningError
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction
 from client.ros2.move_group.arm import Arm, RefusedError
+from client.ros2.move_group.drawing import Drawing
 from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
 from client.ros2.move_group.plans import PLANS
@@ -55,6 +56,7 @@ class MoveGroupNode:
         self._way = node.create_publisher(
             interface("moveit_msgs/msg/DisplayTrajectory"), "display_planned_path", QoSProfile(depth=10)
         )
+        self._drawing = Drawing(node, self._arm)
         for topic, kind in _CHANGING:
             node.create_subscription(interface(kind), topic, self._listener(topic), _DEPTH)
         node.create_subscription(String, "trajectory_execution_event", self._event, 1)
@@ -95,6 +97,7 @@ class MoveGroupNode:
             self._error(what, error)
             return False
         self._scene.publish(told)
+        self._drawing.scene(self._monitor.state)
         return True
 
     def _apply(self, request: Any, response: Any) -> Any:
@@ -157,3 +160,4 @@ class MoveGroupNode:
         message.trajectory_start = self._arm.state_message(plan.start_rad)
         message.trajectory = [self._arm.trajectory_message(plan.timed)]
         self._way.publish(message)
+        self._drawing.way(self._monitor.state, plan)

@@ -1,0 +1,81 @@
+"""A scene and a way in it as markers: plain mappings with the fields of visualization_msgs/Marker, in the base frame.
+
+RViz and Foxglove draw them. Of hulls the points are drawn, of meshes their files, of planes a piece about their origin.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, Shape, Sphere
+from client.planning.timing import Array
+from urproto.robots.pose import Pose, pose_trans, rotvec_to_quaternion
+
+_FRAME: Final = "base"
+_TOOL: Final = "tool0"
+_CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _POINTS, _MESH = 1, 2, 3, 4, 8, 10  # visualization_msgs/Marker
+_GREY: Final = (0.6, 0.6, 0.65, 0.8)
+_CARRIED: Final = (0.9, 0.6, 0.1, 0.9)
+_WAY: Final = (0.1, 0.6, 0.2, 1.0)
+_PIECE_M: Final = (4.0, 4.0, 0.002)  # of a plane
+_DOT_M: Final = 0.005
+
+Marker = Mapping[str, Any]
+
+
+def scene_markers(
+    scene: PlanningScene, q_rad: Sequence[float] | None, *, carried_only: bool = False, prefix: str = ""
+) -> list[Marker]:
+    """Everything in a scene with the arm at these joint angles (6,) [rad], or only what moves with the arm.
+
+    Without joint angles what moves with the arm is in the frame ``tool0``, for those who know the arm's frames. prefix:
+    of frames.
+    """
+    flange = None if q_rad is None else scene.kinematics.forward(q_rad)
+    found: list[Marker] = []
+    for number, (name, thing) in enumerate(scene.objects.items()):
+        if thing.attached or not carried_only:
+            pose = pose_trans(flange, thing.pose) if thing.attached and flange else thing.pose
+            color = _CARRIED if thing.attached else _GREY
+            frame = prefix + (_TOOL if thing.attached and not flange else _FRAME)
+            found.append({**_marker(name, number, pose, color, frame), **_drawn(thing.shape)})
+    return found
+
+
+def way_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marker:
+    """The way of the flange through joint angles (n, 6) [rad] as a line."""
+    places = [scene.kinematics.forward(tuple(map(float, q)))[:3] for q in q_rad]
+    line = {"type": _LINE_STRIP, "scale": _xyz((_DOT_M, 0.0, 0.0)), "points": [_xyz(place) for place in places]}
+    return {**_marker("way", 0, (0.0,) * 6, _WAY, prefix + _FRAME), **line}
+
+
+def _marker(name: str, number: int, pose: Pose, color: Sequence[float], frame: str) -> Marker:
+    turn = rotvec_to_quaternion(*pose[3:])
+    return {
+        "header": {"frame_id": frame},
+        "frame_locked": True,
+        "ns": name,
+        "id": number,
+        "pose": {"position": _xyz(pose[:3]), "orientation": dict(zip("xyzw", turn, strict=True))},
+        "color": dict(zip("rgba", color, strict=True)),
+    }
+
+
+def _drawn(shape: Shape) -> Marker:
+    match shape:
+        case Box(size):
+            return {"type": _CUBE, "scale": _xyz(size)}
+        case Sphere(radius):
+            return {"type": _SPHERE, "scale": _xyz((2.0 * radius,) * 3)}
+        case Cylinder(radius, length):
+            return {"type": _CYLINDER, "scale": _xyz((2.0 * radius, 2.0 * radius, length))}
+        case Mesh(path, scale):
+            return {"type": _MESH, "scale": _xyz((scale,) * 3), "mesh_resource": path.resolve().as_uri()}
+        case Hull(points):
+            dots = [_xyz(point) for point in points]
+            return {"type": _POINTS, "scale": _xyz((_DOT_M, _DOT_M, 0.0)), "points": dots}
+        case Plane():
+            return {"type": _CUBE, "scale": _xyz(_PIECE_M)}
+
+
+def _xyz(values: Sequence[float]) -> dict[str, float]:
+    return dict(zip("xyz", map(float, values), strict=True))
