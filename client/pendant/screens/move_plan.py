@@ -119,6 +119,8 @@ class PlannedMove:
 
     def _status(self, station: Station) -> tuple[str, str]:
         """Of which kind it is, and the text."""
+        if not self._looked_at:
+            return "off", ""
         if station.arena is None:
             problem = station.arenas.problem
             return ("bad", problem) if problem else ("off", "The arm is not known yet.")
