@@ -106,7 +106,12 @@ def rewritten(source: str, pages: dict[str, str]) -> tuple[str, set[str]]:
 
 def _in_site(target: str) -> str:
     """Where a file of the repository that is not a page is in the site."""
-    return target.removeprefix("docs/") if target.startswith("docs/") else f"files/{target.replace('/.', '/')}"
+    return target.removeprefix("docs/") if target.startswith("docs/") else f"files/{_shown(target)}"
+
+
+def _shown(name: str) -> str:
+    """A path without the dots at the beginning of its parts: Zensical leaves such files out."""
+    return "/".join(part.lstrip(".") for part in name.split("/"))
 
 
 def _copy(target: str, folder: Path) -> None:
@@ -121,7 +126,7 @@ def _copy(target: str, folder: Path) -> None:
         if not path.is_file() or path.suffix in (".pyc", ".md") or _HIDDEN & set(path.parts):
             continue
         name = path.relative_to(here).as_posix()
-        shown = there / name.replace("/.", "/").removeprefix(".")
+        shown = there / _shown(name)
         shown.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, shown)
         listed.append(f"- [`{name}`]({shown.relative_to(there).as_posix()})")

@@ -16,6 +16,8 @@ from client.controllers import JOINT_NAMES, JointTrajectory
 from client.robot import AsyncRobot
 from urproto.commandline import AsJson, print_json
 from urproto.robots import load_model
+from urproto.robots.pose import Pose
+from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
     from client.planning import Goal, Plan, PlanningScene
@@ -70,7 +72,7 @@ def plan_command(
     if (start is None) != (model is None):
         raise typer.BadParameter("--start and --model plan without a robot: give both, or none")
     if start is not None and execute:
-        raise typer.BadParameter("--execute needs a robot: leave --start and --model away")
+        raise typer.BadParameter("--execute needs a robot: leave --start and --model out")
     for file in (record, markers):
         if file is not None:
             check_free(file, overwrite)
@@ -97,9 +99,10 @@ def plan_command(
 
         target = Target(robot_ip, port_offset, make_ready=make_ready, record=record)
         async with AsyncRobot(robot_ip, robot_ports=target.ports) as robot:
-            around = _scene(PlanningScene(await robot.planning.model(), padding_m=padding), scene)
+            tcp = robot.planning.tcp_offset()
+            around = _scene(PlanningScene(await robot.planning.model(), padding_m=padding), scene, tcp)
             if safety is not None:
-                around.set_safety(_read_safety(safety), robot.planning.tcp_offset())
+                around.set_safety(_read_safety(safety), tcp)
             plan = await robot.planning.plan(wanted, around, **options)
         _tell(plan, as_json, plot)
         _draw(plan, around, markers)
@@ -119,10 +122,10 @@ async def _execute(plan: "Plan", target: Target, controller: str) -> None:
     say_result("plan", result)
 
 
-def _scene(scene: "PlanningScene", path: Path | None) -> "PlanningScene":
+def _scene(scene: "PlanningScene", path: Path | None, tcp_offset: Pose = ZERO6) -> "PlanningScene":
     if path is not None:
         try:
-            scene.update(path)
+            scene.update(path, tcp_offset)
         except OSError as error:
             raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
     return scene

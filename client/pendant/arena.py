@@ -103,21 +103,19 @@ def make_arena(known: Surroundings, file: Path | None) -> Arena | None:
 
     scene = PlanningScene(model)
     if file is not None:
-        scene.update(file)
+        scene.update(file, known.tcp_offset)
     elif known.world is not None:
-        _take(scene, known.world)
-    if _TOOL in scene.objects and scene.objects[_TOOL].attached:  # in world files its pose is in the TCP's frame
-        tool = scene.objects[_TOOL]
-        scene.attach(_TOOL, tool.shape, pose_trans(known.tcp_offset, tool.pose))
+        _take(scene, known.world, known.tcp_offset)
     things = [_drawn(name, thing) for name, thing in scene.objects.items()]
     return Arena(scene, CollisionChecker(scene), known.tcp_offset, things)
 
 
-def _take(scene: "PlanningScene", world: Mapping[str, Any]) -> None:
+def _take(scene: "PlanningScene", world: Mapping[str, Any], tcp_offset: Sequence[float]) -> None:
     for name, thing in world["objects"].items():
         scene.add(name, _shape(name, thing), thing.get("pose", ZERO6))
     if world["tool"].get("sphere"):  # a point is no shape to keep clear
-        scene.attach(_TOOL, _shape(_TOOL, world["tool"]), world["tool"].get("pose", ZERO6))
+        pose = pose_trans(tcp_offset, world["tool"].get("pose", ZERO6))  # the world has it from the TCP
+        scene.attach(_TOOL, _shape(_TOOL, world["tool"]), pose)
 
 
 def _shape(name: str, described: Mapping[str, Any]) -> "Shape":

@@ -211,15 +211,20 @@ class PlanningScene:
     # in and out
 
     @classmethod
-    def read(cls, model: RobotModel | str, path: Path, *, padding_m: float = PADDING_M) -> "PlanningScene":
-        """The scene of a world file, as ``ur-emulator --world`` takes it; its tool is attached. Raises SceneError,
-        OSError."""
+    def read(
+        cls, model: RobotModel | str, path: Path, *, tcp_offset: Sequence[float] = ZERO6, padding_m: float = PADDING_M
+    ) -> "PlanningScene":
+        """The scene of a world file, as ``ur-emulator --world`` takes it; its tool is attached, see `update`. Raises
+        SceneError, OSError."""
         scene = cls(model, padding_m=padding_m)
-        scene.update(path)
+        scene.update(path, tcp_offset)
         return scene
 
-    def update(self, path: Path) -> None:
-        """Add what a world file has. Raises SceneError, naming the file and the place, and OSError."""
+    def update(self, path: Path, tcp_offset: Sequence[float] = ZERO6) -> None:
+        """Add what a world file has. Raises SceneError, naming the file and the place, and OSError.
+
+        tcp_offset: flange to TCP (6,) [m, rotation vector]. The file has the pose of the tool from the TCP.
+        """
         try:
             world = read_world_file(path, _SHAPES)
         except WorldFileError as error:
@@ -228,7 +233,8 @@ class PlanningScene:
             for name, thing in world.things.items():
                 self.add(name, _shape(thing, path.parent), thing.pose)
             if world.tool is not None:
-                self.attach("tool", _shape(world.tool, path.parent), world.tool.pose)
+                pose = pose_trans(_pose("the TCP", tcp_offset), world.tool.pose)
+                self.attach("tool", _shape(world.tool, path.parent), pose)
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from None
 

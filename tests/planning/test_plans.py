@@ -169,6 +169,9 @@ def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
     scene = PlanningScene.read("ur3", examples / "table.yaml")
     assert set(scene.objects) == {"table", "block", "ball", "tool"}
     assert scene.objects["tool"].attached
+    beyond = PlanningScene.read("ur3", examples / "table.yaml", tcp_offset=(0.0, 0.02, 0.1, 0.0, 0.0, 0.0))
+    x, y, z, *_ = scene.objects["tool"].pose  # the file has it from the TCP
+    assert beyond.objects["tool"].pose[:3] == pytest.approx((x, y + 0.02, z + 0.1))
     bad = tmp_path / "bad.yaml"
     for text, why in (
         ("objects: {a: {box: [1, 2]}}", "box must be three lengths"),
