@@ -458,7 +458,7 @@ class Arm:
 def _with_rotors(torque: Vector6, rotors: Vector6, qdd: Vector6) -> Vector6:
     if qdd == ZERO6:
         return torque
-    a, b, c, d, e, f = (own + inertia * rate for own, inertia, rate in zip(torque, rotors, qdd, strict=True))
+    a, b, c, d, e, f = [own + inertia * rate for own, inertia, rate in zip(torque, rotors, qdd, strict=True)]
     return (a, b, c, d, e, f)
 
 

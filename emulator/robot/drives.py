@@ -149,10 +149,10 @@ class Drives:
 
     def _expected(self, rigid: Vector6, speed: Vector6, change: Vector6, period_s: float) -> Vector6:
         friction = self._known_friction(speed)
-        a, b, c, d, e, f = (
+        a, b, c, d, e, f = [
             torque + rotor * gain / period_s + loss
             for torque, rotor, gain, loss in zip(rigid, self.body.rotors, change, friction, strict=True)
-        )
+        ]
         return (a, b, c, d, e, f)
 
     def _unchanged(self, *inputs: object) -> bool:

@@ -32,10 +32,10 @@ class Senses:
     def currents(self, current: Vector6, qd: Vector6) -> Vector6:
         """Joint currents [A] with noise, which is larger in a joint that moves."""
         gauss = self._chance.gauss
-        a, b, c, d, e, f = (
+        a, b, c, d, e, f = [
             value + gauss(0.0, resting if -_CREEP_RAD_S < speed < _CREEP_RAD_S else moving)
             for value, speed, resting, moving in zip(current, qd, self._rest_A, self._motion_A, strict=True)
-        )
+        ]
         return (a, b, c, d, e, f)
 
     def wrench(self, wrench: Sequence[float]) -> Vector6:

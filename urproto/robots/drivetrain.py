@@ -10,7 +10,7 @@ from math import isfinite
 from typing import Any, Final
 
 from urproto.compat import Self
-from urproto.vectors import Vector6, as_six
+from urproto.vectors import ZERO6, Vector6, as_six
 
 # Of the controller's model of friction. Measured, shamilmamedov/dynamic_calibration (a real UR10e, 20 files): target
 # current * torque constant - target moment has both at the same speed on every joint
@@ -43,14 +43,19 @@ class Drivetrain:
 
     def known_friction(self, qd: Vector6) -> Vector6:
         """What the controller takes friction for at these speeds [Nm]; none at rest."""
+        if qd == ZERO6:
+            return ZERO6
         band, bend = KNOWN_COULOMB_RAD_S, KNOWN_BEND_RAD_S
-        a, b, c, d, e, f = (
-            (dry * v / band if -band < v < band else dry if v > 0.0 else -dry)
-            + (slow * v if -bend <= v <= bend else fast * v + (bend if v > 0.0 else -bend) * (slow - fast))
+        a, b, c, d, e, f = [
+            dry + slow * bend + fast * (v - bend)
+            if v > bend
+            else fast * (v + bend) - slow * bend - dry
+            if v < -bend
+            else slow * v + (dry if v > band else -dry if v < -band else dry * v / band)
             for v, dry, slow, fast in zip(
                 qd, self.known_coulomb_Nm, self.known_viscous_Nm_s, self.known_fast_viscous_Nm_s, strict=True
             )
-        )
+        ]
         return (a, b, c, d, e, f)
 
     @classmethod
