@@ -62,6 +62,9 @@ def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any
             rig.reset()
         else:
             rig = request.getfixturevalue("shared_rig").clean()
+        for _ in range(15):  # more than their list has room for
+            rig.control.inject_fault("delay", port="modbus", delay_s=0.01)
+        rig.control.clear_faults()
         context = browser.new_context(viewport=SIZE, color_scheme="dark" if e_series else "light")
         opened.enter_context(closing(context))
         context.add_init_script(FEW_FRAMES)

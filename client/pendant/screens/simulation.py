@@ -119,7 +119,7 @@ _Connections = Mapping[str, Sequence[str]]
 def connections_tab(page: Page) -> None:
     """Put it there."""
     with ui.element("div").classes("sim-rows sim-connections").props("data-testid=connections") as rows:
-        pass
+        rows.props('tabindex=0 role=region aria-label="Connections"')
 
     def show(connections: _Connections | None) -> None:
         rows.clear()

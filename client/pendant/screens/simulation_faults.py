@@ -105,6 +105,7 @@ def _list(page: Page) -> None:
             clear = ui.button("Clear all", on_click=page.doing(lambda: emulator.change("clear_faults")))
             clear.props("flat dense no-caps icon=delete_sweep data-testid=faults-clear").classes("sim-button")
         listed = ui.element("div").classes("sim-rows").props("data-testid=faults")
+        listed.props('tabindex=0 role=region aria-label="Faults so far"')
         with listed:
             nothing = ui.label("Nothing has gone wrong on purpose yet.").classes("init-hint")
     rows = dict[tuple[object, ...], _Row]()
