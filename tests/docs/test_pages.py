@@ -63,6 +63,8 @@ RUN = [page for page in PAGES if any(map(is_done, runs(page)))]
 def test_every_block_says_what_it_is(page: Path) -> None:
     assert not indented(page), f"{page.name}: code in lines {indented(page)} has no fence"
     assert page.read_text().count("\n```") + page.read_text().startswith("```") == 2 * len(blocks(page))
+    hosts = [robot.host for robot in robots(page)]
+    assert len(hosts) == len(set(hosts)), f"{page.name}: a robot is there for the whole page: name each once"
     for block in blocks(page):
         assert block.language in LANGUAGES, f"{block.place}: {block.language!r} is not a language of ours"
         if block.note:

@@ -28,6 +28,7 @@ def test_four_robots_answer_each_for_itself(tmp_path) -> None:
         robots = [RemoteControl(row["host"], row["ports"]["control"]) for row in rows]
         try:
             robots[2].set_digital_input(3, level=True)
+            robots[2].run_until("actual_digital_input_bits == 8")
             robots[1].power_off()
             robots[1].run_until("robot_mode == POWER_OFF")
             inputs = [robot.state(["actual_digital_input_bits"])["actual_digital_input_bits"] for robot in robots]

@@ -61,8 +61,9 @@ def test_signals_are_searched_and_chosen(rig, open_page):
     page.get_by_test_id("signal-search").fill("tool_temperature")
     row = page.locator(".signals tbody tr", has_text="tool_temperature")
     expect(row).to_contain_text("temperature of the tool board")
+    expect(page.locator(".signals tbody .q-checkbox")).to_have_count(1)  # until then the table is drawn anew
     row.locator(".q-checkbox").click()
-    expect(row.locator(".q-checkbox")).to_have_attribute("aria-checked", "true")  # the table is drawn anew meanwhile
+    expect(row.locator(".q-checkbox")).to_have_attribute("aria-checked", "true")
     page.get_by_test_id("signals-show").click()
     entry = page.locator(".legend-entry[data-key='tool_temperature']")
     expect(entry).to_contain_text("°C")

@@ -7,24 +7,23 @@ from pathlib import Path
 import pytest
 from rig import Rig
 
-from tests.budget import some
-
 pytestmark = pytest.mark.robot_speed(3)
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("[0-9][0-9]_*.py"))
 NAMES = [example.stem for example in EXAMPLES]
 DEADLINE_S = 45.0
-MORE = {"09_thesis": (".", "1.5")}  # arguments behind the host: where to, and seconds a goal
-SLOW_S = {"09_thesis": 100.0}  # at 30 % of the speed slider, in real time
+THESIS = "09_thesis"
+THESIS_S = 100.0  # at 30 % of the speed slider
 PAGE = Path(__file__).parents[2] / "docs" / "client.md"
 PROGRAMS = [block.split("```")[0] for block in PAGE.read_text().split("```python\n")[1:]]
 PAGE_HOST = '"192.168.1.10"'
 FREE_PORTS = "reverse_port=0, sender_port=0, trajectory_port=0, command_port=0"
 
 
-def run(example: Path, host: str, folder: Path) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, str(example), host, *MORE.get(example.stem, ())]
-    deadline_s = SLOW_S.get(example.stem, DEADLINE_S)
+def run(
+    example: Path, host: str, folder: Path, *more: str, deadline_s: float = DEADLINE_S
+) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, str(example), host, *more]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=deadline_s, check=False)
 
 
@@ -34,11 +33,18 @@ def test_the_examples_are_found_and_short() -> None:
         assert len(example.read_text().splitlines()) < 60, example.name
 
 
-@pytest.mark.parametrize("name", some(NAMES, now=set(NAMES) - SLOW_S.keys()))
+@pytest.mark.parametrize("name", [name for name in NAMES if name != THESIS])
 def test_example(rig: Rig, name: str, tmp_path: Path) -> None:
     done = run(EXAMPLES[0].with_stem(name), rig.host, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout
+
+
+@pytest.mark.page
+@pytest.mark.robot_speed(2)
+def test_example_of_the_thesis(rig: Rig, tmp_path: Path) -> None:
+    done = run(EXAMPLES[0].with_stem(THESIS), rig.host, tmp_path, ".", "1.5", deadline_s=THESIS_S)  # seconds a goal
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("text", PROGRAMS, ids=range(len(PROGRAMS)))
