@@ -35,14 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Several workers begin with what takes long, so that none has it to do while the others are done.
-
-    Pages are typed one after the other: each starts processes by the dozen and has robots in real time, which two at a
-    time on two cores make late.
-    """
-    for item in items:
-        if item.get_closest_marker("page") and not item.get_closest_marker("xdist_group"):
-            item.add_marker(pytest.mark.xdist_group("pages"))
+    """Several workers begin with what takes long, so that none has it to do while the others are done."""
     if config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
         items.sort(key=lambda item: not any(map(item.get_closest_marker, ("page", "long"))))
 
