@@ -22,7 +22,7 @@ settings.load_profile("project")
 
 CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, pytest-xdist's own, leaves one idle
 # for minutes while the other has most of those in real time
-
+IN_REAL_TIME = "in real time"  # the group of those that have a worker to themselves
 
 RUNTIME: list[str] = []  # where controller managers of these tests are found, and no others
 
@@ -34,8 +34,16 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.maxschedchunk = CHUNK
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Several workers begin with what takes long, so that none has it to do while the others are done."""
+    """Several workers begin with what takes long, so that none has it to do while the others are done.
+
+    What a person does, with robots in real time, is done by one worker, one thing after the other: two browsers, or
+    a browser beside a page's programs, are more than two cores carry.
+    """
+    for item in items:
+        if item.get_closest_marker("page") is not None:
+            item.add_marker(pytest.mark.xdist_group(IN_REAL_TIME))
     if config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
         items.sort(key=lambda item: not any(map(item.get_closest_marker, ("page", "long"))))
 

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, Playwright, expect, sync_playwright
 
+from tests.conftest import IN_REAL_TIME
 from tests.pendant.pendants import pendant
 from urproto.testing.process import EmulatorProcess
 
@@ -52,11 +53,12 @@ def eventually(condition: Callable[[], object], within_s: float = SOON_S) -> Non
         time.sleep(0.02)
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests of a module have one worker, since they have one browser, and more time than others."""
+    """The tests of a browser have one worker, since they have one robot, and more time than others."""
     for item in items:
         if item.path.parent == HERE and item.path.name.startswith("test_browser_"):
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+            item.add_marker(pytest.mark.xdist_group(IN_REAL_TIME))
             item.add_marker(pytest.mark.timeout(LONGEST_S))
 
 
