@@ -32,6 +32,7 @@ from urproto.compat_asyncio import timeout
 
 _LOOPBACK = "127.0.0.1"
 _ABOUT = {
+    "robot api": "power, brakes, programs: HTTP (/universal-robots/robot-api)",
     "dashboard": "power, brakes, programs: lines of text",
     "primary": "state and messages at 10 Hz; takes URScript",
     "secondary": "state at 10 Hz; takes URScript",

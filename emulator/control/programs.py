@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
-_SAVED: Final = (".urp", ".script", ".txt", ".variables", ".installation")  # what PolyScope writes
+_SAVED: Final = (".urp", ".urpx", ".script", ".txt", ".variables", ".installation")  # what PolyScope writes
 _LARGEST: Final = 2 << 20  # bytes of a file: in base64 it has to fit into a request; programs have some 10 kB
 
 
@@ -37,8 +37,8 @@ class ProgramVerbs(Verbs):
 
     @verb
     def dashboard(self, line: str) -> str:
-        """Carry out a line of the dashboard server; returns its answer."""
-        return self._wait(_answered(dashboard.execute(self.controller, line)))
+        """Carry out a line of the dashboard server; returns its answer. PolyScope X, which has none, does it here too."""
+        return self._wait(_answered(dashboard.execute(self.controller, line, any_version=True)))
 
     @verb
     def send_script(self, text: str) -> bool:
@@ -236,6 +236,8 @@ def _shown_program(controller: "Controller") -> Waiting[dict[str, Any]]:
             steps = outline_steps(loaded.tree, controller.installation.file, controller.version)
             nodes = yield from in_periods(_or_nothing(steps), controller.period_s)
             shown["tree"] = [asdict(node) for node in nodes or ()]
+        else:
+            shown["tree"] = [asdict(node) for node in loaded.outline]
     return shown
 
 
