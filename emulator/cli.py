@@ -91,7 +91,7 @@ def configure(
     modbus_unit_port: Annotated[int, typer.Option(help="Port of the Modbus units whose signals programs add.")] = 502,
     robot_api_port: Annotated[
         int | None,
-        typer.Option(help="Port of the Robot API (PolyScope X); default: 80, or a free one where that is not possible."),
+        typer.Option(help="Port of the Robot API (PolyScope X); default: 80, else a free one."),
     ] = None,
     arm: Annotated[
         str,

@@ -25,10 +25,10 @@ from urproto import robots
 from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
+from urproto.robotapi import WEB_SERVER
 from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
-from urproto.robotapi import WEB_SERVER
 from urproto.text import quoted
 from urproto.vectors import as_six
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
@@ -128,7 +128,7 @@ class EmulatorConfig:
         if self.control and not self.control_token and not is_loopback(self.host_of("control")):
             raise ConfigError(f"the control API on {self.control_host} could be used by anybody: give it a token")
         if self.robot_api_port is not None and "robot api" not in self._port_names:
-            raise ConfigError(f"PolyScope {self._version.short} has no Robot API: PolyScope X has, see --polyscope 10.12")
+            raise ConfigError(f"PolyScope {self._version.short} has no Robot API: PolyScope X, 10.x, has")
         if self.robot_api_port is not None and not 0 <= self.robot_api_port <= _LAST_PORT:
             raise ConfigError(f"the Robot API's port must be from 0 to {_LAST_PORT}, not {self.robot_api_port}")
         if not 1 <= self.modbus_unit_port <= _LAST_PORT:
@@ -139,6 +139,11 @@ class EmulatorConfig:
         """The port to listen on, by server name; 0 where any free one will do. Only those that are there."""
         ports = {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in self._port_names}
         return ports if self.robot_api_port is None else {**ports, "robot api": self.robot_api_port}
+
+    @property
+    def movable(self) -> tuple[str, ...]:
+        """Servers that listen on a free port where theirs is not to be had: administrators' ports, or taken."""
+        return ("modbus", "control") if self.robot_api_port is not None else ("modbus", "control", "robot api")
 
     def host_of(self, server: str) -> str:
         """The address that a server listens on."""

@@ -19,7 +19,7 @@ EMULATOR_FLOORS = (
     ("controller",),
     ("commands",),
     ("servers",),
-    ("faults",),
+    ("faults", "robotapi"),
     ("control",),
     ("config", "readiness"),
     ("app", "batch", "script_peers", "check", "ctl"),

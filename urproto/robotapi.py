@@ -125,7 +125,6 @@ ROBOT_MODES: Final = (
 SAFETY_MODES: Final = ("NORMAL", "REDUCED", "FAULT", "PROTECTIVE_STOP", "EMERGENCY_STOP")
 
 
-
 def safety_word(mode: SafetyMode) -> str:
     """A safety mode as the API names it, which has five words; which is which beyond its own names is a guess."""
     if mode.name in SAFETY_MODES:

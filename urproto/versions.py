@@ -79,9 +79,9 @@ DEFAULT_VERSION = {
 }
 
 
-# Which 10.x came with what 5.x, where nobody says it of a feature. Known pairs: optimovej (5.21, 10.8), UR15 (5.22, 10.8),
-# UR7e (5.22, 10.9), UR8 Long (5.23, 10.11), the energies of RTDE (5.23, 10.11), friction scales (5.25.1, 10.12.1). That
-# others of the same 5.x came in the same 10.x is a guess, and so is that 10.0 has all of 5.19.
+# Which 10.x came with what 5.x, where nobody says it of a feature. Known pairs: optimovej (5.21, 10.8), UR15 (5.22,
+# 10.8), UR7e (5.22, 10.9), UR8 Long (5.23, 10.11), the energies of RTDE (5.23, 10.11), friction scales (5.25.1,
+# 10.12.1). That others of the same 5.x came in the same 10.x is a guess, and so is that 10.0 has all of 5.19.
 _COUNTERPARTS: Final = (
     (PolyscopeVersion(5, 20), _FIRST_X),
     (PolyscopeVersion(5, 21), PolyscopeVersion(10, 7)),

@@ -15,7 +15,7 @@ import inspect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from emulator import reports
 from emulator.controller import Controller
@@ -70,7 +70,8 @@ def execute(
 ) -> str | _Waiting | None:
     """The reply to one line, a generator that returns it, or None for an empty line.
 
-    ``restricted``: what needs remote control is refused. ``any_version``: PolyScope X takes what other e-Series arms do.
+    ``restricted``: what needs remote control is refused. ``any_version``: PolyScope X, which has no dashboard, takes
+    the lines of other e-Series arms.
     """
     text = strip(line)
     if not text:
@@ -196,8 +197,15 @@ def is_program_saved(controller: Controller) -> str:
 @command("programState")
 def program_state(controller: Controller) -> str:
     """STOPPED, PLAYING or PAUSED, and the program's name."""
-    shown = {RuntimeState.STOPPED: "STOPPED", RuntimeState.STOPPING: "STOPPED", RuntimeState.PAUSED: "PAUSED"}
-    return f"{shown.get(controller.programs.state, 'PLAYING')} {_program_name(controller)}"
+    return f"{program_state_word(controller)} {_program_name(controller)}"
+
+
+def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", "PAUSED"]:
+    """What the program is doing, in one of three words."""
+    state = controller.programs.state
+    if state in (RuntimeState.STOPPED, RuntimeState.STOPPING):
+        return "STOPPED"
+    return "PAUSED" if state is RuntimeState.PAUSED else "PLAYING"
 
 
 @command("load installation")

@@ -196,8 +196,8 @@ def load_steps(
 
     root: the programs folder. present: the installation in use. A program tree that cannot be
     run, or whose translation does not compile, is replaced by the ``.script`` that PolyScope saves
-    beside each ``.urp``, and PolyScope X in each ``.urpx``, if that was saved with the program as it is now and compiles; else
-    ProgramLoadError says what is to blame. Also raises OSError.
+    beside each ``.urp``, and PolyScope X in each ``.urpx``, if that was saved with the program as it is now and
+    compiles; else ProgramLoadError says what is to blame. Also raises OSError.
     """
     if path.suffix == ".script":
         return (yield from _script(path, _read(path)))

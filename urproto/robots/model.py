@@ -277,9 +277,8 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     version = PolyscopeVersion.parse(text)
     major, newest, known = _RUNS[model.series]
     if version.is_polyscope_x and model.first_polyscope_x is not None:
-        oldest, newest = _RUNS_X
-        if not oldest <= (version.major, version.minor) <= newest:
-            raise ValueError(f"PolyScope X is emulated from {_dotted(oldest)} to {_dotted(newest)}, not as {text}")
+        if not _RUNS_X[0] <= (version.major, version.minor) <= _RUNS_X[1]:
+            raise ValueError(f"PolyScope X is emulated from {' to '.join(map(_dotted, _RUNS_X))}, not as {text}")
         if version < model.first_polyscope_x:
             first = _dotted((model.first_polyscope_x.major, model.first_polyscope_x.minor))
             raise ValueError(f"{model.title} came to PolyScope X with {first}: {text} is too old")

@@ -1,9 +1,9 @@
 """A program as PolyScope X saves it (``.urpx``): JSON with the application, the nodes, and the URScript of both.
 
 The application is what older software calls the installation; its URScript comes before that of the program. Node types
-are translated by being turned into the nodes of older software that do the same (`urscript.polyscope.nodes`), so there is
-one translation of each. Which parameters a node has is known from public files and converters only, and few are public:
-for a program with other nodes the URScript in the file is taken, if it was saved with these nodes.
+are translated by being turned into the nodes of older software that do the same (`urscript.polyscope.nodes`), so there
+is one translation of each. Which parameters a node has is known from public files only, and few are public: for a
+program with other nodes the URScript in the file is taken, if it was saved with these nodes.
 
 Format: ``.urpx`` files of the vendor's C++ and ROS 2 repositories (PolyScope 10.12), and a public converter.
 """
@@ -110,7 +110,7 @@ class Urpx:
         if missing := [node for node in running if not node.number]:
             return f"the URScript in the file knows no {missing[0].label or missing[0].type}"
         if self.numbered > len(running):
-            return f"the program has {len(running)} nodes that do something, and the URScript in the file {self.numbered}"
+            return f"the program has {len(running)} nodes that write URScript, that in the file is of {self.numbered}"
         return ""
 
     def saved_program(self) -> str:
@@ -310,7 +310,12 @@ def _wait(node: Node) -> list[Element]:
     time = _object(node.parameters.get("time"), "time of ur-wait")
     entity = _object(time.get("entity"), "time.entity of ur-wait")
     value, unit = entity.get("value"), entity.get("unit")
-    if time.get("selectedType") != "VALUE" or unit != "s" or isinstance(value, bool) or not isinstance(value, int | float):
+    if (
+        time.get("selectedType") != "VALUE"
+        or unit != "s"
+        or isinstance(value, bool)
+        or not isinstance(value, int | float)
+    ):
         raise UrpxError("node ur-wait waits for something else than a number of seconds, which is not known")
     return [make("Wait", make("waitTime", text=repr(value)), type="Sleep")]
 
