@@ -37,7 +37,7 @@ THIRD_PARTY = {
     "diagnostic_msgs": ("client.ros2",),
     "coal": ("emulator.world.links", "client.planning"),
     "ompl": ("client.planning",),
-    "h11": ("emulator.builtins.remote.httpclient", "emulator.servers.http"),
+    "h11": ("emulator.builtins.remote.httpclient", "emulator.servers.http", "client.robotapi"),
     "msgspec": (
         "emulator.control",
         "emulator.faults",

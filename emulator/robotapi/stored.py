@@ -44,10 +44,11 @@ def _files(controller: Controller) -> list[Path]:
 
 
 def find_program(controller: Controller, name: str) -> Generator[None, None, Path]:
-    """The file of a program. Raises Refused."""
-    for path, information in (yield from stored_programs(controller)):
-        if information.name == name:
-            return path
+    """The file of a program, by its name, else by that of the file. Raises Refused."""
+    stored = yield from stored_programs(controller)
+    for names in ({information.name: path for path, information in stored}, {path.stem: path for path, _ in stored}):
+        if name in names:
+            return names[name]
     raise Refused(NOT_FOUND, f"there is no program {name!r}")
 
 
