@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from client.primary import BlockingPrimaryClient, PrimaryClient
     from client.realtime import BlockingRealtimeClient, RealtimeClient
     from client.robot import AsyncRobot, Robot, RobotState
+    from client.robotapi import BlockingRobotAPIClient, RobotAPIClient
     from client.rtde import BlockingRTDEClient, RTDEClient, read_recipe
     from client.scripts import ScriptResult
     from client.tool_communication import ToolCommunication
@@ -48,6 +49,7 @@ __all__ = [
     "BlockingPrimaryClient",
     "BlockingRTDEClient",
     "BlockingRealtimeClient",
+    "BlockingRobotAPIClient",
     "BlockingURDriver",
     "ClientError",
     "ConnectionLostError",
@@ -67,6 +69,7 @@ __all__ = [
     "RTDEClient",
     "RealtimeClient",
     "Robot",
+    "RobotAPIClient",
     "RobotState",
     "RobotUnreachableError",
     "SafetyStopError",
@@ -106,6 +109,7 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "client.primary": ("BlockingPrimaryClient", "PrimaryClient"),
     "client.realtime": ("BlockingRealtimeClient", "RealtimeClient"),
     "client.robot": ("AsyncRobot", "Robot", "RobotState"),
+    "client.robotapi": ("BlockingRobotAPIClient", "RobotAPIClient"),
     "client.rtde": ("BlockingRTDEClient", "RTDEClient", "read_recipe"),
     "client.scripts": ("ScriptResult",),
     "client.tool_communication": ("ToolCommunication",),

@@ -15,6 +15,7 @@ that the controller's version does not have: that one is not even sent.
 import asyncio
 from typing import TypeVar
 
+from client import robotapi
 from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Flow
 from client.dashboard_commands import (
     BRAKE_RELEASE,
@@ -56,7 +57,10 @@ from client.dashboard_commands import (
     set_operational_mode,
     set_user_role,
 )
+from client.dashboard_on_x import DashboardOnX
+from client.errors import ClientError, RobotUnreachableError
 from urproto import dashboard as wire
+from urproto.compat import Self
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.versions import PolyscopeVersion
 
@@ -108,6 +112,10 @@ __all__ = [
 PORT = 29999
 
 Answer = TypeVar("Answer")
+
+
+def _robot_api_port(port: int) -> int:
+    return robotapi.PORT + port - PORT
 
 
 class DashboardCore:
@@ -168,11 +176,18 @@ class DashboardCore:
 
 
 class DashboardClient(AsyncConnection):
-    """The dashboard, for asyncio programs. Connects, and checks the greeting, on entering."""
+    """The dashboard, for asyncio programs. Connects, and checks the greeting, on entering.
 
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+    On a robot without one the Robot API of PolyScope X is in its place, if it answers: on ``robot_api_port``, or
+    without one as far above port 80 as ``port`` is above the dashboard's.
+    """
+
+    def __init__(
+        self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
+    ) -> None:
         super().__init__(host, port, timeout_s)
-        self._core = DashboardCore()
+        self._robot_api_port = _robot_api_port(port) if robot_api_port is None else robot_api_port
+        self._core: DashboardCore | DashboardOnX = DashboardCore()
         self._one_at_a_time = asyncio.Lock()
 
     async def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
@@ -180,20 +195,49 @@ class DashboardClient(AsyncConnection):
         async with self._one_at_a_time:
             return await self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
 
+    async def __aenter__(self) -> Self:
+        try:
+            return await super().__aenter__()
+        except RobotUnreachableError as error:
+            missing = error
+        wanted, self.port = self.port, self._robot_api_port
+        self._core = DashboardOnX(self.host, self.port)
+        try:
+            return await super().__aenter__()
+        except (ClientError, RemoteProtocolError):
+            self.port, self._core = wanted, DashboardCore()
+            raise missing from None
+
     def _opening(self) -> Flow[None]:
         return self._core.greet()
 
 
 class BlockingDashboardClient(BlockingConnection):
-    """The dashboard, for scripts and notebooks."""
+    """The dashboard, for scripts and notebooks; like `DashboardClient`."""
 
-    def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+    def __init__(
+        self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
+    ) -> None:
         super().__init__(host, port, timeout_s)
-        self._core = DashboardCore()
+        self._robot_api_port = _robot_api_port(port) if robot_api_port is None else robot_api_port
+        self._core: DashboardCore | DashboardOnX = DashboardCore()
 
     def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Do one operation; RobotRefused when the robot says no."""
         return self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
+
+    def __enter__(self) -> Self:
+        try:
+            return super().__enter__()
+        except RobotUnreachableError as error:
+            missing = error
+        wanted, self.port = self.port, self._robot_api_port
+        self._core = DashboardOnX(self.host, self.port)
+        try:
+            return super().__enter__()
+        except (ClientError, RemoteProtocolError):
+            self.port, self._core = wanted, DashboardCore()
+            raise missing from None
 
     def check(self) -> None:
         """Raise ConnectionLostError when the robot has closed the connection meanwhile; it is not asked anything."""

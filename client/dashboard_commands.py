@@ -17,8 +17,8 @@ from urproto.versions import Availability, PolyscopeVersion
 
 Answer = TypeVar("Answer")
 
+_ALWAYS: Final = Availability.since("3.0", "5.0", None)
 _FIRST: Final = (PolyscopeVersion(3, 0), PolyscopeVersion(5, 0))  # of each series
-_ALWAYS: Final = Availability(*_FIRST)
 _REPORT_TIMEOUT_S: Final = 600.0  # the manual: a support file may take ten minutes
 
 _REMOTE_CONTROL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"

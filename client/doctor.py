@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-from client import dashboard, primary, realtime, rtde
+from client import dashboard, primary, realtime, robotapi, rtde
 from client.calibration import calibration_of, is_nominal, read_calibration
 from client.connection import DEFAULT_TIMEOUT_S
 from client.driver.endpoint import REVERSE_PORT, SENDER_PORT
@@ -162,7 +162,8 @@ def governor(root: Path) -> Finding:
 
 
 _PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
-_NEEDED: Final = ("primary", "RTDE")  # PolyScope X has no dashboard of this kind
+_INSTEAD: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyScope X has in a port's place
+_NEEDED: Final = ("primary", "RTDE")
 _CONNECT_S: Final = 2.0
 _REPLIES: Final = 20
 _STREAM_S: Final = 2.0
@@ -180,6 +181,11 @@ def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
         try:
             socket.create_connection((host, port), _CONNECT_S).close()
         except OSError as error:
+            other, instead = _INSTEAD.get(name, ("", 0))
+            if other and _answers(host, instead + port_offset):
+                text = f"{other} is open: PolyScope X, which has it in the place of the {name} (port {port})"
+                yield Finding(Grade.GOOD, f"port {instead + port_offset}", text)
+                continue
             grade = Grade.BROKEN if name in _NEEDED else Grade.WEAK
             mend = f"ping {host}; e-Series: enable it in Settings, Security, Services; nc -vz {host} {port}"
             yield Finding(grade, f"port {port}", f"{name} is closed: {error.strerror or error}", mend)
@@ -191,6 +197,14 @@ def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
         text = f"a connection takes {_ms(typical)}"
         slow = typical > _SLOW_CONNECT_S
         yield Finding(Grade.WEAK if slow else Grade.GOOD, "network latency", text, _WIFI if slow else "")
+
+
+def _answers(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), _CONNECT_S).close()
+    except OSError:
+        return False
+    return True
 
 
 def examine_own_ports() -> Iterator[Finding]:

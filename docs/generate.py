@@ -36,9 +36,11 @@ from emulator.lifecycle.power import POWER_TABLE
 from emulator.lifecycle.runstate import RUN_TABLE
 from emulator.lifecycle.safety import SAFETY_TABLE
 from emulator.ports import PORTS
+from emulator.robotapi.endpoints import OPERATIONS
 from emulator.run_command import COMMAND as RUN
 from emulator.safety.causes import CAUSES
 from urproto.commandline import Deferred
+from urproto.robotapi import BASE
 from urproto.robots import MODELS, load_model
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS, Field
 from urproto.versions import Availability
@@ -118,13 +120,16 @@ def supported() -> str:
     parts = [
         "# Supported, partial, refused",
         NOTICE,
-        "Versions are the first of CB3 and of e-Series that have a thing; a dash means the series never got it.",
+        "Versions are the first of CB3, of e-Series and of PolyScope X, which runs on e-Series arms, that have a thing; a "
+        "dash means that it never came there.",
         "## Arms",
         _arms(),
         "## Ports",
         _ports(),
         "## Dashboard commands (29999)",
         _dashboard(),
+        "## Robot API (80)",
+        _robot_api(),
         "## Text commands on the script ports (30001, 30002, 30003)",
         _table(("command", "meaning"), ((f"`{words}`", _first(h)) for words, h in sorted(TEXT_COMMANDS.items()))),
         "## URScript built-ins",
@@ -365,10 +370,18 @@ def _commands(words: str, command: Any) -> Iterable[tuple[str, Any]]:
 def _arms() -> str:
     models = (load_model(name) for name in MODELS)
     rows = (
-        (f"`{m.name}`", m.title, m.series.value, f"{m.payload_max_kg:g} kg", f"{m.reach_m:g} m", "supported")
+        (
+            f"`{m.name}`",
+            m.title,
+            m.series.value,
+            _version(m.first_polyscope_x),
+            f"{m.payload_max_kg:g} kg",
+            f"{m.reach_m:g} m",
+            "supported",
+        )
         for m in models
     )
-    return _table(("--model", "name", "series", "payload", "reach", "status"), rows)
+    return _table(("--model", "name", "series", "PolyScope X", "payload", "reach", "status"), rows)
 
 
 def _ports() -> str:
@@ -382,7 +395,22 @@ def _dashboard() -> str:
         (f"`{command.form.words}`", *_since(command.form.available), "supported", _first(command.function))
         for command in sorted(COMMANDS.values(), key=lambda command: command.form.words.lower())
     )
-    return _table(("command", "CB3", "e-Series", "status", "meaning"), rows)
+    return _table(("command", "CB3", "e-Series", "PolyScope X", "status", "meaning"), rows)
+
+
+def _robot_api() -> str:
+    rows = (
+        (
+            f"`{operation.endpoint.method} {operation.endpoint.path}`",
+            _version(operation.endpoint.available.x),
+            "yes" if operation.endpoint.remote_only else "",
+            "supported",
+            _first_line(operation.help),
+        )
+        for operation in OPERATIONS
+    )
+    head = ("request", "PolyScope X", "only in remote control", "status", "meaning")
+    return f"Below `{BASE}`; [PolyScope X](polyscope_x.md) has the bodies and answers.\n\n" + _table(head, rows)
 
 
 def _builtins() -> str:
@@ -393,7 +421,7 @@ def _builtins() -> str:
         (f"`{b.signature}`", b.chapter, *_since(b.availability), b.status, b.note or _first_line(b.doc))
         for b in builtins
     )
-    head = ("function", "chapter", "CB3", "e-Series", "status", "note")
+    head = ("function", "chapter", "CB3", "e-Series", "PolyScope X", "status", "note")
     return (
         f"{len(builtins)} functions: {summary}. A refused one raises a runtime exception that names it.\n\n"
         + _table(head, rows)
@@ -442,7 +470,7 @@ def _fields(fields: Mapping[str, Field]) -> str:
         )
         for key, field in rows.items()
     )
-    return _table(("name", "type", "unit", "CB3", "e-Series", "meaning"), table)
+    return _table(("name", "type", "unit", "CB3", "e-Series", "PolyScope X", "meaning"), table)
 
 
 def _span(names: list[str]) -> str:
@@ -475,11 +503,15 @@ def _causes() -> str:
     )
 
 
-def _since(availability: Availability, guess: bool = False) -> tuple[str, str]:
+def _since(availability: Availability, guess: bool = False) -> tuple[str, str, str]:
     def text(version: object) -> str:
-        return "-" if version is None else str(version).removesuffix(".0").removesuffix(".0") + ("?" if guess else "")
+        return _version(version) + ("?" if guess and version is not None else "")
 
-    return text(availability.cb3), text(availability.e)
+    return text(availability.cb3), text(availability.e), text(availability.x)
+
+
+def _version(version: object) -> str:
+    return "-" if version is None else str(version).removesuffix(".0").removesuffix(".0")
 
 
 def _first(function: Callable[..., Any]) -> str:

@@ -25,6 +25,7 @@ from emulator.faults.fault import Fault, FaultError, FaultImpossible, rebooted, 
 from emulator.faults.injector import FaultInjector
 from emulator.logs import Novelty
 from emulator.ports import PORTS
+from emulator.robotapi.server import RobotApiServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
@@ -41,10 +42,10 @@ from emulator.servers.tool_device import ToolCommunicationServer, open_tool_devi
 from emulator.servers.turns import Turns
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
+from urproto.dashboard import AVAILABLE as DASHBOARD
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
 
-_MAY_MOVE: Final = ("modbus", "control")
 _LISTEN_AGAIN_S: Final = 0.5  # between attempts to have the ports back after an outage (guess)
 
 _logger = logging.getLogger(__name__)
@@ -172,7 +173,7 @@ class Emulator:
         try:
             await server.start(host, port)
         except OSError as error:
-            if server.name not in _MAY_MOVE or error.errno not in (errno.EACCES, errno.EADDRINUSE):
+            if server.name not in self.config.movable or error.errno not in (errno.EACCES, errno.EADDRINUSE):
                 raise
             await server.start(host, 0)
             self.moved[server.name] = error.strerror or str(error)
@@ -319,7 +320,7 @@ def make_servers(controller: Controller, *, tool_line: bool = False) -> tuple[Po
 
     servers: tuple[PortServer, ...] = (
         ModbusServer(controller),
-        DashboardServer(controller),
+        DashboardServer(controller) if DASHBOARD.covers(controller.version) else RobotApiServer(controller),
         primary("primary", read_only=False),
         PrimaryServer("secondary", controller, state, messages=False, read_only=False),
         RealtimeServer("realtime", controller, read_only=False),

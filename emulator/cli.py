@@ -89,6 +89,10 @@ def configure(
         typer.Option(metavar="HOST:PORT", help="Where External Control nodes get their program from."),
     ] = None,
     modbus_unit_port: Annotated[int, typer.Option(help="Port of the Modbus units whose signals programs add.")] = 502,
+    robot_api_port: Annotated[
+        int | None,
+        typer.Option(help="Port of the Robot API (PolyScope X); default: 80, else a free one."),
+    ] = None,
     arm: Annotated[
         str,
         typer.Option(
@@ -181,6 +185,7 @@ def configure(
         realtime=realtime,
         script_network=script_network,
         modbus_unit_port=modbus_unit_port,
+        robot_api_port=robot_api_port,
         tool_device=tool_device,
         control=not no_control,
         control_host=control_host,

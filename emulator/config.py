@@ -22,8 +22,10 @@ from emulator.services.sockets import ScriptNetwork
 from emulator.services.urcap import DriverAddress
 from emulator.world.file import WorldPlan, read_world
 from urproto import robots
+from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.joints import JOINT_NAMES
+from urproto.robotapi import WEB_SERVER
 from urproto.robots import START_Q, Calibration, CalibrationError, RobotModel, calibration_hash, load_model
 from urproto.robots.drivetrain import Drivetrain, DrivetrainError
 from urproto.robots.model import Joints
@@ -46,15 +48,7 @@ class MissingService:
     instead: str
 
 
-POLYSCOPE_X: Final = MissingService(
-    "Robot API of PolyScope X",
-    "HTTP 80, /universal-robots/robot-api",
-    "PolyScope X (10.x) is another product; 3.x and 5.x never had it",
-    "the dashboard server, which 10.x no longer has",
-)
-
 NOT_EMULATED: Final = (
-    POLYSCOPE_X,
     MissingService("EtherNet/IP adapter", "TCP 44818, UDP 2222", "a fieldbus", "its registers by RTDE or Modbus"),
     MissingService(
         "PROFINET IO device, PROFIsafe",
@@ -73,11 +67,14 @@ NOT_EMULATED: Final = (
 
 
 _logger = logging.getLogger(__name__)
-_FIRST_VERSION: Final = {"interpreter": INTERPRETER_MODE}  # the other ports are as old as the series
+_FIRST_VERSION: Final = {  # the other ports are as old as the series
+    "interpreter": INTERPRETER_MODE,
+    "dashboard": DASHBOARD_SERVER,
+    "robot api": WEB_SERVER,
+}
 _LAST_PORT: Final = 65535
 _LOOPBACK: Final = "127.0.0.1"
 _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder can count (Script Manual)
-_POLYSCOPE_X: Final = "10."
 
 
 class ConfigError(ValueError):
@@ -93,7 +90,8 @@ class EmulatorConfig:
     realtime: what the process that runs it asks of the system.
     script_network: where the sockets and remote procedure calls of scripts may lead.
     modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
-    names no port). tool_device: what is connected to the tool's serial line of an e-Series
+    names no port). robot_api_port: where the Robot API of PolyScope X listens; None for port 80 like the others.
+    tool_device: what is connected to the tool's serial line of an e-Series
     arm: "echo", "pty", or the path of a serial port; None for nothing, and no port for it.
     faults: what goes wrong from the start on, or later.
     control: whether the control API is served. control_host: where; without one on host, or on 127.0.0.1 if
@@ -109,6 +107,7 @@ class EmulatorConfig:
     realtime: RealTime = RealTime.AUTO
     script_network: ScriptNetwork = ScriptNetwork.ANY
     modbus_unit_port: int = 502
+    robot_api_port: int | None = None
     tool_device: str | None = None
     control: bool = True
     control_host: str = ""
@@ -128,13 +127,23 @@ class EmulatorConfig:
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
         if self.control and not self.control_token and not is_loopback(self.host_of("control")):
             raise ConfigError(f"the control API on {self.control_host} could be used by anybody: give it a token")
+        if self.robot_api_port is not None and "robot api" not in self._port_names:
+            raise ConfigError(f"PolyScope {self._version.short} has no Robot API: PolyScope X, 10.x, has")
+        if self.robot_api_port is not None and not 0 <= self.robot_api_port <= _LAST_PORT:
+            raise ConfigError(f"the Robot API's port must be from 0 to {_LAST_PORT}, not {self.robot_api_port}")
         if not 1 <= self.modbus_unit_port <= _LAST_PORT:
             raise ConfigError(f"the port of Modbus units must be from 1 to {_LAST_PORT}, not {self.modbus_unit_port}")
 
     @property
     def wanted_ports(self) -> dict[str, int]:
         """The port to listen on, by server name; 0 where any free one will do. Only those that are there."""
-        return {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in self._port_names}
+        ports = {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in self._port_names}
+        return ports if self.robot_api_port is None else {**ports, "robot api": self.robot_api_port}
+
+    @property
+    def movable(self) -> tuple[str, ...]:
+        """Servers that listen on a free port where theirs is not to be had: administrators' ports, or taken."""
+        return ("modbus", "control") if self.robot_api_port is not None else ("modbus", "control", "robot api")
 
     def host_of(self, server: str) -> str:
         """The address that a server listens on."""
@@ -280,8 +289,7 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
     try:
         return robots.choose_version(text, model)
     except ValueError as error:
-        polyscope_x = text is not None and text.startswith(_POLYSCOPE_X)
-        raise ConfigError(f"{error} ({POLYSCOPE_X.reason})" if polyscope_x else str(error)) from error
+        raise ConfigError(str(error)) from error
 
 
 def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:

@@ -31,6 +31,7 @@ from urproto.primary.framing import PrimaryDecoder
 from urproto.primary.messages import TextMessage, VersionMessage
 from urproto.primary.state import RobotStateData
 from urproto.realtime import RealtimeDecoder
+from urproto.robotapi import URCAPS
 from urproto.robotiq import Get, encode_value
 from urproto.rtde.codec import (
     GetVersion,
@@ -215,6 +216,15 @@ async def _control(stream: _Stream) -> str:
     return "this is an emulator"
 
 
+async def _robot_api(stream: _Stream) -> str:
+    """What start scripts ask; software before 10.11 has no more."""
+    stream.send(f"GET {URCAPS} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
+    answer = await stream.read()
+    if not answer.startswith(b"HTTP/1.1 200 "):
+        raise NotReady(f"the answer to GET {URCAPS} is {answer[:40]!r}")
+    return "answers"
+
+
 _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
     "dashboard": _dashboard,
     "primary": _primary,
@@ -226,6 +236,7 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
     "tool line": _tool_line,
     "gripper": _gripper,
     "control": _control,
+    "robot api": _robot_api,
 }
 
 

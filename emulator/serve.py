@@ -29,9 +29,12 @@ from emulator.realtime import RealTime, claim_real_time, give_way_under_overload
 from urproto.commandline import console
 from urproto.compat import Self, module_command
 from urproto.compat_asyncio import timeout
+from urproto.robotapi import AVAILABLE as ROBOT_API
+from urproto.robotapi import BASE, GET_PROGRAM_STATE, PUT_STATE
 
 _LOOPBACK = "127.0.0.1"
 _ABOUT = {
+    "robot api": "power, brakes, programs: HTTP (/universal-robots/robot-api)",
     "dashboard": "power, brakes, programs: lines of text",
     "primary": "state and messages at 10 Hz; takes URScript",
     "secondary": "state at 10 Hz; takes URScript",
@@ -86,11 +89,24 @@ def _dashboard_line(emulator: Emulator) -> str:
     """A shell command that wakes the arm up, or asks for its mode when it is awake."""
     command = "robotmode" if emulator.controller.power.running else "brake release"
     config = emulator.config
+    if "dashboard" not in emulator.ports:
+        return _api_line(emulator)
     if config.ephemeral_ports:
         return f"printf '{command}\\nquit\\n' | nc {config.host} {emulator.ports['dashboard']}"
     options = "" if config.host == _LOOPBACK else f" --robot-ip {config.host}"
     options += f" --port-offset {config.port_offset}" if config.port_offset else ""
     return f'{_client()} dashboard "{command}"{options}'
+
+
+def _api_line(emulator: Emulator) -> str:
+    """The same on PolyScope X; its first versions obey nobody but their pendant."""
+    if not ROBOT_API.covers(emulator.controller.version):
+        return "# this version has no Robot API yet: switch the arm on with its pendant, or begin with --running"
+    base = f"http://{emulator.config.host}:{emulator.ports['robot api']}{BASE}"
+    if emulator.controller.power.running:
+        return f"curl {base}{GET_PROGRAM_STATE.path}"
+    body = '{"action": "BRAKE_RELEASE"}'
+    return f"curl -X PUT -H 'Content-Type: application/json' -d '{body}' {base}{PUT_STATE.path}"
 
 
 def _client() -> str:
@@ -233,6 +249,7 @@ class Pendant:
             "--host": config.host,
             "--port": self._port,
             "--modbus-port": emulator.ports["modbus"],
+            **({"--robot-api-port": emulator.ports["robot api"]} if "robot api" in emulator.ports else {}),
             "--control-port": emulator.ports.get("control", 0) if local else 0,
         }
         return [str(word) for pair in options.items() for word in pair]

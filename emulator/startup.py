@@ -14,6 +14,7 @@ from emulator.io.signals import BIT_COUNT
 from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.machine import Machine
 from emulator.programs.compiling import in_periods
+from emulator.programs.loading import DEFAULT_URPX
 from emulator.programs.runner import Programs
 from urproto.modes import RuntimeState
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
@@ -77,6 +78,9 @@ class Startup:
 
     def _boot_steps(self) -> Steps[None]:
         machine = self._machine
+        if machine.version.is_polyscope_x:  # whose programs have their installations in them
+            yield from self._programs.load_default_steps(DEFAULT_URPX)
+            return
         folder = ProgramsFolder(machine.config.programs_dir)
         installation = folder.installation(_INSTALLATION)
         if installation is None:

@@ -46,6 +46,9 @@ _MODE_SET = ("Operational mode", "Setting operational mode")  # urcl's and the m
 _MODE_CLEARED = ("No longer controlling the operational mode", "operational mode is no longer controlled")
 UNNAMED_PROGRAM = "<unnamed>"  # e-Series, in the answer to programState; CB3 says null
 
+AVAILABLE: Final = Availability.since("3.0", "5.0", None)
+"""PolyScope X has the Robot API in its place."""
+
 MAX_LINE = 65536  # bytes; guess: ample for a popup text, bounds what an endless line can cost
 
 
@@ -74,7 +77,7 @@ def _command(
     words: str, cb3: str | None, e: str | None, source: str, *confirmations: str, argument: bool = False,
     remote: bool = False,
 ) -> tuple[str, Command]:  # fmt: skip
-    return words.lower(), Command(words, Availability.since(cb3, e), confirmations, argument, remote, source)
+    return words.lower(), Command(words, Availability.since(cb3, e, None), confirmations, argument, remote, source)
 
 
 # Versions before 3.0 are of controllers that are not emulated; they say that every CB3 controller has the command.

@@ -16,6 +16,7 @@ CONTROLLER_PORTS: Final[Mapping[str, int]] = {
     "realtime read-only": 30013,
     "interpreter": 30020,
     "modbus": 502,
+    "robot api": 80,  # of PolyScope X, which has no dashboard instead
     "gripper": GRIPPER_PORT,
     "tool line": 54321,  # as the vendor's RS485 URCap has it
 }

@@ -25,6 +25,9 @@ def pendant_command(
         int | None, typer.Option(help="Port of an emulator's control API, if not the usual one.")
     ] = None,
     modbus_port: Annotated[int | None, typer.Option(help="Modbus port of the robot, if not the usual one.")] = None,
+    robot_api_port: Annotated[
+        int | None, typer.Option(help="Port of the Robot API (PolyScope X), if not the usual one.")
+    ] = None,
     meshes: Annotated[
         Path | None,
         typer.Option(help="Folder of the arm's meshes (STL, GLB), laid out as for describe (default: simple shapes)."),
@@ -69,6 +72,7 @@ def pendant_command(
         tools or _own_file("tools"),
         drafts or Path(typer.get_app_dir("ur-client")) / "drafts",
         scene,
+        robot_api_port,
     )
     serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
 

@@ -17,7 +17,7 @@ from client.controllers.passthrough import PASSTHROUGH, Transfer
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_states import URStates
 from client.driver import points
-from client.driver.availability import GATES
+from client.driver.availability import refusal
 from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError, LateSetpointError
@@ -152,8 +152,8 @@ class URHardware:
                 raise ControllerError("hardware", f"all {len(JOINT_NAMES)} joints have to be commanded in {kind}")
         if pair := conflict((self._modes - stopping) | starting):
             raise ControllerError("hardware", f"{pair[0]} and {pair[1]} cannot be commanded at the same time")
-        if CommandMode.EFFORT in starting and (refusal := GATES["torque"].refusal(self._version)):
-            raise ControllerError("hardware", f"effort cannot be commanded: {refusal}")
+        if CommandMode.EFFORT in starting and (why := refusal("torque", self._version)):
+            raise ControllerError("hardware", f"effort cannot be commanded: {why}")
         if starting & MOTION and self.failure:
             raise ControllerError("hardware", self.failure)
 

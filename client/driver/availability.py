@@ -1,57 +1,51 @@
 """What the driver offers only from some PolyScope version on."""
 
-from dataclasses import dataclass
 from typing import Final
 
 from urproto.errors import RobotRefused
-from urproto.versions import PolyscopeVersion, Series
-
-_POLYSCOPE_X: Final = 10
-
-
-@dataclass(frozen=True, slots=True)
-class Gate:
-    """First versions with a feature: on PolyScope 5, on PolyScope X, and on CB3, None where it has none."""
-
-    e_series: str
-    polyscope_x: str = "10.0"
-    cb3: str | None = None
-
-    def refusal(self, version: PolyscopeVersion) -> str | None:
-        """Why this version does not offer it, and what to do; None when it does."""
-        if version.series is Series.CB3 and self.cb3 is not None:
-            first = self.cb3
-        elif version.series is Series.CB3:
-            return f"CB3 robots ({version}) do not have it, only e-Series and newer ones"
-        else:
-            first = self.polyscope_x if version.major >= _POLYSCOPE_X else self.e_series
-        if version < PolyscopeVersion.parse(first):
-            return f"PolyScope {version} does not have it: update the robot to {first} or newer"
-        return None
-
+from urproto.versions import Availability, PolyscopeVersion
 
 # Source: the version checks of Universal_Robots_Client_Library 2.14 and of its control program; of the questions, and
 # of freedrive's axes, those of ur_rtde 1.6.5's.
 GATES: Final = {
-    "zero_ftsensor": Gate("5.0"),
-    "start_tool_contact": Gate("5.0"),
-    "end_tool_contact": Gate("5.0"),
-    "set_target_payload": Gate("5.10"),
-    "optimove": Gate("5.21", "10.8"),
-    "torque": Gate("5.23", "10.11"),
-    "set_friction_compensation": Gate("5.23", "10.10"),
-    "set_friction_scales": Gate("5.25.1", "10.12.1"),
-    "contact": Gate("5.4"),
-    "freedrive_axes": Gate("5.10"),
-    "inverse_kin": Gate("5.10", cb3="3.15"),
-    "tcp_offset": Gate("5.0", cb3="3.6"),
-    "target_waypoint": Gate("5.3"),
-    "dynamics": Gate("5.23", "10.11"),
+    "zero_ftsensor": Availability.since(None, "5.0"),
+    "start_tool_contact": Availability.since(None, "5.0"),
+    "end_tool_contact": Availability.since(None, "5.0"),
+    "set_target_payload": Availability.since(None, "5.10"),
+    "optimove": Availability.since(None, "5.21", "10.8"),
+    "torque": Availability.since(None, "5.23", "10.11"),
+    "set_friction_compensation": Availability.since(None, "5.23", "10.10"),
+    "set_friction_scales": Availability.since(None, "5.25.1", "10.12.1"),
+    "contact": Availability.since(None, "5.4"),
+    "force_mode_gain_scaling": Availability.since(None, "5.0"),
+    "ft_rtde_input": Availability.since("3.14.1", "5.9.1"),
+    "freedrive_axes": Availability.since(None, "5.10"),
+    "inverse_kin": Availability.since("3.15", "5.10"),
+    "tcp_offset": Availability.since("3.6", "5.0"),
+    "target_waypoint": Availability.since(None, "5.3"),
+    "dynamics": Availability.since(None, "5.23", "10.11"),
 }
+
+
+def offers(feature: str, version: PolyscopeVersion) -> bool:
+    """Whether a robot of this version has a feature."""
+    return GATES[feature].covers(version)
+
+
+def refusal(feature: str, version: PolyscopeVersion) -> str | None:
+    """Why this version does not offer a feature, and what to do; None when it does."""
+    gate = GATES[feature]
+    if gate.covers(version):
+        return None
+    first = gate.first(version)
+    if first is None:
+        return f"CB3 robots ({version}) do not have it, only e-Series and newer ones"
+    wanted = first.short if first.bugfix else f"{first.major}.{first.minor}"
+    return f"PolyScope {version} does not have it: update the robot to {wanted} or newer"
 
 
 def require(feature: str, version: PolyscopeVersion) -> None:
     """Raise RobotRefused when this version lacks the feature."""
-    refusal = GATES[feature].refusal(version)
-    if refusal is not None:
-        raise RobotRefused(feature, refusal)
+    why = refusal(feature, version)
+    if why is not None:
+        raise RobotRefused(feature, why)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from client import dashboard, primary, rtde
+from client import dashboard, primary, robotapi, rtde
 from client.calibration import parameters
 from client.driver.control_program import ToolCommunication
 from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, REVERSE_PORT, SENDER_PORT
@@ -37,6 +37,7 @@ def calibration_problem(kinematics: KinematicsInfo, expected: Calibration | str 
 
 ROBOT_PORTS: Final[Mapping[str, int]] = {
     "dashboard": dashboard.PORT,
+    "robot api": robotapi.PORT,
     "primary": primary.PORT,
     "rtde": rtde.PORT,
 }

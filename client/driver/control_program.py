@@ -12,13 +12,12 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
-from client.driver.availability import GATES
+from client.driver.availability import offers
 from urproto.errors import LocalProtocolError
 from urproto.external_control import GREETING
-from urproto.versions import PolyscopeVersion, Series
+from urproto.versions import PolyscopeVersion
 
 PROGRAM_NAME: Final = "external_control"
-_POLYSCOPE_X: Final = 10
 
 SPEED_ACCELERATION: Final = 40.0  # rad/s2 or m/s2, of speeds that are streamed: the client library's
 DECELERATION: Final = 4.0  # rad/s2, of coming to rest: the client library's
@@ -169,23 +168,23 @@ class ControlProgram:
             "GAIN": str(self.servoj_gain),
             "ACCELERATION": str(SPEED_ACCELERATION),
             "DECELERATION": str(DECELERATION),
-            "QUESTIONS": "\n".join(lines for gate, lines in _QUESTIONS.items() if not GATES[gate].refusal(version)),
-            "ACTIVE_TCP": "" if GATES["tcp_offset"].refusal(version) else "tcp = get_tcp_offset()",
-            "CONTACT_DETECTION": _NO_CONTACT_DETECTION if GATES["contact"].refusal(version) else _CONTACT_DETECTION,
-            "END_DETECTION": "" if GATES["contact"].refusal(version) else "kill ec_detector",
+            "QUESTIONS": "\n".join(lines for gate, lines in _QUESTIONS.items() if offers(gate, version)),
+            "ACTIVE_TCP": "tcp = get_tcp_offset()" if offers("tcp_offset", version) else "",
+            "CONTACT_DETECTION": _CONTACT_DETECTION if offers("contact", version) else _NO_CONTACT_DETECTION,
+            "END_DETECTION": "kill ec_detector" if offers("contact", version) else "",
             "FREEDRIVE": (
-                "freedrive_mode()"
-                if GATES["freedrive_axes"].refusal(version)
-                else "freedrive_mode(freeAxes=ec_free_axes, feature=ec_free_frame)"
+                "freedrive_mode(freeAxes=ec_free_axes, feature=ec_free_frame)"
+                if offers("freedrive_axes", version)
+                else "freedrive_mode()"
             ),
             "GAIN_SCALING_ALONE": "force_mode_set_gain_scaling(words[3] / ec_scale)"
-            if _at_least(version, "5.0")
+            if offers("force_mode_gain_scaling", version)
             else "",
             "TORQUE": _torque(version),
-            "OPTIMOVE": _OPTIMOVE if _at_least(version, "5.21", "10.8") else "",
-            "FT_INPUT": "ft_rtde_input_enable" if _has_ft_rtde_input(version) else "enable_external_ft_sensor",
-            "GAIN_SCALING": _GAIN_SCALING if _at_least(version, "5.0") else "",
-            "TARGET_PAYLOAD": _INERTIA if _at_least(version, "5.10") else _NO_INERTIA,
+            "OPTIMOVE": _OPTIMOVE if offers("optimove", version) else "",
+            "FT_INPUT": "ft_rtde_input_enable" if offers("ft_rtde_input", version) else "enable_external_ft_sensor",
+            "GAIN_SCALING": _GAIN_SCALING if offers("force_mode_gain_scaling", version) else "",
+            "TARGET_PAYLOAD": _INERTIA if offers("set_target_payload", version) else _NO_INERTIA,
             "GONE": GONE_TEXT,
             "LATE": LATE_TEXT,
             "GREET": f'socket_send_line("{GREETING.decode()}{self.token}", name)' if self.token else "",
@@ -216,19 +215,7 @@ def _template() -> str:
     return files("client.driver").joinpath("control_program.script").read_text("utf-8")
 
 
-def _at_least(version: PolyscopeVersion, e_series: str, polyscope_x: str = "10.0") -> bool:
-    if version.series is Series.CB3:
-        return False
-    return version >= PolyscopeVersion.parse(polyscope_x if version.major >= _POLYSCOPE_X else e_series)
-
-
-def _has_ft_rtde_input(version: PolyscopeVersion) -> bool:
-    return _at_least(version, "5.9.1") or (version.series is Series.CB3 and version >= PolyscopeVersion(3, 14, 1))
-
-
 def _torque(version: PolyscopeVersion) -> str:
-    if _at_least(version, "5.25.1", "10.12.1"):
+    if offers("set_friction_scales", version):
         return _TORQUE.format(friction="viscous_scale=ec_viscous, coulomb_scale=ec_coulomb")
-    return (
-        _TORQUE.format(friction="friction_comp=ec_friction_on") if _at_least(version, "5.23", "10.11") else _NO_TORQUE
-    )
+    return _TORQUE.format(friction="friction_comp=ec_friction_on") if offers("torque", version) else _NO_TORQUE

@@ -285,13 +285,17 @@ class RobotLink:
             await inputs.close()
 
     async def _connect_dashboard(self, opening: AsyncExitStack) -> DashboardClient | None:
-        dashboard = DashboardClient(self.config.robot, self.config.robot_ports["dashboard"])
+        dashboard = DashboardClient(
+            self.config.robot,
+            self.config.robot_ports["dashboard"],
+            robot_api_port=self.config.robot_ports.get("robot api"),
+        )
         try:
             return await opening.enter_async_context(dashboard)
         except RobotUnreachableError:
             if not self.config.headless:  # the URCap's program is played through it
                 raise
-            _logger.info("no dashboard on this robot; doing without")  # PolyScope X has none
+            _logger.info("no dashboard on this robot; doing without")
             return None
 
     # what comes in

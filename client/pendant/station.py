@@ -9,10 +9,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, TypeVar
 
-from client import dashboard, primary, rtde
+from client import dashboard, primary, robotapi, rtde
 from client.calibration import model_of
 from client.dashboard import DashboardClient
 from client.dashboard_commands import Operation
+from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.arena import Arena, Arenas, Surroundings
 from client.pendant.checking import keep_checking
@@ -97,10 +98,12 @@ class Station:
         tools: Path | None = None,
         drafts: Path | None = None,
         scene: Path | None = None,
+        robot_api_port: int | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
             "dashboard": dashboard.PORT + port_offset,
+            "robot api": (robotapi.PORT + port_offset) if robot_api_port is None else robot_api_port,
             "primary": primary.PORT + port_offset,
             "rtde": rtde.PORT + port_offset,
             "modbus": CONTROLLER_PORTS["modbus"] + port_offset if modbus_port is None else modbus_port,
@@ -270,13 +273,16 @@ class Station:
     async def ask(self, operation: Operation[Answer]) -> Answer:
         """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError.
 
-        An e-Series robot in local control takes orders from its own pendant only; of an emulator, that is this one.
+        A robot in local control takes orders from its own pendant only, and PolyScope X has some in no interface; of an
+        emulator, that pendant is this one.
         """
         try:
-            async with DashboardClient(self.robot_ip, self.ports["dashboard"]) as board:
+            async with DashboardClient(
+                self.robot_ip, self.ports["dashboard"], robot_api_port=self.ports["robot api"]
+            ) as board:
                 return readable_in(await board.ask(operation))
         except RobotRefused as refused:
-            if refused.answer != NOT_IN_REMOTE_CONTROL or not self.emulator.available:
+            if not (_for_its_pendant(refused) and self.emulator.available):
                 raise
         return operation.answer(await self.emulator.call("dashboard", line=operation.line))
 
@@ -396,3 +402,9 @@ def _says_read_only(message: object) -> bool:
 async def _cancel(task: "asyncio.Task[Any]") -> None:
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
+
+
+def _for_its_pendant(refused: RobotRefused) -> bool:
+    """Whether a robot has said no to others, and not to its own pendant."""
+    in_local_control = refused.answer == NOT_IN_REMOTE_CONTROL or refused.advice == robotapi.REMOTE_CONTROL
+    return in_local_control or refused.answer == NOT_ON_POLYSCOPE_X

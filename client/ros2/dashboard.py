@@ -214,6 +214,7 @@ class DashboardNode:
         )
         self.node.declare_parameter("receive_timeout", _RECEIVE_TIMEOUT_S, limits)
         self._port = config.robot_ports["dashboard"]
+        self._robot_api_port = config.robot_ports.get("robot api")
         self._host = host
         self._client: BlockingDashboardClient | None = None
         self._ended = threading.Event()
@@ -317,7 +318,9 @@ class DashboardNode:
     def _open(self) -> None:
         if self._ended.is_set():
             raise ConnectionLostError(self._address, self._port)
-        self._client = BlockingDashboardClient(self._address, self._port).__enter__()
+        self._client = BlockingDashboardClient(
+            self._address, self._port, robot_api_port=self._robot_api_port
+        ).__enter__()
 
     def _disconnect(self) -> None:
         if self._client is not None:

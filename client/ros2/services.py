@@ -16,7 +16,7 @@ from client.controllers.controller import Controller
 from client.controllers.io_and_status import GPIOController
 from client.controllers.loop import ControlLoop
 from client.controllers.settings import FrictionModelController, GravityUpdateController, URConfigurationController
-from client.driver.availability import GATES
+from client.driver.availability import offers
 from client.errors import ClientError, ControllerError
 from client.ros2.host import NodeHost, interface
 from client.ros2.topics import Scene, seconds
@@ -59,7 +59,7 @@ def _set_payload(controller: GPIOController, request: Any, scene: Scene) -> Call
     """Requests have an inertia and a transition since 2025; controllers have taken them since 5.10."""
     cog = request.center_of_gravity
     centre = (cog.x, cog.y, cog.z)
-    if not hasattr(request, "ixx") or GATES["set_target_payload"].refusal(scene.version):
+    if not hasattr(request, "ixx") or not offers("set_target_payload", scene.version):
         return controller.set_payload(request.mass, centre)
     inertia = (request.ixx, request.iyy, request.izz, request.ixy, request.ixz, request.iyz)
     return controller.set_payload(request.mass, centre, inertia, seconds(request.transition_time))

@@ -169,7 +169,8 @@ class StateHelperNode:
             await primary.run(primary.core.command(command))
 
     async def _ask(self, operation: "dashboard.Operation[None]") -> None:
-        async with DashboardClient(self._address, self._driver.config.robot_ports["dashboard"]) as board:
+        ports = self._driver.config.robot_ports
+        async with DashboardClient(self._address, ports["dashboard"], robot_api_port=ports.get("robot api")) as board:
             await board.ask(operation)
 
     async def _until(self, reached: Callable[[], bool], what: str) -> None:

@@ -15,7 +15,7 @@ import inspect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from emulator import reports
 from emulator.controller import Controller
@@ -28,7 +28,7 @@ from emulator.robot.installation import InstallationError
 from urproto import dashboard as replies
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.text import lower, strip
-from urproto.versions import PolyscopeVersion, Series
+from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.folder import ProgramsFolder
 
 _Waiting = Generator[None, None, str]
@@ -65,15 +65,21 @@ def available_commands(version: PolyscopeVersion) -> list[DashboardCommand]:
     return [command for command in COMMANDS.values() if command.form.available.covers(version)]
 
 
-def execute(controller: Controller, line: str, *, restricted: bool = False) -> str | _Waiting | None:
+def execute(
+    controller: Controller, line: str, *, restricted: bool = False, any_version: bool = False
+) -> str | _Waiting | None:
     """The reply to one line, a generator that returns it, or None for an empty line.
 
-    ``restricted``: what needs remote control is refused.
+    ``restricted``: what needs remote control is refused. ``any_version``: PolyScope X, which has no dashboard, takes
+    the lines of other e-Series arms.
     """
     text = strip(line)
     if not text:
         return None
-    found = _find(text, controller.version)
+    version = controller.version
+    if any_version and version.is_polyscope_x:
+        version = DEFAULT_VERSION[Series.E]
+    found = _find(text, version)
     if found is None:
         return replies.not_understood(text)
     entry, argument = found
@@ -112,17 +118,22 @@ def load(controller: Controller, name: str) -> _Waiting:
     path = _existing(controller, name)
     if path is None:
         return f"File not found: {name}"
-    controller.programs.stop("another program is loaded")
-    yield from _until(controller, RuntimeState.STOPPED)
-    for _ in range(round(_LOAD_S / controller.period_s)):
-        yield
     try:
-        yield from in_periods(controller.programs.load_steps(path), controller.period_s)
+        yield from loading(controller, path)
     except (OSError, ValueError) as error:
         controller.messages.text(f"loading {name} failed: {error}")
         return f"Error while loading program: {name}"
     loaded = f"Loading program: {_as_named(controller, path, name)}"
     return f"{loaded}, {_installation(controller)}" if controller.version.series is Series.E else loaded
+
+
+def loading(controller: Controller, path: Path) -> Generator[None, None, None]:
+    """Load a file, in the time that it takes. Raises OSError or ValueError; then what was loaded remains."""
+    controller.programs.stop("another program is loaded")
+    yield from _until(controller, RuntimeState.STOPPED)
+    for _ in range(round(_LOAD_S / controller.period_s)):
+        yield
+    yield from in_periods(controller.programs.load_steps(path), controller.period_s)
 
 
 @command("play")
@@ -186,8 +197,15 @@ def is_program_saved(controller: Controller) -> str:
 @command("programState")
 def program_state(controller: Controller) -> str:
     """STOPPED, PLAYING or PAUSED, and the program's name."""
-    shown = {RuntimeState.STOPPED: "STOPPED", RuntimeState.STOPPING: "STOPPED", RuntimeState.PAUSED: "PAUSED"}
-    return f"{shown.get(controller.programs.state, 'PLAYING')} {_program_name(controller)}"
+    return f"{program_state_word(controller)} {_program_name(controller)}"
+
+
+def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", "PAUSED"]:
+    """What the program is doing, in one of three words."""
+    state = controller.programs.state
+    if state in (RuntimeState.STOPPED, RuntimeState.STOPPING):
+        return "STOPPED"
+    return "PAUSED" if state is RuntimeState.PAUSED else "PLAYING"
 
 
 @command("load installation")

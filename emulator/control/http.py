@@ -8,33 +8,38 @@ import hmac
 import logging
 from collections.abc import Callable, Mapping
 from importlib.metadata import version as distribution_version
-from ipaddress import ip_address
 from typing import Any, Final
 
-import h11
 import msgspec
 
 from emulator.control.control import LiveControl, is_waiting
 from emulator.control.openapi import listing, openapi
 from emulator.control.verbs import BadArguments, NotPossible, Verb, verbs_of
 from emulator.servers.connection import Connection
+from emulator.servers.http import (
+    BAD,
+    CONFLICT,
+    FAILED,
+    JSON,
+    NOT_ALLOWED,
+    NOT_FOUND,
+    OK,
+    UNAUTHORIZED,
+    HttpConnection,
+    Refused,
+    Request,
+    Response,
+    check_host,
+    check_type,
+)
 from emulator.servers.port import PortServer, ServedController
 from emulator.snapshot import Snapshot
 from urproto.backdoors import BackdoorMark
-from urproto.text import from_bytes, readable_in, to_bytes
+from urproto.text import to_bytes
 
-_MOST_BODY: Final = 4 * 1024 * 1024  # bytes of arguments; a saved state has some 10 kB
 _VERBS: Final[Mapping[str, Verb]] = verbs_of(LiveControl.SUBJECTS)
-_CONTINUE, _OK, _BAD, _UNAUTHORIZED, _FORBIDDEN, _NOT_FOUND, _NOT_ALLOWED = 100, 200, 400, 401, 403, 404, 405
-_CONFLICT, _TOO_LARGE, _WRONG_TYPE, _FAILED = 409, 413, 415, 500
 
 _logger = logging.getLogger(__name__)
-
-
-class _Refused(Exception):  # noqa: N818 - an answer
-    def __init__(self, status: int, text: str) -> None:
-        super().__init__(text)
-        self.status = status
 
 
 class ControlServer(PortServer):
@@ -47,7 +52,7 @@ class ControlServer(PortServer):
         self._mark: BackdoorMark | None = None
 
     def connect(self) -> Connection:
-        return _HttpConnection(self)
+        return _ControlConnection(self)
 
     async def _listen(self, host: str, port: int) -> None:
         await super()._listen(host, port)
@@ -63,29 +68,19 @@ class ControlServer(PortServer):
     def publish(self, snapshot: Snapshot) -> None:
         """Go on with verbs that take time."""
         for connection in self.connections:
-            assert isinstance(connection, _HttpConnection)
+            assert isinstance(connection, _ControlConnection)
             connection.go_on()
 
 
-class _HttpConnection(Connection):
+class _ControlConnection(HttpConnection):
     server: ControlServer
-    for_browsers = True  # or those that speak as they do: the requests say whether they are pages
 
     def __init__(self, server: ControlServer) -> None:
         super().__init__(server)
-        self._http = h11.Connection(h11.SERVER)
-        self._request: h11.Request | None = None
-        self._body = bytearray()
         self._steps: Any = None  # of the verb that takes time
 
-    def received(self, data: bytes) -> None:
-        self._feed(data)
-        self._proceed()
-
-    def at_end(self) -> bool:
-        """Who ends its side waits no longer for a verb that takes time."""
-        self._feed(b"")
-        return False
+    def refusal(self, status: int, text: str) -> Any:
+        return {"error": text}
 
     def lost(self) -> None:
         if self._steps is not None:
@@ -94,68 +89,41 @@ class _HttpConnection(Connection):
     def go_on(self) -> None:
         """A control period is over."""
         if self._steps is not None:
-            self._answer(self._next_step)
-            self._proceed()
+            response = self._outcome_of(self._next_step)
+            if response is not None:
+                self.reply(response)
 
-    def _feed(self, data: bytes) -> None:
-        if self._http.their_state is not h11.ERROR:
-            self._http.receive_data(data)
+    def answer(self, request: Request) -> Response | None:
+        return self._outcome_of(lambda: self._carry_out(request))
 
-    def _proceed(self) -> None:
-        """Carry out the requests that are complete, one after the other."""
-        while self._steps is None:
-            try:
-                event = self._http.next_event()
-            except h11.RemoteProtocolError as error:
-                self._reply(error.error_status_hint, {"error": str(error)})
-                self.hang_up()
-                return
-            if event is h11.NEED_DATA or event is h11.PAUSED or isinstance(event, h11.ConnectionClosed):
-                return
-            self._take(event)
-
-    def _take(self, event: Any) -> None:
-        if isinstance(event, h11.Request):
-            self._request, self._body = event, bytearray()
-            if self._http.they_are_waiting_for_100_continue:
-                self.send(self._http.send(h11.InformationalResponse(status_code=_CONTINUE, headers=[])) or b"")
-        elif isinstance(event, h11.Data) and len(self._body) <= _MOST_BODY:
-            self._body += event.data
-        elif isinstance(event, h11.EndOfMessage):
-            self._answer(self._carry_out)
-
-    def _answer(self, work: Callable[[], Any]) -> None:
-        """Reply with what the work returns or how it fails, or keep the steps it wants more time for."""
+    def _outcome_of(self, work: Callable[[], Any]) -> Response | None:
+        """What the work returns or how it fails; None, and its steps are kept, if it wants more time."""
         status, content = _outcome(work)
         self._steps = content if is_waiting(content) else None
-        if self._steps is None:
-            self._reply(status, content)
+        return None if self._steps is not None else Response(status, content)
 
-    def _carry_out(self) -> Any:
+    def _carry_out(self, request: Request) -> Any:
         """What the request asks for, or the steps to it."""
-        assert self._request is not None
-        headers = {name.decode(): from_bytes(value) for name, value in self._request.headers}
-        method, path = self._request.method.decode(), from_bytes(self._request.target).partition("?")[0]
-        self._check_host(headers.get("host", ""))
+        method, path = request.method, request.path
+        check_host(request, also=lambda _: bool(self.server.token))
         if method == "GET" and path in ("/", "/health"):
             return {"name": "ur-emulator control API", "documentation": "/openapi.json", "verbs": "/verbs"}
-        self._check_token(headers.get("authorization", ""))
+        self._check_token(request.headers.get("authorization", ""))
         if method == "GET" and path == "/openapi.json":
             return openapi(_VERBS, distribution_version("ur-emulator"))
         if method == "GET" and path == "/verbs":
             return listing(_VERBS)
         if not path.startswith("/verbs/"):
-            raise _Refused(_NOT_FOUND, f"there is nothing at {path}: see /openapi.json")
+            raise Refused(NOT_FOUND, f"there is nothing at {path}: see /openapi.json")
         if method != "POST":
-            raise _Refused(_NOT_ALLOWED, f"a verb takes a POST request, not {method}")
-        return self._call(path.removeprefix("/verbs/"), headers.get("content-type", ""))
+            raise Refused(NOT_ALLOWED, f"a verb takes a POST request, not {method}")
+        return self._call(path.removeprefix("/verbs/"), request)
 
-    def _call(self, name: str, content_type: str) -> Any:
+    def _call(self, name: str, request: Request) -> Any:
         if name not in _VERBS:
-            raise _Refused(_NOT_FOUND, f"there is no verb {name!r}: see /verbs")
-        if content_type.partition(";")[0].strip().lower() != "application/json":
-            raise _Refused(_WRONG_TYPE, "send the header Content-Type: application/json")
-        result = _VERBS[name].call(self.server.control, self._arguments())
+            raise Refused(NOT_FOUND, f"there is no verb {name!r}: see /verbs")
+        check_type(request, JSON)
+        result = _VERBS[name].call(self.server.control, _arguments(request.body))
         if not is_waiting(result):
             return {"result": result}
         self._steps = result
@@ -169,66 +137,33 @@ class _HttpConnection(Connection):
             return {"result": done.value}
         return self._steps
 
-    def _arguments(self) -> dict[str, Any]:
-        if len(self._body) > _MOST_BODY:
-            raise _Refused(_TOO_LARGE, f"more than {_MOST_BODY} bytes of arguments")
-        try:
-            return msgspec.json.decode(bytes(self._body) or b"{}", type=dict[str, Any])
-        except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-            raise BadArguments(f"the arguments are not a JSON object: {error}") from error
-
-    def _check_host(self, host: str) -> None:
-        """A page whose name was made to point here must not get in."""
-        name = host.rpartition(":")[0] if ":" in host.rpartition("]")[2] else host
-        name = name.strip("[]")
-        if name != "localhost" and not _is_address(name) and not self.server.token:
-            raise _Refused(_FORBIDDEN, f"ask for an address, not for {host!r}")
-
     def _check_token(self, authorization: str) -> None:
         wanted = self.server.token
         if wanted and not hmac.compare_digest(to_bytes(authorization), to_bytes(f"Bearer {wanted}")):
-            raise _Refused(_UNAUTHORIZED, "send the header Authorization: Bearer and the token")
-
-    def _reply(self, status: int, content: Any) -> None:
-        if self._http.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
-            return
-        body = _json(content)
-        headers = [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
-        if status == _UNAUTHORIZED:
-            headers.append(("WWW-Authenticate", "Bearer"))
-        events = (h11.Response(status_code=status, headers=headers), h11.Data(data=body), h11.EndOfMessage())
-        self.send(b"".join(self._http.send(event) or b"" for event in events))
-        try:
-            self._http.start_next_cycle()
-        except h11.LocalProtocolError:  # the request was broken, or the client wants the connection closed
-            self.hang_up()
+            raise Refused(
+                UNAUTHORIZED,
+                "send the header Authorization: Bearer and the token",
+                {"WWW-Authenticate": "Bearer"},
+            )
 
 
-def _json(content: Any) -> bytes:
+def _arguments(body: bytes) -> dict[str, Any]:
     try:
-        return msgspec.json.encode(content)
-    except UnicodeEncodeError:  # seldom enough that the whole is only looked through then
-        return msgspec.json.encode(readable_in(content))
+        return msgspec.json.decode(body or b"{}", type=dict[str, Any])
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise BadArguments(f"the arguments are not a JSON object: {error}") from error
 
 
 def _outcome(work: Callable[[], Any]) -> tuple[int, Any]:
-    """Status and content of the answer."""
+    """Status and content of the answer. Raises Refused."""
     try:
-        return _OK, work()
-    except _Refused as error:
-        return error.status, {"error": str(error)}
+        return OK, work()
+    except Refused:
+        raise
     except BadArguments as error:
-        return _BAD, {"error": str(error)}
+        return BAD, {"error": str(error)}
     except NotPossible as error:
-        return _CONFLICT, {"error": str(error)}
+        return CONFLICT, {"error": str(error)}
     except Exception as error:
         _logger.exception("a verb failed")
-        return _FAILED, {"error": f"the verb failed, which is a fault of the emulator: {error}"}
-
-
-def _is_address(text: str) -> bool:
-    try:
-        ip_address(text)
-    except ValueError:
-        return False
-    return True
+        return FAILED, {"error": f"the verb failed, which is a fault of the emulator: {error}"}

@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from emulator.control.programs import have_programs_folder
 from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
 from emulator.controller import Controller
 from emulator.programs.compiling import in_periods
+from emulator.programs.own_folder import have_programs_folder
 from emulator.services.urcap import DriverAddress
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
 from urscript.polyscope.folder import ProgramsFolder

@@ -3,8 +3,6 @@
 import base64
 import binascii
 import os
-import shutil
-import tempfile
 from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -15,6 +13,7 @@ from emulator.commands import dashboard
 from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
 from emulator.programs.compiling import Submission, in_periods
 from emulator.programs.loading import DRIVER_PROGRAMS, program_files
+from emulator.programs.own_folder import have_programs_folder
 from emulator.programs.runner import Programs
 from emulator.services.urcap import DriverAddress
 from urproto.modes import RuntimeState
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
-_SAVED: Final = (".urp", ".script", ".txt", ".variables", ".installation")  # what PolyScope writes
+_SAVED: Final = (".urp", ".urpx", ".script", ".txt", ".variables", ".installation")  # what PolyScope writes
 _LARGEST: Final = 2 << 20  # bytes of a file: in base64 it has to fit into a request; programs have some 10 kB
 
 
@@ -37,8 +36,8 @@ class ProgramVerbs(Verbs):
 
     @verb
     def dashboard(self, line: str) -> str:
-        """Carry out a line of the dashboard server; returns its answer."""
-        return self._wait(_answered(dashboard.execute(self.controller, line)))
+        """Carry out a line of the dashboard server, also on PolyScope X, which has none; returns its answer."""
+        return self._wait(_answered(dashboard.execute(self.controller, line, any_version=True)))
 
     @verb
     def send_script(self, text: str) -> bool:
@@ -206,17 +205,6 @@ class ProgramVerbs(Verbs):
         self.controller.config = replace(self.controller.config, external_control=address)
 
 
-def have_programs_folder(controller: "Controller") -> Path:
-    """The programs folder; one that the system may clear, where none was given: what is made here can be used."""
-    folder = controller.config.programs_dir
-    if folder is None:
-        folder = Path(tempfile.mkdtemp(prefix="ur-emulator-programs-"))
-        shutil.copytree(DRIVER_PROGRAMS, folder, dirs_exist_ok=True)  # what was there without one stays there
-        controller.config = replace(controller.config, programs_dir=folder)
-        controller.messages.note(f"there is no programs folder: files are saved to {folder}; see --programs")
-    return folder
-
-
 def _answered(answer: str | Waiting[str | None] | None) -> Waiting[str]:
     if isinstance(answer, Generator):
         answer = yield from answer
@@ -236,6 +224,8 @@ def _shown_program(controller: "Controller") -> Waiting[dict[str, Any]]:
             steps = outline_steps(loaded.tree, controller.installation.file, controller.version)
             nodes = yield from in_periods(_or_nothing(steps), controller.period_s)
             shown["tree"] = [asdict(node) for node in nodes or ()]
+        else:
+            shown["tree"] = [asdict(node) for node in loaded.outline]
     return shown
 
 

@@ -19,7 +19,6 @@ from emulator.config import ConfigError, EmulatorConfig, read_yaml
 
 FIRST_HOST: Final = "127.0.0.1"
 MOST_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine gets tired sooner)
-_MAY_MOVE: Final = ("modbus", "control")  # take a free port where they cannot have their own
 
 Options = Mapping[str, Any]
 
@@ -99,7 +98,7 @@ def _check_ports(configs: Sequence[EmulatorConfig]) -> None:
     taken: dict[tuple[str, int], int] = {}
     for number, config in enumerate(configs, 1):
         for name, port in config.wanted_ports.items():
-            if not port or name in _MAY_MOVE:
+            if not port or name in config.movable:
                 continue
             other = taken.setdefault((config.host, port), number)
             if other != number:

@@ -1,6 +1,6 @@
 """Program files the dashboard can load."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -18,15 +18,18 @@ from urscript.parser import is_secondary
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import InstallationFile, read_installation_steps
+from urscript.polyscope.outline import OutlineNode
 from urscript.polyscope.program import script_steps
 from urscript.polyscope.tree import ProgramTree, TreeError, read_tree_steps
+from urscript.polyscope.urpx import SUFFIX as URPX
+from urscript.polyscope.urpx import Urpx, UrpxError, read_urpx
 from urscript.polyscope.writer import ExternalControlCode
 from urscript.work import Steps
 
 MOST_PROGRAMS: Final = 2000  # guess: more are of no use to anybody who chooses one
 _AT_ONCE: Final = 20  # entries looked at in one control period; each may ask the file system
 _MOST_ENTRIES: Final = 50_000  # guess: then the folder is not a programs folder
-_SUFFIXES: Final = (".urp", ".script")
+_SUFFIXES: Final = (".urp", URPX, ".script")
 
 
 def program_files(root: Path) -> Generator[None, None, list[str]]:
@@ -58,6 +61,9 @@ def _entries(folder: Path) -> list[Path]:
     except OSError:  # taken away meanwhile, or not ours to read
         return []
 
+
+DEFAULT_URPX: Final = Path(__file__).with_name("polyscope_x") / "default.urpx"
+"""The program that is loaded when a robot with PolyScope X was switched on: one without nodes."""
 
 DRIVER_PROGRAMS: Final = Path(__file__).with_name("urcap")
 """A programs folder for robots that got none: its ``external_control.urp`` is an External Control node in a loop."""
@@ -165,7 +171,8 @@ class LoadedProgram:
 
     ``tree``: the program tree of a ``.urp``, translated when it is played; without one ``script`` is played.
     ``installation``: the installation it was saved with, None when that is not in the folder.
-    ``notes``: what the user should know.
+    ``notes``: what the user should know. ``title``: its name where that is not the file's, as in PolyScope X.
+    ``outline``: its nodes, where it has some and no tree.
     """
 
     path: Path
@@ -173,27 +180,32 @@ class LoadedProgram:
     tree: ProgramTree | None = None
     installation: tuple[Path, InstallationFile] | None = None
     notes: list[str] = field(default_factory=list)
+    title: str = ""
+    outline: Sequence[OutlineNode] = ()
 
     @property
     def name(self) -> str:
-        """File name without its extension."""
-        return self.path.stem
+        """What people call it: the file name without its extension, unless the file says another."""
+        return self.title or self.path.stem
 
 
 def load_steps(
     path: Path, root: Path | None, present: InstallationFile, version: PolyscopeVersion
 ) -> Steps[LoadedProgram]:
-    """Read a ``.script`` or ``.urp`` file, in pieces for a control loop.
+    """Read a ``.script``, ``.urp`` or ``.urpx`` file, in pieces for a control loop.
 
     root: the programs folder. present: the installation in use. A program tree that cannot be
     run, or whose translation does not compile, is replaced by the ``.script`` that PolyScope saves
-    beside each ``.urp`` if that was saved with the program as it is now and compiles; else
-    ProgramLoadError says what is to blame. Also raises OSError.
+    beside each ``.urp``, and PolyScope X in each ``.urpx``, if that was saved with the program as it is now and
+    compiles; else ProgramLoadError says what is to blame. Also raises OSError.
     """
     if path.suffix == ".script":
         return (yield from _script(path, _read(path)))
-    if path.suffix != ".urp":
-        raise ProgramLoadError(f"{path.name} is not a program: programs are .urp or .script files")
+    wanted = URPX if version.is_polyscope_x else ".urp"
+    if path.suffix != wanted:
+        raise ProgramLoadError(f"{path.name} is not a program: programs are {wanted} or .script files")
+    if wanted == URPX:
+        return (yield from _urpx(path, present, version))
     folder = ProgramsFolder(root or path.parent, path.parent)
     try:
         tree = yield from read_tree_steps(path, folder)
@@ -243,6 +255,33 @@ def _tree(path: Path, tree: ProgramTree, present: InstallationFile, version: Pol
     )
     yield from compile_steps(script, LIBRARY_SET, version)
     return LoadedProgram(path, "", tree, installation, notes)
+
+
+def _urpx(path: Path, present: InstallationFile, version: PolyscopeVersion) -> Steps[LoadedProgram]:
+    try:
+        program = read_urpx(path.read_bytes())
+    except UrpxError as error:
+        raise ProgramLoadError(f"{path.name}: {error}") from error
+    try:
+        tree = program.tree()
+        yield from compile_steps((yield from script_steps(tree, present, version=version)), LIBRARY_SET, version)
+    except (UrpxError, DocumentError, TreeError, CompileError) as error:
+        return (yield from _saved_urpx(path, program, error, version))
+    return LoadedProgram(path, "", tree, title=program.name)
+
+
+def _saved_urpx(path: Path, program: Urpx, error: Exception, version: PolyscopeVersion) -> Steps[LoadedProgram]:
+    """The URScript in a program of PolyScope X, whose nodes cannot be run for a reason."""
+    reason = f"{path.name} cannot be run: {error}"
+    if program.changed_since_saved:
+        raise ProgramLoadError(f"{reason}. Nothing is played instead: {program.changed_since_saved}") from error
+    script = program.saved_program()
+    try:
+        yield from compile_steps(script, LIBRARY_SET, version)
+    except CompileError as complaint:
+        raise ProgramLoadError(f"{reason}. The URScript in it cannot be played instead: {complaint}") from error
+    notes = [f"the URScript in {path.name} is played instead of its nodes: {error}"]
+    return LoadedProgram(path, script, notes=notes, title=program.name, outline=program.outline())
 
 
 def _script(path: Path, text: str) -> Steps[LoadedProgram]:

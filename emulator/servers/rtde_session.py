@@ -58,6 +58,8 @@ _MOST_NAMES: Final = _MOST_NAME_BYTES // 2
 _MOST_INPUT_RECIPES: Final = 255  # the id is one byte, 0 means refused
 _OUTPUT_RECIPE: Final = 1
 _REFUSED: Final = 0
+# The official C++ client finds it in front of the answer to its next request; the words around these are a guess
+_UNCONFIRMED: Final = "SafetySetup has not been confirmed yet: switch the arm on first"
 _SOURCE: Final = "RTDE"  # of the controller's text messages (guess)
 
 
@@ -115,10 +117,14 @@ class Reservations:
 
 
 class RTDEHost:
-    """What all sessions of one controller share: the variables there are, the protocols spoken, who writes what."""
+    """What all sessions of one controller share: the variables there are, the protocols spoken, who writes what.
+
+    safety_confirmed: the arm was switched on since the controller is, before which PolyScope X warns each client.
+    """
 
     def __init__(self, version: PolyscopeVersion) -> None:
         self.version = version
+        self.safety_confirmed = not version.is_polyscope_x
         self.outputs = available_fields(OUTPUT_FIELDS, version)
         self.inputs = available_fields(INPUT_FIELDS, version)
         self.protocols: Collection[int] = KNOWN_PROTOCOLS
@@ -194,7 +200,8 @@ class RTDESession:
         if accepted and request.version != self.protocol:
             self.protocol = request.version
             self._renew_packer()
-        return [ProtocolReply(accepted)]
+        answer: list[Reply] = [ProtocolReply(accepted)]
+        return answer if self._host.safety_confirmed else [*answer, _warning(_UNCONFIRMED)]
 
     def _get_version(self, request: GetVersion) -> list[Reply]:
         return [VersionReply(self._host.version)]

@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -47,7 +48,7 @@ def test_versions() -> None:
     assert choose_version("5.9", ur5e) == PolyscopeVersion(5, 9)
 
 
-@pytest.mark.parametrize(("model", "text"), [("ur3", "5.22"), ("ur3", "3.16"), ("ur5e", "3.15.8"), ("ur5e", "10.10")])
+@pytest.mark.parametrize(("model", "text"), [("ur3", "5.22"), ("ur3", "3.16"), ("ur5e", "3.15.8")])
 def test_versions_the_arm_never_ran(model: str, text: str) -> None:
     with pytest.raises(ConfigError, match="PolyScope version is"):
         choose_version(text, load_model(model))
@@ -59,9 +60,38 @@ def test_texts_that_are_no_version(text: str) -> None:
         choose_version(text, load_model("ur5e"))
 
 
-def test_polyscope_x_is_refused_with_the_reason() -> None:
-    with pytest.raises(ConfigError, match=r"PolyScope X .* is another product"):
-        choose_version("10.12", load_model("ur5e"))
+@pytest.mark.parametrize(
+    ("model", "text", "problem"),
+    [
+        ("ur5e", "10.6", "emulated from 10.7 to 10.13"),
+        ("ur5e", "10.14.0", "emulated from 10.7 to 10.13"),
+        ("ur5e", "11.0", "emulated from 10.7 to 10.13"),
+        ("ur15", "10.7.0", "UR15 came to PolyScope X with 10.8"),
+        ("ur7e", "10.8", "UR7e came to PolyScope X with 10.9"),
+        ("ur5", "10.12", "is a CB3 arm: its PolyScope version is 3.0 to 3.15"),
+    ],
+)
+def test_polyscope_x_by_model(model: str, text: str, problem: str) -> None:
+    assert choose_version("10.12.0", load_model("ur7e")) == PolyscopeVersion(10, 12)
+    assert choose_version("10.8.0", load_model("ur15")) == PolyscopeVersion(10, 8)
+    with pytest.raises(ConfigError, match=problem):
+        choose_version(text, load_model(model))
+
+
+def test_polyscope_x_has_the_robot_api_in_the_place_of_the_dashboard() -> None:
+    def wanted(version: PolyscopeVersion, **options: Any) -> dict[str, int]:
+        controller = ControllerConfig(model=load_model("ur5e"), version=version)
+        return EmulatorConfig(controller=controller, **options).wanted_ports
+
+    with_x, before = wanted(PolyscopeVersion(10, 12)), wanted(PolyscopeVersion(5, 25))
+    assert {**before, "robot api": 80}.keys() - {"dashboard"} == with_x.keys()
+    assert with_x["robot api"] == 80
+    assert wanted(PolyscopeVersion(10, 12), port_offset=100)["robot api"] == 180
+    assert wanted(PolyscopeVersion(10, 12), port_offset=100, robot_api_port=8080)["robot api"] == 8080
+    with pytest.raises(ConfigError, match="has no Robot API"):
+        wanted(PolyscopeVersion(5, 25), robot_api_port=8080)
+    with pytest.raises(ConfigError, match="0 to 65535"):
+        wanted(PolyscopeVersion(10, 12), robot_api_port=70000)
 
 
 def test_initial_positions(tmp_path: Path) -> None:
@@ -112,7 +142,7 @@ def test_programs_folder(tmp_path: Path) -> None:
 def test_ports() -> None:
     controller = ControllerConfig(model=load_model("ur3"))
     wanted = EmulatorConfig(controller=controller).wanted_ports
-    assert {name: PORTS[name] for name in PORTS if name not in ("gripper", "tool line")} == wanted
+    assert {name: PORTS[name] for name in PORTS if name not in ("gripper", "tool line", "robot api")} == wanted
     offset = EmulatorConfig(controller=controller, port_offset=100)
     assert offset.wanted_ports["dashboard"] == 30099
     assert set(EmulatorConfig(controller=controller, ephemeral_ports=True).wanted_ports.values()) == {0}

@@ -168,6 +168,18 @@ def test_e_series_has_more_outputs() -> None:
     assert talk.ask(SetupOutputs(("ft_raw_wrench",), 500.0)) == [SetupOutputsReply(("VECTOR6D",), 1)]
 
 
+def test_polyscope_x_warns_each_client_until_the_arm_was_switched_on() -> None:
+    """The C++ client's loop that asks for the version expects it there: "SafetySetup has not been confirmed yet"."""
+    host = RTDEHost(PolyscopeVersion.parse("10.12"))
+    for _ in range(2):
+        accepted, warning = Conversation(host, protocol=1).ask(RequestProtocol(2))
+        assert accepted == ProtocolReply(True)
+        assert "SafetySetup has not been confirmed yet" in warning.text
+    host.safety_confirmed = True
+    assert Conversation(host, protocol=1).ask(RequestProtocol(2)) == [ProtocolReply(True)]
+    assert Conversation(RTDEHost(E_SERIES), protocol=1).ask(RequestProtocol(2)) == [ProtocolReply(True)]
+
+
 def test_a_new_output_recipe_replaces_the_old_one(talk: Conversation) -> None:
     talk.ask(SetupOutputs(("timestamp",), 125.0))
     talk.ask(Start())

@@ -28,6 +28,7 @@ Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms
 """
 
 _DATA: Final = Path(__file__).parent / "data"
+_FIRST_X: Final = "first_polyscope_x"
 
 
 class UnknownModel(ValueError):  # noqa: N818 - named for what happened, as RobotRefused is
@@ -76,6 +77,8 @@ class RobotModel:
     title: str
     """As PolyScope writes it: "UR3"."""
     series: Series
+    first_polyscope_x: PolyscopeVersion | None
+    """The first 10.x that runs it; None on CB3, whose arms never run one."""
     robot_type: int
     """Of the configuration data, as are the next two."""
     sub_type: int
@@ -141,6 +144,7 @@ class RobotModel:
             name=name,
             title=table.text("title"),
             series=Series(table.text("series")),
+            first_polyscope_x=PolyscopeVersion.parse(table.text(_FIRST_X)) if _FIRST_X in table else None,
             robot_type=table.integer("robot_type"),
             sub_type=table.integer("sub_type"),
             controller_box=table.integer("controller_box"),
@@ -257,8 +261,10 @@ def default_model(version: str | None) -> str:
     return _DEFAULT_MODEL[PolyscopeVersion.parse(version).series if version else Series.CB3]
 
 
-_RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x")}
+_RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x, or 10.7 to 10.13")}
 """Major version, newest minor and both in words; the CB3 line ended with 3.15."""
+_RUNS_X: Final = ((10, 7), (10, 13))
+"""Oldest and newest PolyScope X: those on whose simulators the official C++ client is tested."""
 
 
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
@@ -270,6 +276,17 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
         return DEFAULT_VERSION[model.series]
     version = PolyscopeVersion.parse(text)
     major, newest, known = _RUNS[model.series]
+    if version.is_polyscope_x and model.first_polyscope_x is not None:
+        if not _RUNS_X[0] <= (version.major, version.minor) <= _RUNS_X[1]:
+            raise ValueError(f"PolyScope X is emulated from {' to '.join(map(_dotted, _RUNS_X))}, not as {text}")
+        if version < model.first_polyscope_x:
+            first = _dotted((model.first_polyscope_x.major, model.first_polyscope_x.minor))
+            raise ValueError(f"{model.title} came to PolyScope X with {first}: {text} is too old")
+        return version
     if version.major != major or version.minor > newest:
         raise ValueError(f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}")
     return version
+
+
+def _dotted(version: tuple[int, int]) -> str:
+    return ".".join(map(str, version))

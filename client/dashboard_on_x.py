@@ -1,0 +1,89 @@
+"""The dashboard's verbs on PolyScope X, where the Robot API is in its place: lines in, the same answers out.
+
+So whoever asks a dashboard need not know which of the two a robot has. What the API lacks is refused.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
+
+from client import robotapi
+from client.connection import Flow
+from client.dashboard_commands import Operation
+from client.robotapi import ApiRequest, RobotApiCore
+from urproto import dashboard as replies
+from urproto.dashboard import ProgramState
+from urproto.errors import RobotRefused
+
+Answer = TypeVar("Answer")
+
+NOT_ON_POLYSCOPE_X: Final = "the Robot API of PolyScope X does not have it"
+_FOLDER: Final = "/programs/"
+_SUFFIX: Final = ".urpx"
+_LOAD: Final = "load "
+
+# line in lower case -> the request, and the answer of a dashboard
+_CONFIRMED: Final[dict[str, tuple[ApiRequest[None], str]]] = {
+    "power on": (robotapi.POWER_ON, replies.POWERING_ON),
+    "power off": (robotapi.POWER_OFF, replies.POWERING_OFF),
+    "brake release": (robotapi.BRAKE_RELEASE, replies.BRAKE_RELEASING),
+    "unlock protective stop": (robotapi.UNLOCK_PROTECTIVE_STOP, replies.UNLOCKING),
+    "restart safety": (robotapi.RESTART_SAFETY, replies.RESTARTING_SAFETY),
+    "pause": (robotapi.PAUSE, replies.PAUSING),
+    "stop": (robotapi.STOP, replies.STOPPED),
+}
+_QUERIES: Final[dict[str, tuple[ApiRequest[Any], Callable[[Any], str]]]] = {
+    "robotmode": (robotapi.ROBOT_MODE, lambda mode: f"Robotmode: {mode.name}"),
+    "safetymode": (robotapi.SAFETY_MODE, lambda mode: f"Safetymode: {mode.name}"),
+    "running": (robotapi.PROGRAM_STATE, lambda state: f"Program running: {str(state is ProgramState.PLAYING).lower()}"),
+    "get loaded program": (robotapi.LOADED_PROGRAM, lambda name: f"Loaded program: {name}"),
+    "is in remote control": (robotapi.IS_IN_REMOTE_CONTROL, lambda remote: str(remote).lower()),
+    "get operational mode": (robotapi.OPERATIONAL_MODE, lambda mode: mode.name),
+}
+
+
+class DashboardOnX:
+    """One side of a dashboard conversation over the Robot API, without I/O; as `client.dashboard.DashboardCore`."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._api = RobotApiCore(host, port)
+
+    def greet(self) -> Flow[None]:
+        """See that this is a Robot API; RemoteProtocolError when it is something else."""
+        return self._api.greet()
+
+    def ask(self, operation: Operation[Answer]) -> Flow[Answer]:
+        """Do what an operation's line says, and read what a dashboard would answer."""
+        reply = yield from self._reply(operation.line.strip())
+        return operation.answer(reply)
+
+    def listen(self) -> Flow[None]:
+        """Between requests there is nothing to hear."""
+        yield from ()
+
+    def _reply(self, line: str) -> Flow[str]:
+        key = line.lower()
+        if key in _CONFIRMED:
+            request, confirmation = _CONFIRMED[key]
+            yield from self._api.ask(request)
+            return confirmation
+        if key in _QUERIES:
+            query, shown = _QUERIES[key]
+            return shown((yield from self._api.ask(query)))
+        if key.startswith(_LOAD):
+            name = line[len(_LOAD) :].strip().removeprefix(_FOLDER).removesuffix(_SUFFIX)
+            yield from self._api.ask(robotapi.load(name))
+            return f"Loading program: {name}"
+        if key == "play":
+            return (yield from self._play())
+        if key == "programstate":
+            state = yield from self._api.ask(robotapi.PROGRAM_STATE)
+            return f"{state.value} {(yield from self._api.ask(robotapi.LOADED_PROGRAM))}"
+        if key == "quit":
+            return replies.DISCONNECTED
+        raise RobotRefused(line, NOT_ON_POLYSCOPE_X, "send URScript, or do without")
+
+    def _play(self) -> Flow[str]:
+        """A dashboard's play lets a paused program go on."""
+        state = yield from self._api.ask(robotapi.PROGRAM_STATE)
+        yield from self._api.ask(robotapi.RESUME if state is ProgramState.PAUSED else robotapi.PLAY)
+        return replies.STARTING

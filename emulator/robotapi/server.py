@@ -1,0 +1,199 @@
+"""The port of the Robot API (HTTP 80): requests are checked here, and carried out in the next control period.
+
+Beside the API the port answers what start scripts ask until a robot is up. Pages in a browser cannot use it: see
+`emulator.servers.http`; names without a dot and names of the local network, as containers and robots have them, are as
+good as addresses.
+"""
+
+import re
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Any, Final
+from urllib.parse import unquote, urlsplit
+
+import msgspec
+
+from emulator.controller import Controller
+from emulator.mailbox import Command
+from emulator.robotapi.endpoints import OPERATIONS, Operation, Upload
+from emulator.robotapi.messages import ApiError, InvalidPart, ValidationError
+from emulator.robotapi.multipart import parts
+from emulator.robotapi.openapi import openapi
+from emulator.servers.command_queue import CommandQueue
+from emulator.servers.connection import Connection
+from emulator.servers.http import (
+    FAILED,
+    FORBIDDEN,
+    INVALID,
+    JSON,
+    NOT_ALLOWED,
+    NOT_FOUND,
+    OK,
+    TEMPORARY_REDIRECT,
+    HttpConnection,
+    Refused,
+    Request,
+    Response,
+    check_host,
+    check_type,
+)
+from emulator.servers.port import PortServer, ServedController
+from urproto.robotapi import BASE, MOST_UPLOAD, OPENAPI, URCAPS
+
+_FORM: Final = "multipart/form-data"
+_FILE: Final = "file"
+_NOT_IMPLEMENTED: Final = 501
+_AT: Final = re.compile(r" - at `\$\.?([^`]*)`")
+_LOCAL_CONTROL: Final = "the robot is in local control: switch it to Remote Control on its pendant"
+
+
+class RobotApiServer(PortServer):
+    """What there is depends on the controller's version."""
+
+    def __init__(self, controller: ServedController) -> None:
+        super().__init__("robot api", controller)
+        self.operations = [each for each in OPERATIONS if each.endpoint.available.covers(controller.version)]
+
+    def connect(self) -> Connection:
+        return _RobotApiConnection(self)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotApiCall(Command):
+    """A request. Answer: status and content of the response."""
+
+    operation: Operation
+    arguments: tuple[Any, ...]
+
+    def apply(self, controller: Controller) -> Generator[None, None, tuple[int, Any]]:
+        if self.operation.endpoint.remote_only and controller.local_control:
+            return FORBIDDEN, ApiError(_LOCAL_CONTROL)
+        try:
+            answer = self.operation.function(controller, *self.arguments)
+            if isinstance(answer, Generator):
+                answer = yield from answer
+        except Refused as error:
+            return error.status, ApiError(str(error))
+        return OK, answer
+
+    @property
+    def failure(self) -> tuple[int, Any]:
+        return FAILED, ApiError("the request failed, which is a fault of the emulator: its log says more")
+
+
+class _RobotApiConnection(HttpConnection):
+    server: RobotApiServer
+    most_body = MOST_UPLOAD
+
+    def __init__(self, server: RobotApiServer) -> None:
+        super().__init__(server)
+        self._queue = CommandQueue(server.controller, self.read_on)
+
+    def refusal(self, status: int, text: str) -> Any:
+        return ApiError(text)
+
+    def answer(self, request: Request) -> Response | None:
+        check_host(request, also=_is_local)
+        _check_origin(request)
+        if request.path == URCAPS:
+            return _urcaps(request)
+        if request.path == OPENAPI and self.server.operations:
+            _check_method(request, "GET")
+            return Response(OK, openapi(self.server.operations, self.server.controller.version))
+        operation, name = self._operation(request)
+        try:
+            arguments = _arguments(operation, name, request)
+        except _InvalidRequestError as error:
+            return Response(INVALID, ValidationError([InvalidPart(error.where, str(error), "value_error")]))
+        self._queue.put(RobotApiCall(operation, arguments), self._answered)
+        return None
+
+    def _answered(self, answer: tuple[int, Any]) -> None:
+        if self.is_open:
+            self.reply(Response(*answer))
+
+    def _operation(self, request: Request) -> tuple[Operation, str]:
+        """What is asked for, and the name in its path. Raises Refused."""
+        if not request.path.startswith(f"{BASE}/"):
+            raise Refused(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
+        path = request.path.removeprefix(BASE)
+        here = [(each, name) for each in self.server.operations if (name := _matched(each, path)) is not None]
+        found = next((each for each in here if each[0].endpoint.method == request.method), None)
+        if found is not None:
+            return found
+        if here:
+            allowed = ", ".join(sorted(each.endpoint.method for each, _ in here))
+            raise Refused(NOT_ALLOWED, f"{request.method} is not possible here, {allowed} is", {"Allow": allowed})
+        for other in (f"{path}/", path.rstrip("/")):
+            if any(each.endpoint.path == other for each in self.server.operations):
+                query = f"?{request.query}" if request.query else ""
+                raise Refused(TEMPORARY_REDIRECT, f"it is at {BASE}{other}", {"Location": f"{BASE}{other}{query}"})
+        raise Refused(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
+
+
+def _matched(operation: Operation, path: str) -> str | None:
+    """The name in a path that is an operation's, "" for a path without one; None for another path."""
+    if not operation.named:
+        return "" if path == operation.endpoint.path else None
+    before, _, behind = operation.endpoint.path.partition("{name}")
+    name = path.removeprefix(before).removesuffix(behind)
+    return unquote(name) if path.startswith(before) and name and "/" not in name else None
+
+
+class _InvalidRequestError(ValueError):
+    """A part of a request makes no sense."""
+
+    def __init__(self, where: list[str | int], text: str) -> None:
+        super().__init__(text)
+        self.where = where
+
+
+def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, ...]:
+    """What the operation's function takes. Raises _InvalidRequestError or Refused."""
+    if operation.named:
+        return (name,)
+    if operation.upload:
+        check_type(request, _FORM)
+        try:
+            found = parts(request.headers["content-type"], request.body)
+        except ValueError as error:
+            raise _InvalidRequestError(["body"], str(error)) from error
+        if _FILE not in found:
+            raise _InvalidRequestError(["body", _FILE], "the form has no part of this name")
+        return (Upload(found[_FILE]),)
+    if operation.body is None:
+        return ()
+    check_type(request, JSON)
+    try:
+        return (msgspec.json.decode(request.body, type=operation.body),)
+    except msgspec.ValidationError as error:
+        text = str(error)
+        at = _AT.search(text)
+        where: list[str | int] = ["body", *at[1].split(".")] if at and at[1] else ["body"]
+        raise _InvalidRequestError(where, _AT.sub("", text)) from error
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise _InvalidRequestError(["body"], f"the body is not JSON: {error}") from error
+
+
+def _urcaps(request: Request) -> Response:
+    """Of the service that keeps URCaps: there are none, and none can be installed."""
+    if request.method != "GET":
+        raise Refused(_NOT_IMPLEMENTED, "URCaps of PolyScope X are not emulated")
+    return Response(OK, [])
+
+
+def _check_method(request: Request, method: str) -> None:
+    if request.method != method:
+        raise Refused(NOT_ALLOWED, f"{request.method} is not possible here, {method} is", {"Allow": method})
+
+
+def _is_local(name: str) -> bool:
+    """Names that nobody else can own: a page cannot come from them."""
+    return bool(name) and ("." not in name or name.endswith(".local"))
+
+
+def _check_origin(request: Request) -> None:
+    """A page names itself when it sends something: browsers send forms with files without asking first."""
+    origin = request.headers.get("origin")
+    if origin is not None and urlsplit(origin).netloc != request.headers.get("host", ""):
+        raise Refused(FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")
