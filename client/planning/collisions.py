@@ -1,8 +1,8 @@
 """Whether an arm touches anything, and how far it is from it: by Pinocchio and coal, one capsule a link.
 
 A motion between two joint configurations is free where its whole length is shown to be: at each place looked at, the
-distance to the nearest thing says how far the arm may go on before another look is needed. However thin a thing
-is, it is not missed.
+distance of each pair says how far the arm may go on before that pair needs another look. However thin a thing is, it
+is not missed; and what is far away is looked at once.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from urproto.joints import JOINT_LABELS
 from urproto.robots.calibration import chain_of
 from urproto.robots.pose import Pose, rotvec_to_matrix
 from urproto.robots.shapes import Capsule, capsules
-from urproto.vectors import ZERO3, ZERO6, Vector3, dot, sub3
+from urproto.vectors import ZERO3, Vector3, dot, sub3
 from urscript.polyscope.safety_configuration import elbow_radius
 
 # of the links: neighbours touch always, and so do the base and the upper arm, the forearm and wrist 2, wrist 1 and 3
@@ -29,6 +29,7 @@ _BESIDE: Final = 3
 _OWN_PAIRS: Final = tuple((i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _BESIDE or (i, j) == (1, 3))
 _MOVED: Final = range(2, 7)  # the links that things are kept from: the base stands, the shoulder turns on the spot
 _FINEST_M: Final = 0.001
+_SHORTEST_M: Final = 1e-9
 _ELBOW: Final = 3  # the joint whose axis the elbow is on
 _POINT_M: Final = 0.001  # radius of what has none
 _Vector = npt.NDArray[np.float64]
@@ -112,18 +113,24 @@ class CollisionChecker:
         such place, not the first.
         """
         self._follow()
-        length = float(self._reach @ travel_rad)  # no point of the arm goes farther
-        padding, finest = self.scene.padding_m, _FINEST_M / max(length, _FINEST_M)
-        parts = [(0.0, 1.0)]
+        padding = self.scene.padding_m
+        lengths = np.maximum(self._levers @ travel_rad, _SHORTEST_M).tolist()  # that the two of a pair go at most
+        finest = _FINEST_M / max(lengths, default=_FINEST_M)
+        parts = [(0.0, 1.0, range(len(lengths)))]
         while parts:
-            low, high = parts.pop()
+            low, high, pairs = parts.pop()
             middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            free = self.clearance(path(middle)) - padding
-            if free < 0.0:
-                return middle
-            known = max(free / length, finest) if length else 1.0
-            if known < half:
-                parts += ((middle + known, high), (low, middle - known))
+            pin.updateGeometryPlacements(self._arm, self._data, self._geometry, self._geometry_data, path(middle))
+            known, near = half, list[int]()  # how far the path is known to be free, and of which pairs no farther
+            for pair in pairs:
+                distance: float = pin.computeDistance(self._geometry, self._geometry_data, pair).min_distance
+                if distance < padding:
+                    return middle
+                if (share := max((distance - padding) / lengths[pair], finest)) < half:
+                    known = min(known, share)
+                    near.append(pair)
+            if near:
+                parts += ((middle + known, high, near), (low, middle - known, near))
         return None
 
     # the model
@@ -137,6 +144,7 @@ class CollisionChecker:
         model = scene.model
         self._arm, self._geometry = pin.Model(), pin.GeometryModel()
         self._pairs: list[tuple[str, str]] = []
+        self._solids: list[tuple[int, float]] = []  # what each moves with, and how far it goes from that joint [m]
         parts = capsules(model)
         own = [self._add(LINKS[0], 0, *_capsule(parts[0]))]
         joint = 0
@@ -144,11 +152,14 @@ class CollisionChecker:
         for number, frame in enumerate(self._chain):
             placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
             joint = self._arm.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{number}")
-            own.append(self._add(LINKS[number + 1], joint, *_capsule(parts[number + 1])))
+            part = parts[number + 1]
+            extent_m = max(hypot(*part.start), hypot(*part.end)) + part.radius
+            own.append(self._add(LINKS[number + 1], joint, *_capsule(part), extent_m))
         carried, around = {}, {}
         for name, thing in scene.objects.items():
             if thing.attached:
-                carried[name] = self._add(name, joint, _placement(thing.pose), _solid(name, thing))
+                placement, solid = _placement(thing.pose), _solid(name, thing)
+                carried[name] = self._add(name, joint, placement, solid, _extent(name, thing))
             else:
                 around[name] = self._add(name, 0, _placement(thing.pose), _solid(name, thing))
         for i, j in _OWN_PAIRS:
@@ -165,10 +176,12 @@ class CollisionChecker:
         self._data, self._geometry_data = self._arm.createData(), self._geometry.createData()
         for request in self._geometry_data.collisionRequests:
             request.security_margin = scene.padding_m
-        self._reach = self._farthest()
+        chosen = [(self._solids[pair.first], self._solids[pair.second]) for pair in self._geometry.collisionPairs]
+        self._levers = np.array([self._lever(*solids) for solids in chosen]).reshape(-1, 6)
         self._revision = scene.revision
 
-    def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:
+    def _add(self, name: str, joint: int, placement: Any, shape: Any, extent_m: float = 0.0) -> int:
+        self._solids.append((joint, extent_m))
         return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape)))
 
     def _add_safety(self, last: int) -> None:
@@ -182,41 +195,31 @@ class CollisionChecker:
             (f"tool sphere {n}", s.centre, s.radius) for n, s in enumerate(safety.configuration.tool_spheres, 1)
         ]
         balls = [
-            (name, self._add(name, last, _placement((*centre, 0.0, 0.0, 0.0)), coal.Sphere(radius)))
+            (name, self._add(name, last, _at(centre), coal.Sphere(radius), hypot(*centre) + radius))
             for name, centre, radius in spheres
         ]
-        elbow = ("the elbow", self._add("the elbow", _ELBOW, _placement(ZERO6), coal.Sphere(self._elbow_m)))
+        radius = max(_POINT_M, elbow_radius(self.scene.model))
+        elbow = ("the elbow", self._add("the elbow", _ELBOW, _at(ZERO3), coal.Sphere(radius), radius))
         for plane in safety.planes:
             name = f"safety plane {plane.name}"
             solid = coal.Halfspace(np.array(plane.normal), -plane.distance)  # beyond it
-            number = self._add(name, 0, _placement(ZERO6), solid)
+            number = self._add(name, 0, _at(ZERO3), solid)
             for one, first in [*balls, elbow] if plane.elbow else balls:
                 self._pair(one, first, name, number)
-
-    @property
-    def _elbow_m(self) -> float:
-        return max(_POINT_M, elbow_radius(self.scene.model))
 
     def _pair(self, one: str, first: int, other: str, second: int) -> None:
         if not self.scene.allows(one, other):
             self._geometry.addCollisionPair(pin.CollisionPair(first, second))
             self._pairs.append((one, other))
 
-    def _farthest(self) -> _Vector:
-        """How far any point of the arm, with what it carries, may be from each joint's axis [m] (6,)."""
-        parts = capsules(self.scene.model)[1:]
-        beyond = [max(hypot(*part.start), hypot(*part.end)) + part.radius for part in parts]
-        carried = (_extent(name, thing) for name, thing in self.scene.objects.items() if thing.attached)
-        far = max(beyond[-1], *carried, 0.0)
-        if (safety := self.scene.safety) is not None:
-            beyond[_ELBOW - 1] = max(beyond[_ELBOW - 1], self._elbow_m)
-            spheres = safety.configuration.tool_spheres
-            far = max(far, hypot(*safety.tcp_offset[:3]), *(hypot(*s.centre) + s.radius for s in spheres))
-        reach = [far]
-        for own, link in zip(reversed(beyond[:-1]), reversed(self._chain[1:]), strict=True):
-            far = max(own, hypot(*link.position) + far)
-            reach.append(far)
-        return np.array(reach[::-1])
+    def _lever(self, one: tuple[int, float], other: tuple[int, float]) -> _Vector:
+        """How far any point of one is from the axis of each joint at most that moves it as seen from the other [m]."""
+        (inner, _), (outer, far) = sorted((one, other))
+        lever = np.zeros(6)
+        for joint in range(outer, inner, -1):
+            lever[joint - 1] = far
+            far += hypot(*self._chain[joint - 1].position)
+        return lever
 
 
 def _nearness(names: tuple[str, str], result: Any) -> Nearness:
@@ -232,6 +235,10 @@ def _capsule(part: Capsule) -> tuple[Any, Any]:
     turn = pin.Quaternion.FromTwoVectors(z, np.array(along) / length if length else z)
     middle = 0.5 * (np.array(part.start) + np.array(part.end))
     return pin.SE3(turn.matrix(), middle), coal.Capsule(part.radius, length)
+
+
+def _at(place: Vector3) -> Any:
+    return _placement((*place, 0.0, 0.0, 0.0))
 
 
 def _placement(pose: Pose) -> Any:

@@ -34,7 +34,7 @@ from client.planning.industrial import (
     tool_segment,
 )
 from client.planning.lines import COLUMNS
-from client.planning.path import RoundedPath
+from client.planning.path import RoundedPath, rounded_corner
 from client.planning.scene import PlanningScene
 from client.planning.search import searched
 from client.planning.timing import Array, Limits, TimedPath, time_optimal
@@ -384,16 +384,12 @@ class Planner:
         roundness = [1.0] * max(0, len(way) - 2)
         for i in range(len(roundness)):
             for _ in range(_ROUNDINGS):
-                path = RoundedPath(way[i : i + 3], [roundness[i]])
-                if self._is_free(path):
+                if blocked(self.checker, rounded_corner(*way[i : i + 3], roundness[i])) is None:
                     break
                 roundness[i] *= 0.5
             else:
                 raise PlanningError(f"corner {i + 1} of the way cannot be rounded: the scene leaves no room there")
         return RoundedPath(way, roundness)
-
-    def _is_free(self, path: RoundedPath) -> bool:
-        return self.checker.blocked_at(lambda share: path.at(share * path.length), path.length * path.steepest) is None
 
 
 def _distinct(way: Sequence[Array]) -> list[Array]:
