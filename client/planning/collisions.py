@@ -116,7 +116,7 @@ class CollisionChecker:
         padding = self.scene.padding_m
         lengths = np.maximum(self._levers @ travel_rad, _SHORTEST_M).tolist()  # that the two of a pair go at most
         finest = _FINEST_M / max(lengths, default=_FINEST_M)
-        parts = [(0.0, 1.0, range(len(lengths)))]
+        parts = [(0.0, 1.0, list(range(len(lengths))))]
         while parts:
             low, high, pairs = parts.pop()
             middle, half = 0.5 * (low + high), 0.5 * (high - low)

@@ -159,7 +159,8 @@ class RoundedPath(PiecewisePath):
         lengths = np.linalg.norm(ways, axis=1)
         directions = ways / lengths[:, None]
         share = np.broadcast_to(np.asarray(roundness, dtype=float), (max(0, len(corners) - 2),))
-        cut = [_cut(*given) for given in zip(lengths[:-1], lengths[1:], share, strict=True)]
+        around = zip(lengths[:-1].tolist(), lengths[1:].tolist(), share.tolist(), strict=True)
+        cut = [_cut(one, other, r) for one, other, r in around]
         pieces, sizes = [], []
         before = [0.0, *cut]
         after = [*cut, 0.0]
@@ -176,9 +177,9 @@ class RoundedPath(PiecewisePath):
 def rounded_corner(before: Array, corner: Array, after: Array, roundness: float) -> PiecewisePath:
     """The curve alone that a `RoundedPath` through these three points (6,) [rad] has."""
     ways = (corner - before, after - corner)
-    lengths = [float(np.linalg.norm(way)) for way in ways]
-    cut = _cut(*lengths, roundness)
-    return PiecewisePath(_corner(corner, ways[0] / lengths[0], ways[1] / lengths[1], cut)[None], [2.5 * cut])
+    one, other = (float(np.linalg.norm(way)) for way in ways)
+    cut = _cut(one, other, roundness)
+    return PiecewisePath(_corner(corner, ways[0] / one, ways[1] / other, cut)[None], [2.5 * cut])
 
 
 def _cut(before: float, after: float, roundness: float) -> float:

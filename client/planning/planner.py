@@ -384,7 +384,8 @@ class Planner:
         roundness = [1.0] * max(0, len(way) - 2)
         for i in range(len(roundness)):
             for _ in range(_ROUNDINGS):
-                if blocked(self.checker, rounded_corner(*way[i : i + 3], roundness[i])) is None:
+                corner = rounded_corner(way[i], way[i + 1], way[i + 2], roundness[i])
+                if blocked(self.checker, corner) is None:
                     break
                 roundness[i] *= 0.5
             else:
