@@ -144,7 +144,7 @@ def _drawn(name: str, thing: "SceneObject") -> dict[str, Any]:
 
 def _form(shape: "Shape") -> dict[str, Any]:
     from client.planning import Box, Cylinder, Mesh, Sphere
-    from client.planning.collisions import hull_of
+    from client.planning.solids import hull_of
 
     match shape:
         case Box(size):
