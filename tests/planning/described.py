@@ -1,8 +1,7 @@
 """How far an arm is from itself and from what is around it, by its URDF, as other programs read that.
 
 Pinocchio's parser makes the arm of it, with ur_description's meshes where there are any, and coal measures solids
-that are made here: no capsule, no checker and no kinematics of the project are between the joint angles and the
-distance.
+that are made here: no checker and no kinematics of the project are between the joint angles and the distance.
 """
 
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ _LINKS = ("base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link"
           "wrist_3_link")  # fmt: skip
 # disable_collisions of ur_moveit_config's SRDF
 _NEVER = {(i, i + 1) for i in range(6)} | {(4, 6)}
+_BESIDE = {(0, 2), (3, 5)}  # are a few millimetres apart where they pass each other, whatever is planned
 _MOVED = range(2, 7)
 
 
@@ -33,6 +33,7 @@ class Described:
         own = {name: [self._solids.getGeometryId(g.name) for g in self._solids.geometryObjects
                       if self._arm.frames[g.parentFrame].name == name] for name in _LINKS}  # fmt: skip
         self.names: list[tuple[str, str]] = []
+        self._padding_m = scene.padding_m
         base, tip = (self._arm.getFrameId(name) for name in ("base", "tool0"))
         things, carried = {}, {}
         for name, thing in scene.objects.items():
@@ -58,6 +59,11 @@ class Described:
             for b in second:
                 self._solids.addCollisionPair(pin.CollisionPair(a, b))
                 self.names.append((one, other))
+
+    def beyond_padding(self, q_rad: Sequence[float]) -> float:
+        """How far the nearest pair is beyond the padding [m]; links that are beside each other only may not touch."""
+        beside = {(_LINKS[i], _LINKS[j]) for i, j in _BESIDE}
+        return min(far - (0.0 if pair in beside else self._padding_m) for pair, far in self(q_rad).items())
 
     def __call__(self, q_rad: Sequence[float]) -> dict[tuple[str, str], float]:
         """The distance of each pair [m]; negative where they touch."""
