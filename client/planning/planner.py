@@ -42,6 +42,7 @@ from client.planning.tool_search import ToolSearch
 from urproto.robots import Joints, RobotModel
 
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM", "PTP", "LIN", "CIRC"]
+PLANNERS: Final[tuple[str, ...]] = get_args(PlannerName)
 
 _STEPS_RAD: Final = (0.1, 0.04, 0.015)  # between looks at a way, ever finer
 _SHORTCUTS: Final = 40  # tries
@@ -254,9 +255,8 @@ class Planner:
         if not items:
             raise PlanningError("a sequence has at least one motion")
         for item in items:
-            if item.planner not in get_args(PlannerName):
-                names = ", ".join(get_args(PlannerName))
-                raise PlanningError(f"there is no planner {item.planner!r}; there are {names}")
+            if item.planner not in PLANNERS:
+                raise PlanningError(f"there is no planner {item.planner!r}; there are {', '.join(PLANNERS)}")
         if not 0 <= seed < _SEEDS:
             raise PlanningError(f"a seed is from 0 to {_SEEDS - 1}, not {seed}")
         if not 0.0 < time_limit_s < float("inf"):
