@@ -163,8 +163,9 @@ def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
         print_json(_as_json(plan))
         return
     corners = len(plan.way) - 2
+    how = f"with {corners} corner{'s' if corners > 1 else ''}" if corners else "straight ahead"
     typer.echo(
-        f"a way of {plan.duration_s:.2f} s {f'with {corners} corners' if corners else 'straight ahead'}, by "
+        f"a way of {plan.duration_s:.2f} s {how}, by "
         f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortened in {1000 * plan.shortening_s:.0f} ms, "
         f"timed in {1000 * plan.timing_s:.0f} ms"
     )

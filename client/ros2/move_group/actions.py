@@ -2,13 +2,13 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from math import dist
 from typing import Any, Final
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from client.errors import ClientError, PlanningError
 from client.planning import CollisionChecker, TimedPath
+from client.planning.watching import in_the_way
 from client.ros2.host import NodeHost, interface
 from client.ros2.move_group.arm import RefusedError, set_code
 from client.ros2.move_group.execution import Execution
@@ -204,7 +204,8 @@ class _PlanAndMove(_Action):
                 change.cancel()
                 if follow.done():
                     break
-                blocked = await asyncio.to_thread(_blocked, self._monitor, timed)
+                checker = CollisionChecker(self._monitor.state.scene())
+                blocked = await asyncio.to_thread(in_the_way, checker, timed, self._monitor.stands())
                 if blocked and not follow.done():
                     self._execution.stop()
                     await asyncio.wait({follow})
@@ -265,17 +266,3 @@ class SequenceAction(_PlanAndMove):
 def _name(handle: Any) -> bytes:
     """Of a goal."""
     return bytes(handle.goal_id.uuid)
-
-
-def _blocked(monitor: Monitor, timed: TimedPath) -> str:
-    """What is in the way of what is left of a path; "" for nothing."""
-    checker = CollisionChecker(monitor.state.scene())
-    before = monitor.stands()
-    places = timed.q.tolist()
-    nearest = min(range(len(places)), key=lambda i: dist(places[i], before))
-    for q in places[nearest:]:
-        if not checker.way_is_free(before, q):
-            near = checker.collisions(q)
-            return f"the scene has changed, and the way is blocked{f': {near[0]}' if near else ''}"
-        before = q
-    return ""
