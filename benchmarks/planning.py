@@ -1,7 +1,8 @@
 """Planning: random queries in three places, beside bare OMPL in the same run, and what the arm does with the plans.
 
 Bounded as it is; ``planning.py --full`` asks 200 queries in each place for each arm and lets the arm take all of them,
-which takes hours. ``--queries``, ``--executed`` and ``--models`` say what to do instead.
+which takes hours. ``--queries``, ``--executed`` and ``--models`` say what to do instead. ``--meshes FOLDER`` holds what
+the arm did against meshes: a folder for each arm, with the files of ur_description.
 """
 
 import argparse
@@ -25,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from client.planning import CollisionChecker, JointGoal, NoPathError, Plan, Planner
 from tests.driver.driver_rig import Lab, emulator
 from tests.planning.clearance import Clearance
+from tests.planning.described import Described
 from tests.planning.scenes import SCENES, free_postures, samples, scene_of
 from urproto.robots import MODELS, Joints, load_model
 
@@ -34,6 +36,7 @@ FULL = 200
 ARMS = ("ur3", "ur5e")
 LIMIT_S = 5.0  # Planner.plan's own
 LONG_S = 30.0
+MESHED = 40  # states of each plan that meshes are held against
 SPEED = 8.0  # of the emulator, times real time
 
 
@@ -127,8 +130,11 @@ def _bare(checker: CollisionChecker, start: Joints, goal: Joints, seed: int) -> 
     return [np.array([state[i] for i in range(6)]) for state in states]
 
 
-async def execute(model: str, place: str, plans: Sequence[Plan]) -> tuple[int, int, float]:
-    """How many plans the arm took, of how many recorded states, and the nearest beyond the padding [m]."""
+async def execute(model: str, place: str, plans: Sequence[Plan], meshes: Path | None = None) -> tuple[int, int, float]:
+    """How many plans the arm took, of how many recorded states, and the nearest beyond the padding [m].
+
+    meshes: of the arm; some of the states are then looked at with them.
+    """
     scene = scene_of(place, model)
     clearance = Clearance(load_model(model), scene)
     taken, driven = 0, list[tuple[float, ...]]()
@@ -143,18 +149,24 @@ async def execute(model: str, place: str, plans: Sequence[Plan]) -> tuple[int, i
                     await arm.planning.execute(plan)
                     listeners.remove(note)
                     taken += 1
-    return taken, len(driven), min((clearance(q) - scene.padding_m for q in driven), default=float("inf"))
+    nearest_m = min((clearance(q) - scene.padding_m for q in driven), default=float("inf"))
+    described = Described(scene, meshes)
+    some = driven if meshes is None else driven[:: max(1, len(driven) // (MESHED * max(1, taken)))]
+    return taken, len(driven), min([nearest_m, *map(described.beyond_padding, some)])
 
 
-def measure(queries: int = QUERIES, executed: int = EXECUTED, models: Sequence[str] = ARMS) -> Table:
-    """One row for each arm in each place."""
-    rows = [_row(model, place, queries, executed) for model in models for place in SCENES]
+def measure(
+    queries: int = QUERIES, executed: int = EXECUTED, models: Sequence[str] = ARMS, meshes: Path | None = None
+) -> Table:
+    """One row for each arm in each place. meshes: a folder for each arm."""
+    rows = [_row(model, place, queries, executed, meshes) for model in models for place in SCENES]
     note = (
         f"Random pairs of free postures, seeded. Solved: within {LIMIT_S:g} s, of those that this or a search of "
         f"{LONG_S:g} s solves. CPU: of one plan with search, shortening and timing; around: of those whose straight "
         "way is not free. Bare: OMPL's RRT-Connect and simplification with its own settings, no timing; blocked: its "
         "ways that touch something between the places it looked at. Nearest: of planned ways, and of the actual_q "
-        "recorded of executed ones, beyond the padding, by geometry of the tests' own, exact to 1 mm."
+        "recorded of executed ones, beyond the padding, by geometry of the tests' own, exact to 1 mm; of executed ones "
+        "also by the arm's URDF with " + ("meshes." if meshes else "simple shapes.")
     )
     columns = [
         "arm",
@@ -170,9 +182,11 @@ def measure(queries: int = QUERIES, executed: int = EXECUTED, models: Sequence[s
     return Table("Planning", note, columns, rows)
 
 
-def _row(model: str, place: str, queries: int, executed: int) -> list[str]:
+def _row(model: str, place: str, queries: int, executed: int, meshes: Path | None) -> list[str]:
     tally = ask(model, place, queries)
-    taken, states, nearest = asyncio.run(execute(model, place, tally.plans[:executed]))
+    taken, states, nearest = asyncio.run(
+        execute(model, place, tally.plans[:executed], meshes / model if meshes else None)
+    )
     parts = [1000 * statistics.median(part) for part in zip(*tally.parts_s, strict=True)] if tally.parts_s else []
     return [
         model,
@@ -205,11 +219,12 @@ def main() -> None:
     parser.add_argument("--queries", type=int)
     parser.add_argument("--executed", type=int)
     parser.add_argument("--models", nargs="+", choices=MODELS)
+    parser.add_argument("--meshes", type=Path)
     wanted = parser.parse_args()
     queries = wanted.queries or (FULL if wanted.full else QUERIES)
     executed = wanted.executed if wanted.executed is not None else (queries if wanted.full else EXECUTED)
     models = wanted.models or (MODELS if wanted.full else ARMS)
-    sys.stdout.write(measure(queries, executed, models).markdown())
+    sys.stdout.write(measure(queries, executed, models, wanted.meshes).markdown())
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import Final
 
 import yaml
 
-from client.errors import FileError
+from client.errors import FileError, PlanningError
 from urproto.modes import KinematicsStatus
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics, RobotModel, load_model
@@ -93,6 +93,14 @@ def described(arm: ConfigurationData, calibration: Calibration) -> RobotModel | 
     if model is None or calibration.dh == model.dh:
         return model
     return replace(model, calibration=calibration.dh)
+
+
+def shaped(arm: ConfigurationData | None, kinematics: KinematicsInfo) -> RobotModel:
+    """As `described`, for what needs the arm's shape. Raises PlanningError for one that is not known here."""
+    model = described(arm, calibration_of(kinematics)) if arm else None
+    if model is None:
+        raise PlanningError("this arm is no model that is known here, so its shape is not known either")
+    return model
 
 
 def _nominal(arm: ConfigurationData) -> DH:

@@ -1,9 +1,7 @@
 """``ur-client plan``: a way around what is in the way."""
 
-import re
 import time
 from contextlib import closing
-from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +9,7 @@ import typer
 
 from client.commands.control import MakeReady, RecordOption, Target, follow, run, say_result
 from client.commands.following import PortOffset, RobotIP
+from client.commands.planning_goals import angles, constraints, item
 from client.commands.record import Overwrite, check_free
 from client.controllers import JOINT_NAMES, JointTrajectory
 from client.robot import AsyncRobot
@@ -20,18 +19,18 @@ from urproto.robots.pose import Pose
 from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
-    from client.planning import Goal, Plan, PlanningScene
+    from client.planning import Plan, PlanningScene
     from urscript.polyscope.safety_configuration import SafetyConfiguration
-
-_NUMBERS = re.compile(r"(p?)\[?([^\[\]]*)\]?")
 
 
 def plan_command(
-    goal: Annotated[
-        str,
+    goals: Annotated[
+        list[str],
         typer.Argument(
+            metavar="GOAL...",
             help='Joint angles "0,-1.57,0,-1.57,0,0" [rad], a pose of the TCP "p[0.3,0.1,0.2,0,3.14,0]" '
-            "[m, rotation vector], or a posture: home, up, test_configuration."
+            "[m, rotation vector], or a posture: home, up, test_configuration. Several are a sequence, each with a "
+            'planner of its own if wanted: "LIN p[...] blend=0.03" "CIRC p[...] interim=0.3,0.1,0.2".',
         ),
     ],
     scene: Annotated[
@@ -44,8 +43,21 @@ def plan_command(
     degrees: Annotated[bool, typer.Option("--degrees", help="Joint angles are in degrees.")] = False,
     padding: Annotated[float, typer.Option(help="How far the arm keeps from everything [m].")] = 0.01,
     planner: Annotated[
-        str, typer.Option(help="RRTConnect, RRTstar, PRM: around what is in the way. PTP, LIN: straight.")
+        str,
+        typer.Option(help="RRTConnect, RRTstar, PRM: around what is in the way. PTP, LIN: straight; CIRC: an arc."),
     ] = "RRTConnect",
+    keep_orientation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Keep the TCP turned as it is at the start, but for so much about its x, y and z [rad]; "
+            "0.1,0.1,3.15 keeps it level.",
+        ),
+    ] = None,
+    keep_within: Annotated[
+        str | None,
+        typer.Option(metavar="DX,DY,DZ,X,Y,Z", help="Keep the TCP in a box: its edges and its middle [m]."),
+    ] = None,
     time_limit: Annotated[float, typer.Option(help="How long to look for a way [s].")] = 5.0,
     seed: Annotated[int, typer.Option(help="The same seed gives the same way.")] = 0,
     velocity: Annotated[float, typer.Option(help="Share of the joints' speeds, up to 1.")] = 0.3,
@@ -77,22 +89,23 @@ def plan_command(
         if file is not None:
             check_free(file, overwrite)
     options: dict[str, Any] = {
-        "planner": planner,
         "time_limit_s": time_limit,
         "seed": seed,
         "velocity_scaling": velocity,
         "acceleration_scaling": acceleration,
     }
-    wanted = _goal(goal, degrees)
 
     async def work() -> None:
         from client.planning import Planner, PlanningScene
 
+        items = [item(goal, planner, degrees) for goal in goals]
         if start is not None and model is not None:
             around = _scene(PlanningScene(load_model(model), padding_m=padding), scene)
             if safety is not None:
                 around.set_safety(_read_safety(safety))
-            plan = Planner(around).plan(_angles(start, degrees), wanted, **options)
+            begin = angles(start, degrees)
+            kept = constraints(around, begin, ZERO6, keep_orientation, keep_within)
+            plan = Planner(around).plan_sequence(begin, items, path_constraints=kept, **options)
             _tell(plan, as_json, plot)
             _draw(plan, around, markers)
             return
@@ -103,7 +116,8 @@ def plan_command(
             around = _scene(PlanningScene(await robot.planning.model(), padding_m=padding), scene, tcp)
             if safety is not None:
                 around.set_safety(_read_safety(safety), tcp)
-            plan = await robot.planning.plan(wanted, around, **options)
+            kept = constraints(around, robot.q, tcp, keep_orientation, keep_within)
+            plan = await robot.planning.plan_sequence(items, around, path_constraints=kept, **options)
         _tell(plan, as_json, plot)
         _draw(plan, around, markers)
         if execute:
@@ -140,36 +154,6 @@ def _read_safety(path: Path) -> "SafetyConfiguration":
         raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
 
 
-def _goal(text: str, degrees: bool) -> "Goal":
-    from client.planning import NAMED, JointGoal, NamedGoal, PoseGoal
-
-    if text in NAMED:
-        return NamedGoal(text)
-    match = _NUMBERS.fullmatch(text.strip())
-    if match and match[1]:
-        return PoseGoal(_six(match[2], text))
-    return JointGoal(_angles(text, degrees))
-
-
-def _angles(text: str, degrees: bool) -> tuple[float, ...]:
-    match = _NUMBERS.fullmatch(text.strip())
-    angles = _six(match[2] if match and not match[1] else "", text)
-    return tuple(map(radians, angles)) if degrees else angles
-
-
-def _six(numbers: str, text: str) -> tuple[float, ...]:
-    try:
-        values = tuple(float(part) for part in numbers.replace(",", " ").split())
-    except ValueError:
-        values = ()
-    if len(values) != 6:
-        raise typer.BadParameter(
-            f"{text!r} is neither six joint angles, nor a pose p[x,y,z,rx,ry,rz], nor a posture: home, up, "
-            "test_configuration"
-        )
-    return values
-
-
 def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
     if plot is not None:
         from client.recording.plots import draw_trajectory
@@ -179,8 +163,9 @@ def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
         print_json(_as_json(plan))
         return
     corners = len(plan.way) - 2
+    how = f"with {corners} corner{'s' if corners > 1 else ''}" if corners else "straight ahead"
     typer.echo(
-        f"a way of {plan.duration_s:.2f} s {f'with {corners} corners' if corners else 'straight ahead'}, by "
+        f"a way of {plan.duration_s:.2f} s {how}, by "
         f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortened in {1000 * plan.shortening_s:.0f} ms, "
         f"timed in {1000 * plan.timing_s:.0f} ms"
     )

@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from client.calibration import calibration_of, described
-from client.errors import MissingExtraError, PlanningError, SceneError
+from client.calibration import shaped
+from client.errors import MissingExtraError, SceneError
 from urproto.errors import URError
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots.pose import pose_trans, rotvec_to_matrix
@@ -96,9 +96,7 @@ def make_arena(known: Surroundings, file: Path | None) -> Arena | None:
     """None while the arm is not known. Raises SceneError, PlanningError, CalibrationError, OSError."""
     if known.arm is None or known.kinematics is None or known.tcp_offset is None:
         return None
-    model = described(known.arm, calibration_of(known.kinematics))
-    if model is None:
-        raise PlanningError("this arm is no model that is known here, so its shape is not known either")
+    model = shaped(known.arm, known.kinematics)
     from client.planning import CollisionChecker, PlanningScene
 
     scene = PlanningScene(model)
@@ -144,7 +142,7 @@ def _drawn(name: str, thing: "SceneObject") -> dict[str, Any]:
 
 def _form(shape: "Shape") -> dict[str, Any]:
     from client.planning import Box, Cylinder, Mesh, Sphere
-    from client.planning.collisions import hull_of
+    from client.planning.solids import hull_of
 
     match shape:
         case Box(size):

@@ -40,7 +40,8 @@ class Mover:
     """One motion at a time, whichever browser wants it. Errors of the robot come out of the calls that wait.
 
     doing: what moves the arm, for people; empty when nothing does. slowed: why a jog is slower than wanted.
-    on_error: told what ended a jog. holder: whoever holds a button, by which it is also let go.
+    stops: how often motions were to be ended, by anyone. on_error: told what ended a jog. holder: whoever holds a
+    button, by which it is also let go.
     """
 
     RATE_HZ: ClassVar[float] = 50.0
@@ -57,7 +58,7 @@ class Mover:
         self._idle: asyncio.TimerHandle | None = None
         self._ending: asyncio.Task[None] | None = None
         self._hand: asyncio.Event | None = None
-        self._stops = 0
+        self.stops = 0
         self._leaving = False
         self.doing = ""
         self.slowed = ""
@@ -191,7 +192,7 @@ class Mover:
 
     async def stop(self) -> None:
         """End whatever moves; who waits for it gets MotionStoppedError."""
-        self._stops += 1
+        self.stops += 1
         self._held = None
         self.end_freedrive()
         if self._robot is not None and self._robot.moving:
@@ -199,10 +200,10 @@ class Mover:
 
     async def _do(self, doing: str, motion: Callable[[AsyncRobot], Awaitable[None]]) -> None:
         self._check_free(doing)
-        stops, self.doing = self._stops, doing
+        stops, self.doing = self.stops, doing
         try:
             robot = await self._ready()
-            if self._stops != stops:
+            if self.stops != stops:
                 raise MotionStoppedError(doing, "it was stopped")
             await motion(robot)
         except BaseException as error:

@@ -1,36 +1,25 @@
-"""Whether an arm touches anything, and how far it is from it: by Pinocchio and coal, one capsule a link.
+"""Whether an arm touches anything, and how far it is from it: by Pinocchio and coal.
 
 A motion between two joint configurations is free where its whole length is shown to be: at each place looked at, the
-distance to the nearest thing says how far the arm may go on before another look is needed. However thin a thing
-is, it is not missed.
+distance of each pair says how far the arm may go on before that pair needs another look. However thin a thing is, it
+is not missed; and what is far away is looked at once.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import hypot, sqrt
 from typing import Any, Final
 
-import coal
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
-from client.errors import SceneError
-from client.planning.scene import LINKS, Box, Cylinder, Hull, Mesh, Plane, PlanningScene, SceneObject, Sphere
+from client.planning.layers import Layers
+from client.planning.scene import PlanningScene
 from urproto.joints import JOINT_LABELS
-from urproto.robots.calibration import chain_of
-from urproto.robots.pose import Pose, rotvec_to_matrix
-from urproto.robots.shapes import Capsule, capsules
-from urproto.vectors import ZERO3, ZERO6, Vector3, dot, sub3
-from urscript.polyscope.safety_configuration import elbow_radius
+from urproto.vectors import ZERO3, Vector3
 
-# of the links: neighbours touch always, and so do the base and the upper arm, the forearm and wrist 2, wrist 1 and 3
-_BESIDE: Final = 3
-_OWN_PAIRS: Final = tuple((i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _BESIDE or (i, j) == (1, 3))
-_MOVED: Final = range(2, 7)  # the links that things are kept from: the base stands, the shoulder turns on the spot
 _FINEST_M: Final = 0.001
-_ELBOW: Final = 3  # the joint whose axis the elbow is on
-_POINT_M: Final = 0.001  # radius of what has none
+_SHORTEST_M: Final = 1e-9
+_NEAR_M: Final = 0.03  # what comes nearer than this beyond the padding is looked at in parts (guess)
 _Vector = npt.NDArray[np.float64]
 
 
@@ -58,31 +47,34 @@ class CollisionChecker:
 
     def __init__(self, scene: PlanningScene) -> None:
         self.scene = scene
-        self._revision = -1
         self._low, self._high = (np.array(limits) for limits in scene.model.position_limits)
-        self._build()
+        self._revision = scene.revision
+        self._layers = Layers(scene)
 
     def is_free(self, q_rad: Sequence[float] | _Vector) -> bool:
         """Whether the arm is within its limits, and nothing nearer than the padding."""
-        self._follow()
+        layers = self._followed()
         q = np.asarray(q_rad, dtype=float)
         if (q < self._low).any() or (q > self._high).any():
             return False
-        return not pin.computeCollisions(self._arm, self._data, self._geometry, self._geometry_data, q, True)
+        near = layers.coarse.all_too_near(q)
+        if near:
+            layers.fine.move(q)
+        return not any(layers.fine.too_near(pair) for pair in layers.within(near))
 
     def clearance(self, q_rad: Sequence[float] | _Vector) -> float:
         """The least distance of any pair that may not touch [m]; infinite when there is none."""
-        self._follow()
-        q = np.asarray(q_rad, dtype=float)
-        nearest = pin.computeDistances(self._arm, self._data, self._geometry, self._geometry_data, q)
-        results = self._geometry_data.distanceResults
-        return float(results[nearest].min_distance) if nearest < len(results) else float("inf")
+        distances = self._followed().fine.distances(np.asarray(q_rad, dtype=float))
+        return min((float(result.min_distance) for result in distances), default=float("inf"))
 
     def nearest(self, q_rad: Sequence[float]) -> list[Nearness]:
         """All pairs that may not touch, nearest first."""
-        self.clearance(q_rad)
-        results = self._geometry_data.distanceResults
-        pairs = [_nearness(names, result) for names, result in zip(self._pairs, results, strict=True)]
+        layer = self._followed().fine
+        found: dict[tuple[str, str], Any] = {}
+        for names, result in zip(layer.names, layer.distances(np.asarray(q_rad, dtype=float)), strict=True):
+            if names not in found or result.min_distance < found[names].min_distance:
+                found[names] = result
+        pairs = [_nearness(names, result) for names, result in found.items()]
         return sorted(pairs, key=lambda pair: pair.distance_m)
 
     def collisions(self, q_rad: Sequence[float]) -> list[Nearness]:
@@ -111,186 +103,55 @@ class CollisionChecker:
         travel_rad: how far each joint goes at most (6,) if the whole path is as fast as its fastest place. It is some
         such place, not the first.
         """
-        self._follow()
-        length = float(self._reach @ travel_rad)  # no point of the arm goes farther
-        padding, finest = self.scene.padding_m, _FINEST_M / max(length, _FINEST_M)
-        parts = [(0.0, 1.0)]
+        layers, padding = self._followed(), self.scene.padding_m
+        lengths = [
+            np.maximum(layer.levers @ travel_rad, _SHORTEST_M).tolist() for layer in (layers.coarse, layers.fine)
+        ]
+        coarse_m, fine_m = lengths  # that the two of each pair go at most
+        finest = _FINEST_M / max(coarse_m, default=_FINEST_M)
+        parts = [(0.0, 1.0, list(range(len(coarse_m))), list[int]())]
         while parts:
-            low, high = parts.pop()
+            low, high, far, near = parts.pop()
             middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            free = self.clearance(path(middle)) - padding
-            if free < 0.0:
-                return middle
-            known = max(free / length, finest) if length else 1.0
-            if known < half:
-                parts += ((middle + known, high), (low, middle - known))
+            q = path(middle)
+            known, still_far, still_near = (
+                half,
+                list[int](),
+                list[int](),
+            )  # known: how far the path is free to both sides
+            if far:
+                layers.coarse.move(q)
+            for pair in far:
+                free = layers.coarse.distance(pair) - padding
+                if free >= coarse_m[pair] * half:
+                    continue
+                if free > _NEAR_M:
+                    known = min(known, free / coarse_m[pair])
+                    still_far.append(pair)
+                else:
+                    near = near + layers.parts[pair]
+            if near:
+                layers.fine.move(q)
+            for pair in near:
+                free = layers.fine.distance(pair) - padding
+                if free < 0.0:
+                    return middle
+                if (share := max(free / fine_m[pair], finest)) < half:
+                    known = min(known, share)
+                    still_near.append(pair)
+            if still_far or still_near:
+                parts += ((middle + known, high, still_far, still_near), (low, middle - known, still_far, still_near))
         return None
 
-    # the model
-
-    def _follow(self) -> None:
+    def _followed(self) -> Layers:
+        """The scene as it is now."""
         if self._revision != self.scene.revision:
-            self._build()
-
-    def _build(self) -> None:
-        scene = self.scene
-        model = scene.model
-        self._arm, self._geometry = pin.Model(), pin.GeometryModel()
-        self._pairs: list[tuple[str, str]] = []
-        parts = capsules(model)
-        own = [self._add(LINKS[0], 0, *_capsule(parts[0]))]
-        joint = 0
-        self._chain = chain_of(model.dh if model.calibration is None else model.calibration)
-        for number, frame in enumerate(self._chain):
-            placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
-            joint = self._arm.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{number}")
-            own.append(self._add(LINKS[number + 1], joint, *_capsule(parts[number + 1])))
-        carried, around = {}, {}
-        for name, thing in scene.objects.items():
-            if thing.attached:
-                carried[name] = self._add(name, joint, _placement(thing.pose), _solid(name, thing))
-            else:
-                around[name] = self._add(name, 0, _placement(thing.pose), _solid(name, thing))
-        for i, j in _OWN_PAIRS:
-            self._pair(LINKS[i], own[i], LINKS[j], own[j])
-        for name, number in around.items():
-            for i in _MOVED:
-                self._pair(LINKS[i], own[i], name, number)
-            for other, held in carried.items():
-                self._pair(other, held, name, number)
-        for name, number in carried.items():
-            for i in range(4):  # wrist 2 and 3 are where it is mounted; wrist 1 is next to them
-                self._pair(LINKS[i], own[i], name, number)
-        self._add_safety(joint)
-        self._data, self._geometry_data = self._arm.createData(), self._geometry.createData()
-        for request in self._geometry_data.collisionRequests:
-            request.security_margin = scene.padding_m
-        self._reach = self._farthest()
-        self._revision = scene.revision
-
-    def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:
-        return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape)))
-
-    def _add_safety(self, last: int) -> None:
-        """The planes, and balls for what they restrict, which meet nothing else."""
-        safety = self.scene.safety
-        if safety is None:
-            return
-        x, y, z, *_ = safety.tcp_offset
-        spheres = [("the TCP", (x, y, z), _POINT_M)]
-        spheres += [
-            (f"tool sphere {n}", s.centre, s.radius) for n, s in enumerate(safety.configuration.tool_spheres, 1)
-        ]
-        balls = [
-            (name, self._add(name, last, _placement((*centre, 0.0, 0.0, 0.0)), coal.Sphere(radius)))
-            for name, centre, radius in spheres
-        ]
-        elbow = ("the elbow", self._add("the elbow", _ELBOW, _placement(ZERO6), coal.Sphere(self._elbow_m)))
-        for plane in safety.planes:
-            name = f"safety plane {plane.name}"
-            solid = coal.Halfspace(np.array(plane.normal), -plane.distance)  # beyond it
-            number = self._add(name, 0, _placement(ZERO6), solid)
-            for one, first in [*balls, elbow] if plane.elbow else balls:
-                self._pair(one, first, name, number)
-
-    @property
-    def _elbow_m(self) -> float:
-        return max(_POINT_M, elbow_radius(self.scene.model))
-
-    def _pair(self, one: str, first: int, other: str, second: int) -> None:
-        if not self.scene.allows(one, other):
-            self._geometry.addCollisionPair(pin.CollisionPair(first, second))
-            self._pairs.append((one, other))
-
-    def _farthest(self) -> _Vector:
-        """How far any point of the arm, with what it carries, may be from each joint's axis [m] (6,)."""
-        parts = capsules(self.scene.model)[1:]
-        beyond = [max(hypot(*part.start), hypot(*part.end)) + part.radius for part in parts]
-        carried = (_extent(name, thing) for name, thing in self.scene.objects.items() if thing.attached)
-        far = max(beyond[-1], *carried, 0.0)
-        if (safety := self.scene.safety) is not None:
-            beyond[_ELBOW - 1] = max(beyond[_ELBOW - 1], self._elbow_m)
-            spheres = safety.configuration.tool_spheres
-            far = max(far, hypot(*safety.tcp_offset[:3]), *(hypot(*s.centre) + s.radius for s in spheres))
-        reach = [far]
-        for own, link in zip(reversed(beyond[:-1]), reversed(self._chain[1:]), strict=True):
-            far = max(own, hypot(*link.position) + far)
-            reach.append(far)
-        return np.array(reach[::-1])
+            self._layers = Layers(self.scene)
+            self._revision = self.scene.revision
+        return self._layers
 
 
 def _nearness(names: tuple[str, str], result: Any) -> Nearness:
     x, y, z = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
     u, v, w = result.normal
     return Nearness(*names, float(result.min_distance), (float(x), float(y), float(z)), (float(u), float(v), float(w)))
-
-
-def _capsule(part: Capsule) -> tuple[Any, Any]:
-    along = sub3(part.end, part.start)
-    length = sqrt(dot(along, along))
-    z = np.array((0.0, 0.0, 1.0))
-    turn = pin.Quaternion.FromTwoVectors(z, np.array(along) / length if length else z)
-    middle = 0.5 * (np.array(part.start) + np.array(part.end))
-    return pin.SE3(turn.matrix(), middle), coal.Capsule(part.radius, length)
-
-
-def _placement(pose: Pose) -> Any:
-    return pin.SE3(np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3), np.array(pose[:3]))
-
-
-def _solid(name: str, thing: SceneObject) -> Any:
-    match thing.shape:
-        case Box(size):
-            return coal.Box(*size)
-        case Sphere(radius):
-            return coal.Sphere(radius)
-        case Cylinder(radius, length):
-            return coal.Cylinder(radius, length)
-        case Plane():
-            return coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
-        case Mesh(path, scale):
-            return _hull(name, str(path), scale)
-        case Hull(points):
-            return _around(points)
-    raise SceneError(f"{name} has a shape that is not known")
-
-
-def _hull(name: str, path: str, scale: float) -> Any:
-    try:
-        mesh = coal.MeshLoader().load(path, np.full(3, scale))
-        mesh.buildConvexHull(True, "Qt")
-    except (RuntimeError, ValueError) as error:
-        raise SceneError(f"{name}: {path} is not a mesh that can be read: {error}") from error
-    return mesh.convex
-
-
-def _around(points: Sequence[Sequence[float]]) -> Any:
-    corners = coal.StdVec_Vec3s()
-    for point in points:
-        corners.append(np.array(point, dtype=float))
-    return coal.Convex.convexHull(corners, True, "Qt")
-
-
-def hull_of(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
-    """What of a mesh is kept clear of: the corners of its convex hull [m], and its triangles by the corners' numbers.
-
-    Raises SceneError.
-    """
-    hull = _hull(mesh.path.name, str(mesh.path), mesh.scale)
-    triangles = [[int(hull.polygons(i)[k]) for k in range(3)] for i in range(hull.num_polygons)]
-    return hull.points().tolist(), triangles
-
-
-def _extent(name: str, thing: SceneObject) -> float:
-    """How far its farthest point is from the flange [m]."""
-    away = hypot(*thing.pose[:3])
-    match thing.shape:
-        case Box(size):
-            return away + 0.5 * hypot(*size)
-        case Sphere(radius):
-            return away + radius
-        case Cylinder(radius, length):
-            return away + hypot(radius, 0.5 * length)
-    hull = _solid(name, thing)
-    hull.computeLocalAABB()
-    return away + float(np.linalg.norm(hull.aabb_center)) + float(hull.aabb_radius)

@@ -169,11 +169,7 @@ def _way(start: Pose, goal: Goal, name: str) -> ToolPath:
 def blocked(checker: CollisionChecker, path: PiecewisePath) -> tuple[int, Joints] | None:
     """The first piece in which something is too near, and joint angles in it; None for a free way."""
     for piece in range(len(path.sizes)):
-        begin, size = float(path.starts[piece]), float(path.sizes[piece])
-
-        def at(share: float, begin: float = begin, size: float = size) -> Array:
-            return path.at(begin + share * size)[:6]
-
+        at = path.within(piece)
         where = checker.blocked_at(at, path.travel(piece)[:6])
         if where is not None:
             a, b, c, d, e, f = at(where).tolist()

@@ -5,7 +5,7 @@ c - d u, c - d u / 2, c, c, c + d v / 2, c + d v. It leaves the one straight pie
 direction and no curvature, so that speed and acceleration go on; it passes the corner at 0.11 d |v - u|.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import comb
 from typing import Final
 
@@ -68,6 +68,16 @@ class PiecewisePath:
     def piece_at(self, s: Array) -> npt.NDArray[np.intp]:
         """The number of the piece at each of these places (n,)."""
         return np.clip(np.searchsorted(self.ends, s, side="left"), 0, len(self.ends) - 1)
+
+    def within(self, piece: int) -> Callable[[float], Array]:
+        """The joints (6,) [rad] in one piece, of the share of its size."""
+        scaled = self.coefficients[piece, :, :6] * (self.sizes[piece] ** _POWERS)[:, None]
+
+        def at(share: float) -> Array:
+            angles: Array = (share**_POWERS) @ scaled
+            return angles
+
+        return at
 
     def travel(self, piece: int) -> Array:
         """How far each column goes at most in a piece as fast as in its fastest place.
@@ -139,8 +149,6 @@ class RoundedPath(PiecewisePath):
     """Through these points (n, 6) [rad], n at least 2, neighbours apart.
 
     roundness: 0 to 1 of what each corner may take. s is the way [rad] on straight pieces.
-
-    steepest: the largest |dq/ds| (6,).
     """
 
     def __init__(
@@ -151,10 +159,8 @@ class RoundedPath(PiecewisePath):
         lengths = np.linalg.norm(ways, axis=1)
         directions = ways / lengths[:, None]
         share = np.broadcast_to(np.asarray(roundness, dtype=float), (max(0, len(corners) - 2),))
-        cut = [
-            float(r) * min(_LARGEST, _SHARE * float(one), _SHARE * float(other))
-            for r, one, other in zip(share, lengths[:-1], lengths[1:], strict=True)
-        ]
+        around = zip(lengths[:-1].tolist(), lengths[1:].tolist(), share.tolist(), strict=True)
+        cut = [_cut(one, other, r) for one, other, r in around]
         pieces, sizes = [], []
         before = [0.0, *cut]
         after = [*cut, 0.0]
@@ -166,8 +172,19 @@ class RoundedPath(PiecewisePath):
                 pieces.append(_corner(corners[i + 1], direction, directions[i + 1], cut[i]))
                 sizes.append(2.5 * cut[i])
         super().__init__(np.array(pieces), sizes)
-        # dq/ds of a corner lies between the directions of its pieces, but for a factor of at most 1 (see the class)
-        self.steepest = abs(directions).max(axis=0)
+
+
+def rounded_corner(before: Array, corner: Array, after: Array, roundness: float) -> PiecewisePath:
+    """The curve alone that a `RoundedPath` through these three points (6,) [rad] has."""
+    ways = (corner - before, after - corner)
+    one, other = (float(np.linalg.norm(way)) for way in ways)
+    cut = _cut(one, other, roundness)
+    return PiecewisePath(_corner(corner, ways[0] / one, ways[1] / other, cut)[None], [2.5 * cut])
+
+
+def _cut(before: float, after: float, roundness: float) -> float:
+    """How much of the pieces beside it a corner takes [rad]."""
+    return float(roundness * min(_LARGEST, _SHARE * before, _SHARE * after))
 
 
 def _straight(start: Array, direction: Array) -> Array:

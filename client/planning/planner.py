@@ -34,7 +34,7 @@ from client.planning.industrial import (
     tool_segment,
 )
 from client.planning.lines import COLUMNS
-from client.planning.path import RoundedPath
+from client.planning.path import RoundedPath, rounded_corner
 from client.planning.scene import PlanningScene
 from client.planning.search import searched
 from client.planning.timing import Array, Limits, TimedPath, time_optimal
@@ -42,6 +42,7 @@ from client.planning.tool_search import ToolSearch
 from urproto.robots import Joints, RobotModel
 
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM", "PTP", "LIN", "CIRC"]
+PLANNERS: Final[tuple[str, ...]] = get_args(PlannerName)
 
 _STEPS_RAD: Final = (0.1, 0.04, 0.015)  # between looks at a way, ever finer
 _SHORTCUTS: Final = 40  # tries
@@ -254,9 +255,8 @@ class Planner:
         if not items:
             raise PlanningError("a sequence has at least one motion")
         for item in items:
-            if item.planner not in get_args(PlannerName):
-                names = ", ".join(get_args(PlannerName))
-                raise PlanningError(f"there is no planner {item.planner!r}; there are {names}")
+            if item.planner not in PLANNERS:
+                raise PlanningError(f"there is no planner {item.planner!r}; there are {', '.join(PLANNERS)}")
         if not 0 <= seed < _SEEDS:
             raise PlanningError(f"a seed is from 0 to {_SEEDS - 1}, not {seed}")
         if not 0.0 < time_limit_s < float("inf"):
@@ -384,16 +384,13 @@ class Planner:
         roundness = [1.0] * max(0, len(way) - 2)
         for i in range(len(roundness)):
             for _ in range(_ROUNDINGS):
-                path = RoundedPath(way[i : i + 3], [roundness[i]])
-                if self._is_free(path):
+                corner = rounded_corner(way[i], way[i + 1], way[i + 2], roundness[i])
+                if blocked(self.checker, corner) is None:
                     break
                 roundness[i] *= 0.5
             else:
                 raise PlanningError(f"corner {i + 1} of the way cannot be rounded: the scene leaves no room there")
         return RoundedPath(way, roundness)
-
-    def _is_free(self, path: RoundedPath) -> bool:
-        return self.checker.blocked_at(lambda share: path.at(share * path.length), path.length * path.steepest) is None
 
 
 def _distinct(way: Sequence[Array]) -> list[Array]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from client.calibration import calibration_of, described
+from client.calibration import shaped
 from client.errors import PlanningError
 from client.robot.moves import Moves
 from client.robot.state import RobotState
@@ -30,11 +30,7 @@ class PlannedMotion:
 
     async def model(self) -> RobotModel:
         """The arm, calibrated if it is, for a `PlanningScene`. Raises PlanningError for one that is not known here."""
-        arm = self._driver.robot.configuration
-        model = described(arm, calibration_of(await self._driver.robot.kinematics())) if arm else None
-        if model is None:
-            raise PlanningError("this arm is no model that is known here, so its shape is not known either")
-        return model
+        return shaped(self._driver.robot.configuration, await self._driver.robot.kinematics())
 
     def tcp_offset(self) -> Pose:
         """Flange to the TCP that the robot has. Raises PlanningError before it has said so."""

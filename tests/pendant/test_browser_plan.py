@@ -164,6 +164,21 @@ def test_a_way_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig,
     expect(status).to_contain_text("on the arm")
 
 
+def test_the_arm_goes_around_what_comes_into_its_way(bent: Rig, open_page: Open) -> None:
+    page = plan_tab(open_page)
+    typed(page, BESIDE)
+    page.get_by_test_id("plan").click()
+    expect(page.get_by_test_id("plan-status")).to_contain_text("straight ahead")
+    bent.control.set_speed_slider(0.05)
+    page.get_by_test_id("plan-move").click()
+    eventually(lambda: any(bent.state("target_qd")) and dist(q(bent), BENT) > 0.03)
+    bent.control.add_object("post", POST)
+    expect(page.get_by_text("Looking for another way")).to_be_visible()
+    expect(page.get_by_test_id("plan-status")).to_contain_text("by RRTConnect")
+    bent.control.set_speed_slider(1.0)
+    eventually(lambda: tuple(map(degrees, q(bent))) == pytest.approx(BESIDE, abs=0.1))
+
+
 def test_a_robot_has_the_things_of_a_file_and_moves_after_a_question(
     bent: Rig, browser: Browser, tmp_path: Path
 ) -> None:

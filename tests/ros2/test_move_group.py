@@ -136,7 +136,8 @@ async def test_names_and_types_are_those_of_moveit(lab: Lab) -> None:
     }
     for name, kind in services.items():
         assert graph["services"][f"/{name}"] == [f"{SRV}/{kind}"]
-    for action, kind in (("move_action", "MoveGroup"), ("execute_trajectory", "ExecuteTrajectory")):
+    actions = {"move_action": "MoveGroup", "execute_trajectory": "ExecuteTrajectory"}
+    for action, kind in (actions | {"sequence_move_group": "MoveGroupSequence"}).items():
         assert graph["services"][f"/{action}/_action/send_goal"] == [f"{ACTION}/{kind}_SendGoal"]
     description = (await lab.peer.echo("/robot_description_semantic", "std_msgs/msg/String", latched=True))["data"]
     root = ElementTree.fromstring(description)
@@ -319,6 +320,39 @@ async def test_a_sequence_blends(lab: Lab) -> None:
     stopped = (await lab.peer.call("/plan_sequence_path", kind, request={"items": items}))["response"]
     (other,) = stopped["planned_trajectories"]
     assert end_s({"trajectory": other}) > end_s({"trajectory": trajectory})
+
+
+async def test_a_sequence_is_taken(lab: Lab) -> None:
+    """Recorded angles pass the corner within its blend radius, and not through it."""
+    assert (await move(lab, goal=joint_goal(START)))["status"] == SUCCEEDED
+    corner, end = (START[0], -1.0, *START[2:]), (-0.3, -1.0, *START[2:])
+    linear = {"pipeline_id": PILZ, "planner_id": "LIN"}
+    first, second = (request(pose_goal(q), **linear) for q in (corner, end))
+    second.pop("start_state")
+    kind = f"{ACTION}/MoveGroupSequence"
+    heard: list[Any] = []
+    told = lab.driver.robot.driver.robot.on_state
+    told.append(watch := lambda state: heard.append(state["actual_q"]))
+    try:
+        goal = {"request": {"items": [{"req": first, "blend_radius": 0.03}, {"req": second}]}}
+        assert (await lab.peer.ask(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
+        answer = await lab.peer.ask(result="/sequence_move_group")
+    finally:
+        told.remove(watch)
+    assert answer["status"] == SUCCEEDED, answer
+    response = answer["result"]["response"]
+    assert response["error_code"]["val"] == SUCCESS
+    assert len(response["planned_trajectories"]) == 1
+    await rests(lab, points({"trajectory": response["planned_trajectories"][0]})[-1])
+    middle = ARM.forward(corner)[:3]
+    assert 0.001 < min(math.dist(ARM.forward(q)[:3], middle) for q in heard) < 0.03
+    assert (await lab.peer.ask(goal="/sequence_move_group", type=kind, request={}))["accepted"]
+    assert (await lab.peer.ask(result="/sequence_move_group"))["status"] == SUCCEEDED
+    goal["request"]["items"][1]["blend_radius"] = 0.1
+    assert (await lab.peer.ask(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
+    answer = await lab.peer.ask(result="/sequence_move_group")
+    assert answer["status"] == ABORTED
+    assert answer["result"]["response"]["error_code"]["val"] < 0
 
 
 async def test_a_cartesian_path_goes_as_far_as_it_can(lab: Lab) -> None:

@@ -27,6 +27,7 @@ START_Q: Final[Joints] = (-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310)
 Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms there too is a guess.
 """
 
+_PARTS: Final = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _DATA: Final = Path(__file__).parent / "data"
 _FIRST_X: Final = "first_polyscope_x"
 
@@ -66,6 +67,26 @@ class HousingRadii(NamedTuple):
     elbow: float
     wrist: float
     foot: float
+
+
+class Span(NamedTuple):
+    """A cylinder about a known axis: radius, and from where to where along it [m]."""
+
+    radius: float
+    low: float
+    high: float
+
+
+class LinkCylinders(NamedTuple):
+    """What a link is within: about the axis of the joint that it begins with, its tube, the axis of the next joint.
+
+    tube: along the link, from that joint on. tube_height: how far the tube's axis is out along the joint's [m].
+    """
+
+    joint: Span
+    tube: Span | None
+    tube_height: float
+    next: Span | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,6 +139,8 @@ class RobotModel:
     wrist_mesh_offsets: Vector3 | None
     """m; of ur_description's meshes of the wrists, along the z axes of their links. None: not published."""
     housing_radii: HousingRadii
+    cylinders: tuple[LinkCylinders, ...]
+    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3."""
     base_light: bool
     """It has a light ring in its base."""
     calibration: DH | None = None
@@ -167,6 +190,7 @@ class RobotModel:
             tube_offsets=shape.pair("tube_offsets_m"),
             wrist_mesh_offsets=shape.vector("wrist_mesh_offsets_m") if "wrist_mesh_offsets_m" in shape else None,
             housing_radii=HousingRadii(*shape.numbers("housing_radii_m", 4)),
+            cylinders=tuple(_cylinders(table.sub("cylinders").sub(name)) for name in _PARTS),
             base_light=shape.flag("base_light"),
         )
 
@@ -231,6 +255,13 @@ def _dh(table: _Table) -> DH:
 
 def _link(table: _Table) -> Link:
     return Link(table.number("mass_kg"), table.vector("com_m"), table.joints("inertia_kg_m2"))
+
+
+def _cylinders(table: _Table) -> LinkCylinders:
+    joint = Span(*table.numbers("joint", 3))
+    *tube, height = table.numbers("tube", 4) if "tube" in table else [0.0]
+    after = Span(*table.numbers("next", 3)) if "next" in table else None
+    return LinkCylinders(joint, Span(*tube) if tube else None, height, after)
 
 
 def _by_size(name: str) -> tuple[int, str]:

@@ -1,7 +1,9 @@
-"""Where the links of an arm are and how thick: one capsule each, for collisions, descriptions and pictures.
+"""Where the links of an arm are and how thick.
 
-A link is taken to be as thick as the housing of the joint that it begins with, which is what others touch first; the
-tube between its joints is a fifth thinner.
+One capsule each, for what touches an emulated arm, descriptions and pictures: a link is taken to be as thick as the
+housing of the joint that it begins with; the tube between its joints is a fifth thinner, and its ends stick out.
+
+Up to three cylinders each, for what has to keep clear of an arm: nothing of it is beside them.
 """
 
 from collections.abc import Sequence
@@ -9,8 +11,9 @@ from dataclasses import dataclass
 from math import cos, sin
 from typing import Final
 
-from urproto.robots.model import RobotModel
-from urproto.vectors import ZERO3, Vector3, add3
+from urproto.robots.calibration import chain_of
+from urproto.robots.model import RobotModel, Span
+from urproto.vectors import ZERO3, Vector3, add3, scaled3
 
 _SHORTEST_M: Final = 0.01
 
@@ -30,7 +33,7 @@ def capsules(model: RobotModel) -> tuple[Capsule, ...]:
     """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of ur_description's links."""
     shoulder, elbow, wrist, _ = model.housing_radii
     d1, _, _, d4, d5, d6 = model.dh.d
-    upper, fore = model.tube_offsets
+    upper, fore = (link.tube_height for link in model.cylinders[2:4])
     return (
         Capsule(ZERO3, (0.0, 0.0, d1 / 2), shoulder),
         Capsule((0.0, 0.0, -d1 / 2), ZERO3, shoulder),
@@ -42,6 +45,34 @@ def capsules(model: RobotModel) -> tuple[Capsule, ...]:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """The middles of its flat ends in the frame that turns with the link [m]."""
+
+    start: Vector3
+    end: Vector3
+    radius: float
+
+
+def cylinders(model: RobotModel) -> tuple[tuple[Cylinder, ...], ...]:
+    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of `capsules`; see `LinkCylinders`."""
+    chain = chain_of(model.dh)
+    found = []
+    for number, link in enumerate(model.cylinders):
+        parts = [_along(link.joint, ZERO3, (0.0, 0.0, 1.0))]
+        if link.tube is not None:
+            parts.append(_along(link.tube, (0.0, 0.0, link.tube_height), (-1.0, 0.0, 0.0)))
+        if link.next is not None:
+            after = chain[number]
+            parts.append(_along(link.next, after.position, (after.axes[2], after.axes[5], after.axes[8])))
+        found.append(tuple(parts))
+    return tuple(found)
+
+
+def _along(span: Span, start: Vector3, axis: Vector3) -> Cylinder:
+    return Cylinder(add3(start, scaled3(axis, span.low)), add3(start, scaled3(axis, span.high)), span.radius)
+
+
 class ArmCapsules:
     """The capsules of a nominal arm in its base frame: base, upper arm, forearm, wrist 1, 2 and 3.
 
@@ -51,7 +82,7 @@ class ArmCapsules:
     def __init__(self, model: RobotModel) -> None:
         self._d1, _, _, self._d4, self._d5, self._d6 = model.dh.d
         _, self._a2, self._a3, _, _, _ = model.dh.a
-        self._upper, self._fore = model.tube_offsets
+        self._upper, self._fore = (link.tube_height for link in model.cylinders[2:4])
         shoulder, elbow, wrist, _ = model.housing_radii
         self.radii = (shoulder, shoulder, elbow, wrist, wrist, wrist)
 

@@ -2,13 +2,14 @@
 
 import asyncio
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil, dist, hypot, isfinite
 from typing import TYPE_CHECKING, Any, Final
 
 from nicegui import ui
 
-from client.errors import PlanningError
+from client.errors import MotionStoppedError, PlanningError
 from client.pendant.arena import Arena, lacking, red_links
 from client.pendant.arm_scene import ArmScene
 from client.pendant.page import Page
@@ -26,6 +27,9 @@ _THERE_RAD: Final = 0.002  # nearer targets need no way
 _RAMP: Final = 0.14  # of planning's accelerations: those of the motions beside it, 1.4 rad/s2
 _MOST_SAMPLES: Final = 200  # of a way, for the picture
 _DIGITS: Final = 4
+_LOOK_S: Final = 0.1  # between looks whether the scene has changed
+_STILL_RAD_S: Final = 1e-3
+_MOST_WAYS: Final = 10  # one after the other to one goal (guess)
 _FARTHEST_M: Final = 10.0  # of a handle
 
 
@@ -217,10 +221,64 @@ class PlannedMove:
             raise RobotRefused("motion", "there is no way for this target", "press Plan first")
 
         async def follow() -> None:
-            await self._page.station.mover.follow(found.plan)
+            await self._follow(found)
             self._settings.preview = self._found = None
 
         await self._settings.move(follow)
+
+    async def _follow(self, found: _Found) -> None:
+        """To the goal, on another way when something comes into this one. Raises PlanningError, MotionStoppedError."""
+        station = self._page.station
+        for _ in range(_MOST_WAYS):
+            blocked = await self._watched(found)
+            if not blocked:
+                return
+            stops = station.mover.stops
+            self._page.tell(f"{blocked}. Looking for another way.")
+            while any(abs(speed) > _STILL_RAD_S for speed in station.values.get("actual_qd", ())):
+                await asyncio.sleep(_LOOK_S)
+            found = self._found = await self._another(found)
+            if station.mover.stops != stops:
+                raise MotionStoppedError("Moving as planned", "it was stopped")
+        raise PlanningError(f"{_MOST_WAYS} ways were blocked one after the other: plan again when the scene is quiet")
+
+    async def _watched(self, found: _Found) -> str:
+        """Let the arm take a way. If something comes into it, the arm is stopped, and this says what."""
+        station, arena = self._page.station, found.arena
+        follow = asyncio.ensure_future(station.mover.follow(found.plan))
+        try:
+            while not (await asyncio.wait({follow}, timeout=_LOOK_S))[0]:
+                now, q = station.arena, station.values.get("actual_q")
+                if now is None or now is arena or q is None:
+                    continue
+                arena = now
+                blocked = await asyncio.to_thread(_blocked, now, found.plan, q)
+                if blocked and not follow.done():
+                    stops = station.mover.stops
+                    await station.mover.stop()
+                    with suppress(MotionStoppedError):
+                        await follow
+                    if station.mover.stops > stops + 1:  # somebody pressed Stop, too
+                        raise MotionStoppedError("Moving as planned", "it was stopped")
+                    return blocked
+            await follow
+        finally:
+            follow.cancel()
+        return ""
+
+    async def _another(self, found: _Found) -> _Found:
+        """A way to the same goal from where the arm stands, in the scene as it is now. Raises PlanningError."""
+        station = self._page.station
+        arena = station.arena or found.arena
+        start = _six(station.values["actual_q"])
+        plan = await asyncio.to_thread(_plan_way, arena.scene, start, found.goal, self._settings.speed)
+        return _found(found.goal, arena, plan)
+
+
+def _blocked(arena: Arena, plan: "Plan", q_rad: Sequence[float]) -> str:
+    from client.planning.watching import in_the_way
+
+    return in_the_way(arena.checker, plan.timed, q_rad)
 
 
 def _plan_way(scene: "PlanningScene", start: Joints, goal: tuple[float, ...], speed: float) -> "Plan":

@@ -2,18 +2,21 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from math import dist
 from typing import Any, Final
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from client.errors import ClientError, PlanningError
 from client.planning import CollisionChecker, TimedPath
+from client.planning.watching import in_the_way
 from client.ros2.host import NodeHost, interface
 from client.ros2.move_group.arm import RefusedError, set_code
 from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
-from client.ros2.move_group.requests import Planned, planned
+from client.ros2.move_group.plans import note_sequence
+from client.ros2.move_group.requests import Planned, planned, planned_sequence
+from client.ros2.move_group.scene import SceneState
+from urproto.robots import Joints
 
 _MOST_TRIES: Final = 10  # of plans whose way was blocked; guess
 _SUCCESS: Final = "SUCCESS", ""
@@ -44,7 +47,7 @@ class _Action:
     async def _execute(self, handle: Any) -> Any:
         result = self._type.Result()
         code, reason = await self._host.task(self._node, self._ended(handle, result))
-        set_code(result.error_code, code, reason)
+        set_code(self._answer_in(result).error_code, code, reason)
         if code == "SUCCESS":
             handle.succeed()
         elif code == "PREEMPTED" and handle.is_cancel_requested:
@@ -83,6 +86,10 @@ class _Action:
         if _name(handle) in self._canceled:
             raise RefusedError("PREEMPTED", "it was canceled before the arm moved")
 
+    def _answer_in(self, result: Any) -> Any:
+        """What of a result has the code."""
+        return result
+
     async def _work(self, handle: Any, result: Any) -> None:
         raise NotImplementedError
 
@@ -115,8 +122,14 @@ class ExecuteTrajectoryAction(_Action):
         await self._follow(handle, goal.trajectory, getattr(goal, "controller_names", ()))
 
 
-class MoveAction(_Action):
-    """``move_action``: plans, follows the plan, and stops when the scene changes so that it is blocked."""
+class _PlanAndMove(_Action):
+    """Plans, follows the plan, and stops when the scene changes so that it is blocked.
+
+    NAME, TYPE: of the action.
+    """
+
+    NAME: str
+    TYPE: str
 
     def __init__(
         self,
@@ -128,7 +141,19 @@ class MoveAction(_Action):
     ) -> None:
         self._monitor = monitor
         self._show = show
-        super().__init__(host, node, "move_action", "moveit_msgs/action/MoveGroup", execution)
+        super().__init__(host, node, self.NAME, self.TYPE, execution)
+
+    def _first(self, goal: Any) -> Any:
+        """The moveit_msgs/MotionPlanRequest that has the start state."""
+        raise NotImplementedError
+
+    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> Planned:
+        """In a thread. Raises RefusedError."""
+        raise NotImplementedError
+
+    def _note(self, result: Any, plan: Planned, *, executed: bool) -> None:
+        """Into the result what was planned, or executed."""
+        raise NotImplementedError
 
     async def _work(self, handle: Any, result: Any) -> None:
         options = handle.request.planning_options
@@ -148,20 +173,17 @@ class MoveAction(_Action):
         self._tell(handle, "PLANNING")
         goal = handle.request
         plan_only = goal.planning_options.plan_only
-        if not plan_only and goal.request.start_state.joint_state.name:
-            self._node.get_logger().warning("move_action: it starts where the arm stands, whatever start_state says")
+        if not plan_only and self._first(goal).start_state.joint_state.name:
+            self._node.get_logger().warning(f"{self.NAME}: it starts where the arm stands, whatever start_state says")
         plan = await self._planned(goal, plan_only=plan_only)
-        arm = self._monitor.arm
-        result.trajectory_start = arm.state_message(plan.start_rad)
-        result.planned_trajectory = arm.trajectory_message(plan.timed)
-        result.planning_time = plan.time_s
+        self._note(result, plan, executed=False)
         self._show(plan)
         self._check_canceled(handle)
         if plan_only or not plan.timed.duration_s:  # it is there
             return
         self._tell(handle, "MONITOR")
-        await self._watched(self._follow(handle, result.planned_trajectory), plan.timed)
-        result.executed_trajectory = result.planned_trajectory
+        await self._watched(self._follow(handle, self._monitor.arm.trajectory_message(plan.timed)), plan.timed)
+        self._note(result, plan, executed=True)
 
     async def _planned(self, goal: Any, *, plan_only: bool) -> Planned:
         q = self._monitor.stands()
@@ -169,8 +191,8 @@ class MoveAction(_Action):
         difference.is_diff = True  # as its name says; who leaves it empty does not want an empty scene
         state = self._monitor.state.changed(difference, q)
         if not plan_only:
-            goal.request.start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
-        return await asyncio.to_thread(planned, self._monitor.arm, state, goal.request, q)
+            self._first(goal).start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
+        return await asyncio.to_thread(self._plan, state, goal, q)
 
     async def _watched(self, following: Awaitable[None], timed: TimedPath) -> None:
         """Follow, and look at the rest of the way each time the scene has changed."""
@@ -182,7 +204,8 @@ class MoveAction(_Action):
                 change.cancel()
                 if follow.done():
                     break
-                blocked = await asyncio.to_thread(_blocked, self._monitor, timed)
+                checker = CollisionChecker(self._monitor.state.scene())
+                blocked = await asyncio.to_thread(in_the_way, checker, timed, self._monitor.stands())
                 if blocked and not follow.done():
                     self._execution.stop()
                     await asyncio.wait({follow})
@@ -193,20 +216,53 @@ class MoveAction(_Action):
             follow.cancel()
 
 
+class MoveAction(_PlanAndMove):
+    """``move_action``: one motion."""
+
+    NAME = "move_action"
+    TYPE = "moveit_msgs/action/MoveGroup"
+
+    def _first(self, goal: Any) -> Any:
+        return goal.request
+
+    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> Planned:
+        return planned(self._monitor.arm, state, goal.request, q_rad)
+
+    def _note(self, result: Any, plan: Planned, *, executed: bool) -> None:
+        arm = self._monitor.arm
+        if executed:
+            result.executed_trajectory = result.planned_trajectory
+            return
+        result.trajectory_start = arm.state_message(plan.start_rad)
+        result.planned_trajectory = arm.trajectory_message(plan.timed)
+        result.planning_time = plan.time_s
+
+
+class SequenceAction(_PlanAndMove):
+    """``sequence_move_group``: motions that go over into one another, as Pilz' MoveGroupSequenceAction."""
+
+    NAME = "sequence_move_group"
+    TYPE = "moveit_msgs/action/MoveGroupSequence"
+
+    def _answer_in(self, result: Any) -> Any:
+        return result.response
+
+    async def _work(self, handle: Any, result: Any) -> None:
+        if not handle.request.request.items:
+            return  # as MoveIt: nothing to do is no failure
+        await super()._work(handle, result)
+
+    def _first(self, goal: Any) -> Any:
+        return goal.request.items[0].req
+
+    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> Planned:
+        return planned_sequence(self._monitor.arm, state, goal.request, q_rad)
+
+    def _note(self, result: Any, plan: Planned, *, executed: bool) -> None:
+        if not executed:
+            note_sequence(self._monitor.arm, result.response, plan)
+
+
 def _name(handle: Any) -> bytes:
     """Of a goal."""
     return bytes(handle.goal_id.uuid)
-
-
-def _blocked(monitor: Monitor, timed: TimedPath) -> str:
-    """What is in the way of what is left of a path; "" for nothing."""
-    checker = CollisionChecker(monitor.state.scene())
-    before = monitor.stands()
-    places = timed.q.tolist()
-    nearest = min(range(len(places)), key=lambda i: dist(places[i], before))
-    for q in places[nearest:]:
-        if not checker.way_is_free(before, q):
-            near = checker.collisions(q)
-            return f"the scene has changed, and the way is blocked{f': {near[0]}' if near else ''}"
-        before = q
-    return ""

@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from client.controllers.robot import ControlledRobot
 from client.errors import ClientError, PlanningError
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
-from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction
+from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction, SequenceAction
 from client.ros2.move_group.arm import Arm, RefusedError
 from client.ros2.move_group.drawing import Drawing
 from client.ros2.move_group.execution import Execution
@@ -70,6 +70,7 @@ class MoveGroupNode:
         self._actions = (
             ExecuteTrajectoryAction(host, node, self._execution),
             MoveAction(host, node, self._execution, self._monitor, self._show),
+            SequenceAction(host, node, self._execution, self._monitor, self._show),
         )
         host.spin(node)
 

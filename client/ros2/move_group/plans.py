@@ -3,7 +3,7 @@
 from typing import Any, Final
 
 from client.errors import PlanningError
-from client.ros2.move_group.arm import pose_of
+from client.ros2.move_group.arm import Arm, pose_of
 from client.ros2.move_group.constraints import path_constraints
 from client.ros2.move_group.requests import (
     Planned,
@@ -36,10 +36,15 @@ def plan_sequence_path(now: Situation, request: Any, response: Any) -> Planned |
     if not request.request.items:
         return None
     plan = planned_sequence(now.arm, now.state, request.request, now.q_rad)
-    answer.sequence_start = now.arm.state_message(plan.start_rad)
-    answer.planned_trajectories = [now.arm.trajectory_message(plan.timed)]
-    answer.planning_time = plan.time_s
+    note_sequence(now.arm, answer, plan)
     return plan
+
+
+def note_sequence(arm: Arm, answer: Any, plan: Planned) -> None:
+    """Into a moveit_msgs/MotionSequenceResponse what was planned."""
+    answer.sequence_start = arm.state_message(plan.start_rad)
+    answer.planned_trajectories = [arm.trajectory_message(plan.timed)]
+    answer.planning_time = plan.time_s
 
 
 def compute_cartesian_path(now: Situation, request: Any, response: Any) -> Planned | None:

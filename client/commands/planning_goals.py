@@ -1,0 +1,101 @@
+"""Goals and constraints of ``ur-client plan``, as they are typed."""
+
+import re
+from collections.abc import Sequence
+from math import radians
+from typing import TYPE_CHECKING, Final
+
+import typer
+
+from urproto.robots.pose import Pose
+from urproto.vectors import Vector3
+
+if TYPE_CHECKING:
+    from client.planning import Goal, MotionSequenceItem, PathConstraints, PlanningScene
+
+_NUMBERS: Final = re.compile(r"(p?)\[?([^\[\]]*)\]?")
+_EXTRA: Final = re.compile(r"\s+(blend|interim|center)=(\S+)$")
+_KINDS: Final = "six joint angles, a pose p[x,y,z,rx,ry,rz], or a posture: home, up, test_configuration"
+
+
+def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
+    """A motion: ``[PLANNER] GOAL [blend=R] [interim=x,y,z] [center=x,y,z]``, lengths in m.
+
+    planner: of a motion that names none. degrees: joint angles are. Raises typer.BadParameter, PlanningError.
+    """
+    from client.planning import CircGoal, MotionSequenceItem, PoseGoal
+    from client.planning.planner import PLANNERS
+
+    rest, extras = text.strip(), dict[str, str]()
+    while found := _EXTRA.search(rest):
+        if found[1] in extras:
+            raise typer.BadParameter(f"{text!r} has {found[1]} twice")
+        extras[found[1]] = found[2]
+        rest = rest[: found.start()]
+    first, _, after = rest.partition(" ")
+    if first in PLANNERS:
+        planner, rest = first, after.strip()
+    goal: Goal = _goal(rest, degrees)
+    points = {name: _three(extras[name], text) for name in ("interim", "center") if name in extras}
+    if points or planner == "CIRC":
+        if not isinstance(goal, PoseGoal) or planner != "CIRC":
+            raise typer.BadParameter(f"{text!r}: an arc is CIRC p[x,y,z,rx,ry,rz] with interim=x,y,z or center=x,y,z")
+        goal = CircGoal(goal.pose, points.get("interim"), points.get("center"))
+    blend = numbers(extras["blend"], 1, f"{text!r}: blend is a radius in m")[0] if "blend" in extras else 0.0
+    return MotionSequenceItem(goal, planner, blend)
+
+
+def _goal(text: str, degrees: bool) -> "Goal":
+    from client.planning import NAMED, JointGoal, NamedGoal, PoseGoal
+
+    if text in NAMED:
+        return NamedGoal(text)
+    match = _NUMBERS.fullmatch(text)
+    if match and match[1]:
+        return PoseGoal(numbers(match[2], 6, f"{text!r} is none of {_KINDS}"))
+    return JointGoal(angles(text, degrees))
+
+
+def angles(text: str, degrees: bool) -> tuple[float, ...]:
+    """Six joint angles [rad]. Raises typer.BadParameter."""
+    match = _NUMBERS.fullmatch(text.strip())
+    found = numbers(match[2] if match and not match[1] else "", 6, f"{text!r} is none of {_KINDS}")
+    return tuple(map(radians, found)) if degrees else found
+
+
+def constraints(
+    scene: "PlanningScene", start_rad: Sequence[float], tcp_offset: Pose, orientation: str | None, box: str | None
+) -> "PathConstraints | None":
+    """What the tool keeps to all the way. orientation: tolerances of the one that it has at the start.
+
+    box: edge lengths and middle. Raises typer.BadParameter, PlanningError.
+    """
+    from client.planning import OrientationConstraint, PathConstraints, PositionConstraint
+
+    if orientation is None and box is None:
+        return None
+    turned = place = None
+    if orientation is not None:
+        _, _, _, *turn = scene.kinematics.forward(start_rad, tcp_offset)
+        a, b, c = turn
+        turned = OrientationConstraint((a, b, c), _three(orientation, "--keep-orientation"))
+    if box is not None:
+        x, y, z, *middle = numbers(box, 6, f"--keep-within {box!r}: a box is six numbers: its edges and its middle [m]")
+        place = PositionConstraint((x, y, z), (*middle, 0.0, 0.0, 0.0))
+    return PathConstraints(turned, place, tcp_offset)
+
+
+def _three(text: str, where: str) -> Vector3:
+    x, y, z = numbers(text.strip("[]"), 3, f"{where}: {text!r} is not three numbers x,y,z")
+    return (x, y, z)
+
+
+def numbers(text: str, count: int, otherwise: str) -> tuple[float, ...]:
+    """So many. Raises typer.BadParameter with this text."""
+    try:
+        values = tuple(float(part) for part in text.replace(",", " ").split())
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise typer.BadParameter(otherwise)
+    return values

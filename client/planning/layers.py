@@ -1,0 +1,208 @@
+"""What may touch what, at two grains: fat capsules around links to tell what is far away, then what a link is within.
+
+Links are the cylinders of the arm's data file, which nothing of the real arm is beside. Most of them are far from
+everything most of the time, which one look at a capsule around them shows.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import hypot
+from typing import Any, Final
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from client.planning.scene import LINKS, PlanningScene
+from client.planning.solids import (
+    at,
+    capsule_around,
+    extent_of,
+    placed,
+    placed_capsule,
+    placed_cylinder,
+    reach_of,
+    solid,
+)
+from urproto.robots.calibration import Chain, chain_of
+from urproto.robots.shapes import Capsule, capsules, cylinders
+from urproto.vectors import ZERO3
+from urscript.polyscope.safety_configuration import elbow_radius
+
+_Vector = npt.NDArray[np.float64]
+
+# of the links: neighbours, base and upper arm, forearm and wrist 2, wrist 1 and 3 are beside each other and cannot
+# touch, as ur_description's meshes show
+_APART: Final = 3
+OWN_PAIRS: Final = tuple(
+    (i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _APART or (i, j) in ((1, 3), (2, 4))
+)
+"""Links that could touch each other, by their places in `LINKS`."""
+
+_MOVED: Final = range(2, 7)  # the links that things are kept from: the base stands, the shoulder turns on the spot
+_BEFORE_WRIST: Final = range(4)  # what is attached is kept from these; the wrists are where it is mounted
+_ELBOW: Final = 3  # the joint whose axis the elbow is on
+_POINT_M: Final = 0.001  # radius of what has none
+
+
+class Layer:
+    """Solids, and pairs of them that may not touch.
+
+    names: of the two of each pair. levers: how far a point of one can be from each joint's axis that moves it as seen
+    from the other [m] (pairs, 6).
+    """
+
+    def __init__(self, arm: Any, chain: Chain) -> None:
+        self._arm = arm
+        self._chain = chain
+        self.geometry = pin.GeometryModel()
+        self.names: list[tuple[str, str]] = []
+        self._moved: list[
+            tuple[int, float]
+        ] = []  # the joint that each solid moves with, how far it goes from there [m]
+
+    def add(self, joint: int, placement: Any, shape: Any, extent_m: float = 0.0) -> int:
+        """A solid that moves with a joint, 0 for none. extent_m: of its farthest point from there. Its number."""
+        self._moved.append((joint, extent_m))
+        name = str(len(self._moved))
+        return int(self.geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape)))
+
+    def pair(self, one: str, first: int, other: str, second: int) -> int:
+        """Two that may not touch. The pair's number."""
+        self.geometry.addCollisionPair(pin.CollisionPair(first, second))
+        self.names.append((one, other))
+        return len(self.names) - 1
+
+    def finish(self, data: Any, padding_m: float) -> None:
+        """Nothing more is added."""
+        self._joints = data
+        self.data = self.geometry.createData()
+        for request in self.data.collisionRequests:
+            request.security_margin = padding_m
+        self._results = list(self.data.collisionResults)  # made once: they are changed in place
+        moved = [(self._moved[pair.first], self._moved[pair.second]) for pair in self.geometry.collisionPairs]
+        self.levers = np.array([self._lever(*two) for two in moved]).reshape(-1, 6)
+
+    def move(self, q_rad: _Vector) -> None:
+        """Everything to where it is with these joint angles (6,) [rad]."""
+        pin.updateGeometryPlacements(self._arm, self._joints, self.geometry, self.data, q_rad)
+
+    def distance(self, pair: int) -> float:
+        """Of a pair, where it was moved to [m]; negative: how deep."""
+        found: float = pin.computeDistance(self.geometry, self.data, pair).min_distance
+        return found
+
+    def too_near(self, pair: int) -> bool:
+        """Whether a pair is nearer than the padding, where it was moved to."""
+        return bool(pin.computeCollision(self.geometry, self.data, pair))
+
+    def all_too_near(self, q_rad: _Vector) -> list[int]:
+        """Pairs that are nearer than the padding with these joint angles (6,) [rad]."""
+        if not pin.computeCollisions(self._arm, self._joints, self.geometry, self.data, q_rad, False):
+            return []
+        return [pair for pair, result in enumerate(self._results) if result.isCollision()]
+
+    def distances(self, q_rad: _Vector) -> Sequence[Any]:
+        """coal's result of each pair with these joint angles (6,) [rad]."""
+        pin.computeDistances(self._arm, self._joints, self.geometry, self.data, q_rad)
+        results: Sequence[Any] = self.data.distanceResults
+        return results
+
+    def _lever(self, one: tuple[int, float], other: tuple[int, float]) -> _Vector:
+        (inner, _), (outer, far) = sorted((one, other))
+        lever = np.zeros(6)
+        for joint in range(outer, inner, -1):
+            lever[joint - 1] = far
+            far += hypot(*self._chain[joint - 1].position)
+        return lever
+
+
+class Layers:
+    """Of a scene as it is. parts: pairs of the fine layer that are in each pair of the coarse one."""
+
+    def __init__(self, scene: PlanningScene) -> None:
+        self._scene = scene
+        model = scene.model
+        chain = chain_of(model.dh if model.calibration is None else model.calibration)
+        arm, joint = pin.Model(), 0
+        for number, frame in enumerate(chain):
+            placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
+            joint = arm.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{number}")
+        self.coarse, self.fine = Layer(arm, chain), Layer(arm, chain)
+        self.parts: list[list[int]] = []
+        self._solids: dict[str, tuple[int, list[int]]] = {}  # numbers in both layers, by name
+        self._add_links()
+        self._add_things()
+        self._add_safety()
+        data = arm.createData()
+        self.coarse.finish(data, scene.padding_m)
+        self.fine.finish(data, scene.padding_m)
+
+    def _add_links(self) -> None:
+        model = self._scene.model
+        for number, (old, parts) in enumerate(zip(capsules(model), cylinders(model), strict=True)):
+            capsule = old
+            if tube := model.cylinders[number].tube:
+                height = model.cylinders[number].tube_height
+                capsule = Capsule((-tube.low, 0.0, height), (-tube.high, 0.0, height), 0.0)
+            capsule = capsule_around(capsule.start, capsule.end, parts)
+            fine = [self.fine.add(number, *placed_cylinder(part), extent_of(part)) for part in parts]
+            self._solids[LINKS[number]] = (
+                self.coarse.add(number, *placed_capsule(capsule), extent_of(capsule)),
+                fine,
+            )
+        for i, j in OWN_PAIRS:
+            self._pair(LINKS[i], LINKS[j])
+
+    def _add_things(self) -> None:
+        things = self._scene.objects
+        carried = [name for name, thing in things.items() if thing.attached]
+        for name, thing in things.items():
+            extent_m = reach_of(name, thing) if thing.attached else 0.0
+            self._add(name, 6 if thing.attached else 0, placed(thing.pose), solid(name, thing), extent_m)
+        for name in things:
+            if name in carried:
+                for i in _BEFORE_WRIST:
+                    self._pair(LINKS[i], name)
+                continue
+            for i in _MOVED:
+                self._pair(LINKS[i], name)
+            for other in carried:
+                self._pair(other, name)
+
+    def _add_safety(self) -> None:
+        """The planes, and balls for what they restrict, which meet nothing else."""
+        safety = self._scene.safety
+        if safety is None:
+            return
+        x, y, z, *_ = safety.tcp_offset
+        balls = [("the TCP", (x, y, z), _POINT_M)]
+        balls += [(f"tool sphere {n}", s.centre, s.radius) for n, s in enumerate(safety.configuration.tool_spheres, 1)]
+        for name, centre, radius in balls:
+            self._add(name, 6, at(centre), coal.Sphere(radius), hypot(*centre) + radius)
+        radius = max(_POINT_M, elbow_radius(self._scene.model))
+        self._add("the elbow", _ELBOW, at(ZERO3), coal.Sphere(radius), radius)
+        for plane in safety.planes:
+            name = f"safety plane {plane.name}"
+            self._add(name, 0, at(ZERO3), coal.Halfspace(np.array(plane.normal), -plane.distance))  # beyond it
+            for ball, _, _ in balls:
+                self._pair(ball, name)
+            if plane.elbow:
+                self._pair("the elbow", name)
+
+    def _add(self, name: str, joint: int, placement: Any, shape: Any, extent_m: float = 0.0) -> None:
+        """The same in both layers."""
+        given = (joint, placement, shape, extent_m)
+        self._solids[name] = (self.coarse.add(*given), [self.fine.add(*given)])
+
+    def _pair(self, one: str, other: str) -> None:
+        if self._scene.allows(one, other):
+            return
+        (first, firsts), (second, seconds) = self._solids[one], self._solids[other]
+        self.coarse.pair(one, first, other, second)
+        self.parts.append([self.fine.pair(one, a, other, b) for a in firsts for b in seconds])
+
+    def within(self, pairs: Sequence[int]) -> Iterator[int]:
+        """The pairs of the fine layer that are in these of the coarse one."""
+        for pair in pairs:
+            yield from self.parts[pair]

@@ -1,0 +1,139 @@
+"""Things and links as coal has them: solids with a place, and how far they go."""
+
+from collections.abc import Iterator, Sequence
+from math import cos, hypot, pi, sin, sqrt
+from typing import Any, Final
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from client.errors import SceneError
+from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, SceneObject, Sphere
+from urproto.robots.pose import Pose, rotvec_to_matrix
+from urproto.robots.shapes import Capsule
+from urproto.robots.shapes import Cylinder as LinkCylinder
+from urproto.vectors import Vector3, add3, cross, dot, scaled3, sub3, unit
+
+_RIM: Final = 24  # corners of a polygon around a cylinder's end
+
+
+def placed_capsule(part: Capsule) -> tuple[Any, Any]:
+    """Where it is in its link, and the solid."""
+    placement, length = _between(part.start, part.end)
+    return placement, coal.Capsule(part.radius, length)
+
+
+def placed_cylinder(part: LinkCylinder) -> tuple[Any, Any]:
+    """Where it is in its link, and the solid."""
+    placement, length = _between(part.start, part.end)
+    return placement, coal.Cylinder(part.radius, length)
+
+
+def _between(start: Vector3, end: Vector3) -> tuple[Any, float]:
+    along = sub3(end, start)
+    length = sqrt(dot(along, along))
+    z = np.array((0.0, 0.0, 1.0))
+    turn = pin.Quaternion.FromTwoVectors(z, np.array(along) / length if length else z)
+    return pin.SE3(turn.matrix(), 0.5 * (np.array(start) + np.array(end))), length
+
+
+def capsule_around(start: Vector3, end: Vector3, parts: Sequence[LinkCylinder]) -> Capsule:
+    """The thinnest capsule about this axis that holds the parts."""
+    return Capsule(start, end, max(_beside(point, start, end) for part in parts for point in _rims(part)))
+
+
+def extent_of(part: LinkCylinder | Capsule) -> float:
+    """How far its farthest point is from the joint that its link begins with [m]."""
+    if isinstance(part, Capsule):
+        return max(hypot(*part.start), hypot(*part.end)) + part.radius
+    return max(hypot(*point) for point in _rims(part))
+
+
+def _rims(part: LinkCylinder) -> Iterator[Vector3]:
+    """Corners of polygons around both ends: what is convex and holds these holds the cylinder."""
+    axis = unit(sub3(part.end, part.start), (0.0, 0.0, 1.0))
+    across = unit(cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)), (1.0, 0.0, 0.0))
+    upright = cross(axis, across)
+    radius = part.radius / cos(pi / _RIM)
+    for k in range(_RIM):
+        angle = 2.0 * pi * k / _RIM
+        out = add3(scaled3(across, radius * cos(angle)), scaled3(upright, radius * sin(angle)))
+        yield add3(part.start, out)
+        yield add3(part.end, out)
+
+
+def _beside(point: Vector3, start: Vector3, end: Vector3) -> float:
+    """How far a point is from a line with two ends."""
+    along, there = sub3(end, start), sub3(point, start)
+    share = max(0.0, min(1.0, dot(there, along) / dot(along, along)))
+    return hypot(*sub3(there, scaled3(along, share)))
+
+
+def at(place: Vector3) -> Any:
+    """As `placed`, not turned."""
+    return placed((*place, 0.0, 0.0, 0.0))
+
+
+def placed(pose: Pose) -> Any:
+    """A pose as Pinocchio has it."""
+    return pin.SE3(np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3), np.array(pose[:3]))
+
+
+def solid(name: str, thing: SceneObject) -> Any:
+    """Its shape. Raises SceneError."""
+    match thing.shape:
+        case Box(size):
+            return coal.Box(*size)
+        case Sphere(radius):
+            return coal.Sphere(radius)
+        case Cylinder(radius, length):
+            return coal.Cylinder(radius, length)
+        case Plane():
+            return coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
+        case Mesh(path, scale):
+            return _hull(name, str(path), scale)
+        case Hull(points):
+            return _around(points)
+    raise SceneError(f"{name} has a shape that is not known")
+
+
+def _hull(name: str, path: str, scale: float) -> Any:
+    try:
+        mesh = coal.MeshLoader().load(path, np.full(3, scale))
+        mesh.buildConvexHull(True, "Qt")
+    except (RuntimeError, ValueError) as error:
+        raise SceneError(f"{name}: {path} is not a mesh that can be read: {error}") from error
+    return mesh.convex
+
+
+def _around(points: Sequence[Sequence[float]]) -> Any:
+    corners = coal.StdVec_Vec3s()
+    for point in points:
+        corners.append(np.array(point, dtype=float))
+    return coal.Convex.convexHull(corners, True, "Qt")
+
+
+def hull_of(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
+    """What of a mesh is kept clear of: the corners of its convex hull [m], and its triangles by the corners' numbers.
+
+    Raises SceneError.
+    """
+    hull = _hull(mesh.path.name, str(mesh.path), mesh.scale)
+    triangles = [[int(hull.polygons(i)[k]) for k in range(3)] for i in range(hull.num_polygons)]
+    return hull.points().tolist(), triangles
+
+
+def reach_of(name: str, thing: SceneObject) -> float:
+    """How far the farthest point of what is attached is from the flange [m]."""
+    away = hypot(*thing.pose[:3])
+    match thing.shape:
+        case Box(size):
+            return away + 0.5 * hypot(*size)
+        case Sphere(radius):
+            return away + radius
+        case Cylinder(radius, length):
+            return away + hypot(radius, 0.5 * length)
+    hull = solid(name, thing)
+    hull.computeLocalAABB()
+    return away + float(np.linalg.norm(hull.aabb_center)) + float(hull.aabb_radius)
