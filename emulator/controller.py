@@ -21,7 +21,7 @@ from emulator.guard import MOVING, PUBLISHING, Guard
 from emulator.io.encoders import Encoders
 from emulator.io.signals import BaseLight, ForceInput, ModbusRegisters, Registers, Signals
 from emulator.lifecycle.power import Power, PowerEvent, PowerState
-from emulator.lifecycle.runstate import Speed, StopCause
+from emulator.lifecycle.runstate import START_S, Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
 from emulator.machine import ControllerConfig, Machine
 from emulator.mailbox import Command, Mailbox, Reply
@@ -85,7 +85,7 @@ class Controller(Machine):
         self.installation = Installation()
         self.world_model = WorldModel()
         self.base_light = BaseLight()
-        self.speed = Speed()
+        self.speed = Speed(round(START_S / self.period_s) if config.dynamic else 1)
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
         self.external_wrench: Vector6 = ZERO6  # what the world does to the TCP, base frame [N, Nm]
@@ -302,6 +302,7 @@ class Controller(Machine):
         motion = self.motion
         if driven or motion.braking:
             motion.force_control.feel(wrench, self.arm.q)
+            self.speed.advance()
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self.programs.paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
