@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
-from emulator.config import choose_arm, controller_config
+from emulator.config import choose_arm, choose_version, controller_config
 from emulator.controller import Controller
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.script_peers import Peers, StubPeers, read_peers
@@ -48,7 +48,7 @@ def run(options: Namespace) -> int:
         return _usage_error(str(error))
     except OSError as error:
         return _usage_error(f"{error.filename or options.file}: {error.strerror}")
-    problems = file.problems(LIBRARY_SET, config.version)
+    problems = file.problems(LIBRARY_SET, choose_version(options.polyscope, model))
     for problem in problems:
         _say(problem.render(file.name))
     if any(isinstance(problem, CompileError) for problem in problems):

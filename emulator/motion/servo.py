@@ -8,8 +8,8 @@ servoj is a critically damped follower whose lag behind a steadily moving target
 is a guess. Target angles of a UR5 with the defaults: 60 to 80 ms, in the shape of a lag of first or second order
 (el-Lennard/Robotik, Modularbeit Code/A2_servoj.csv). A UR10e with 0.03 and 1200: 34 ms from a command to the angle, of
 which 5 ms are the connection (UniversalRobots/Universal_Robots_Client_Library, issue 86). A UR5 with 0.03 and 2000
-agrees: 35 ms with all that a driver adds (Universal_Robots_ROS2_Driver, issue 1311). A target further away is approached
-within the joints' limits, without overshoot; a fast one is followed at the distance that braking takes.
+agrees: 35 ms with all that a driver adds (Universal_Robots_ROS2_Driver, issue 1311). A target further away is
+approached within the joints' limits, without overshoot; a fast one is followed at the distance that braking takes.
 """
 
 from math import exp, inf, sqrt
