@@ -41,6 +41,7 @@ from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
+from urproto.robots.measured import supply_of
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6
@@ -93,7 +94,8 @@ class Controller(Machine):
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
-        self.electrics = Electrics(early_simulator=early)
+        supply = supply_of(self.model) if config.dynamic else None
+        self.electrics = Electrics(supply, config.seed, early_simulator=early)
         self.motion = Motion(self.model, self.period_s, config.initial_q)
         self.modbus = ModbusSignals(self.version.series)
         self.freedrive_inputs = FreedriveInputs(self.signals, self.registers, self.modbus, self.motion)
