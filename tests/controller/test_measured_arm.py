@@ -9,8 +9,8 @@ from urproto.robots.measured import drivetrain_of
 
 HERE = (0.3490658504, -1.9198621772, 1.0471975512, -2.0943951024, 0.6981317008, 1.0471975512)
 MOVE = "def p():\n  movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.1, 0, 0, 0]), a=0.1, v=0.05)\nend\n"
-# el-Lennard/Robotik, Modularbeit/Aufgabe4/Aufnahme_Lennard_Messung.csv: speeds of a real UR3's target in periods 5 to 22
-# of a movel that begins a program [mm/s, by differences of its places]
+# el-Lennard/Robotik, Modularbeit/Aufgabe4/Aufnahme_Lennard_Messung.csv: speeds of a real UR3's target in periods 5 to
+# 22 of a movel that begins a program [mm/s, by differences of its places]
 SPEEDS_MM_S = (
     0.13,
     0.22,
