@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import pytest
 
+from emulator.robot.body import STEP_S, Body
 from urproto.robots import load_model
 from urproto.robots.measured import drivetrain_of
 
@@ -97,3 +98,23 @@ def test_the_supply_is_a_real_arms(make):
     assert sum(volts) / 100 == pytest.approx(48.21, abs=0.02)
     assert len(set(volts)) == 100
     assert make("ur10", running=True).seconds(1.0).actual_main_voltage == 48.0
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "manual_rad"),
+    [("ur5", 0, 0.31), ("ur5", 1, 0.70), ("ur3", 0, 0.18)],
+)
+def test_brakes_stop_as_the_manual_says(name, joint, manual_rad):
+    """User manuals, appendix A: category 0, 183 degrees/s, stretched out, full payload, shoulder downwards."""
+    model = load_model(name)
+    body = Body(model)
+    body.dynamics.set_payload(model.payload_max_kg, (0.0, 0.0, 0.0))
+    ways = []
+    for way in (1.0, -1.0):
+        body.place((0.0,) * 6)
+        body.qd = tuple(way * 3.194 if index == joint else 0.0 for index in range(6))
+        for _ in range(1000):
+            body.brake((0.0,) * 6, STEP_S)
+        assert body.standing
+        ways.append(abs(body.q[joint]))
+    assert max(ways) == pytest.approx(manual_rad, rel=0.08)
