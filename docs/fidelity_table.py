@@ -47,6 +47,7 @@ _PTP: Final = "dynamic_calibration/dataset_ur10e/validation_data/ur-20_01_17-ptp
 _UR3_MOVEL: Final = "Robotik/Modularbeit/Aufgabe4/Aufnahme_Lennard_Messung.csv"  # a=0.1, v=0.05
 _UR5_MOVEL: Final = "Robotik/*/Modularbeit Code/A2_movel.csv"  # a=0.8, v=0.1, 50 mm back along x
 _UR5_MOVEL_FROM: Final = 5  # the period of its first line, by its place on the way
+_UR5E_POSES: Final = "bachelorproject/Testdaten/*/robot*.csv"  # a UR5e by its lengths
 _AT_REST: Final = ("RTDE_PYTHON_CLIENT_LIB_EXPANDED/", "TSSP-2024/", "RTDE_Python_Client_Library_Zhizhuo/")
 
 
@@ -181,11 +182,19 @@ def _movement(what: str, name: str, arm: str, found: Compared | None) -> str:
 
 
 def _poses(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
-    for pattern, model in ((_UR3_MOVEL, "ur3"), (f"{_UR5}/Movement_No6*", "ur5")):
+    for pattern, model in ((_UR3_MOVEL, "ur3"), (f"{_UR5}/Movement_No6*", "ur5"), (_UR5E_POSES, "ur5e")):
         for file in _found(folder, pattern, left_out):
-            recording = _recording(file)
+            recording = _posed(file) if pattern == _UR5E_POSES else _recording(file)
             spread = tool_spread(recording["actual_q"][::10], recording["actual_TCP_pose"][::10], load_model(model))
             yield f"| {_name(folder, file)} | {load_model(model).title} | {spread:.2f} mm |"
+
+
+def _posed(file: Path) -> Recording:
+    """A recording of angles and poses alone, without times."""
+    numbers = np.genfromtxt(file, skip_header=1)
+    numbers = numbers[np.isfinite(numbers[:, :12]).all(axis=1)]
+    values = {"actual_q": numbers[:, :6], "actual_TCP_pose": numbers[:, 6:12]}
+    return Recording({"timestamp": np.arange(len(numbers)), **values})
 
 
 def _rests(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
