@@ -1,24 +1,54 @@
-"""The table of docs/fidelity.md: ``python docs/fidelity_table.py FOLDER`` rewrites it.
+"""The tables of docs/fidelity.md: ``python docs/fidelity_table.py FOLDER`` rewrites them.
 
 FOLDER holds clones of the public repositories named below. Nothing is downloaded, and what is not there, or cannot be
 compared, is listed with the reason.
 """
 
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+from fidelity_moves import Compared, movej_by_angles, movej_by_targets, movel_with_its_program, tool_spread
+from fidelity_rest import at_rest
+
 from client.errors import RecordingError
 from client.identification.fidelity import Fidelity, fidelity
 from client.recording.files import read
-from urproto.robots import load_model
+from client.recording.recording import Recording
+from urproto.robots import kinematics_of, load_model
+from urproto.vectors import as_six
 
 PAGE: Final = Path(__file__).with_name("fidelity.md")
 BEGIN: Final = "<!-- table: made by docs/fidelity_table.py -->\n"
 END: Final = "<!-- end of table -->\n"
 FIELDS: Final = ("target_moment", "target_current", "actual_current")
 _UR10E: Final = ("timestamp", "actual_q", "actual_qd", "actual_current", "target_current", "target_moment")
+_UR5: Final = "ur5_modeling_force_estimate/JointSpaceControl_Model_C_ForceEstim/RecordedUR5Data"
+_UR5_FITTED: Final = (
+    "Movement_No4_Acc",
+    "Movement_No5_Acc_slow_no_disturbance",
+    "Movement_No6_Acc_slow_Verify_Model",
+)
+# the files of a folder of the UR5's, each a time and a vector a line
+_UR5_FILES: Final = {
+    "target_q": "q_target",
+    "target_qd": "qd_target",
+    "target_qdd": "qdd_target",
+    "target_moment": "m_target",
+    "target_current": "i_target",
+    "actual_current": "i_actual",
+    "actual_q": "q_actual",
+    "actual_TCP_pose": "tool_vector",
+}
+_PTP: Final = "dynamic_calibration/dataset_ur10e/validation_data/ur-20_01_17-ptp_10_points.csv"
+_UR3_MOVEL: Final = "Robotik/Modularbeit/Aufgabe4/Aufnahme_Lennard_Messung.csv"  # a=0.1, v=0.05
+_UR5_MOVEL: Final = "Robotik/*/Modularbeit Code/A2_movel.csv"  # a=0.8, v=0.1, 50 mm back along x
+_UR5_MOVEL_FROM: Final = 5  # the period of its first line, by its place on the way
+_UR5E_POSES: Final = "bachelorproject/Testdaten/*/robot*.csv"  # a UR5e by its lengths
+_AT_REST: Final = ("RTDE_PYTHON_CLIENT_LIB_EXPANDED/", "TSSP-2024/", "RTDE_Python_Client_Library_Zhizhuo/")
 
 
 @dataclass(frozen=True)
@@ -36,33 +66,161 @@ SOURCES: Final = (
     Source("dynamic_calibration/dataset_ur10e/jointwise_motion/*.csv", "ur10e", "judged", _UR10E),
     Source("dynamic_calibration/dataset_ur10e/validation_data/*.csv", "ur10e", "judged", _UR10E),
     Source("dynamic_calibration/dataset_ur10e/collision/*.csv", "ur10e", "judged", _UR10E),
+    *(
+        Source(f"{_UR5}/{name}", "ur5", "fitted" if name in _UR5_FITTED else "judged")
+        for name in (
+            *_UR5_FITTED,
+            "Movement_No[123]",
+            "Movement_No3_Acc",
+            "Movement_No[789]_*",
+            "Movement_No10*",
+            "TEST",
+        )
+    ),
     Source("RTDE_PYTHON_CLIENT_LIB_EXPANDED/examples/robot_data.csv", "ur10", "judged"),
     Source("TSSP-2024/examples/robot_data.csv", "ur5e", "judged"),
     Source("RTDE_Python_Client_Library_Zhizhuo/examples/robot_data.csv", "ur5e", "judged"),
 )
-# what hung on the arm while its controller was told of nothing: actual currents are not the bare arm's
-LOADED: Final = ("load", "Load")
+# what hung on the arm, or pushed it, while its controller was told of nothing: actual currents are not the bare arm's
+LOADED: Final = ("load", "Load", "w_dist", "with_dist", "WDist", "ForceSensor")
 
 
 def main(folder: Path) -> None:
-    """Rewrite the table in the page."""
-    rows, left_out = [], []
-    for source in SOURCES:
-        files = sorted(folder.glob(source.pattern))
-        if not files:
-            left_out.append((source.pattern, "not in the folder"))
-        for file in files:
-            try:
-                rows.append(_row(folder, file, source))
-            except RecordingError as error:
-                left_out.append((_name(folder, file), str(error).replace(f"{file}: ", "").replace(f"{file} ", "")))
+    """Rewrite the tables in the page."""
+    left_out: list[tuple[str, str]] = []
     heads = " | ".join(f"`{name}`" for name in FIELDS)
-    lines = [f"| recording | arm | data | {heads} | `target_moment` at rest |"]
-    lines += ["| --- | --- | --- | --- | --- | --- | --- |", *rows, "", "Left out:", ""]
-    lines += ["| recording | why |", "| --- | --- |", *(f"| {name} | {why} |" for name, why in left_out)]
+    lines = [
+        f"| recording | arm | data | {heads} | `target_moment` at rest |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        *_torques(folder, left_out),
+        "",
+        "Movements, by what the recording shows of each:",
+        "",
+        "| movement | recording | arm | moves | duration, worst | place on the way, worst |",
+        "| --- | --- | --- | --- | --- | --- |",
+        *_movements(folder, left_out),
+        "",
+        "How far recorded TCP poses are from where the model's nominal lengths have them at the recorded angles:",
+        "",
+        "| recording | arm | rms |",
+        "| --- | --- | --- |",
+        *_poses(folder, left_out),
+        "",
+        "At rest, recording / emulator. Of vectors the mean size of their numbers, of accelerations the length:",
+        "",
+        "| recording | field | mean | noise | unit |",
+        "| --- | --- | --- | --- | --- |",
+        *_rests(folder, left_out),
+        "",
+        "Left out:",
+        "",
+        "| recording | why |",
+        "| --- | --- |",
+        *(f"| {name} | {why} |" for name, why in dict.fromkeys(left_out)),
+    ]
     text = PAGE.read_text("utf-8")
     head, rest = text.split(BEGIN)
     PAGE.write_text(head + BEGIN + "\n" + "\n".join(lines) + "\n\n" + END + rest.split(END)[1], "utf-8")
+
+
+def _found(folder: Path, pattern: str, left_out: list[tuple[str, str]]) -> list[Path]:
+    files = sorted(folder.glob(pattern))
+    if not files:
+        left_out.append((pattern, "not in the folder"))
+    return files
+
+
+def _torques(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
+    for source in SOURCES:
+        for file in _found(folder, source.pattern, left_out):
+            try:
+                yield _row(folder, file, source)
+            except RecordingError as error:
+                left_out.append((_name(folder, file), str(error).replace(f"{file}: ", "").replace(f"{file} ", "")))
+
+
+def _movements(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
+    folders = [file for source in SOURCES if source.model == "ur5" for file in sorted(folder.glob(source.pattern))]
+    if folders:
+        found = movej_by_targets(map(_recording, folders), load_model("ur5"))
+        yield _movement("`movej`, targets", "ur5_modeling_force_estimate", "UR5", found)
+    for file in _found(folder, _PTP, left_out):
+        found = movej_by_angles(read(file, _UR10E), load_model("ur10e"))
+        yield _movement("`movej`, angles", _name(folder, file), "UR10e", found)
+    for file in _found(folder, _UR3_MOVEL, left_out):
+        recording, model = read(file), load_model("ur3")
+        first = int(np.argmax((np.abs(recording["target_qd"]) > 1e-9).any(axis=1))) - 1
+        start, places = recording["target_q"][first], recording["target_TCP_pose"][first:, :3]
+        goal = np.array(kinematics_of(model).forward(as_six(recording["target_q"][-1])))
+        ways = np.linalg.norm(places - places[0], axis=1)
+        yield _movement(
+            "`movel` that begins a program",
+            _name(folder, file),
+            "UR3",
+            movel_with_its_program(ways, start, goal, model, 0.05, 0.1),
+        )
+    for file in _found(folder, _UR5_MOVEL, left_out)[:1]:
+        table, model = np.genfromtxt(file, delimiter=",", skip_header=1), load_model("ur5")
+        start = np.radians([30.0, -60.0, 90.0, 0.0, 90.0, 0.0])
+        goal = np.array(kinematics_of(model).forward(as_six(start)))
+        goal[0] += np.sign(table[-1, 0] - table[0, 0]) * 0.05
+        ways = np.linalg.norm(table[:, :3] - table[0, :3], axis=1)
+        ways += 0.05 - ways[-1]
+        yield _movement(
+            "`movel` that begins a program",
+            _name(folder, file),
+            "UR5",
+            movel_with_its_program(ways, start, goal, model, 0.1, 0.8, _UR5_MOVEL_FROM),
+        )
+
+
+def _movement(what: str, name: str, arm: str, found: Compared | None) -> str:
+    if found is None:
+        return f"| {what} | {name} | {arm} | 0 | | |"
+    place = "" if np.isnan(found.place) else f"{found.place:.3f} {found.unit}"
+    return f"| {what} | {name} | {arm} | {found.moves} | {100.0 * found.duration:.2f} % | {place} |"
+
+
+def _poses(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
+    for pattern, model in ((_UR3_MOVEL, "ur3"), (f"{_UR5}/Movement_No6*", "ur5"), (_UR5E_POSES, "ur5e")):
+        for file in _found(folder, pattern, left_out):
+            recording = _posed(file) if pattern == _UR5E_POSES else _recording(file)
+            spread = tool_spread(recording["actual_q"][::10], recording["actual_TCP_pose"][::10], load_model(model))
+            yield f"| {_name(folder, file)} | {load_model(model).title} | {spread:.2f} mm |"
+
+
+def _posed(file: Path) -> Recording:
+    """A recording of angles and poses alone, without times."""
+    numbers = np.genfromtxt(file, skip_header=1)
+    numbers = numbers[np.isfinite(numbers[:, :12]).all(axis=1)]
+    values = {"actual_q": numbers[:, :6], "actual_TCP_pose": numbers[:, 6:12]}
+    return Recording({"timestamp": np.arange(len(numbers)), **values})
+
+
+def _rests(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
+    for source in SOURCES:
+        if not source.pattern.startswith(_AT_REST):
+            continue
+        for file in _found(folder, source.pattern, left_out):
+            for name, unit, means, noises in at_rest(read(file), source.model):
+                yield f"| {_name(folder, file)} | `{name}` | {means} | {noises} | {unit} |"
+
+
+def _recording(file: Path, columns: tuple[str, ...] | None = None) -> Recording:
+    """Of a file, or of a folder of the UR5's."""
+    if not file.is_dir():
+        return read(file, columns)
+    values = {}
+    for name, log in _UR5_FILES.items():
+        path = file / "csv_files" / f"log_{log}.csv"
+        if not path.exists():
+            raise RecordingError(f"{log} was not recorded")
+        lines = path.read_text("utf-8").splitlines()
+        rows = [line.split(",") for line in lines if line.count(",") == lines[0].count(",")]
+        values[name] = np.array([[float(number or "nan") for number in row] for row in rows])
+    count = min(len(table) for table in values.values())
+    arrays = {name: table[:count, 1:] for name, table in values.items()}
+    return Recording({"timestamp": values["target_q"][:count, 0], **arrays})
 
 
 def _name(folder: Path, file: Path) -> str:
@@ -71,11 +229,11 @@ def _name(folder: Path, file: Path) -> str:
 
 
 def _row(folder: Path, file: Path, source: Source) -> str:
-    result = fidelity(read(file, source.columns), load_model(source.model))
+    result = fidelity(_recording(file, source.columns), load_model(source.model))
     loaded = any(word in file.stem and f"un{word}" not in file.stem for word in LOADED)
     cells = [_share(result, name) for name in FIELDS]
     if loaded:
-        cells[2] = "loaded"
+        cells[2] = "loaded" if "oad" in file.stem else "pushed"
     rests = [row.rest for row in result.errors if row.field == FIELDS[0] and row.rest is not None]
     rest = f"{max(rests):.3f} Nm" if rests else ""
     title = load_model(source.model).title

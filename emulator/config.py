@@ -239,7 +239,7 @@ def choose_arm(name: str | None, polyscope: str | None, arm: str) -> tuple[Robot
         raise ConfigError(f"arm {arm!r} is neither {' nor '.join(ArmKind)} nor a file")
     values = read_yaml(path)
     if not isinstance(values, dict) or not isinstance(values.get("model"), str):
-        raise ConfigError(f"{path} is no file of an arm: it has no model. ur-client identify writes such files")
+        raise ConfigError(f"{path} does not describe an arm: model is missing. ur-client identify writes such files")
     chosen = choose_model(name or values["model"], polyscope)
     if chosen.name != values["model"]:
         raise ConfigError(f"{path} is a {values['model']}, not a {chosen.name}: leave --model out")

@@ -21,7 +21,7 @@ from emulator.guard import MOVING, PUBLISHING, Guard
 from emulator.io.encoders import Encoders
 from emulator.io.signals import BaseLight, ForceInput, ModbusRegisters, Registers, Signals
 from emulator.lifecycle.power import Power, PowerEvent, PowerState
-from emulator.lifecycle.runstate import Speed, StopCause
+from emulator.lifecycle.runstate import START_S, Speed, StopCause
 from emulator.lifecycle.safety import Safety, SafetyEvent
 from emulator.machine import ControllerConfig, Machine
 from emulator.mailbox import Command, Mailbox, Reply
@@ -41,6 +41,7 @@ from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
 from emulator.world.world import World
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
+from urproto.robots.measured import supply_of
 from urproto.robots.pose import Pose
 from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6
@@ -85,7 +86,7 @@ class Controller(Machine):
         self.installation = Installation()
         self.world_model = WorldModel()
         self.base_light = BaseLight()
-        self.speed = Speed()
+        self.speed = Speed(round(START_S / self.period_s) if config.dynamic else 1)
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
         self.external_wrench: Vector6 = ZERO6  # what the world does to the TCP, base frame [N, Nm]
@@ -93,7 +94,8 @@ class Controller(Machine):
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
-        self.electrics = Electrics(early_simulator=early)
+        supply = supply_of(self.model) if config.dynamic else None
+        self.electrics = Electrics(supply, config.seed, early_simulator=early)
         self.motion = Motion(self.model, self.period_s, config.initial_q)
         self.modbus = ModbusSignals(self.version.series)
         self.freedrive_inputs = FreedriveInputs(self.signals, self.registers, self.modbus, self.motion)
@@ -302,6 +304,7 @@ class Controller(Machine):
         motion = self.motion
         if driven or motion.braking:
             motion.force_control.feel(wrench, self.arm.q)
+            self.speed.advance()
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self.programs.paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete

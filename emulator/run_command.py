@@ -29,9 +29,10 @@ def _arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file of objects around the arm")
     parser.add_argument(
         "--arm",
-        choices=list(ArmKind),
+        metavar="ideal|dynamic|FILE",
         default=ArmKind.IDEAL,
-        help="ideal (the default): follows its targets exactly; dynamic: moved by torques, with friction",
+        help="ideal (the default): follows its targets exactly; dynamic: moved by torques, with friction; FILE: "
+        "dynamic, as the arm that ur-client identify found in a recording",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of a dynamic arm's measurement noise")
     parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles to start from [rad]")

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
-from emulator.config import controller_config
+from emulator.config import choose_arm, choose_version, controller_config
 from emulator.controller import Controller
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.script_peers import Peers, StubPeers, read_peers
@@ -19,7 +19,7 @@ from emulator.services.sockets import ScriptNetwork
 from urproto.robots import RobotModel
 from urproto.robots.model import Joints
 from urproto.signals import CONFIGURABLE, STANDARD, TOOL
-from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR, chosen_controller
+from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
 
@@ -29,9 +29,9 @@ Setter: TypeAlias = Callable[[Controller, int, float], Any]
 def run(options: Namespace) -> int:
     """Compile and run the file; the exit status."""
     try:
-        model, version = chosen_controller(options)
+        model, _ = choose_arm(options.model, options.polyscope, options.arm)
         config = controller_config(
-            model.name,
+            options.model,
             polyscope=options.polyscope,
             running=True,
             popup_auto_close_s=0.0,
@@ -48,7 +48,7 @@ def run(options: Namespace) -> int:
         return _usage_error(str(error))
     except OSError as error:
         return _usage_error(f"{error.filename or options.file}: {error.strerror}")
-    problems = file.problems(LIBRARY_SET, version)
+    problems = file.problems(LIBRARY_SET, choose_version(options.polyscope, model))
     for problem in problems:
         _say(problem.render(file.name))
     if any(isinstance(problem, CompileError) for problem in problems):

@@ -53,8 +53,8 @@ class PowerTimings:
 
     No recording of a simulator is public. What bounds it are suites that pass on simulators: ur_rtde's gives an arm
     that is off 3 s from `brake release` until it moves; the official C++ library's sends a script 0.7 s after it, and
-    after loading a program, which takes less than a second. The split is a guess. A real arm needs about 5-10 s for
-    power and 2-6 s for the brakes.
+    after loading a program, which takes less than a second. The split is a guess. A real arm takes longer: its
+    users wait 5 s for each of both (shadow-robot/sr_interface, pull request 493).
     """
 
     controller_boot_s: float = 0.0  # 0: the controller is up when the emulator is

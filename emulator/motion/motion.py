@@ -18,7 +18,9 @@ from urproto.robots.pose import Pose
 from urproto.vectors import ZERO6, as_six, scaled, sub
 
 _STEADY_S = 0.5  # Script Manual, is_steady
-_BRAKE_SHARE = 1.5  # of the highest acceleration is what the brakes slow a joint by (guess)
+# User manuals of UR5 and UR3 (appendix A), category 0 stops from 183 degrees/s, stretched out with full payload: their
+# bases brake by 16 and 28 rad/s2 on average. One size for all arms and joints, whatever they carry, is a guess
+_BRAKES_RAD_S2 = 20.0
 
 
 class Motion:
@@ -270,7 +272,7 @@ class Motion:
             self.halt()
             return
         self._forget()
-        durations = (abs(speed) / (_BRAKE_SHARE * a) for speed, a in zip(arm.qd, self.model.qdd_max, strict=True))
+        durations = (abs(speed) / _BRAKES_RAD_S2 for speed in arm.qd)
         self.movement.brake(JointStop(arm.q, arm.qd, as_six(durations), StopOrigin.BRAKES), arm.q, arm.qd)
 
     def halt(self) -> None:

@@ -414,6 +414,7 @@ class Programs:
         self.interpreter.program_started(self._main)
         self.breakpoints.program_started()
         self._event(RunEvent.START)
+        self._machine.speed.program_started()
         self.outputs.program_started()
         self.modbus.program_started()
         self._machine.messages.key(PROGRAM_STARTED, program.name)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
 from emulator.robot.senses import Senses
+from emulator.robot.staticfriction import StaticFriction
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
 from urproto.robots.kinematics import Jacobian, Kinematics
@@ -105,6 +106,7 @@ class Arm:
         self._known_friction, self._rotors = drivetrain.known_friction, drivetrain.rotor_kg_m2
         self.torque_constants = model.torque_constants if self.drives is None else drivetrain.torque_constants_Nm_A
         self._senses = Senses(model, seed or 0)
+        self._static_friction = StaticFriction(model, seed or 0)
         self.target_q: Vector6 = ZERO6
         self.target_qd: Vector6 = ZERO6
         self.target_qdd: Vector6 = ZERO6
@@ -369,6 +371,8 @@ class Arm:
         payload, gravity = self._mounted or installation.payload, self._felt
         axes = rotvec_to_matrix(*self.flange_pose[3:])
         self.tool_acceleration = rotate_back(axes, add3(self.tcp_acceleration, gravity))
+        if self.drives is not None:
+            self.tool_acceleration = self._senses.accelerometer(self.tool_acceleration)
         felt = self.wrench
         if self._mounted is not None:
             self._misjudged = self._beyond(axes, self._mounted, installation.payload)
@@ -433,8 +437,10 @@ class Arm:
         """The motors' torques in the last period, as the current sensors tell them."""
         self.own_torque = drives.feedforward
         self.target_current = self._currents(add(self.target_torque, self._known_friction(self.target_qd)))
-        self.control_output = self._currents(drives.torque)
-        self.actual_current = self._senses.currents(self.control_output, drives.body.qd)
+        motors = self._currents(add(drives.torque, self._static_friction.torque(drives.body.qd)))
+        self.actual_current = self._senses.currents(motors, drives.body.qd)
+        # Measured at rest: a UR10's follows its actual currents, those of two e-Series arms are the target currents
+        self.control_output = motors if self.model.series is Series.CB3 else self._currents(drives.torque)
         a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)
         self.actual_torque = (a, b, c, d, e, f)
         self._judge_currents()

@@ -15,8 +15,11 @@ from urproto.vectors import ZERO6, Vector6, as_six
 STEP_S: Final = 0.001  # every arm's stays well inside the limit of explicit steps
 _BAND: Final = 2.0  # of Coulomb friction, in steps that it takes to stop a rotor
 _NARROWEST: Final = 1e-6  # rad/s; a joint may have no Coulomb friction
-_BRAKE_SHARE: Final = 1.0  # of the torque limit, which a brake must hold (guess)
-_LOCKED_RAD_S: Final = 0.1  # all joints slower than this: the brakes' pins hold (guess)
+# Of the torque limit, of a brake. Fits what the user manuals of UR5 and UR3 say of category 0 stops from 183 degrees/s,
+# stretched out with full payload (appendix A), base, shoulder and elbow: UR5 0.31, 0.70, 0.22 rad, here 0.30, 0.65,
+# 0.12; UR3 0.18, 0.20, 0.15 rad, here 0.17, 0.34, 0.11
+_BRAKE_SHARE: Final = 0.8
+_LOCKED_RAD_S: Final = 0.2  # all joints slower than this: the brakes' pins hold (guess)
 _QUIET_RAD_S: Final = 1e-7  # slower than this, and no longer changing, is rest
 
 

@@ -1,8 +1,9 @@
-"""Voltages, currents and energy: plausible, not modelled.
+"""Voltages, currents, energy and temperatures.
 
-The supply carries standby, ohmic losses and mechanical power. What the joints feed back is
-burnt in a resistor, not stored. All numbers are guesses of the size that a capture of a
-standing CB3 arm shows: 0.72 A of supply current, joints 0.2 to 0.5 V below the rail.
+The supply carries standby, ohmic losses and mechanical power. What the joints feed back is burnt in a resistor, not
+stored. Its numbers fit three recordings of real arms at rest: a UR10 (porrasp8/RTDE_PYTHON_CLIENT_LIB_EXPANDED) and
+two e-Series arms (nour427/TSSP-2024, ZhizhuoUp/RTDE_Python_Client_Library_Zhizhuo). An ideal arm has even voltages, a
+dynamic arm those of its series, with their noise (``urproto.robots.measured``).
 
 Early simulators instead report twice the sum of the joints' currents: recordings of a UR5 and a
 UR10 at rest agree on it in all digits. Later ones report no current at all, which helps nobody.
@@ -10,15 +11,21 @@ UR10 at rest agree on it in all digits. Later ones report no current at all, whi
 
 from math import exp
 from operator import add, mul
+from random import Random
 from typing import Final
 
 from emulator.robot.arm import CURRENT_WINDOW_A, Arm
 from emulator.snapshot import Snapshot
-from urproto.vectors import ZERO6, Vector6
+from urproto.robots.measured import Supply
+from urproto.vectors import ZERO6, Vector6, as_six
 
 ROOM_C: Final = 24.0
 _PERIOD_S: Final = 1.0
-_TIME_CONSTANT_S: Final = 1800.0
+# Measured: 1650 to 2300 s (mean 2020) of the joints of a real UR3 over 49 minutes ("UR3 CobotOps", UCI, in
+# SparkyWolf1/python_industrial_automation_homeworks), which an exponential fits within 0.05 K. Rises: a CB3 arm seen
+# warm (tests/controller/test_field_truth.py); in a hall of 29 degrees the UR3's end within 1 K of them, its shoulder
+# 3 K higher.
+_TIME_CONSTANT_S: Final = 2000.0
 _SHARE: Final = 1.0 - exp(-_PERIOD_S / _TIME_CONSTANT_S)  # of the way to go, made in one period
 _DRIVE_RISE_K: Final[Vector6] = (8.0, 8.0, 10.0, 13.0, 15.0, 16.0)  # powered, without load
 _MOTOR_RISE_K_A2: Final[Vector6] = (0.04, 0.04, 0.04, 0.5, 0.5, 0.5)
@@ -74,20 +81,24 @@ def _towards6(temperatures: Vector6, rises: Vector6) -> Vector6:
 
 
 _RAIL_V: Final = 48.0  # robot supply, user manual
-_STANDBY_A: Final = 0.4  # control electronics of a powered arm
-_LOSS_OHM: Final = 0.5  # per joint, motor and drive
-_CABLE_OHM: Final = 0.4  # from the supply to the joints
+# Measured at rest (see above): 0.681, 0.751 and 0.549 A with joint currents of 14.8, 31.3 and 0.1 A2 in all; joints
+# 0.14, 0.16 and 0.23 V below the supply
+_STANDBY_A: Final = 0.56  # control electronics of a powered arm
+_LOSS_OHM: Final = 0.31  # per joint, motor and drive
+_CABLE_OHM: Final = 0.25  # from the supply to the joints
 _EARLY_SHARE: Final = 2.0  # of the sum of the joints' currents
 
 
 class Electrics:
     """Supply current, energy and temperatures, derived from the joint currents.
 
-    early_simulator: as simulators before 3.10 and 5.4 have them.
+    early_simulator: as simulators before 3.10 and 5.4 have them. supply: a real arm's, with noise of this ``seed``.
     """
 
-    def __init__(self, *, early_simulator: bool = False) -> None:
+    def __init__(self, supply: Supply | None = None, seed: int = 0, *, early_simulator: bool = False) -> None:
         self._early_simulator = early_simulator
+        self._supply = supply
+        self._chance = Random(seed)
         self.robot_current_A = 0.0
         self.energy_J = 0.0
         self.braking_energy_J = 0.0
@@ -109,17 +120,36 @@ class Electrics:
         """Write to a snapshot what changed since the last one."""
         snapshot.actual_robot_energy_consumed = self.energy_J
         snapshot.actual_robot_braking_energy_dissipated = self.braking_energy_J
+        if self._supply is not None:
+            self._measure(snapshot, self._supply, powered)
         if not self._news:
             return
         self._news = False
-        snapshot.actual_main_voltage = _RAIL_V
-        snapshot.actual_robot_voltage = _RAIL_V if powered else 0.0
-        snapshot.actual_robot_current = self.robot_current_A
-        snapshot.actual_joint_voltage = (_RAIL_V - _CABLE_OHM * self.robot_current_A,) * 6 if powered else ZERO6
+        if self._supply is None:
+            snapshot.actual_main_voltage = _RAIL_V
+            snapshot.actual_robot_voltage = _RAIL_V if powered else 0.0
+            snapshot.actual_robot_current = self.robot_current_A
+            snapshot.actual_joint_voltage = (self._joint_voltage(_RAIL_V),) * 6 if powered else ZERO6
         snapshot.actual_current_window = CURRENT_WINDOW_A
         snapshot.joint_temperatures = self.thermals.joints
         snapshot.tool_temperature = self.thermals.tool
         snapshot.board_temperature = self.thermals.box
+
+    def _measure(self, snapshot: Snapshot, supply: Supply, powered: bool) -> None:
+        """What a real arm's sensors say of the supply."""
+        gauss = self._chance.gauss
+        snapshot.actual_main_voltage = gauss(supply.main_V, supply.main_noise_V)
+        if not powered:
+            snapshot.actual_robot_voltage = snapshot.actual_robot_current = 0.0
+            snapshot.actual_joint_voltage = ZERO6
+            return
+        snapshot.actual_robot_voltage = gauss(supply.robot_V, supply.robot_noise_V)
+        snapshot.actual_robot_current = gauss(self.robot_current_A, supply.current_noise_A)
+        joints = self._joint_voltage(supply.robot_V)
+        snapshot.actual_joint_voltage = as_six(gauss(joints, supply.joint_noise_V) for _ in range(6))
+
+    def _joint_voltage(self, supply_V: float) -> float:
+        return supply_V - _CABLE_OHM * self.robot_current_A
 
     def _draw(self, arm: Arm, powered: bool) -> None:
         power_W = _joint_power(arm) if powered else 0.0

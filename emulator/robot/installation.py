@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Final
 
 from emulator.snapshot import Snapshot, plausible
+from urproto.robots.model import UPRIGHT_GRAVITY
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 from urscript.polyscope.document import DocumentError
 from urscript.polyscope.installation_file import InstallationFile, load_installation_file
 
-_UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)  # m/s2; the value of the Script Manual's set_gravity example
 _STANDING: Final = ZERO3
 _NO_TCP: Final = ZERO6
 _PAYLOAD_DENSITY: Final = 1000.0  # kg/m3: Script Manual, set_payload assumes a sphere of 1 g/cm3
@@ -65,7 +65,7 @@ class Installation:
     path: Path | None = None
     tcp: Pose = _NO_TCP
     payload: Payload = field(default_factory=Payload)
-    gravity: Vector3 = _UPRIGHT_GRAVITY
+    gravity: Vector3 = UPRIGHT_GRAVITY
     base_acceleration: Vector3 = _STANDING
     file: InstallationFile = field(default_factory=InstallationFile)
     _transition: _Transition | None = None

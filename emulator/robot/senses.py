@@ -1,4 +1,4 @@
-"""What a dynamic arm's sensors make of the truth: steps of its encoders, noise of currents and forces."""
+"""What a dynamic arm's sensors make of the truth: steps of encoders, noise of currents, forces and accelerations."""
 
 from collections.abc import Sequence
 from math import pi
@@ -7,8 +7,8 @@ from typing import Final
 
 from emulator.robot.body import Body
 from urproto.robots import RobotModel
-from urproto.robots.measured import drivetrain_of, wrench_noise_of
-from urproto.vectors import Vector6
+from urproto.robots.measured import accelerometer_noise_of, drivetrain_of, wrench_noise_of
+from urproto.vectors import Vector3, Vector6
 
 _GEAR: Final = 101
 _CREEP_RAD_S: Final = 0.005  # slower than this is as noisy as standing (guess)
@@ -24,6 +24,7 @@ class Senses:
         self._chance = Random(seed)
         self._rest_A, self._motion_A = drives.rest_noise_A, drives.motion_noise_A
         self._wrench = wrench_noise_of(model)
+        self._accelerometer = accelerometer_noise_of(model)
 
     def joints(self, body: Body, period_s: float) -> tuple[Vector6, Vector6]:
         """Angles and speeds as the encoders tell them."""
@@ -43,6 +44,12 @@ class Senses:
         gauss = self._chance.gauss
         a, b, c, d, e, f = (value + gauss(0.0, size) for value, size in zip(wrench, self._wrench, strict=True))
         return (a, b, c, d, e, f)
+
+    def accelerometer(self, acceleration: Vector3) -> Vector3:
+        """An acceleration at the tool [m/s2] with noise."""
+        gauss, size = self._chance.gauss, self._accelerometer
+        x, y, z = acceleration
+        return (x + gauss(0.0, size), y + gauss(0.0, size), z + gauss(0.0, size))
 
 
 def _stepped(values: Vector6, step: float) -> Vector6:

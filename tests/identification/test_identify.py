@@ -139,7 +139,7 @@ def test_an_arm_s_file_is_of_one_model(tmp_path):
         ({"rotor_kg_m2": [1, 2, 3]}, "rotor_kg_m2 must be six numbers"),
         ({"rotor_kg_m2": [0.0] * 6}, "rotor_kg_m2 must be six numbers above 0"),
         ({"coulomb_Nm": [-1.0] * 6}, "coulomb_Nm must be six numbers, none of them negative"),
-        ({"model": 3}, "no file of an arm"),
+        ({"model": 3}, "does not describe an arm"),
         ({"model": "ur99"}, "unknown robot model"),
     ],
 )

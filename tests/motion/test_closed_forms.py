@@ -126,7 +126,7 @@ def test_movec(start_rig, name, v, a):
 def test_servoj_is_critically_damped(start_rig, name):
     rig = start_rig(name)
     start, step = rig.motion.q, 0.002
-    omega = 2.0 / (0.1 + 1.0 / sqrt(300.0))
+    omega = 2.0 / (0.3 * 0.1 + 0.7 / sqrt(300.0))
     move = rig.commands.servoj((start[0] + step, *start[1:]), t=0.4)
     check(
         rig,

@@ -33,7 +33,7 @@ def test_servoj_blocks_longer_with_the_slider_down(rig):
 
 
 @pytest.mark.parametrize("period_s", PERIODS)
-@pytest.mark.parametrize(("settings", "lag"), [(DRIVER, 0.0524), ({}, 0.1577)])
+@pytest.mark.parametrize(("settings", "lag"), [(DRIVER, 0.0247), ({}, 0.0704)])
 def test_lag_behind_a_steady_target(make_rig, period_s, settings, lag):
     """Drivers tolerate 0.08 s at 2 rad/s, acceleration included."""
     rig = make_rig(period_s=period_s)
@@ -41,8 +41,9 @@ def test_lag_behind_a_steady_target(make_rig, period_s, settings, lag):
     for k in range(int(1.2 / period_s)):
         late = servo(rig, (START[0] + speed * k * period_s, *START[1:]), **settings)
         worst = max(worst, late)
-    assert late == pytest.approx(speed * lag, abs=speed * period_s)
-    assert worst <= speed * lag + speed * period_s
+    behind = max(speed * lag, speed**2 / (2.0 * 0.8 * 40.0))  # or as far as braking takes
+    assert late == pytest.approx(behind, abs=speed * period_s)
+    assert worst <= behind + speed * period_s
     if settings is DRIVER:
         assert worst < 2.0 * 0.08
     assert rig.motion.qd[0] == pytest.approx(speed, rel=1e-3)
@@ -59,7 +60,7 @@ def test_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, ste
     assert rig.rest() < 4.0
     assert rig.motion.q == goal
     assert max(q[0] for q in rig.q) <= goal[0] + 1e-3 * step
-    assert rig.hardest() <= 40.0 * 1.01
+    assert rig.hardest() <= 40.0 * 1.03
 
 
 def test_a_target_that_runs_away_is_left_behind_and_its_hold_point_met(rig):
@@ -76,7 +77,7 @@ def test_a_target_that_runs_away_is_left_behind_and_its_hold_point_met(rig):
 def test_servoj_follows_a_sine_smoothly(rig):
     for k in range(1000):
         servo(rig, (START[0] + 0.3 * sin(3 * k * 0.002), *START[1:]), **DRIVER)
-    assert rig.hardest() < 15.0  # 0.9 rad/s at once, through a 52 ms lag
+    assert rig.hardest() < 30.0  # 0.9 rad/s at once, through a 25 ms lag
 
 
 def test_servoj_then_stopj(rig):

@@ -1,6 +1,7 @@
 """``urscript run``: whole files on an emulated arm, through the entry points that pyproject.toml declares."""
 
 import io
+import json
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
@@ -10,6 +11,8 @@ import pytest
 
 from emulator.script_peers import PeersError, read_peers
 from urproto.compat import load_toml
+from urproto.robots import load_model
+from urproto.robots.measured import drivetrain_of
 from urscript import cli
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -92,6 +95,22 @@ def test_a_dynamic_arm_is_where_its_motors_took_it(go: Go) -> None:
     assert ideal.splitlines()[0].endswith("s] True")
     assert out.splitlines()[0].endswith("s] False")
     assert go(program, "--arm", "dynamic", "--seed", "3")[1] == out
+
+
+def test_an_arm_of_a_file_is_that_model_with_those_numbers(go: Go, tmp_path: Path) -> None:
+    program = "movej([0.1,-1.2,0.3,-1.5,0.2,0.4], a=4, v=3)\ntextmsg(get_actual_joint_positions())"
+    drives = drivetrain_of(load_model("ur5e")).to_mapping()
+    arm = tmp_path / "arm.yaml"
+    outputs = []
+    for coulomb in (drives["coulomb_Nm"], [1.5 * size for size in drives["coulomb_Nm"]]):
+        arm.write_text(json.dumps({"model": "ur5e", **drives, "coulomb_Nm": coulomb}))
+        status, out = go(program, "--arm", str(arm))
+        assert status == 0
+        outputs.append(out)
+    assert outputs[0] == go(program, "--arm", "dynamic", "--model", "ur5e")[1]
+    assert outputs[0].splitlines()[0] != outputs[1].splitlines()[0]
+    arm.write_text(json.dumps({"model": "ur5e"}))
+    assert go(program, "--arm", str(arm))[0] == 2
 
 
 def test_a_blocking_popup_is_shown_and_continued(go: Go) -> None:

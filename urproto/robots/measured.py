@@ -4,6 +4,7 @@ The numbers are in ``measured.toml``, which says of each where it was measured o
 another arm.
 """
 
+from dataclasses import dataclass
 from functools import cache
 from math import log
 from pathlib import Path
@@ -41,6 +42,28 @@ def drivetrain_of(model: RobotModel) -> Drivetrain:
 def wrench_noise_of(model: RobotModel) -> Vector6:
     """Standard deviation of the TCP force of a real arm at rest [N, Nm]."""
     return as_six(_table()["noise"][model.series.value]["wrench"])
+
+
+def accelerometer_noise_of(model: RobotModel) -> float:
+    """Standard deviation of each axis of a real arm's tool accelerometer [m/s2]."""
+    return float(_table()["noise"][model.series.value]["accelerometer_m_s2"])
+
+
+@dataclass(frozen=True, slots=True)
+class Supply:
+    """What a real controller's supply shows at rest: means of voltages, and standard deviations [V, A]."""
+
+    main_V: float
+    main_noise_V: float
+    robot_V: float
+    robot_noise_V: float
+    joint_noise_V: float
+    current_noise_A: float
+
+
+def supply_of(model: RobotModel) -> Supply:
+    """Of the model's series."""
+    return Supply(**_table()["supply"][model.series.value])
 
 
 @cache

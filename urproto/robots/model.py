@@ -28,6 +28,9 @@ Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms
 """
 
 _PARTS: Final = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)
+"""What an upright base feels [m/s2]: the value of the Script Manual's set_gravity example."""
+
 _DATA: Final = Path(__file__).parent / "data"
 _FIRST_X: Final = "first_polyscope_x"
 

@@ -16,11 +16,10 @@ import pinocchio as pin
 
 from urproto.robots.calibration import chain_of
 from urproto.robots.kinematics import Jacobian
-from urproto.robots.model import DH, Joints, RobotModel
+from urproto.robots.model import DH, UPRIGHT_GRAVITY, Joints, RobotModel
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import ZERO6
 
-_STANDARD_GRAVITY: Final = (0.0, 0.0, 9.82)  # m/s2, default of URScript's set_gravity (Script Manual)
 _NO_INERTIA: Final = ZERO6
 _Vector = npt.NDArray[np.float64]
 
@@ -37,7 +36,7 @@ class Dynamics:
         self._wrist_3 = pin.Inertia(self._pin.inertias[6])
         self._tcp = self._pin.addFrame(pin.Frame("tcp", 6, 0, self._flange, pin.FrameType.OP_FRAME))
         self._data = self._pin.createData()
-        self.set_gravity(_STANDARD_GRAVITY)
+        self.set_gravity(UPRIGHT_GRAVITY)
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = _NO_INERTIA) -> None:
         """Mount a payload in place of the one before.

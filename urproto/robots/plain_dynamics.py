@@ -13,11 +13,10 @@ from typing import Final, NamedTuple
 
 from urproto.robots.calibration import chain_of
 from urproto.robots.kinematics import Jacobian
-from urproto.robots.model import DH, Joints, RobotModel
+from urproto.robots.model import DH, UPRIGHT_GRAVITY, Joints, RobotModel
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import ZERO3, ZERO6, Matrix3, Vector3, add3, as_six, cross, dot, rotate, rotate_back, scaled3, sub3
 
-_STANDARD_GRAVITY: Final = (0.0, 0.0, 9.82)  # m/s2, default of URScript's set_gravity (Script Manual)
 _IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _JOINTS: Final = 6
 
@@ -84,7 +83,7 @@ class PlainDynamics:
         self._places, self._links = _chain(model)
         self._flange = _to_next_link(model.dh, 5) if model.calibration is None else _Placement(_IDENTITY, ZERO3)
         self._wrist_3 = self._links[5]
-        self._gravity: Vector3 = _STANDARD_GRAVITY
+        self._gravity: Vector3 = UPRIGHT_GRAVITY
         self._rotors: Joints = ZERO6
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = ZERO6) -> None:
