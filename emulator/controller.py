@@ -32,6 +32,7 @@ from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
 from emulator.robot.electrics import Electrics
 from emulator.robot.installation import Installation
+from emulator.robot.simulation import Simulation
 from emulator.robot.worldmodel import WorldModel
 from emulator.safety.board import SafetyBoard
 from emulator.services.freedrive_inputs import FreedriveInputs
@@ -92,6 +93,7 @@ class Controller(Machine):
         self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
+        self.simulation = Simulation(self.arm)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         self.electrics = Electrics(early_simulator=early)
         self.motion = Motion(self.model, self.period_s, config.initial_q)
@@ -267,6 +269,19 @@ class Controller(Machine):
         self.set_tcp(self.installation.tcp)
         self.safety_board.compare(self.installation.name, self.installation.file.safety)
 
+    def simulate(self, on: bool) -> None:
+        if on is self.simulation.on:
+            return
+        if self.programs.busy or self.programs.state is not RuntimeState.STOPPED:
+            raise ValueError("a program runs: stop it before you switch between simulation and the real robot")
+        if not (self.standing and self.motion.idle):
+            raise ValueError("the arm moves: wait until it stands before you switch between simulation and real robot")
+        place = self.simulation.place
+        self.arm = self.simulation.begin() if on else self.simulation.end()
+        self.safety_board.governor.watch(self.arm)
+        self.motion.stand_at(place)
+        self.messages.note("simulation: the real arm stands" if on else "simulation is over: the real arm moves")
+
     def forget_movement(self) -> None:
         self._fault, self._arm_changed = None, False
 
@@ -295,11 +310,15 @@ class Controller(Machine):
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
-            wrench = self.world.act(self.arm, self.motion, wrench, self.period_s)
+            wrench = self.world.act(self.simulation.real, self.motion, wrench, self.period_s)
         if wrench != ZERO6 and not plausible(*wrench):
             wrench = ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
+        real_changed = False
+        if self.simulation.on:
+            real_changed = self.simulation.hold(self.installation, wrench, self.period_s, driven=driven)
+            wrench, motion.force_control.contacts = ZERO6, ()
         if driven or motion.braking:
             motion.force_control.feel(wrench, self.arm.q)
             self._fault = motion.advance(self.speed.fraction)
@@ -309,6 +328,7 @@ class Controller(Machine):
         self._arm_changed = self.arm.update(
             targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
         )
+        self._arm_changed |= self.simulation.on is not self.snapshot.simulation
         if self._arm_changed:
             self._check_arm()
         if not driven and self.arm.standing:
@@ -320,7 +340,10 @@ class Controller(Machine):
         if power_changed:
             self.programs.outputs.power_changed()
         self.electrics.advance(
-            self.arm, self.period_s, powered=self.power.report.powered, changed=self._arm_changed or power_changed
+            self.simulation.real,
+            self.period_s,
+            powered=self.power.report.powered,
+            changed=self._arm_changed or real_changed or power_changed,
         )
 
     def _check_arm(self) -> None:
@@ -396,6 +419,7 @@ class Controller(Machine):
         status = int(RobotStatusBits.POWER_ON) if powered else 0
         status |= RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0
         snapshot.robot_status_bits = status | self.safety_board.robot_status_bits()
+        snapshot.simulation = self.simulation.on
         self._hooks_ran = bool(self.snapshot_hooks)
         for hook in self.snapshot_hooks:
             hook(snapshot)
