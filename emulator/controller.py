@@ -47,7 +47,9 @@ from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6
 from urproto.versions import DEFAULT_VERSION, Availability, Series
 from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 
+_SAFETY: Final = frozenset(section.name for section in SAFETY_SECTIONS)
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
@@ -264,6 +266,8 @@ class Controller(Machine):
             self.installation.use_payload()
         elif section == "mounting":
             self.installation.use_mounting()
+        elif file.safety is not None and section in _SAFETY:
+            self.safety_board.configure(file.safety)
 
     def _installed(self) -> None:
         self.set_tcp(self.installation.tcp)

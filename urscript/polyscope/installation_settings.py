@@ -9,7 +9,6 @@ in place, so that all else stays as PolyScope saved it. Names and places in the 
 import re
 import uuid
 from collections.abc import Iterator, Mapping
-from math import isfinite
 from typing import Any, Final
 
 from urproto.vectors import ZERO3
@@ -30,7 +29,7 @@ from urscript.polyscope.installation_sections import (
     new_element,
 )
 from urscript.polyscope.numbers import number
-from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
+from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 from urscript.polyscope.writer import find_pin
 
 _INPUT_ACTIONS: Final = ("NONE", "FREEDRIVE")  # PolyScope has more, which neither can nor need be set here
@@ -317,51 +316,11 @@ class DefaultProgram(Section):
         settings.attributes.update({**written, **kept})
 
 
-class Safety(Section):
-    """The safety configuration, to look at."""
-
-    name, title = "safety", "Safety"
-    fields = (
-        Field("limit", "Limit", fixed=True),
-        Field("normal", "Normal mode", "number", fixed=True),
-        Field("reduced", "Reduced mode", "number", fixed=True),
-    )
-    listed = True
-    applied = "never: start the emulator with `--safety`"
-    places = "`SafetySettings`: text in sections, with the controller's checksum"
-    refusal = (
-        "a password guards it, and it carries a checksum that only a controller computes, without which a robot "
-        "refuses it. Change it on the robot's own pendant; an emulator takes another one with --safety"
-    )
-    _LIMITS: Final = {
-        "TCP speed [m/s]": "tcp_speed",
-        "Force [N]": "force",
-        "Power [W]": "power",
-        "Momentum [kg m/s]": "momentum",
-        "Elbow speed [m/s]": "elbow_speed",
-        "Elbow force [N]": "elbow_force",
-        "Stopping time [s]": "stopping_time",
-        "Stopping distance [m]": "stopping_distance",
-    }
-
-    def rows(self, root: Element) -> list[Row]:
-        settings = root.child("SafetySettings")
-        try:
-            safety = read_safety_settings(settings.text) if settings else None
-        except SafetySettingsError:
-            safety = None
-        if safety is None:
-            return []
-        pairs = [
-            (title, getattr(safety.normal, name), getattr(safety.reduced, name)) for title, name in self._LIMITS.items()
-        ]
-        return [{"limit": title, "normal": a, "reduced": b} for title, a, b in pairs if isfinite(a) and isfinite(b)]
-
-
 SECTIONS: Final[Mapping[str, Section]] = {
     section.name: section
     for section in (
-        Tcps(), Payloads(), Mounting(), Features(), Pins(), Modbus(), ExternalControl(), DefaultProgram(), Safety(),
+        Tcps(), Payloads(), Mounting(), Features(), Pins(), Modbus(), ExternalControl(), DefaultProgram(),
+        *SAFETY_SECTIONS,
     )
 }  # fmt: skip
 """By name, in the order of the form."""
@@ -418,8 +377,6 @@ def remove_setting(root: Element, section: str, name: str) -> None:
 def _section(name: str) -> Section:
     if name not in SECTIONS:
         raise SettingError(f"an installation has no section {name!r}: there are {', '.join(SECTIONS)}")
-    if SECTIONS[name].refusal:
-        raise SettingError(f"{SECTIONS[name].title} cannot be changed: {SECTIONS[name].refusal}")
     return SECTIONS[name]
 
 
@@ -444,7 +401,7 @@ _SEVERAL_PAYLOADS: Final = Availability.since(None, "5.10")
 def new_installation(version: PolyscopeVersion, name: str = "default") -> Element:
     """What a controller of a version has that was never set up: one TCP at the flange, no payload, base on the floor.
 
-    It has no safety settings, which only a controller can write.
+    It has no safety settings: those are of an arm (`urscript.polyscope.safety_text.settings_text`).
     """
     root = Element(
         "Installation", {"directory": "/programs", "fileName": name, "showSpeedSliderOnRunTab": "false"}, None
