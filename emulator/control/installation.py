@@ -14,7 +14,7 @@ from emulator.services.urcap import DriverAddress
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import read_installation_document
-from urscript.polyscope.installation_sections import Row, SettingError, new_element
+from urscript.polyscope.installation_sections import Row, SettingError
 from urscript.polyscope.installation_settings import (
     SECTIONS,
     add_setting,
@@ -23,9 +23,7 @@ from urscript.polyscope.installation_settings import (
     read_section,
     remove_setting,
 )
-from urscript.polyscope.safety_settings import SAFETY_SECTIONS
-from urscript.polyscope.safety_settings import TAG as SAFETY_TAG
-from urscript.polyscope.safety_text import settings_text
+from urscript.polyscope.safety_settings import SAFETY_SECTIONS, add_safety
 
 _DEFAULT: Final = "default.installation"
 _OF_SAFETY: Final = ("", *(section.name for section in SAFETY_SECTIONS))
@@ -122,9 +120,8 @@ class InstallationVerbs(Verbs):
                 raise NotPossible(f"{path.name} cannot be read: {error}") from error
             assert found is not None
             root = found
-        if root.child(SAFETY_TAG) is None and section in _OF_SAFETY:  # as it is in force
-            settings = new_element(root, SAFETY_TAG, {})
-            settings.text = settings_text(controller.safety_board.configuration, controller.model)
+        if section in _OF_SAFETY:
+            add_safety(root, controller.safety_board.configuration, controller.model)
         return root
 
 

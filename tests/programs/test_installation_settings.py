@@ -149,7 +149,8 @@ both_series = pytest.mark.parametrize("series", ["cb3", "e"])
             'id="com.fzi.externalcontrol.impl.ExternalControlInstallationNodeService" '
             'installationContributionTitle="External Control" vendor="FZI Research Center for Information Technology" '
             'name="External Control">\n'
-            '        <data key="host_ip" value="10.1.1.1"/>\n      </Contributed>\n    </URCaps>',
+            '        <data key="host_ip" value="10.1.1.1"/>\n        <data key="name" value="10.1.1.1"/>\n'
+            "      </Contributed>\n    </URCaps>",
         ),
         (lambda root: remove_setting(root, "features", "table"), POINT, ""),
         (

@@ -30,6 +30,7 @@ from urscript.polyscope.installation_sections import (
 )
 from urscript.polyscope.numbers import number
 from urscript.polyscope.safety_settings import SAFETY_SECTIONS
+from urscript.polyscope.tree import EXTERNAL_CONTROL
 from urscript.polyscope.writer import find_pin
 
 _INPUT_ACTIONS: Final = ("NONE", "FREEDRIVE")  # PolyScope has more, which neither can nor need be set here
@@ -206,14 +207,14 @@ class ExternalControl(Section):
     name, title = "external_control", "External Control"
     fields = (Field("host", "Host IP"), Field("port", "Custom port", "whole", "", 1, 65535))
     applied = "at once: the next play asks there"
-    places = "`Contributions/URCaps/Contributed` of the URCap: `data` with the keys `host_ip` and `port_nr`"
+    places = "`Contributions/URCaps/Contributed` of the URCap: `data` with the keys `host_ip`, `name`, `port_nr`"
     _DEFAULTS: Final = {"host_ip": "192.168.56.1", "port_nr": "50002"}
     _URCAP: Final = {
         "ownerId": "com.fzi.externalcontrol",
         "id": "com.fzi.externalcontrol.impl.ExternalControlInstallationNodeService",
-        "installationContributionTitle": "External Control",
+        "installationContributionTitle": EXTERNAL_CONTROL,
         "vendor": "FZI Research Center for Information Technology",
-        "name": "External Control",
+        "name": EXTERNAL_CONTROL,
     }
 
     def rows(self, root: Element) -> list[Row]:
@@ -232,16 +233,18 @@ class ExternalControl(Section):
             contributions = root.child("Contributions") or new_element(root, "Contributions", {})
             urcaps = contributions.child("URCaps") or new_element(contributions, "URCaps", {})
             urcap = new_element(urcaps, "Contributed", dict(self._URCAP))
-        for field, key in (("host", "host_ip"), ("port", "port_nr")):
-            if field in changes:
-                self._set(urcap, key, str(changes[field]))
+        if "host" in changes:
+            self._set(urcap, "host_ip", host)
+            self._set(urcap, "name", host)
+        if "port" in changes:
+            self._set(urcap, "port_nr", str(changes["port"]))
 
     def _set(self, urcap: Element, key: str, value: str) -> None:
         data = next((item for item in urcap if item.get("key") == key), None)
-        if data is None:
-            new_element(urcap, "data", {"key": key, "value": value})
-        else:
+        if data is not None:
             data.attributes["value"] = value
+        elif self._DEFAULTS["port_nr"] != value:  # with the usual port the URCap saves none
+            new_element(urcap, "data", {"key": key, "value": value})
 
     def _urcap(self, root: Element) -> Element | None:
         named = self._URCAP["name"]
@@ -337,6 +340,17 @@ def read_section(root: Element, name: str) -> list[Row]:
         return SECTIONS[name].rows(root)
     except (DocumentError, SettingError):
         return []
+
+
+def set_driver_address(root: Element, host: str, port: int) -> None:
+    """Let an installation name the driver of External Control, also where that is who is asked anyway.
+
+    Raises SettingError, DocumentError for what is no installation.
+    """
+    if root.tag != "Installation":
+        raise DocumentError(f"<{root.tag}> is not an installation")
+    page = SECTIONS[ExternalControl.name]
+    page.write(link(root), page.row(root, ""), page.checked({"host": host, "port": port}))
 
 
 def change_setting(root: Element, section: str, name: str, values: Mapping[str, Any]) -> None:

@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from math import isfinite, pi
 from typing import ClassVar, Final
 
+from urproto.robots.model import RobotModel
 from urscript.polyscope.document import Element
-from urscript.polyscope.installation_sections import Field, Row, Section, SettingError
+from urscript.polyscope.installation_sections import Field, Row, Section, SettingError, new_element
 from urscript.polyscope.numbers import double_text, numbers
 from urscript.polyscope.safety_configuration import CHANNELS, PRESETS, BoundaryMode, SafetyConfiguration
 from urscript.polyscope.safety_section import LIMIT_KEYS, PLANES, SafetySettingsError, read_safety_settings
@@ -19,6 +20,7 @@ from urscript.polyscope.safety_text import (
     home_text,
     keys_of,
     list_text,
+    settings_text,
     turns_of,
     value_of,
     with_value,
@@ -335,6 +337,12 @@ class SafeHome(SafetySection):
 SAFETY_SECTIONS: Final[Sequence[SafetySection]] = (
     RobotLimits(), JointLimits(), Planes(), ToolDirection(), SafetySignals(), SafeHome(),
 )  # fmt: skip
+
+
+def add_safety(root: Element, configuration: SafetyConfiguration, model: RobotModel) -> None:
+    """Give an installation that has none the safety settings of an arm."""
+    if root.child(TAG) is None:
+        new_element(root, TAG, {}).text = settings_text(configuration, model)
 
 
 def _nth(text: str, section: str, key: str, n: int, value: float) -> str:
