@@ -1,7 +1,7 @@
 """Installation, in a browser."""
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import TimeoutError, expect
 
 from tests.pendant.conftest import eventually
 
@@ -76,8 +76,16 @@ def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open
 
 
 def choose(page, mark, text):
-    page.get_by_test_id(mark).click()
-    page.get_by_role("option", name=text, exact=True).click()
+    """Open the list until it stays open: on a busy machine what is shown may be made anew under the click."""
+    option = page.get_by_role("option", name=text, exact=True)
+    for _ in range(5):
+        page.get_by_test_id(mark).click()
+        try:
+            option.wait_for(timeout=10_000)
+            break
+        except TimeoutError:
+            continue
+    option.click()
 
 
 def _said(rig, section):

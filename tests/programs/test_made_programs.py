@@ -17,9 +17,10 @@ from urproto.modes import RuntimeState
 from urscript.polyscope.document import make, read_document, unpacked, write_document
 from urscript.polyscope.editing import ROOT
 from urscript.polyscope.files import outline_text, save_program
-from urscript.polyscope.forms import ORDERS, attribute_number, attribute_text
+from urscript.polyscope.forms import attribute_number, attribute_text
 from urscript.polyscope.installation_settings import set_driver_address
 from urscript.polyscope.registry import NODES, Kind, node
+from urscript.polyscope.surroundings import ORDERS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "generate.py"
 CODE = b'# HEADER_BEGIN\nglobal nodes = 0\n# HEADER_END\n# NODE_CONTROL_LOOP_BEGINS\nnodes = nodes + 1\n\

@@ -3,24 +3,22 @@
 from typing import Final
 
 from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.expressions import lacks_expression
 from urscript.polyscope.forms import (
-    DIGITAL_INPUTS,
-    FEATURE_TITLES,
     MILLI,
     Field,
-    Surroundings,
     attribute_choice,
     attribute_number,
     child_number,
     expression_field,
     feature_field,
-    lacks_expression,
     pin_field,
 )
 from urscript.polyscope.naming import truth
 from urscript.polyscope.nodes.motion import DIRECTION, move_of
 from urscript.polyscope.nodes.waits import analog_condition, child_text, of_type
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
+from urscript.polyscope.surroundings import DIGITAL_INPUTS, FEATURE_TITLES, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading
 from urscript.work import Steps
 

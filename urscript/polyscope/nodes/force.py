@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterator
 from typing import Final, Literal
 
 from urscript.polyscope.document import DocumentError, Element, make
-from urscript.polyscope.forms import DEGREES, MILLI, Field, Surroundings, attribute_choice, feature_field, java_number
+from urscript.polyscope.forms import DEGREES, MILLI, Field, attribute_choice, feature_field, java_number
 from urscript.polyscope.numbers import number
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
+from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import TOOL, Writer
 from urscript.work import Steps
 
