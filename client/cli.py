@@ -72,6 +72,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "Examine this machine, the network and the robot, in some seconds. Exit status 1 if something cannot work.",
     ),
     "pendant": ("pendant:pendant_command", "Serve a teach pendant for a robot or an emulator, until Ctrl-C."),
+    "installation": ("installation:installation_app", "PolyScope installations, without PolyScope."),
     "program": ("program:program_app", "PolyScope programs, without PolyScope."),
     "tool-comm": (
         "robot:tool_comm_command",

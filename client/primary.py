@@ -71,6 +71,9 @@ PAUSE_PROGRAM = TextCommand(
     "pause program", lambda state: state.program_paused or not state.program_running, _SOON_S, _PROGRAM
 )
 RESUME_PROGRAM = TextCommand("resume program", lambda state: not state.program_paused, _SOON_S, _SAFETY)
+_STANDING: Final = "let the program end and the arm stand first; on e-Series the robot's own pendant has the switch"
+SIMULATE = TextCommand("set sim", lambda state: not state.real_robot_enabled, _SOON_S, _STANDING)
+REAL_ROBOT = TextCommand("set real", lambda state: state.real_robot_enabled, _SOON_S, _STANDING)
 
 
 PORT = 30001

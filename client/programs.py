@@ -1,4 +1,4 @@
-"""Program trees on this machine: a new one, opened with its installation, checked, saved.
+"""Program trees and installations on this machine: a new one, opened, checked, saved.
 
 The trees themselves, and all that edits them, are `urscript.polyscope`.
 """
@@ -15,9 +15,11 @@ from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 from urscript.polyscope.document import DocumentError, Element, link, packed, read_document, write_document
 from urscript.polyscope.editing import Problem, ProgramEditor
-from urscript.polyscope.files import new_installation, set_external_control, write_file
+from urscript.polyscope.files import write_file
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.installation_file import InstallationFile, load_installation_file
+from urscript.polyscope.installation_sections import SettingError
+from urscript.polyscope.installation_settings import new_installation, set_driver_address
 from urscript.polyscope.saved_script import read_saved_script
 from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
@@ -86,14 +88,33 @@ def find_installation(root: Element, folder: ProgramsFolder) -> InstallationFile
 
 def set_driver(path: Path, host: str, port: int, version: PolyscopeVersion) -> bool:
     """Let an installation name the driver of External Control; True if a new one had to be made. Raises FileError."""
+    is_new = not path.exists()
+    root = new_installation(version, path.stem) if is_new else open_installation(path)
     try:
-        is_new = not path.exists()
-        root = new_installation(path.stem, version) if is_new else link(read_document(path.read_bytes()))
-        set_external_control(root, host, port)
+        set_driver_address(root, host, port)
+    except (DocumentError, SettingError) as error:
+        raise FileError(path, str(error)) from None
+    save_installation(root, path)
+    return is_new
+
+
+def open_installation(path: Path) -> Element:
+    """The document of an installation file. Raises FileError."""
+    try:
+        root = link(read_document(path.read_bytes()))
+    except (OSError, DocumentError) as error:
+        raise FileError(path, _reason(error)) from None
+    if root.tag != "Installation":
+        raise FileError(path, f"<{root.tag}> is not an installation")
+    return root
+
+
+def save_installation(root: Element, path: Path) -> None:
+    """Write an installation, whole or not at all. Raises FileError."""
+    try:
         write_file(path, packed(write_document(root)))
     except (OSError, DocumentError) as error:
         raise FileError(path, _reason(error)) from None
-    return is_new
 
 
 def all_problems(editor: ProgramEditor) -> list[Problem]:

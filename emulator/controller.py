@@ -32,6 +32,7 @@ from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
 from emulator.robot.electrics import Electrics
 from emulator.robot.installation import Installation
+from emulator.robot.simulation import Simulation
 from emulator.robot.worldmodel import WorldModel
 from emulator.safety.board import SafetyBoard
 from emulator.services.freedrive_inputs import FreedriveInputs
@@ -47,7 +48,9 @@ from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.vectors import ZERO6, Vector6
 from urproto.versions import DEFAULT_VERSION, Availability, Series
 from urscript.polyscope.installation_file import InstallationFile
+from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 
+_SAFETY: Final = frozenset(section.name for section in SAFETY_SECTIONS)
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
@@ -93,6 +96,7 @@ class Controller(Machine):
         self.world: World | None = config.world.build(self.model) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
+        self.simulation = Simulation(self.arm)
         self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         supply = supply_of(self.model) if config.dynamic else None
         self.electrics = Electrics(supply, config.seed, early_simulator=early)
@@ -264,10 +268,25 @@ class Controller(Machine):
             self.installation.use_payload()
         elif section == "mounting":
             self.installation.use_mounting()
+        elif file.safety is not None and section in _SAFETY:
+            self.safety_board.configure(file.safety)
 
     def _installed(self) -> None:
         self.set_tcp(self.installation.tcp)
         self.safety_board.compare(self.installation.name, self.installation.file.safety)
+
+    def simulate(self, on: bool) -> None:
+        if on is self.simulation.on:
+            return
+        if self.programs.busy or self.programs.state is not RuntimeState.STOPPED:
+            raise ValueError("a program runs: stop it before you switch between simulation and the real robot")
+        if not (self.standing and self.motion.idle):
+            raise ValueError("the arm moves: wait until it stands before you switch between simulation and real robot")
+        place = self.simulation.place
+        self.arm = self.simulation.begin() if on else self.simulation.end()
+        self.safety_board.governor.watch(self.arm)
+        self.motion.stand_at(place)
+        self.messages.note("simulation: the real arm stands" if on else "simulation is over: the real arm moves")
 
     def forget_movement(self) -> None:
         self._fault, self._arm_changed = None, False
@@ -297,11 +316,15 @@ class Controller(Machine):
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
-            wrench = self.world.act(self.arm, self.motion, wrench, self.period_s)
+            wrench = self.world.act(self.simulation.real, self.motion, wrench, self.period_s)
         if wrench != ZERO6 and not plausible(*wrench):
             wrench = ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
+        real_changed = False
+        if self.simulation.on:
+            real_changed = self.simulation.hold(self.installation, wrench, self.period_s, driven=driven)
+            wrench, motion.force_control.contacts = ZERO6, ()
         if driven or motion.braking:
             motion.force_control.feel(wrench, self.arm.q)
             self.speed.advance()
@@ -312,6 +335,7 @@ class Controller(Machine):
         self._arm_changed = self.arm.update(
             targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
         )
+        self._arm_changed |= self.simulation.on is not self.snapshot.simulation
         if self._arm_changed:
             self._check_arm()
         if not driven and self.arm.standing:
@@ -323,7 +347,10 @@ class Controller(Machine):
         if power_changed:
             self.programs.outputs.power_changed()
         self.electrics.advance(
-            self.arm, self.period_s, powered=self.power.report.powered, changed=self._arm_changed or power_changed
+            self.simulation.real,
+            self.period_s,
+            powered=self.power.report.powered,
+            changed=self._arm_changed or real_changed or power_changed,
         )
 
     def _check_arm(self) -> None:
@@ -399,6 +426,7 @@ class Controller(Machine):
         status = int(RobotStatusBits.POWER_ON) if powered else 0
         status |= RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0
         snapshot.robot_status_bits = status | self.safety_board.robot_status_bits()
+        snapshot.simulation = self.simulation.on
         self._hooks_ran = bool(self.snapshot_hooks)
         for hook in self.snapshot_hooks:
             hook(snapshot)

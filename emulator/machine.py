@@ -21,6 +21,7 @@ from emulator.reporting.messages import MessageLog
 from emulator.reporting.popups import Popups
 from emulator.robot.arm import Arm
 from emulator.robot.installation import Installation
+from emulator.robot.simulation import Simulation
 from emulator.robot.worldmodel import WorldModel
 from emulator.services.freedrive_inputs import FreedriveInputs
 from emulator.services.modbus import ModbusSignals
@@ -124,6 +125,8 @@ class Machine(ABC):
     speed: Speed
     """The speed slider, and what else scales the speed."""
     arm: Arm
+    """The arm that programs move: in simulation not the real one."""
+    simulation: Simulation
     motion: Motion
     programs: ProgramControl
 
@@ -220,6 +223,10 @@ class Machine(ABC):
     @abstractmethod
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
         """Apply what was read from an installation file."""
+
+    @abstractmethod
+    def simulate(self, on: bool) -> None:
+        """Turn the pendant's switch to Simulation, or back to Real Robot. Raises ValueError while anything moves."""
 
     @abstractmethod
     def forget_movement(self) -> None:

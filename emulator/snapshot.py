@@ -159,6 +159,7 @@ class Snapshot:
     board_temperature: float = 0.0  # degC, of the control box
     io_freedrive: bool = False  # an input holds the arm in freedrive
     safety_checksum: int = 0  # of the safety configuration in force
+    simulation: bool = False  # the pendant's switch is on Simulation: the real arm stands
     local_control: bool = False  # an e-Series arm that takes no orders from the network
 
     def successor(self) -> Self:

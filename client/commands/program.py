@@ -15,22 +15,22 @@ from urscript.polyscope.files import PROGRAM_SUFFIX, export, new_program, save_p
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.tree import TreeError
 
-_DRIVER_PORT = 50002  # what the URCap asks without being told
+DRIVER_PORT = 50002  # what the URCap asks without being told
 
 program_app = application("PolyScope programs, without PolyScope.", completion=False, no_args_is_help=True)
 
 _Program = Annotated[Path, typer.Argument(help="The program, a .urp file.", metavar="NAME.urp")]
-_Model = Annotated[str | None, typer.Option(help="The arm, for example ur3 or ur5e.")]
-_Polyscope = Annotated[str | None, typer.Option(help="The PolyScope version it is for, for example 3.15.")]
+Model = Annotated[str | None, typer.Option(help="The arm, for example ur3 or ur5e.")]
+Polyscope = Annotated[str | None, typer.Option(help="The PolyScope version it is for, for example 3.15.")]
 
 
 @program_app.command("new")
 def new_command(
     path: _Program,
     host: Annotated[str | None, typer.Option(help="Address of the driver's machine, as the robot sees it.")] = None,
-    port: Annotated[int, typer.Option(help="Port of the driver's program.", min=1, max=65535)] = _DRIVER_PORT,
-    model: _Model = None,
-    polyscope: _Polyscope = None,
+    port: Annotated[int, typer.Option(help="Port of the driver's program.", min=1, max=65535)] = DRIVER_PORT,
+    model: Model = None,
+    polyscope: Polyscope = None,
     installation: Annotated[
         str, typer.Option(help="The installation it belongs to: a path relative to it, without .installation.")
     ] = "default",
@@ -84,7 +84,7 @@ def show_command(
 
 
 @program_app.command("check")
-def check_command(path: _Program, model: _Model = None, polyscope: _Polyscope = None) -> None:
+def check_command(path: _Program, model: Model = None, polyscope: Polyscope = None) -> None:
     """Show what keeps a program from running: at its nodes, then in its script. Exit status 1 for anything found."""
     editor = open_program(path, model, polyscope)
     problems = all_problems(editor)
@@ -103,8 +103,8 @@ def export_command(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="The .script or .txt to write; without it both, beside it.")
     ] = None,
-    model: _Model = None,
-    polyscope: _Polyscope = None,
+    model: Model = None,
+    polyscope: Polyscope = None,
 ) -> None:
     """Write the URScript of a program, and its tree as text, as PolyScope puts them beside it.
 

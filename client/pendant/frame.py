@@ -77,12 +77,25 @@ def _footer(page: Page, tabs: ui.tabs) -> None:
             live.text(lambda s: s.situation.title)
         status.props('data-testid=status aria-label="State of the arm: see Initialize"')
         live.bind(lamp, "state", lambda s: s.situation.tone)
+        _simulation_switch(page)
         live.text(lambda s: s.emulator.pace, "chip pace").props("data-testid=pace")
         ui.space()
         live.text(lambda s: s.situation.program, "program-state").props("data-testid=program-state")
         page.program_buttons("dense color=primary", "")
         ui.space()
         _speed_slider(page)
+
+
+def _simulation_switch(page: Page) -> None:
+    """As in PolyScope's footer. Where it is out of reach, it is shown while the robot simulates."""
+    with ui.button(on_click=page.doing(page.switch_simulation)).props("dense no-caps unelevated") as switch:
+        page.live.text(lambda s: "Simulation" if s.simulating else "Real robot")
+    switch.classes("chip simulation-switch").props("data-testid=simulation-switch").tooltip(
+        "In simulation programs run and the arm on the screens moves; the real arm stands."
+    )
+    page.live.effect(lambda s: s.simulating, lambda on: switch.props(f"aria-pressed={'true' if on else 'false'}"))
+    page.live.effect(lambda s: s.can_simulate, switch.set_enabled)
+    page.show_if(switch, lambda s: s.can_simulate or s.simulating)
 
 
 def _speed_slider(page: Page) -> None:

@@ -11,11 +11,12 @@ from nicegui.elements.mixins.value_element import ValueElement
 from client import dashboard
 from client.errors import ClientError
 from client.pendant.live import Live
-from client.pendant.situation import Action
+from client.pendant.situation import Action, NotNowError
 from client.pendant.station import Station
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
+from urproto.modes import RuntimeState
 from urproto.text import readable
 
 _SOON_S: Final = 1.5  # guess: states and answers come within a tenth of that
@@ -204,10 +205,21 @@ class Page:
             await mover.stop()
         await self.station.ask(dashboard.STOP)
 
+    async def switch_simulation(self) -> None:
+        """Turn the switch between Simulation and Real Robot to the other side."""
+        station, on = self.station, not self.station.simulating
+        if station.mover.in_charge:
+            await station.mover.give_back()
+            await happens(station, lambda s: s.runtime_state is RuntimeState.STOPPED)
+        if station.runtime_state is not RuntimeState.STOPPED:
+            raise NotNowError("A program runs: stop it before you switch between simulation and the real robot.")
+        what = "simulation" if on else "the real robot"
+        await take(station, lambda: station.simulate(on), lambda s: s.simulating is on, f"the switch to {what}")
+
     @property
     def agreed(self) -> bool:
         """The arm may be moved from here without asking."""
-        return self.station.emulator.available or self.confirmed
+        return self.station.emulator.available or self.station.simulating or self.confirmed
 
     async def may_move(self) -> bool:
         """Whether the arm may be moved from here: on a robot a person has to agree, once a page."""

@@ -42,7 +42,7 @@ from urproto.primary.messages import ErrorCodeMessage
 from urproto.primary.state import ConfigurationData, RobotStateData
 from urproto.robots import RobotModel
 from urproto.text import readable_in
-from urproto.versions import PolyscopeVersion
+from urproto.versions import PolyscopeVersion, Series
 
 Answer = TypeVar("Answer")
 Mode = TypeVar("Mode", RobotMode, SafetyMode, RuntimeState)
@@ -255,6 +255,18 @@ class Station:
         return devices.get(device)
 
     @property
+    def simulating(self) -> bool:
+        """The pendant's switch is on Simulation: what moves is not the real arm."""
+        state = self.primary_state
+        return state is not None and state.mode is not None and not state.mode.real_robot_enabled
+
+    @property
+    def can_simulate(self) -> bool:
+        """The switch is within reach: of an emulator, and of CB3 by a text command. An e-Series arm keeps its own."""
+        series = self.version.series if self.version else None
+        return "set_simulation" in self.emulator.verbs if self.emulator.available else series is Series.CB3
+
+    @property
     def own_address(self) -> str:
         """Of this machine, as the robot would reach it; empty when there is no way there."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # connecting sends nothing
@@ -317,6 +329,13 @@ class Station:
             await self.mover.set_speed_slider(fraction)
         else:
             await self.write(speed_slider_mask=1, speed_slider_fraction=fraction)
+
+    async def simulate(self, on: bool) -> None:
+        """Turn the switch to Simulation, or back to Real Robot. No program may run. Raises ClientError."""
+        if self.emulator.available:
+            await self.emulator.call("set_simulation", on=on)
+        else:
+            await self.send_script((primary.SIMULATE if on else primary.REAL_ROBOT).line)
 
     def _open_robot(self) -> AsyncRobot:
         options = {"frequency_hz": Mover.RATE_HZ, "hang_s": _HANG_S, "restart": False}

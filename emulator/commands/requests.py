@@ -125,7 +125,7 @@ class MountPayload(Command):
             )
 
     def apply(self, controller: Controller) -> None:
-        controller.arm.mounted = self.payload
+        controller.simulation.real.mounted = self.payload
 
 
 @dataclass(frozen=True, slots=True)

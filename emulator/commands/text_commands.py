@@ -106,13 +106,21 @@ def _set_speed(controller: Controller, argument: str) -> None:
 
 @_text_command("set sim")
 def _set_sim(controller: Controller, _: str) -> None:
-    """Simulation mode: the emulator knows no other."""
+    """Simulation: programs move a simulated arm, and the real one stands; refused while anything moves."""
+    _simulate(controller, on=True)
 
 
 @_text_command("set real")
 def _set_real(controller: Controller, _: str) -> None:
-    """Refused: there is no real arm."""
-    controller.messages.note("'set real' refused: there is no real robot")
+    """Back to the real robot, which is where it was; refused while anything moves."""
+    _simulate(controller, on=False)
+
+
+def _simulate(controller: Controller, *, on: bool) -> None:
+    try:
+        controller.simulate(on)
+    except ValueError as error:
+        controller.messages.note(f"'set {'sim' if on else 'real'}' refused: {error}")
 
 
 @_text_command("answer question", argument=True)

@@ -23,8 +23,10 @@ from urscript.polyscope.installation_settings import (
     read_section,
     remove_setting,
 )
+from urscript.polyscope.safety_settings import SAFETY_SECTIONS, add_safety
 
 _DEFAULT: Final = "default.installation"
+_OF_SAFETY: Final = ("", *(section.name for section in SAFETY_SECTIONS))
 
 
 class InstallationVerbs(Verbs):
@@ -39,7 +41,8 @@ class InstallationVerbs(Verbs):
         """What the installation file says, or one of its sections: lists of rows, in SI units.
 
         ``file``: its name, which a file that is not there yet will get. Sections: tcps, payloads, mounting, features,
-        io, modbus, external_control, default_program, safety.
+        io, modbus, external_control, default_program, safety_limits, safety_joints, safety_planes,
+        safety_tool_direction, safety_io, safety_home.
         """
         if section and section not in SECTIONS:
             raise BadArguments(f"there is no section {section!r}: there are {', '.join(SECTIONS)}")
@@ -66,7 +69,7 @@ class InstallationVerbs(Verbs):
 
     def _shown(self, section: str) -> Waiting[dict[str, Any]]:
         path = _place(self.controller)
-        root = yield from self._document(path)
+        root = yield from self._document(path, section)
         shown = dict[str, list[Row]]()
         for name in [section] if section else SECTIONS:
             yield  # a control period for each: an installation may have hundreds of features
@@ -83,7 +86,7 @@ class InstallationVerbs(Verbs):
         try:
             controller = self.controller
             path = _place(controller) or have_programs_folder(controller).resolve() / _DEFAULT
-            root = yield from self._document(path)
+            root = yield from self._document(path, section)
             try:
                 change(root)
                 _check_program(controller, section, root)
@@ -106,15 +109,19 @@ class InstallationVerbs(Verbs):
         finally:
             self._saving = False
 
-    def _document(self, path: Path | None) -> Waiting[Element]:
+    def _document(self, path: Path | None, section: str) -> Waiting[Element]:
         controller = self.controller
         if path is None or not path.is_file():
-            return new_installation(controller.version, "default" if path is None else path.stem)
-        try:
-            root = yield from in_periods(read_steps(path.read_bytes()), controller.period_s)
-        except (OSError, DocumentError) as error:
-            raise NotPossible(f"{path.name} cannot be read: {error}") from error
-        assert root is not None
+            root = new_installation(controller.version, "default" if path is None else path.stem)
+        else:
+            try:
+                found = yield from in_periods(read_steps(path.read_bytes()), controller.period_s)
+            except (OSError, DocumentError) as error:
+                raise NotPossible(f"{path.name} cannot be read: {error}") from error
+            assert found is not None
+            root = found
+        if section in _OF_SAFETY:
+            add_safety(root, controller.safety_board.configuration, controller.model)
         return root
 
 

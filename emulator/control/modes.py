@@ -227,6 +227,23 @@ class ModeVerbs(Verbs):
         self.controller.remote_control = on
 
     @verb
+    def set_simulation(self, on: bool) -> None:
+        """Turn the pendant's switch to Simulation, or back to Real Robot. The arm must stand, and no program run.
+
+        In simulation programs move a simulated arm, which is what all ports publish; the real one stands.
+        """
+        try:
+            self.controller.simulate(on)
+        except ValueError as error:
+            raise NotPossible(str(error)) from error
+
+    @verb
+    def simulation(self) -> dict[str, Any]:
+        """Whether the switch is on Simulation, and the angles of the real arm [rad]."""
+        switch = self.controller.simulation
+        return {"on": switch.on, "real_q_rad": list(switch.real.q)}
+
+    @verb
     def hold_freedrive_button(self, held: bool) -> None:
         """Hold the pendant's freedrive button, or let it go; the arm gives way while no program runs."""
         self.controller.safety_board.hold_freedrive(held)

@@ -85,6 +85,8 @@ def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None
 def _check_rest(controller: "Controller") -> None:
     if controller.programs.state is not RuntimeState.STOPPED or controller.programs.busy:
         raise NotPossible("a program runs: stop it first, its state cannot be kept")
+    if controller.simulation.on:
+        raise NotPossible("the robot is in simulation: switch to the real robot first")
     if not controller.motion.idle:
         raise NotPossible("the arm moves: wait until it stands")
     if controller.power.state not in _AT_REST:

@@ -44,7 +44,7 @@ class WorldVerbs(Verbs):
     @verb
     def world(self) -> dict[str, Any]:
         """What surrounds the arm, as in a world file: objects, tool; the hand's push, and a payload that is mounted."""
-        world, payload = self.controller.world or World(), self.controller.arm.mounted
+        world, payload = self.controller.world or World(), self.controller.simulation.real.mounted
         push = world.pushes.get(HAND)
         return {
             "objects": {name: describe_thing(thing) for name, thing in world.things.items()},

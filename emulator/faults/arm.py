@@ -146,11 +146,11 @@ class LostBrake(Fault):
         return {f"the brake of joint {self.joint}"}
 
     def check(self, site: Site) -> None:
-        if site.controller.arm.drives is None:
+        if site.controller.simulation.real.drives is None:
             raise FaultImpossible("this arm is ideal, it has no weight that a lost brake could let down: --arm dynamic")
 
     def act(self, site: Site, strikes: Strikes) -> Act:
-        drives = site.controller.arm.drives
+        drives = site.controller.simulation.real.drives
         assert drives is not None
         drives.set_brake(self.joint, holds=False)
         try:

@@ -276,6 +276,19 @@ class SafetyBoard:
         if self.supply_lost:
             self.trip(Cause.POWER_LOSS)
 
+    def configure(self, configuration: SafetyConfiguration) -> None:
+        """Use another configuration from now on, as with the pendant's Apply: the arm is switched off."""
+        machine = self._machine
+        machine.power_event(PowerEvent.POWER_OFF)
+        self.configuration = configuration
+        self.inputs.assign(configuration)
+        self.boundaries = Boundaries(configuration, elbow_radius(machine.model))
+        self._conditions.use(configuration, self.boundaries)
+        self._checksum = configuration.checksum
+        self.supervision.forget()
+        self._limits_changed()
+        machine.messages.note(f"another safety configuration is in force (checksum {self._checksum})")
+
     def compare(self, name: str, other: SafetyConfiguration | None) -> None:
         """Note when an installation that was loaded has another configuration: the pendant would ask to confirm it."""
         if other is not None and other.checksum != self._checksum:

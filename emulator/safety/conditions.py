@@ -39,14 +39,18 @@ class SafetyInputs:
 
     def __init__(self, configuration: SafetyConfiguration, signals: Signals) -> None:
         self._signals = signals
+        self._active: set[SafetyDevice] = set()
+        self._high: frozenset[SafetyInput] = frozenset()
+        self._rising: frozenset[SafetyInput] = frozenset()
+        self.assign(configuration)
+
+    def assign(self, configuration: SafetyConfiguration) -> None:
+        """Let the inputs have other functions. What is wired to one of them is at rest, that is high."""
         self._masks = {function: _mask(pins) for function, pins in configuration.inputs.items()}
         self._all = _union(self._masks)
         self._seen = -1
-        self._high: frozenset[SafetyInput] = frozenset()
-        self._active: set[SafetyDevice] = set()
-        self._rising: frozenset[SafetyInput] = frozenset()
         for function in _BY_INPUT.values():
-            signals.digital_inputs |= self._masks.get(function, 0)
+            self._signals.digital_inputs |= self._masks.get(function, 0)
 
     def latch(self) -> bool:
         """Look at the pins; True when anything is not as it was at the last look."""
@@ -128,6 +132,12 @@ class Conditions:
         self._supervision = supervision
         self._beyond_trigger = False
         self.raised: set[SafetyEvent] = set()
+
+    def use(self, configuration: SafetyConfiguration, boundaries: Boundaries) -> None:
+        """Judge by another configuration; what it says of where the arm stands is looked at when it is switched on."""
+        self._configuration, self._boundaries = configuration, boundaries
+        self._beyond_trigger = False
+        self._hold((SafetyEvent.OUTSIDE_LIMITS, SafetyEvent.INSIDE_LIMITS), False)
 
     def follow_inputs(self) -> None:
         """Inputs, devices or the operational mode have changed."""

@@ -39,6 +39,10 @@ class Governor:
         self._limits = operational(limits)
         self._radii = _radii(model)
 
+    def watch(self, arm: Arm) -> None:
+        """Another arm is the one that moves."""
+        self._arm = arm
+
     def use(self, limits: LimitSet) -> None:
         """Other limits are in force; the pacer slows the path down to them as quickly as the joints may."""
         self._limits = operational(limits)

@@ -113,7 +113,7 @@ def _mode(snapshot: Snapshot) -> ModeData:
     safety_bits = snapshot.safety_status_bits
     return ModeData(
         timestamp_us=round(snapshot.timestamp * 1e6),
-        real_robot_enabled=True,
+        real_robot_enabled=not snapshot.simulation,
         robot_power_on=snapshot.robot_mode in _POWERED,
         emergency_stopped=bool(safety_bits & SafetyStatusBits.EMERGENCY_STOPPED),
         protective_stopped=snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP,

@@ -4,6 +4,7 @@ import ast
 import inspect
 import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
@@ -243,6 +244,22 @@ def test_type_checkers_see_the_subjects_that_there_are() -> None:
     assert seen["_Methods"] == {subject.__name__ for subject in Control.SUBJECTS}
     with_ports = set(LiveControl.SUBJECTS) - set(Control.SUBJECTS)
     assert seen["_MethodsOfPorts"] == {subject.__name__ for subject in with_ports}
+
+
+def test_no_verb_forgets_what_it_waits_for() -> None:
+    """Steps that are not returned are never taken where many clients are served, and the verb ends at once."""
+    forgotten = list[str]()
+    waits = 0
+    for path in Path(control.__file__).parent.glob("*.py"):
+        tree = ast.parse(path.read_text("utf-8"))
+        returned = {node.value for node in ast.walk(tree) if isinstance(node, ast.Return)}
+        for call in ast.walk(tree):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) and call.func.attr == "_wait":
+                waits += 1
+                if call not in returned:
+                    forgotten.append(f"{path.name}:{call.lineno}")
+    assert waits > 10
+    assert not forgotten
 
 
 def test_only_ports_that_turned_somebody_away_are_told(robot: VirtualRobot) -> None:

@@ -106,6 +106,8 @@ class Rig:
             control.answer_popup(popup["id"])
         if control.state(["safety_mode"])["safety_mode"] == "PROTECTIVE_STOP":
             control.unlock_protective_stop()
+        control.run_until("runtime_state == STOPPED")
+        control.set_simulation(False)
         control.release_brakes()
         control.run_until("robot_mode == RUNNING")
         control.set_speed_slider(1.0)

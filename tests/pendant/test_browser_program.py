@@ -374,3 +374,22 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
     finally:
         context.close()
         rig.close()
+
+
+def test_in_simulation_a_program_moves_the_arm_on_the_screen_and_the_real_one_stands(rig, open_page):
+    text = "def far():\n  movej([0.4, -1.2, 1.0, -1.4, -1.5, 0.2], a=3, v=2)\nend\n"
+    (rig.programs / "far.script").write_text(text)
+    page = open_page("move")
+    before = rig.state("actual_q")
+    switch = page.get_by_test_id("simulation-switch")
+    expect(switch).to_have_text("Real robot")
+    switch.click()
+    expect(switch).to_have_attribute("aria-pressed", "true")
+    expect(switch).to_have_text("Simulation")
+    rig.control.dashboard("load far.script")
+    rig.control.dashboard("play")
+    expect(page.get_by_test_id("angle-0")).to_contain_text("22.9")  # 0.4 rad
+    assert rig.control.simulation() == {"on": True, "real_q_rad": before}
+    switch.click()
+    expect(switch).to_have_text("Real robot")
+    eventually(lambda: rig.state("actual_q") == before)

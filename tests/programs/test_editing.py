@@ -380,3 +380,32 @@ def test_every_kind_is_made_shown_set_saved_and_translated(kind):
     while made.can_undo:
         made.undo()
     assert made.document() == editor().document()
+
+
+def test_a_force_is_set_axis_by_axis_and_written_as_polyscope_does():
+    made = editor()
+    force = made.insert("force", into=ROOT)
+    made.set(force, "z_force", 5.0)
+    made.insert("wait", into=force, values={"type": "Sleep", "time": 1.0})
+    assert not made.problems()
+    # the line of a public program's script (Unitedplasticfabricating, test apply force, PolyScope 5.14)
+    line = (
+        "force_mode(tool_pose(), [0, 0, 1, 0, 0, 0], [0.0, 0.0, 5.0, 0.0, 0.0, 0.0], 2, "
+        "[0.1, 0.1, 0.15, 0.3490658503988659, 0.3490658503988659, 0.3490658503988659])"
+    )
+    assert line in made.written().text()
+    shown = [field["key"] for field in made.form(force)["fields"]]
+    assert shown == ["type", "feature", "z_force", "z_speed"]
+    made.set(force, "type", "Frame")
+    made.set(force, "feature", "Base")
+    made.set(force, "ry_yields", True)
+    made.set(force, "ry_force", -0.5)
+    made.set(force, "ry_speed", 30.0)
+    made.set(force, "x_deviation", 20.0)
+    with pytest.raises(EditError, match="outside its limits"):
+        made.set(force, "z_force", 1000.0)
+    text = reopened(made).written().text()
+    assert "[0, 0, 1, 0, 1, 0], [0.0, 0.0, 5.0, 0.0, -0.5, 0.0], 2, [0.02, 0.1, 0.15, " in text
+    for _ in range(6):
+        made.undo()
+    assert line in made.written().text()

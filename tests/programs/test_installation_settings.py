@@ -24,6 +24,7 @@ from urscript.polyscope.installation_settings import (
     remove_setting,
 )
 from urscript.polyscope.numbers import double_text
+from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 
 PAYLOAD = (
     '<Payload name="{}" mass="0.5" defaultPayload="{}" centerOfGravity="0.0, 0.0, 0.02" '
@@ -148,7 +149,8 @@ both_series = pytest.mark.parametrize("series", ["cb3", "e"])
             'id="com.fzi.externalcontrol.impl.ExternalControlInstallationNodeService" '
             'installationContributionTitle="External Control" vendor="FZI Research Center for Information Technology" '
             'name="External Control">\n'
-            '        <data key="host_ip" value="10.1.1.1"/>\n      </Contributed>\n    </URCaps>',
+            '        <data key="host_ip" value="10.1.1.1"/>\n        <data key="name" value="10.1.1.1"/>\n'
+            "      </Contributed>\n    </URCaps>",
         ),
         (lambda root: remove_setting(root, "features", "table"), POINT, ""),
         (
@@ -237,7 +239,6 @@ def test_what_is_added_is_found_again(series):
         ("external_control", "", {"port": 0}, "from 1 to 65535"),
         ("default_program", "", {"load": True}, "give its path"),
         ("default_program", "", {"file": "a.urp", "start_pin": "analog_in[0]"}, "not a digital input"),
-        ("safety", "Force [N]", {"normal": 1.0}, "cannot be changed: a password guards it"),
         ("colours", "", {}, "no section 'colours'"),
     ],
 )
@@ -257,7 +258,10 @@ def test_numbers_are_written_as_java_does():
 def test_a_new_installation_has_all_sections(series):
     root = read_document(write_document(new_installation(DEFAULT_VERSION[series])))
     rows = read_settings(root)
-    assert [name for name in SECTIONS if not rows[name]] == ["features", "modbus", "safety"]
+    assert [name for name in SECTIONS if not rows[name]] == [
+        *("features", "modbus"),
+        *(section.name for section in SAFETY_SECTIONS),
+    ]
     assert len(rows["payloads"]) == 1
     assert read_installation(write_document(root), "x").gravity == (0.0, 0.0, 9.82)
 
@@ -308,11 +312,11 @@ def test_refusals_come_with_their_reason_and_leave_the_file(tmp_path):
     path.write_bytes(gzip.compress(saved("e").encode()))
     arm, before = robot(tmp_path, "ur5e"), path.read_bytes()
     for section, values, complaint in (
-        ("safety", {"normal": 1.0}, "a password guards it"),
+        ("safety_limits", {"normal": 1000.0}, "safety settings cannot be read"),
         ("default_program", {"file": "none.urp"}, "no program none.urp in the programs folder"),
     ):
         with pytest.raises(BadArguments, match=complaint):
-            arm.change_installation(section, values, "Force [N]")
+            arm.change_installation(section, values, "TCP force [N]")
     assert path.read_bytes() == before
 
 

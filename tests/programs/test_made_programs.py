@@ -16,9 +16,11 @@ from emulator.services.sockets import MemorySockets
 from urproto.modes import RuntimeState
 from urscript.polyscope.document import make, read_document, unpacked, write_document
 from urscript.polyscope.editing import ROOT
-from urscript.polyscope.files import outline_text, save_program, set_external_control
-from urscript.polyscope.forms import ORDERS, attribute_number, attribute_text
+from urscript.polyscope.files import outline_text, save_program
+from urscript.polyscope.forms import attribute_number, attribute_text
+from urscript.polyscope.installation_settings import set_driver_address
 from urscript.polyscope.registry import NODES, Kind, node
+from urscript.polyscope.surroundings import ORDERS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "generate.py"
 CODE = b'# HEADER_BEGIN\nglobal nodes = 0\n# HEADER_END\n# NODE_CONTROL_LOOP_BEGINS\nnodes = nodes + 1\n\
@@ -147,7 +149,7 @@ def test_an_installation_gets_the_driver_and_keeps_all_else(tmp_path):
     expected = before.replace(b"1.2.3.4", b"10.0.0.9").replace(b'9"/>\n      </', b'9"/>\n' + line + b"      </")
     assert after == expected
     root = read_document(after)
-    set_external_control(root, "10.0.0.9", 50099)
+    set_driver_address(root, "10.0.0.9", 50099)
     assert b'<data key="port_nr" value="50099"/>' in write_document(root)
 
 

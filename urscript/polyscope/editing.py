@@ -14,13 +14,13 @@ from urproto.robots import RobotModel
 from urproto.versions import PolyscopeVersion
 from urscript.polyscope.document import DocumentError, Element, link, make, write_document
 from urscript.polyscope.folder import ProgramsFolder
-from urscript.polyscope.forms import FieldError, Surroundings, check_name
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.nodes.waypoints import teach
 from urscript.polyscope.places import INNER, ROOT, SUPPRESSED, EditError, Places, Spot, Target, node_place
 from urscript.polyscope.program import write_steps
 from urscript.polyscope.registry import kinds
 from urscript.polyscope.saved_script import NO_SAVED_SCRIPT, SavedScript
+from urscript.polyscope.surroundings import FieldError, Surroundings, check_name
 from urscript.polyscope.transplant import Clip, clipped, planted
 from urscript.polyscope.tree import ProgramTree, TreeError, tag_of
 from urscript.polyscope.writer import ExternalControlCode, Writer

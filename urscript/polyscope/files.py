@@ -1,4 +1,4 @@
-"""The files of a program and of its installation: a new one, and what PolyScope puts beside it when it saves.
+"""The files of a program: a new one, and what PolyScope puts beside it when it saves.
 
 A program ``x`` is three files: ``x.urp`` is the program, ``x.script`` the URScript it is run as, ``x.txt`` its tree for
 people. Only the first is read again.
@@ -12,12 +12,12 @@ from typing import Final
 from urproto.robots import RobotModel
 from urproto.text import to_bytes
 from urproto.versions import PolyscopeVersion, Series
-from urscript.polyscope.document import DocumentError, Element, make, packed
+from urscript.polyscope.document import Element, make, packed
 from urscript.polyscope.editing import ProgramEditor
 from urscript.polyscope.nodes.urcaps import new_external_control
 from urscript.polyscope.nodes.waypoints import kinematics_element
 from urscript.polyscope.registry import empty_children
-from urscript.polyscope.tree import EXTERNAL_CONTROL, TreeError
+from urscript.polyscope.tree import TreeError
 
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}  # what simulators say
 _PROGRAM_VERSIONS: Final = PolyscopeVersion(5, 13)  # first version that says which kind of file it writes (seen)
@@ -129,74 +129,3 @@ def write_file(path: Path, content: bytes) -> None:
     except BaseException:
         Path(draft).unlink(missing_ok=True)
         raise
-
-
-# installations
-
-_URCAP: Final = {  # how the URCap enters itself into an installation
-    "ownerId": "com.fzi.externalcontrol",
-    "id": "com.fzi.externalcontrol.impl.ExternalControlInstallationNodeService",
-    "installationContributionTitle": EXTERNAL_CONTROL,
-    "vendor": "FZI Research Center for Information Technology",
-    "name": EXTERNAL_CONTROL,
-}
-_USUAL_PORT: Final = "50002"  # with it the URCap saves no port
-
-
-def set_external_control(root: Element, host: str, port: int) -> None:
-    """Let an installation name the driver, where the URCap keeps it, and change nothing else of it."""
-    if root.tag != "Installation":
-        raise DocumentError(f"<{root.tag}> is not an installation")
-    page = _child(_child(root, "Contributions"), "URCaps")
-    urcap = next((child for child in page.children if child.get("name") == EXTERNAL_CONTROL), None)
-    if urcap is None:
-        urcap = make("Contributed")
-        urcap.attributes = dict(_URCAP)
-        _add(page, urcap)
-    values = {"host_ip": host, "name": host, "port_nr": str(port)}
-    for key, value in values.items():
-        data = next((child for child in urcap.children if child.get("key") == key), None)
-        if data is not None:
-            data.attributes["value"] = value
-        elif key != "port_nr" or value != _USUAL_PORT:
-            _add(urcap, make("data", key=key, value=value))
-
-
-def _child(element: Element, tag: str) -> Element:
-    found = element.child(tag)
-    if found is None:
-        found = make(tag)
-        _add(element, found)
-    return found
-
-
-def _add(parent: Element, child: Element) -> None:
-    child.parent = parent
-    parent.children.append(child)
-
-
-def new_installation(name: str, version: PolyscopeVersion, *, directory: str = "/programs") -> Element:
-    """A small installation: no tool, no payload, and room for what URCaps keep.
-
-    PolyScope's own say much more (safety, features, names); it is for the emulator, and no robot's.
-    """
-    numbers = ("major", "minor", "bugfix")
-    return make(
-        "Installation",
-        make(
-            "Version",
-            projectName="URSoftware",
-            **{number: str(getattr(version, number)) for number in numbers},
-            buildNumber=str(version.build),
-        ),
-        make(
-            "TCPSettings",
-            make("availablePoses", make("tcp", name="TCP", offset="0.0, 0.0, 0.0, 0.0, 0.0, 0.0")),
-            activePose="TCP",
-            toolPayload="0.0",
-        ),
-        make("Contributions", make("URCaps")),
-        directory=directory,
-        fileName=name,
-        showSpeedSliderOnRunTab="false",
-    )

@@ -19,7 +19,11 @@ from urscript.polyscope.numbers import double_text, number, numbers, six
 Row: TypeAlias = dict[str, Any]
 Kind = Literal["text", "number", "whole", "flag", "choice", "vector", "pose"]
 
-UNITS: Final[Mapping[str, tuple[str, float]]] = {"m": ("mm", 1000.0), "rad": ("°", 180.0 / pi)}
+UNITS: Final[Mapping[str, tuple[str, float]]] = {
+    "m": ("mm", 1000.0),
+    "rad": ("°", 180.0 / pi),
+    "rad/s": ("°/s", 180.0 / pi),
+}
 """SI unit -> unit on screens, and factor. A rotation vector stays in rad."""
 
 _LONGEST: Final = 60  # letters of a name; guess
@@ -82,7 +86,7 @@ class Section(ABC):
     """A page of settings.
 
     fields: of each row; the first one names it where ``listed``. applied: when it has effect on an emulated robot.
-    places: where in the file. refusal: why nothing of it can be changed, "" where it can.
+    places: where in the file.
     """
 
     name: ClassVar[str]
@@ -92,15 +96,14 @@ class Section(ABC):
     grows: ClassVar[bool] = False  # rows can be added and removed
     applied: ClassVar[str]
     places: ClassVar[str]
-    refusal: ClassVar[str] = ""
 
     @abstractmethod
     def rows(self, root: Element) -> list[Row]:
         """What the file says. Raises DocumentError."""
 
+    @abstractmethod
     def write(self, root: Element, row: Row, changes: Row) -> None:
         """Change some values of a row, which is as `rows` gave it. Raises SettingError."""
-        raise SettingError(f"{self.title} cannot be changed: {self.refusal}")
 
     def add(self, root: Element, row: Row) -> None:
         """One more row, with a value for each field. Raises SettingError."""

@@ -9,7 +9,6 @@ in place, so that all else stays as PolyScope saved it. Names and places in the 
 import re
 import uuid
 from collections.abc import Iterator, Mapping
-from math import isfinite
 from typing import Any, Final
 
 from urproto.vectors import ZERO3
@@ -30,7 +29,8 @@ from urscript.polyscope.installation_sections import (
     new_element,
 )
 from urscript.polyscope.numbers import number
-from urscript.polyscope.safety_section import SafetySettingsError, read_safety_settings
+from urscript.polyscope.safety_settings import SAFETY_SECTIONS
+from urscript.polyscope.tree import EXTERNAL_CONTROL
 from urscript.polyscope.writer import find_pin
 
 _INPUT_ACTIONS: Final = ("NONE", "FREEDRIVE")  # PolyScope has more, which neither can nor need be set here
@@ -207,14 +207,14 @@ class ExternalControl(Section):
     name, title = "external_control", "External Control"
     fields = (Field("host", "Host IP"), Field("port", "Custom port", "whole", "", 1, 65535))
     applied = "at once: the next play asks there"
-    places = "`Contributions/URCaps/Contributed` of the URCap: `data` with the keys `host_ip` and `port_nr`"
+    places = "`Contributions/URCaps/Contributed` of the URCap: `data` with the keys `host_ip`, `name`, `port_nr`"
     _DEFAULTS: Final = {"host_ip": "192.168.56.1", "port_nr": "50002"}
     _URCAP: Final = {
         "ownerId": "com.fzi.externalcontrol",
         "id": "com.fzi.externalcontrol.impl.ExternalControlInstallationNodeService",
-        "installationContributionTitle": "External Control",
+        "installationContributionTitle": EXTERNAL_CONTROL,
         "vendor": "FZI Research Center for Information Technology",
-        "name": "External Control",
+        "name": EXTERNAL_CONTROL,
     }
 
     def rows(self, root: Element) -> list[Row]:
@@ -233,16 +233,18 @@ class ExternalControl(Section):
             contributions = root.child("Contributions") or new_element(root, "Contributions", {})
             urcaps = contributions.child("URCaps") or new_element(contributions, "URCaps", {})
             urcap = new_element(urcaps, "Contributed", dict(self._URCAP))
-        for field, key in (("host", "host_ip"), ("port", "port_nr")):
-            if field in changes:
-                self._set(urcap, key, str(changes[field]))
+        if "host" in changes:
+            self._set(urcap, "host_ip", host)
+            self._set(urcap, "name", host)
+        if "port" in changes:
+            self._set(urcap, "port_nr", str(changes["port"]))
 
     def _set(self, urcap: Element, key: str, value: str) -> None:
         data = next((item for item in urcap if item.get("key") == key), None)
-        if data is None:
-            new_element(urcap, "data", {"key": key, "value": value})
-        else:
+        if data is not None:
             data.attributes["value"] = value
+        elif self._DEFAULTS["port_nr"] != value:  # with the usual port the URCap saves none
+            new_element(urcap, "data", {"key": key, "value": value})
 
     def _urcap(self, root: Element) -> Element | None:
         named = self._URCAP["name"]
@@ -317,51 +319,11 @@ class DefaultProgram(Section):
         settings.attributes.update({**written, **kept})
 
 
-class Safety(Section):
-    """The safety configuration, to look at."""
-
-    name, title = "safety", "Safety"
-    fields = (
-        Field("limit", "Limit", fixed=True),
-        Field("normal", "Normal mode", "number", fixed=True),
-        Field("reduced", "Reduced mode", "number", fixed=True),
-    )
-    listed = True
-    applied = "never: start the emulator with `--safety`"
-    places = "`SafetySettings`: text in sections, with the controller's checksum"
-    refusal = (
-        "a password guards it, and it carries a checksum that only a controller computes, without which a robot "
-        "refuses it. Change it on the robot's own pendant; an emulator takes another one with --safety"
-    )
-    _LIMITS: Final = {
-        "TCP speed [m/s]": "tcp_speed",
-        "Force [N]": "force",
-        "Power [W]": "power",
-        "Momentum [kg m/s]": "momentum",
-        "Elbow speed [m/s]": "elbow_speed",
-        "Elbow force [N]": "elbow_force",
-        "Stopping time [s]": "stopping_time",
-        "Stopping distance [m]": "stopping_distance",
-    }
-
-    def rows(self, root: Element) -> list[Row]:
-        settings = root.child("SafetySettings")
-        try:
-            safety = read_safety_settings(settings.text) if settings else None
-        except SafetySettingsError:
-            safety = None
-        if safety is None:
-            return []
-        pairs = [
-            (title, getattr(safety.normal, name), getattr(safety.reduced, name)) for title, name in self._LIMITS.items()
-        ]
-        return [{"limit": title, "normal": a, "reduced": b} for title, a, b in pairs if isfinite(a) and isfinite(b)]
-
-
 SECTIONS: Final[Mapping[str, Section]] = {
     section.name: section
     for section in (
-        Tcps(), Payloads(), Mounting(), Features(), Pins(), Modbus(), ExternalControl(), DefaultProgram(), Safety(),
+        Tcps(), Payloads(), Mounting(), Features(), Pins(), Modbus(), ExternalControl(), DefaultProgram(),
+        *SAFETY_SECTIONS,
     )
 }  # fmt: skip
 """By name, in the order of the form."""
@@ -378,6 +340,17 @@ def read_section(root: Element, name: str) -> list[Row]:
         return SECTIONS[name].rows(root)
     except (DocumentError, SettingError):
         return []
+
+
+def set_driver_address(root: Element, host: str, port: int) -> None:
+    """Let an installation name the driver of External Control, also where that is who is asked anyway.
+
+    Raises SettingError, DocumentError for what is no installation.
+    """
+    if root.tag != "Installation":
+        raise DocumentError(f"<{root.tag}> is not an installation")
+    page = SECTIONS[ExternalControl.name]
+    page.write(link(root), page.row(root, ""), page.checked({"host": host, "port": port}))
 
 
 def change_setting(root: Element, section: str, name: str, values: Mapping[str, Any]) -> None:
@@ -418,8 +391,6 @@ def remove_setting(root: Element, section: str, name: str) -> None:
 def _section(name: str) -> Section:
     if name not in SECTIONS:
         raise SettingError(f"an installation has no section {name!r}: there are {', '.join(SECTIONS)}")
-    if SECTIONS[name].refusal:
-        raise SettingError(f"{SECTIONS[name].title} cannot be changed: {SECTIONS[name].refusal}")
     return SECTIONS[name]
 
 
@@ -444,7 +415,7 @@ _SEVERAL_PAYLOADS: Final = Availability.since(None, "5.10")
 def new_installation(version: PolyscopeVersion, name: str = "default") -> Element:
     """What a controller of a version has that was never set up: one TCP at the flange, no payload, base on the floor.
 
-    It has no safety settings, which only a controller can write.
+    It has no safety settings: those are of an arm (`urscript.polyscope.safety_text.settings_text`).
     """
     root = Element(
         "Installation", {"directory": "/programs", "fileName": name, "showSpeedSliderOnRunTab": "false"}, None

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from decimal import Decimal
+from functools import lru_cache
 
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 from urproto.text import number as text_number
@@ -68,17 +69,24 @@ def taught_pose(position: Element) -> tuple[Pose, Pose]:
     """
     if position.get("joints"):
         return six(position.get("joints")), six(position.get("pose"))
-    joints = six(_value(position, "JointAngles", "angles"))
-    tcp = six(_value(position, "TCPOffset", "pose"))
     arm = position.child("Kinematics")
     if arm is None:
         raise DocumentError("a taught position does not say with which arm")
-    return joints, pose_trans(_flange(arm, joints), tcp)
+    return _taught(
+        _value(position, "JointAngles", "angles"),
+        _value(position, "TCPOffset", "pose"),
+        *(_value(arm, tag, "value") for tag in ("a", "d", "alpha", "deltaTheta")),
+    )
 
 
-def _flange(arm: Element, joints: Pose) -> Pose:
+@lru_cache(maxsize=10_000)  # a big program has some thousands, and each is asked for at every edit
+def _taught(angles: str, offset: str, *dimensions: str) -> tuple[Pose, Pose]:
+    joints = six(angles)
+    return joints, pose_trans(_flange(joints, *map(six, dimensions)), six(offset))
+
+
+def _flange(joints: Pose, a: Pose, d: Pose, alpha: Pose, theta: Pose) -> Pose:
     """Flange in the base frame of a calibrated arm, whose axes are not quite parallel."""
-    a, d, alpha, theta = (six(_value(arm, tag, "value")) for tag in ("a", "d", "alpha", "deltaTheta"))
     pose: Pose = ZERO6
     for i in range(6):
         pose = pose_trans(pose, _link(joints[i] + theta[i], a[i], d[i], alpha[i]))

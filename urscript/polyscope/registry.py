@@ -11,9 +11,10 @@ from typing import Final, Literal, TypeAlias
 
 from urproto.versions import Availability, PolyscopeVersion
 from urscript.polyscope.document import DocumentError, Element, make
-from urscript.polyscope.forms import ORDERS, Field, Surroundings
+from urscript.polyscope.forms import Field
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.starting import SKIPPING
+from urscript.polyscope.surroundings import ORDERS, Surroundings
 from urscript.polyscope.tree import TreeError, tag_of
 from urscript.polyscope.writer import Writer
 from urscript.work import Steps

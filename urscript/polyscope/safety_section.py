@@ -29,9 +29,9 @@ _Function = TypeVar("_Function", SafetyInput, SafetyOutput)
 _SECTION: Final = re.compile(r"\[([^\]\[=]+)\]")
 _NUMBER: Final = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?|true|false")
 _WORDS: Final = {"true": 1.0, "false": 0.0}
-_PLANES: Final = 8
+PLANES: Final = 8
 _ONLY_E: Final = ("elbow_speed", "elbow_force", "stopping_time", "stopping_distance")
-_VALUES: Final = {  # key -> attribute of a LimitSet
+LIMIT_KEYS: Final = {  # key -> attribute of a LimitSet
     "maxTcpSpeed": "tcp_speed",
     "maxForce": "force",
     "maxPower": "power",
@@ -55,7 +55,7 @@ def read_safety_settings(text: str) -> SafetyConfiguration:
     return SafetyConfiguration(
         normal=_limits(sections, "Normal", setup),
         reduced=_limits(sections, "Reduced", setup),
-        planes=tuple(plane for n in range(_PLANES) if (plane := _plane(sections, n)) is not None),
+        planes=tuple(plane for n in range(PLANES) if (plane := _plane(sections, n)) is not None),
         tool_orientation=_orientation(sections),
         tool_spheres=_spheres(sphere_rows, sections),
         inputs=MappingProxyType(_pins(sections, "Inputs", SafetyInput)),
@@ -101,7 +101,7 @@ def _limits(sections: Sections, name: str, limited: tuple[float, ...]) -> LimitS
     values, joints = f"SafetyLimits {name} Values", f"SafetyLimits {name} Joints"
     given = {
         attribute: _numbers(sections, values, key, 1, fallback=(inf,) if attribute in _ONLY_E else None)[0]
-        for key, attribute in _VALUES.items()
+        for key, attribute in LIMIT_KEYS.items()
     }
     low = _positions(sections, joints, "min")
     high = _positions(sections, joints, "max")

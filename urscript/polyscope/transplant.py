@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from urscript.polyscope.document import Element, sharing
-from urscript.polyscope.forms import FieldError, Surroundings
+from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.tree import tag_of
 
 _VARIABLES: Final = ("variable", "ProgramVariable", "InstallationVariable", "loopVariable")

@@ -73,9 +73,6 @@ class _Form:
             return
         self._rows = answer["sections"][section.name]
         self._file.set_text(f"File: {answer['file']}")
-        if section.refusal:
-            self._show_table()
-            return
         if section.listed:
             names = [row[section.key] for row in self._rows]
             shown = self._names.value if self._names.value in names else next(iter(names), None)
@@ -89,12 +86,10 @@ class _Form:
         self._rows, self._row, self._inputs = [], None, {}
         self._fields.clear()
         self._names.set_options({}, value=None)
-        self._names.set_visibility(section.listed and not section.refusal)
-        self._save_button.set_visibility(not section.refusal)
+        self._names.set_visibility(section.listed)
         self._add_button.set_visibility(section.grows)
         self._remove_button.set_visibility(section.grows)
-        reason = f"Cannot be changed here: {section.refusal}." if section.refusal else f"Has effect {section.applied}."
-        self._note.set_text(reason.replace("`", ""))
+        self._note.set_text(f"Has effect {section.applied}.".replace("`", ""))
         self._page.station.emulator.watch("installation", section=name).renew()
 
     def _chosen(self) -> None:
@@ -110,19 +105,6 @@ class _Form:
         self._fields.clear()
         with self._fields:
             self._inputs = {field.name: _Input(field, row) for field in section.fields if not field.fixed}
-
-    def _show_table(self) -> None:
-        self._fields.clear()
-        with self._fields, ui.element("div").classes("limits setting-table"):
-            for field in self._section.fields:
-                ui.label(field.title).classes("soft")
-            for row in self._rows:
-                for field in self._section.fields:
-                    value = row[field.name]
-                    ui.label(f"{value:g}" if isinstance(value, float) else str(value))
-        if not self._rows:
-            with self._fields:
-                ui.label("This file has none.")
 
     # what becomes of it
 
@@ -183,6 +165,8 @@ class _Input:
         if field.kind in ("vector", "pose") and value is None:
             values = [0.0] * (3 if field.kind == "vector" else 6)
         boxes = []
+        if len(values) > 1:
+            ui.label(field.title).classes("soft")
         with ui.element("div").classes("six" if len(values) > 1 else "setting-one"):
             for index, number in enumerate(values):
                 unit, factor = _unit(field, index)
@@ -220,9 +204,8 @@ def _unit(field: Field, index: int) -> tuple[str, float]:
 
 
 def _title(row: Row) -> str:
-    if "pin" not in row:
-        return str(next(iter(row.values())))
-    return f"{row['pin']} {row['name']}".strip()
+    first, second = str(next(iter(row.values()))), str(row.get("name", ""))
+    return first if first == second else f"{first} {second}".strip()
 
 
 def _button(text: str, act: Callable[[], Any], mark: str, look: str = "") -> ui.button:

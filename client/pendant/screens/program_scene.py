@@ -20,22 +20,29 @@ def program_scene(page: Page, selection: Selection) -> None:
     with ui.card().classes("panel program-scene").props("data-testid=program-scene"):
         scene = arm_scene(page)
         camera_buttons(page, scene)
-    drawn = list[Object3D]()
+    balls, lines = dict[str, Object3D](), list[Object3D]()
 
-    def draw(what: tuple[tuple[tuple[str, tuple[float, ...]], ...], str]) -> None:
-        for each in drawn:
+    def draw(waypoints: tuple[tuple[str, tuple[float, ...]], ...]) -> None:
+        for each in (*balls.values(), *lines):
             each.delete()
-        drawn.clear()
-        waypoints, chosen = what
+        balls.clear()
+        lines.clear()
         with scene:
             before: tuple[float, ...] | None = None
             for node, place in waypoints[:_MOST]:
                 x, y, z = place
-                ball = scene.sphere(_RADIUS_M).material(_CHOSEN if node == chosen else _COLOR).move(x, y, z)
-                drawn.append(ball.with_name(f"waypoint {node}"))
+                balls[node] = scene.sphere(_RADIUS_M).material(_COLOR).move(x, y, z).with_name(f"waypoint {node}")
                 if before is not None:
-                    drawn.append(scene.line(list(before), list(place)).material(_COLOR))
+                    lines.append(scene.line(list(before), list(place)).material(_COLOR))
                 before = place
+        mark(selection.node)
+
+    def mark(chosen: str) -> None:
+        for node, ball in balls.items():
+            color = _CHOSEN if node == chosen else _COLOR
+            if ball.color != color:
+                ball.material(color)
 
     draft = page.station.program_draft
-    page.live.effect(lambda _: (draft.view.waypoints(), selection.node), draw)
+    page.live.effect(lambda _: draft.view.waypoints(), draw)
+    page.live.effect(lambda _: selection.node, mark)

@@ -36,7 +36,11 @@ const pendantProgram = (() => {
   function tree(boxId, marksId, chosenId, formId) {
     const closed = new Set(); // ids of nodes whose children are hidden
     let rows = [];
+    let order = new Map(); // id -> index of its row
     let items = new Map(); // id -> element of a row in view
+    let drawn = new Map(); // id -> [what its element was made of, the element]; trees may have thousands of rows
+    let first = null; // the row that has the tab stop while none is selected
+    let marked = new Set(); // ids of rows that are selected or carried out
     let running = new Set();
     let chosen = null;
     let box = null;
@@ -44,23 +48,31 @@ const pendantProgram = (() => {
     const say = (word, id) => box.dispatchEvent(new CustomEvent("said", { detail: [word, id] }));
     const fields = () => document.getElementById(`c${formId}`);
     const hasChildren = (index) => index + 1 < rows.length && rows[index + 1][DEPTH] > rows[index][DEPTH];
-    const indexOf = (id) => rows.findIndex((row) => row[ID] === id);
+    const indexOf = (id) => order.get(id) ?? -1;
 
     function draw() {
       if (!box) return;
       if (indexOf(chosen) < 0) chosen = fields()?.dataset.node ?? chosen; // somebody has deleted it
       const focused = box.contains(document.activeElement);
       items = new Map();
+      const before = drawn;
+      drawn = new Map();
       let hidden = Infinity; // depth below which nothing is shown
-      const made = [];
       rows.forEach((row, index) => {
         if (row[DEPTH] > hidden) return;
-        hidden = closed.has(row[ID]) && hasChildren(index) ? row[DEPTH] : Infinity;
-        const item = line(row, hasChildren(index));
-        items.set(row[ID], item);
-        made.push(item);
+        const opens = hasChildren(index);
+        hidden = closed.has(row[ID]) && opens ? row[DEPTH] : Infinity;
+        const made = JSON.stringify([row, opens, closed.has(row[ID])]);
+        const [was, item] = before.get(row[ID]) ?? [];
+        drawn.set(row[ID], was === made ? [was, item] : [made, line(row, opens)]);
+        items.set(row[ID], drawn.get(row[ID])[1]);
       });
-      box.replaceChildren(...made);
+      for (const [id, item] of [...before].map(([id, [, item]]) => [id, item])) if (items.get(id) !== item) item.remove();
+      let at = box.firstChild; // rows that stay where they are keep the scroll position and the focus
+      for (const item of items.values()) {
+        if (item === at) at = at.nextSibling;
+        else box.insertBefore(item, at);
+      }
       mark(focused);
     }
 
@@ -70,6 +82,8 @@ const pendantProgram = (() => {
       item.className = ["program-row", ...marks.map((word) => `is-${word}`)].join(" ");
       item.setAttribute("role", "treeitem");
       item.setAttribute("aria-level", row[DEPTH] + 1);
+      item.setAttribute("aria-selected", "false");
+      item.tabIndex = -1;
       item.dataset.node = row[ID];
       item.dataset.number = row[NUMBER];
       if (opens) item.setAttribute("aria-expanded", String(!closed.has(row[ID])));
@@ -89,18 +103,24 @@ const pendantProgram = (() => {
     }
 
     function mark(focus) {
-      for (const [id, item] of items) {
-        const row = rows[indexOf(id)];
-        const selected = id === chosen;
-        item.setAttribute("aria-selected", String(selected));
-        item.tabIndex = selected ? 0 : -1;
-        item.classList.toggle("is-running", running.has(row[NUMBER]));
-        if (running.has(row[NUMBER])) item.setAttribute("aria-current", "step");
+      const before = marked;
+      marked = new Set(rows.filter((row) => running.has(row[NUMBER])).map((row) => row[ID]));
+      const carriedOut = new Set(marked);
+      if (chosen) marked.add(chosen);
+      if (first) marked.add(first.dataset.node);
+      for (const id of new Set([...before, ...marked])) {
+        const item = items.get(id);
+        if (!item) continue;
+        item.setAttribute("aria-selected", String(id === chosen));
+        item.tabIndex = id === chosen ? 0 : -1;
+        item.classList.toggle("is-running", carriedOut.has(id));
+        if (carriedOut.has(id)) item.setAttribute("aria-current", "step");
         else item.removeAttribute("aria-current");
       }
       const item = items.get(chosen);
       if (item && focus) item.focus();
-      if (!item && items.size) items.values().next().value.tabIndex = 0;
+      first = !item && items.size ? items.values().next().value : null; // the keyboard has to come in somewhere
+      if (first) first.tabIndex = 0;
       guard();
     }
 
@@ -219,6 +239,7 @@ const pendantProgram = (() => {
         new MutationObserver(guard).observe(fields(), { attributeFilter: ["data-node"] });
       }
       rows = content;
+      order = new Map(rows.map((row, index) => [row[ID], index]));
       draw();
     });
     pendant.followers.set(marksId, (numbers) => {

@@ -3,6 +3,7 @@
 from urscript.polyscope.nodes import (
     direction,
     flow,
+    force,
     moves,
     operator,
     outputs,
@@ -13,4 +14,4 @@ from urscript.polyscope.nodes import (
     waypoints,
 )
 
-NODE_MODULES = (direction, flow, moves, operator, outputs, scripts, structure, urcaps, waits, waypoints)
+NODE_MODULES = (direction, flow, force, moves, operator, outputs, scripts, structure, urcaps, waits, waypoints)

@@ -3,24 +3,22 @@
 from typing import Final
 
 from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.expressions import lacks_expression
 from urscript.polyscope.forms import (
-    DIGITAL_INPUTS,
-    FEATURE_TITLES,
     MILLI,
     Field,
-    Surroundings,
     attribute_choice,
     attribute_number,
     child_number,
     expression_field,
     feature_field,
-    lacks_expression,
     pin_field,
 )
 from urscript.polyscope.naming import truth
 from urscript.polyscope.nodes.motion import DIRECTION, move_of
 from urscript.polyscope.nodes.waits import analog_condition, child_text, of_type
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
+from urscript.polyscope.surroundings import DIGITAL_INPUTS, FEATURE_TITLES, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_reading
 from urscript.work import Steps
 
@@ -333,52 +331,3 @@ UNTIL: Final = Kind(
 def until_node(writer: Writer, element: Element) -> None:
     """What ends a Direction, which writes it."""
     raise DocumentError("an Until outside a Direction")
-
-
-_FORCE_TYPES: Final = {"Simple": 2, "Frame": 2, "Point": 1, "Motion": 3}  # Script Manual, force_mode
-_FORCE_STOP: Final = "5.0"  # m/s2
-
-
-FORCE: Final = Kind(
-    "force",
-    "Force",
-    "Templates",
-    lambda _: "Force",
-    contains="nodes",
-    fields=(
-        attribute_choice("type", "Type", "type", {kind: kind for kind in _FORCE_TYPES}),
-        feature_field("feature", "Feature", declared=True),
-    ),
-)
-
-
-@node("Force", FORCE)
-def force(writer: Writer, element: Element) -> Steps[None]:
-    """Nodes during which the arm yields to forces, or presses."""
-    kind = _FORCE_TYPES.get(element.get("type"))
-    if kind is None:
-        raise DocumentError(f"a Force of type {element.get('type')!r}, which is not known")
-    selection, wrench, by_force, by_motion = (
-        _six_parts(element, tag) for tag in ("selection", "wrench", "limitsForce", "limitsMotion")
-    )
-    frame = writer.feature(element.child("feature"))
-    frame = "tool_pose()" if frame == "get_forward_kin()" else frame
-    limits = [
-        yielding if chosen == "1" else stiff
-        for chosen, yielding, stiff in zip(selection, by_force, by_motion, strict=True)
-    ]
-    writer.label(element, "Force")
-    writer.line("sleep(0.02)")
-    writer.line("zero_ftsensor()")
-    writer.line(f"force_mode({frame}, [{', '.join(selection)}], [{', '.join(wrench)}], {kind}, [{', '.join(limits)}])")
-    yield from translate_children(writer, element)
-    writer.line("end_force_mode()")
-    writer.line(f"stopl({_FORCE_STOP})")
-
-
-def _six_parts(element: Element, tag: str) -> list[str]:
-    child = element.child(tag)
-    parts = [part.strip() for part in child.get("value").split(",")] if child else []
-    if len(parts) != 6:
-        raise DocumentError(f"a Force lacks its <{tag}>")
-    return parts

@@ -4,20 +4,19 @@ from collections.abc import Callable
 from typing import Final
 
 from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import (
     Field,
-    Surroundings,
     attribute_boolean,
     attribute_choice,
     attribute_number,
     expression_field,
-    expression_shown,
-    lacks_expression,
     titled,
     variable_field,
 )
 from urscript.polyscope.nodes.operator import variable_shown
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
+from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name
 from urscript.work import Steps
 

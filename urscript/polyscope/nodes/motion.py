@@ -6,12 +6,7 @@ from typing import Final
 
 from urproto.vectors import ZERO6
 from urscript.polyscope.document import DocumentError, Element
-from urscript.polyscope.forms import (
-    DEGREES,
-    MILLI,
-    Field,
-    attribute_number,
-)
+from urscript.polyscope.forms import DEGREES, MILLI, Field, attribute_number
 
 DIRECTION: Final = "gui.program.direction.MoveDirectionNode"
 

@@ -5,21 +5,13 @@ from typing import Final
 
 from urproto.versions import Availability
 from urscript.polyscope.document import DocumentError, Element, make
-from urscript.polyscope.forms import (
-    MILLI,
-    Field,
-    FieldError,
-    Surroundings,
-    attribute_boolean,
-    attribute_choice,
-    attribute_number,
-    feature_field,
-)
+from urscript.polyscope.forms import MILLI, Field, attribute_boolean, attribute_choice, attribute_number, feature_field
 from urscript.polyscope.nodes.motion import JOINT_DEFAULTS, JOINTS, TOOL_DEFAULTS, speed_fields
 from urscript.polyscope.nodes.outputs import tcp_names
 from urscript.polyscope.nodes.waypoints import new_waypoint
 from urscript.polyscope.numbers import list_text
 from urscript.polyscope.registry import Kind, node, translate_children
+from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.writer import BASE, Writer
 from urscript.work import Steps
 

@@ -3,19 +3,18 @@
 from typing import Final
 
 from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import (
     Field,
-    Surroundings,
     attribute_boolean,
     attribute_choice,
     attribute_text,
     expression_field,
-    expression_shown,
-    lacks_expression,
     variable_field,
 )
 from urscript.polyscope.naming import quoted
 from urscript.polyscope.registry import Kind, node
+from urscript.polyscope.surroundings import Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, variable_name
 
 _FLAGS: Final = {"Message": "False, False", "Warning": "True, False", "Error": "False, True"}  # warning, error

@@ -5,25 +5,20 @@ from typing import Any, Final
 
 from urproto.versions import Availability
 from urscript.polyscope.document import DocumentError, Element, make
+from urscript.polyscope.expressions import expression_shown, lacks_expression
 from urscript.polyscope.forms import (
-    ANALOG_OUTPUTS,
-    DIGITAL_OUTPUTS,
-    OUTPUTS,
     Field,
-    FieldError,
-    Surroundings,
     attribute_boolean,
     attribute_number,
     child_number,
     expression_field,
-    expression_shown,
-    lacks_expression,
     pin_field,
 )
 from urscript.polyscope.naming import truth
 from urscript.polyscope.nodes.waits import child_text, level_field, of_type, pin_shown
 from urscript.polyscope.numbers import list_text, number, number_text
 from urscript.polyscope.registry import Kind, node
+from urscript.polyscope.surroundings import ANALOG_OUTPUTS, DIGITAL_OUTPUTS, OUTPUTS, FieldError, Surroundings
 from urscript.polyscope.writer import Writer, expression_text, pin_name, pin_writing, resolve_pin
 
 _PULSE: Final = "SingleDigitalPulseActionState"

@@ -4,19 +4,12 @@ from typing import Final
 
 from urproto.text import lines
 from urscript.polyscope.document import DocumentError, Element, make, sharing
-from urscript.polyscope.forms import (
-    Field,
-    FieldError,
-    Surroundings,
-    attribute_boolean,
-    expression_field,
-    expression_shown,
-    lacks_expression,
-    node_name,
-)
+from urscript.polyscope.expressions import expression_shown, lacks_expression
+from urscript.polyscope.forms import Field, attribute_boolean, expression_field, node_name
 from urscript.polyscope.naming import identifier
 from urscript.polyscope.nodes.waits import child_text, of_type
 from urscript.polyscope.registry import Kind, empty_children, node, translate_children
+from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.tree import tag_of
 from urscript.polyscope.writer import Writer, expression_label, expression_text
 from urscript.work import Steps

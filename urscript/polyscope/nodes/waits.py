@@ -5,20 +5,11 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from urscript.polyscope.document import DocumentError, Element, make
-from urscript.polyscope.forms import (
-    ANALOG_INPUTS,
-    DIGITAL_INPUTS,
-    Field,
-    Surroundings,
-    child_number,
-    expression_field,
-    expression_shown,
-    lacks_expression,
-    pin_field,
-    titled,
-)
+from urscript.polyscope.expressions import expression_shown, lacks_expression
+from urscript.polyscope.forms import Field, child_number, expression_field, pin_field, titled
 from urscript.polyscope.naming import truth
 from urscript.polyscope.registry import Kind, node
+from urscript.polyscope.surroundings import ANALOG_INPUTS, DIGITAL_INPUTS, Surroundings
 from urscript.polyscope.writer import Writer, expression_label, expression_text, pin_name, pin_reading
 
 _COMPARISONS: Final = {"0": "<", "1": ">"}  # guess: which is which

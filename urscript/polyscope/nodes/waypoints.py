@@ -12,8 +12,6 @@ from urscript.polyscope.document import DocumentError, Element, make
 from urscript.polyscope.forms import (
     MILLI,
     Field,
-    FieldError,
-    Surroundings,
     attribute_choice,
     attribute_number,
     java_number,
@@ -34,6 +32,7 @@ from urscript.polyscope.nodes.operator import variable_shown
 from urscript.polyscope.nodes.waits import of_type
 from urscript.polyscope.numbers import inverse_text, list_text, pose_text, six, taught_pose
 from urscript.polyscope.registry import Kind, node
+from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
 
 _TAUGHT: Final = ("relativeFromPosition", "position", "poseInFeatureCoordinates", "outputFlangePose", "BaseToFeature")

@@ -1,0 +1,147 @@
+"""``ur-client installation``: PolyScope installations made, shown, changed and checked in the shell."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from client.commands.program import DRIVER_PORT, Model, Polyscope
+from client.errors import ClientError, FileError
+from client.programs import controller, open_installation, save_installation
+from urproto.commandline import AsJson, application, print_json
+from urscript.polyscope.document import DocumentError
+from urscript.polyscope.installation_check import problems_of
+from urscript.polyscope.installation_sections import UNITS, Field, SettingError
+from urscript.polyscope.installation_settings import (
+    SECTIONS,
+    change_setting,
+    new_installation,
+    read_settings,
+    set_driver_address,
+)
+from urscript.polyscope.safety_configuration import factory_configuration
+from urscript.polyscope.safety_settings import add_safety
+
+_SUFFIX = ".installation"
+
+installation_app = application("PolyScope installations, without PolyScope.", completion=False, no_args_is_help=True)
+
+_Installation = Annotated[Path, typer.Argument(help="The installation.", metavar="NAME.installation")]
+_Section = Annotated[str, typer.Argument(help=f"One of {', '.join(SECTIONS)}.")]
+
+
+@installation_app.command("new")
+def new_command(
+    path: _Installation,
+    host: Annotated[str | None, typer.Option(help="Address of the driver's machine, as the robot sees it.")] = None,
+    port: Annotated[int, typer.Option(help="Port of the driver's program.", min=1, max=65535)] = DRIVER_PORT,
+    model: Model = None,
+    polyscope: Polyscope = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over an installation that is there.")] = False,
+) -> None:
+    """Make an installation of an arm as it is delivered: a TCP at the flange, no payload, the factory's safety limits.
+
+    It is for the emulator. A robot has one of its own, with a checksum that only a controller computes.
+    """
+    if path.suffix != _SUFFIX:
+        raise FileError(path, f"an installation's name ends in {_SUFFIX}")
+    if path.exists() and not force:
+        raise FileError(path, "is there already; --force writes over it")
+    arm, version = controller(model, polyscope)
+    root = new_installation(version, path.stem)
+    add_safety(root, factory_configuration(arm), arm)
+    if host is not None:
+        try:
+            set_driver_address(root, host, port)
+        except SettingError as error:
+            raise ClientError(str(error)) from None
+    save_installation(root, path)
+    typer.echo(f"{path}: for {arm.title}, PolyScope {version}")
+
+
+@installation_app.command("show")
+def show_command(
+    path: _Installation,
+    section: Annotated[str | None, typer.Option(help="Only this section.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print what an installation says, section by section; as JSON in SI units."""
+    if section is not None and section not in SECTIONS:
+        raise ClientError(f"there is no section {section!r}: there are {', '.join(SECTIONS)}")
+    rows = read_settings(open_installation(path))
+    chosen = {name: rows[name] for name in SECTIONS if section in (None, name)}
+    if as_json:
+        print_json(chosen)
+        return
+    for name, found in chosen.items():
+        typer.echo(f"{SECTIONS[name].title} ({name}){'' if found else ': none'}")
+        for row in _told(name, found):
+            fields = SECTIONS[name].fields
+            typer.echo("  " + ", ".join(f"{field.title}: {_shown(field, row[field.name])}" for field in fields))
+
+
+@installation_app.command("set")
+def set_command(
+    path: _Installation,
+    section: _Section,
+    values: Annotated[
+        list[str], typer.Argument(help="FIELD=VALUE, in SI units; lists as JSON.", metavar="FIELD=VALUE")
+    ],
+    row: Annotated[str, typer.Option(help="The row, by its first field, where the section is a list.")] = "",
+) -> None:
+    """Change values of one row; what is not changed stays in the file byte for byte.
+
+    For example: set cell.installation tcps 'pose=[0,0,0.15,0,0,0]' --row TCP
+    """
+    root = open_installation(path)
+    try:
+        change_setting(root, section, row, dict(map(_assigned, values)))
+    except (SettingError, DocumentError) as error:
+        raise FileError(path, str(error)) from None
+    save_installation(root, path)
+
+
+@installation_app.command("check")
+def check_command(path: _Installation) -> None:
+    """Show what in an installation cannot be: settings that name what is not there, or that cannot be read.
+
+    Exit status 1 for anything found.
+    """
+    problems = list(problems_of(open_installation(path), path.absolute().parent))
+    for problem in problems:
+        typer.echo(f"{path}: {problem}")
+    if problems:
+        raise typer.Exit(1)
+    typer.echo(f"{path}: no problems found")
+
+
+def _assigned(text: str) -> tuple[str, Any]:
+    name, sign, value = text.partition("=")
+    if not sign:
+        raise ClientError(f"{text!r} is not FIELD=VALUE")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
+
+
+def _told(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows that say something: most signals have neither a name nor an action."""
+    return rows if name != "io" else [row for row in rows if row["name"] or row["action"] not in ("", "NONE")]
+
+
+def _shown(field: Field, value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or value == "":
+        return "-"
+    unit, factor = UNITS.get(field.unit, (field.unit, 1.0))
+    if isinstance(value, list):
+        lengths, rest = value[:3], value[3:]  # a rotation vector stays in rad
+        return f"[{', '.join([f'{part * factor:g}' for part in lengths] + [f'{part:g}' for part in rest])}]" + (
+            f" {unit}" if unit else ""
+        )
+    if isinstance(value, int | float):
+        return f"{value * factor:g}" + (f" {unit}" if unit else "")
+    return str(value)

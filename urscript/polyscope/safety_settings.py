@@ -1,0 +1,358 @@
+"""The safety configuration of an installation file, as rows that can be changed.
+
+What is changed no longer belongs to the controller's checksum, whose rule is not public: files of one checksum have
+their sections in different orders, so it is not one of the text. It becomes 0, which no configuration in force has, so
+that no robot takes the file's for its own; a robot's is set at its own pendant, behind its password.
+"""
+
+from collections.abc import Callable, Sequence
+from math import isfinite, pi
+from typing import ClassVar, Final
+
+from urproto.robots.model import RobotModel
+from urscript.polyscope.document import Element
+from urscript.polyscope.installation_sections import Field, Row, Section, SettingError, new_element
+from urscript.polyscope.numbers import double_text, numbers
+from urscript.polyscope.safety_configuration import CHANNELS, PRESETS, BoundaryMode, SafetyConfiguration
+from urscript.polyscope.safety_section import LIMIT_KEYS, PLANES, SafetySettingsError, read_safety_settings
+from urscript.polyscope.safety_text import (
+    UNASSIGNED,
+    home_text,
+    keys_of,
+    list_text,
+    settings_text,
+    turns_of,
+    value_of,
+    with_value,
+)
+
+TAG: Final = "SafetySettings"
+_MODES: Final = ("Normal", "Reduced")
+_JOINTS: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
+_UNITS: Final = {
+    "maxTcpSpeed": "m/s",
+    "maxForce": "N",
+    "maxPower": "W",
+    "maxMomentum": "kg m/s",
+    "maxElbowSpeed": "m/s",
+    "maxElbowForce": "N",
+    "maxStoppingTime": "s",
+    "maxStoppingDistance": "m",
+}
+_WORDS: Final = {
+    "maxTcpSpeed": "TCP speed",
+    "maxForce": "TCP force",
+    "maxPower": "Power",
+    "maxMomentum": "Momentum",
+    "maxElbowSpeed": "Elbow speed",
+    "maxElbowForce": "Elbow force",
+    "maxStoppingTime": "Stopping time",
+    "maxStoppingDistance": "Stopping distance",
+}
+_TURNS_RAD: Final = 363.0 * pi / 180.0  # as far as public files have joints turn
+_FASTEST_RAD_S: Final = 8.0  # guess: above every arm's limit
+_FARTHEST_M: Final = 10.0  # guess: no plane is of use farther away
+_PAIRS: Final = tuple(f"{pin}, {pin + 1}" for pin in range(0, CHANNELS, 2))
+
+
+class SafetySection(Section):
+    """A page of the safety configuration: what it changes is checked as a whole, and loses its checksum."""
+
+    applied: ClassVar[str] = (
+        "at once: the arm is switched off. The file's checksum becomes 0, so no robot takes it for its own: set a "
+        "robot's at its own pendant"
+    )
+
+    def rows(self, root: Element) -> list[Row]:
+        settings = root.child(TAG)
+        if settings is None:
+            return []
+        try:
+            return self.rows_of(settings.text, read_safety_settings(settings.text))
+        except SafetySettingsError as error:
+            raise SettingError(f"the safety settings cannot be read: {error}") from error
+
+    def write(self, root: Element, row: Row, changes: Row) -> None:
+        settings = root.child(TAG)
+        assert settings is not None
+        text = settings.text
+        for section, key, value in self.lines(text, row, {**row, **changes}, changes):
+            text = with_value(text, section, key, value)
+        try:
+            read_safety_settings(text)
+        except SafetySettingsError as error:
+            raise SettingError(f"{self.title}: {error}") from error
+        settings.text = with_value(text, "Safety Checksum", "crc", "0")
+
+    def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
+        """What the text says."""
+        raise NotImplementedError
+
+    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        """Section, key and value of each line that a change is about. Raises SettingError."""
+        raise NotImplementedError
+
+
+class RobotLimits(SafetySection):
+    """Limits of the robot as a whole."""
+
+    name, title = "safety_limits", "Safety: robot limits"
+    fields = (
+        Field("limit", "Limit", fixed=True),
+        Field("normal", "Normal mode", "number", low=0.0),
+        Field("reduced", "Reduced mode", "number", low=0.0),
+    )
+    listed = True
+    places = "`SafetySettings`, `[SafetyLimits Normal Values]` and `[SafetyLimits Reduced Values]`"
+
+    def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
+        return [
+            {"limit": f"{_WORDS[key]} [{_UNITS[key]}]", "normal": normal, "reduced": reduced}
+            for key, name in LIMIT_KEYS.items()
+            if isfinite(normal := getattr(safety.normal, name)) and isfinite(reduced := getattr(safety.reduced, name))
+        ]
+
+    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        key = next(key for key in LIMIT_KEYS if row["limit"].startswith(f"{_WORDS[key]} ["))
+        most = getattr(PRESETS["least restricted"], LIMIT_KEYS[key])
+        for mode, value in changes.items():
+            if not 0.0 < value <= most:
+                raise SettingError(f"{row['limit']} in {mode} mode is more than 0, and {most:g} at most, not {value:g}")
+        return [
+            (f"SafetyLimits {mode} Values", key, double_text(changes[mode.lower()]))
+            for mode in _MODES
+            if mode.lower() in changes
+        ]
+
+
+class JointLimits(SafetySection):
+    """How far and how fast each joint may turn."""
+
+    name, title = "safety_joints", "Safety: joint limits"
+    fields = (
+        Field("joint", "Joint", fixed=True),
+        Field("limited", "Positions are limited", "flag"),
+        *(
+            Field(f"{mode.lower()}_{what}", f"{mode} mode, {word}", "number", unit, low, high)
+            for mode in _MODES
+            for what, word, unit, low, high in (
+                ("min", "lowest", "rad", -_TURNS_RAD, _TURNS_RAD),
+                ("max", "highest", "rad", -_TURNS_RAD, _TURNS_RAD),
+                ("speed", "speed", "rad/s", 0.0, _FASTEST_RAD_S),
+            )
+        ),
+    )
+    listed = True
+    places = "`[SafetyLimits Normal Joints]`, `[SafetyLimits Reduced Joints]`, `withPositionLimits` of `[SafetySetup]`"
+
+    def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
+        rows = []
+        for n, joint in enumerate(_JOINTS):
+            row: Row = {"joint": joint, "limited": isfinite(safety.normal.joint_min[n])}
+            for mode, limits in zip(_MODES, (safety.normal, safety.reduced), strict=True):
+                row[f"{mode.lower()}_min"] = _or_zero(limits.joint_min[n])
+                row[f"{mode.lower()}_max"] = _or_zero(limits.joint_max[n])
+                row[f"{mode.lower()}_speed"] = limits.joint_speed[n]
+            rows.append(row)
+        return rows
+
+    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        n = _JOINTS.index(row["joint"])
+        found: list[tuple[str, str, str | None]] = []
+        for mode in _MODES:
+            section, own = f"SafetyLimits {mode} Joints", mode.lower()
+            if wanted["limited"] and wanted[f"{own}_min"] >= wanted[f"{own}_max"]:
+                raise SettingError(f"{row['joint']}: the lowest position of {own} mode is not below the highest")
+            if wanted[f"{own}_speed"] <= 0.0:
+                raise SettingError(f"{row['joint']}: the speed of {own} mode is more than 0")
+            for side in ("min", "max"):
+                if f"{own}_{side}" in changes:
+                    angle, turns = turns_of(changes[f"{own}_{side}"])
+                    for key, value in ((f"{side}JointPosition", angle), (f"{side}JointRevolutions", turns)):
+                        found.append((section, key, _nth(text, section, key, n, value)))
+            if f"{own}_speed" in changes:
+                key = "maxJointSpeed"
+                found.append((section, key, _nth(text, section, key, n, changes[f"{own}_speed"])))
+        if "limited" in changes:
+            flags = (value_of(text, "SafetySetup", "withPositionLimits") or str(["true"] * 6)).strip("[]").split(",")
+            flags = [flag.strip(" '") for flag in flags]
+            flags[n] = "true" if changes["limited"] else "false"
+            found.append(("SafetySetup", "withPositionLimits", f"[{', '.join(flags)}]"))
+        return found
+
+
+class Planes(SafetySection):
+    """Safety planes: a point p is inside where normal . p + distance is not negative, in the base frame."""
+
+    name, title = "safety_planes", "Safety: planes"
+    fields = (
+        Field("plane", "Plane", fixed=True),
+        Field("name", "Name"),
+        Field("mode", "Restricts", "choice", choices=tuple(mode.name for mode in BoundaryMode)),
+        Field("normal", "Normal, to the inside", "vector", "", -1.0, 1.0),
+        Field("distance", "Distance of the base from it", "number", "m", -_FARTHEST_M, _FARTHEST_M),
+        Field("elbow", "Restricts the elbow too", "flag"),
+    )
+    listed = True
+    places = "`[SafetyLimits BoundaryPlane0]` to 7; a plane that is moved here no longer follows its feature"
+
+    def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
+        rows = []
+        for n in range(PLANES):
+            section = f"SafetyLimits BoundaryPlane{n}"
+            if keys_of(text, section):
+                rows.append(
+                    {
+                        "plane": str(n),
+                        "name": value_of(text, section, "name") or "",
+                        "mode": value_of(text, section, "mode") or "DISABLED",
+                        "normal": numbers((value_of(text, section, "planeNormal") or "0, 0, 0").strip("[]")),
+                        "distance": float(value_of(text, section, "distanceToOrigin") or 0.0),
+                        "elbow": value_of(text, section, "elbowRestricted") == "true",
+                    }
+                )
+        return rows
+
+    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        section = f"SafetyLimits BoundaryPlane{row['plane']}"
+        x, y, z = wanted["normal"]
+        length = (x * x + y * y + z * z) ** 0.5
+        if wanted["mode"] != "DISABLED" and length < 1e-6:
+            raise SettingError(f"plane {row['plane']} restricts and has no normal: give its direction")
+        if changes.get("elbow") is not None and "elbowRestricted" not in keys_of(text, section):
+            raise SettingError("this PolyScope's planes do not restrict the elbow")
+        found: list[tuple[str, str, str | None]] = []
+        if "name" in changes:
+            found.append((section, "name", changes["name"]))
+        if "mode" in changes:
+            found.append((section, "mode", changes["mode"]))
+        if "elbow" in changes:
+            found.append((section, "elbowRestricted", "true" if changes["elbow"] else "false"))
+        if "normal" in changes:
+            found.append((section, "planeNormal", list_text([part / (length or 1.0) for part in (x, y, z)])))
+        if "distance" in changes:
+            found.append((section, "distanceToOrigin", double_text(changes["distance"])))
+        if "normal" in changes or "distance" in changes:
+            found += [(section, "sourceFeatureId", None), (section, "displacement", "0.0")]
+        return found
+
+
+class ToolDirection(SafetySection):
+    """How far the tool may lean from a direction of the base frame."""
+
+    name, title = "safety_tool_direction", "Safety: tool direction"
+    fields = (
+        Field("mode", "Restricts", "choice", choices=("DISABLED", "NORMAL", "REDUCED", "BOTH")),
+        Field("direction", "Direction", "vector", "", -1.0, 1.0),
+        Field("deviation", "Deviation", "number", "rad", 0.0, 181.0 * pi / 180.0),
+    )
+    places = "`[SafetyLimits ToolOrientation]`"
+    _SECTION: Final = "SafetyLimits ToolOrientation"
+
+    def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
+        if not keys_of(text, self._SECTION):
+            return []
+        return [
+            {
+                "mode": value_of(text, self._SECTION, "mode") or "DISABLED",
+                "direction": numbers((value_of(text, self._SECTION, "tcpOrientationVector") or "0, 0, 1").strip("[]")),
+                "deviation": float(value_of(text, self._SECTION, "maximumTcpOrientationDeviation") or pi),
+            }
+        ]
+
+    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        x, y, z = wanted["direction"]
+        length = (x * x + y * y + z * z) ** 0.5
+        if length < 1e-6:
+            raise SettingError("the tool's direction has no length")
+        if wanted["mode"] != "DISABLED" and not 0.0 < wanted["deviation"] < pi:
+            raise SettingError("a limit of the tool's direction is more than 0° and less than 180°")
+        values: dict[str, Callable[[], str]] = {
+            "mode": lambda: str(changes["mode"]),
+            "direction": lambda: list_text([x / length, y / length, z / length]),
+            "deviation": lambda: double_text(changes["deviation"]),
+        }
+        keys = {"mode": "mode", "direction": "tcpOrientationVector", "deviation": "maximumTcpOrientationDeviation"}
+        return [(self._SECTION, keys[name], values[name]()) for name in changes]
+
+
+class SafetySignals(SafetySection):
+    """Which pairs of configurable inputs and outputs have functions of the safety system."""
+
+    name, title = "safety_io", "Safety: I/O"
+    fields = (
+        Field("function", "Function", fixed=True),
+        Field("pins", "Configurable pins", "choice", choices=("", *_PAIRS)),
+    )
+    listed = True
+    places = "`[SafetyIOConfiguration Inputs]` and `[SafetyIOConfiguration Outputs]`, 255 for none"
+
+    def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
+        rows = []
+        for which in ("Inputs", "Outputs"):
+            section = f"SafetyIOConfiguration {which}"
+            for key in keys_of(text, section):
+                if key.endswith(("InputA", "OutputA")):
+                    pins = [int(value_of(text, section, f"{key[:-1]}{channel}") or UNASSIGNED) for channel in "AB"]
+                    used = f"{pins[0]}, {pins[1]}" if max(pins) < CHANNELS else ""
+                    rows.append({"function": key[:-1], "pins": used})
+        return rows
+
+    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        function, pins = row["function"], wanted["pins"]
+        which = "Inputs" if function.endswith("Input") else "Outputs"
+        section = f"SafetyIOConfiguration {which}"
+        for other in self.rows_of(text, read_safety_settings(text)):
+            same_side = other["function"].endswith(which[:-1])
+            if pins and same_side and other["function"] != function and other["pins"] == pins:
+                raise SettingError(f"the pins {pins} have the function {other['function']} already")
+        a, b = pins.split(", ") if pins else (str(UNASSIGNED),) * 2
+        return [(section, f"{function}A", a), (section, f"{function}B", b)]
+
+
+class SafeHome(SafetySection):
+    """Joint angles at which the output of the safe home position is high."""
+
+    name, title = "safety_home", "Safety: safe home"
+    fields = (
+        Field("defined", "Defined", "flag"),
+        *(Field(f"q{n}", joint, "number", "rad", -2.0 * pi, 2.0 * pi) for n, joint in enumerate(_JOINTS)),
+    )
+    places = "`[SafeHome]`: `safeHomePosition`, each angle within a turn, -1 for none"
+
+    def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
+        if "safeHomePosition" not in keys_of(text, "SafeHome"):
+            return []
+        home = safety.safe_home
+        return [{"defined": home is not None} | {f"q{n}": angle for n, angle in enumerate(home or (0.0,) * 6)}]
+
+    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        home = [wanted[f"q{n}"] for n in range(6)] if wanted["defined"] else None
+        lines: list[tuple[str, str, str | None]] = [("SafeHome", "safeHomePosition", home_text(home))]
+        if "safeHomeEnabled" in keys_of(text, "SafeHome"):
+            lines.append(("SafeHome", "safeHomeEnabled", "1" if wanted["defined"] else "0"))
+        return lines
+
+
+SAFETY_SECTIONS: Final[Sequence[SafetySection]] = (
+    RobotLimits(), JointLimits(), Planes(), ToolDirection(), SafetySignals(), SafeHome(),
+)  # fmt: skip
+
+
+def add_safety(root: Element, configuration: SafetyConfiguration, model: RobotModel) -> None:
+    """Give an installation that has none the safety settings of an arm."""
+    if root.child(TAG) is None:
+        new_element(root, TAG, {}).text = settings_text(configuration, model)
+
+
+def _nth(text: str, section: str, key: str, n: int, value: float) -> str:
+    """A list with another number in one place; the others keep their digits."""
+    parts = [part.strip() for part in (value_of(text, section, key) or "").strip("[]").split(",")]
+    if len(parts) != len(_JOINTS):
+        raise SettingError(f"[{section}] {key} has not one number for each joint")
+    parts[n] = str(value) if isinstance(value, int) else double_text(value)
+    return f"[{', '.join(parts)}]"
+
+
+def _or_zero(angle: float) -> float:
+    return angle if isfinite(angle) else 0.0
