@@ -36,6 +36,7 @@ def main() -> None:
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else jitter.SECONDS
     tables = (
         startup.measure(),
+        startup.measure_imports(),
         jitter.measure(seconds),
         crowd.measure(),
         fleet.measure(),
