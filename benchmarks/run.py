@@ -10,6 +10,7 @@ from pathlib import Path
 
 import crowd
 import fleet
+import idle
 import jitter
 import latency
 import pendant
@@ -37,6 +38,8 @@ def main() -> None:
     tables = (
         startup.measure(),
         startup.measure_imports(),
+        idle.measure(),
+        idle.measure_stages(),
         jitter.measure(seconds),
         crowd.measure(),
         fleet.measure(),
