@@ -30,6 +30,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from jitter import connect
+from processes import cpu_s, memory_mib
 
 from urproto import modbus
 from urproto.errors import URError
@@ -122,17 +123,6 @@ def witness(host: str, port: int, clients: int, rate_hz: float) -> None:
                 elif not began:
                     began = [now, stamp]
                 seen[0], seen[2] = seen[0] + 1, stamp
-
-
-def memory_mib(pid: int) -> float:
-    """Resident memory of a process."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE / 2**20
-
-
-def processor_s(pid: int) -> float:
-    """Processor time of a process."""
-    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def slope(values: Sequence[float]) -> float:
@@ -352,9 +342,9 @@ def many_clients(clients: int, seconds: float) -> Result:
     result = Result(f"{clients} clients at 125 Hz")
     with emulator() as robot, Memory(robot) as memory:
         client = Witness(robot, clients, 125.0)
-        used = processor_s(robot.pid)
+        used = cpu_s(robot.pid)
         time.sleep(seconds)
-        result.figures["processor"] = f"{(processor_s(robot.pid) - used) / seconds:.0%}"
+        result.figures["processor"] = f"{(cpu_s(robot.pid) - used) / seconds:.0%}"
         unharmed(result, client.report())
         said(result, robot.output)
     flat(result, memory)

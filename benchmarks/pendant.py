@@ -13,14 +13,13 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from pathlib import Path
 
 import jitter
+from processes import cpu_s, memory_mib
 from table import Table
 
 SECONDS = 30.0
 _FLAGS = ("--no-sandbox", "--disable-background-networking", "--use-gl=angle", "--use-angle=swiftshader")
-_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 _PROGRAM = b"""def back_and_forth():
   while True:
     movej([0.5, -1.2, 0.4, -1.0, 0.3, 0.3])
@@ -63,15 +62,7 @@ def _cost(pid: int, seconds: float) -> list[str]:
         return ["", ""]
     before = cpu_s(pid)
     time.sleep(seconds)
-    status = Path(f"/proc/{pid}/status").read_text()
-    (resident,) = (line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:"))
-    return [f"{100 * (cpu_s(pid) - before) / seconds:.1f} %", f"{int(resident) / 1024:.0f} MiB"]
-
-
-def cpu_s(pid: int) -> float:
-    """Processor time of a process so far."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+    return [f"{100 * (cpu_s(pid) - before) / seconds:.1f} %", f"{memory_mib(pid):.0f} MiB"]
 
 
 @contextmanager

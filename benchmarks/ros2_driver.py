@@ -18,7 +18,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequen
 from contextlib import ExitStack, asynccontextmanager, contextmanager
 from typing import Final
 
-from pendant import cpu_s
+from processes import cpu_s
 from table import Table
 
 from client import RTDEClient

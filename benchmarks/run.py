@@ -10,6 +10,7 @@ from pathlib import Path
 
 import crowd
 import fleet
+import idle
 import jitter
 import latency
 import pendant
@@ -36,6 +37,9 @@ def main() -> None:
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else jitter.SECONDS
     tables = (
         startup.measure(),
+        startup.measure_imports(),
+        idle.measure(),
+        idle.measure_stages(),
         jitter.measure(seconds),
         crowd.measure(),
         fleet.measure(),

@@ -12,6 +12,8 @@ A tick never raises: what its stages raise ends in the guard (`emulator.guard`).
 """
 
 from collections.abc import Callable
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -52,6 +54,20 @@ from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 
 _SAFETY: Final = frozenset(section.name for section in SAFETY_SECTIONS)
 _SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}
+_POWER_ON: Final = int(RobotStatusBits.POWER_ON)
+_PROGRAM_RUNNING: Final = int(RobotStatusBits.PROGRAM_RUNNING)
+_CHECKED: Final = {
+    "target joint angles": "target_q",
+    "joint angles": "q",
+    "joint speeds": "qd",
+    "joint torques": "actual_torque",
+    "TCP pose": "tcp_pose",
+    "TCP speed": "tcp_speed",
+    "TCP force": "tcp_force",
+    "force sensor": "ft_raw_wrench",
+}
+"""What must make sense of an arm, and its attribute."""
+_vectors_of = attrgetter(*_CHECKED.values())
 # an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
 
@@ -331,7 +347,8 @@ class Controller(Machine):
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self.programs.paused):
             motion.halt()  # the brakes hold the arm: no movement is left to complete
-        targets = (motion.q, motion.qd, motion.qdd)
+        target = motion.target
+        targets = (target.q, target.qd, target.qdd)
         self._arm_changed = self.arm.update(
             targets, self.installation, wrench, self.period_s, driven=driven, torque=motion.torque
         )
@@ -355,20 +372,11 @@ class Controller(Machine):
 
     def _check_arm(self) -> None:
         """Nothing that no arm can do may be published, or become part of the next period."""
-        arm = self.arm
-        for name, values in (
-            ("target joint angles", arm.target_q),
-            ("joint angles", arm.q),
-            ("joint speeds", arm.qd),
-            ("joint torques", arm.actual_torque),
-            ("TCP pose", arm.tcp_pose),
-            ("TCP speed", arm.tcp_speed),
-            ("TCP force", arm.tcp_force),
-            ("force sensor", arm.ft_raw_wrench),
-        ):
-            if not plausible(*values):
-                raise ArithmeticError(f"the {name} left all bounds: {values}")
-        self.last_good_q = arm.q
+        vectors = _vectors_of(self.arm)
+        if not plausible(*chain.from_iterable(vectors)):
+            name, values = next(pair for pair in zip(_CHECKED, vectors, strict=True) if not plausible(*pair[1]))
+            raise ArithmeticError(f"the {name} left all bounds: {values}")
+        self.last_good_q = self.arm.q
 
     def _advance_tool(self) -> None:
         """What is mounted on the arm has power only while the arm has."""
@@ -423,8 +431,7 @@ class Controller(Machine):
         snapshot.tool_communication, snapshot.tool_bytes = self.tool_line.settings, self.tool_line.received
         snapshot.io_freedrive, snapshot.local_control = self.freedrive_inputs.free, self.local_control
         snapshot.actual_execution_time = self.execution_time_ms
-        status = int(RobotStatusBits.POWER_ON) if powered else 0
-        status |= RobotStatusBits.PROGRAM_RUNNING if snapshot.program_running else 0
+        status = (_POWER_ON if powered else 0) | (_PROGRAM_RUNNING if snapshot.program_running else 0)
         snapshot.robot_status_bits = status | self.safety_board.robot_status_bits()
         snapshot.simulation = self.simulation.on
         self._hooks_ran = bool(self.snapshot_hooks)

@@ -33,6 +33,8 @@ _MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and noth
 
 def plausible(*numbers: float) -> bool:
     """Whether numbers in SI units could be of an arm, or of something near it: finite, and not absurd."""
+    if sum(map(abs, numbers)) < _MOST:  # as nearly always, and looked at in one go
+        return True
     return all(-_MOST < number < _MOST for number in numbers)
 
 

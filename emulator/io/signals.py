@@ -225,12 +225,14 @@ class Signals:
     @property
     def analog_io_types(self) -> int:
         """Domains of AI0, AI1, AO0, AO1 in bits 0-3; 1 is voltage."""
-        return _pack_domains([*self.analog_input_domains, *self.analog_output_domains])
+        (i0, i1), (o0, o1) = self.analog_input_domains, self.analog_output_domains
+        return i0 | i1 << 1 | o0 << 2 | o1 << 3
 
     @property
     def tool_analog_input_types(self) -> int:
         """Domains of the tool's analog inputs in bits 0-1; 1 is voltage."""
-        return _pack_domains(self.tool_analog_input_domains)
+        first, second = self.tool_analog_input_domains
+        return first | second << 1
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write inputs and outputs to a snapshot."""
@@ -253,7 +255,3 @@ def _analog(index: int) -> int:
     if index not in (0, 1):
         raise IndexError(f"there is no analog signal {index}: they are 0 and 1")
     return index
-
-
-def _pack_domains(domains: list[AnalogDomain]) -> int:
-    return sum(domain << bit for bit, domain in enumerate(domains))

@@ -100,25 +100,19 @@ class Power:
         self._release_wanted = False
         self._remaining_s: float | None = None
         self.state = PowerState.OFF
+        self.report = REPORTS[self.state]
+        """What robot mode, joints and tool say."""
+        self.running = False
+        """The brakes are released and the arm may move."""
         if running:
             self._enter(PowerState.RUNNING)
         elif timings.controller_boot_s > 0.0:
             self._enter(PowerState.CONTROLLER_BOOTING)
 
     @property
-    def report(self) -> PowerReport:
-        """What robot mode, joints and tool say."""
-        return REPORTS[self.state]
-
-    @property
     def robot_mode(self) -> RobotMode:
         """The robot mode all interfaces report."""
-        return REPORTS[self.state].robot_mode
-
-    @property
-    def running(self) -> bool:
-        """True when the brakes are released and the arm may move."""
-        return self.state is PowerState.RUNNING
+        return self.report.robot_mode
 
     def handle(self, event: PowerEvent) -> None:
         """Apply an event; a pair that is not in the table changes nothing."""
@@ -145,12 +139,13 @@ class Power:
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write what robot, joints and tool report to a snapshot."""
-        report = REPORTS[self.state]
+        report = self.report
         snapshot.robot_mode, snapshot.tool_mode = report.robot_mode, report.tool_mode
         snapshot.joint_mode = (report.joint_mode,) * 6
 
     def _enter(self, state: PowerState) -> None:
         self.state = state
+        self.report, self.running = REPORTS[state], state is PowerState.RUNNING
         self._remaining_s = self._duration_s(state)
         if state is PowerState.IDLE and self._release_wanted:
             self._release_wanted = False

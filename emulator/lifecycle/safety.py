@@ -52,6 +52,7 @@ _OPERATIONAL: Final = (_M.NORMAL, _M.REDUCED, _M.RECOVERY)
 _STOPPED: Final = (_M.PROTECTIVE_STOP, _M.SAFEGUARD_STOP)
 _EMERGENCY: Final = (_M.SYSTEM_EMERGENCY_STOP, _M.ROBOT_EMERGENCY_STOP)
 _HARD: Final = (_M.VIOLATION, _M.FAULT)
+_POWERLESS: Final = (*_EMERGENCY, *_HARD)
 # what opens -> what closes it, and the safety status meanwhile; the safety mode is the same for all
 _SAFEGUARDS: Final = {
     _E.SAFEGUARD_OPEN: (_E.SAFEGUARD_CLOSED, SafetyStatus.SAFEGUARD_STOP),
@@ -112,10 +113,15 @@ _STATUS_BITS: Final[dict[SafetyMode, SafetyStatusBits]] = {
 class Safety:
     """The safety mode, how long it has lasted, and the conditions that hold."""
 
-    def __init__(self) -> None:
-        self.mode = SafetyMode.NORMAL
-        self.mode_age_s = 0.0
+    def __init__(self, mode: SafetyMode = SafetyMode.NORMAL) -> None:
         self._conditions: set[SafetyEvent] = set()
+        self._begin(mode)
+
+    def _begin(self, mode: SafetyMode) -> None:
+        self.mode, self.mode_age_s = mode, 0.0
+        self.status_bits = int(_STATUS_BITS[mode])
+        """RTDE safety_status_bits."""
+        self._status = SafetyStatus(mode)
 
     @property
     def stopped(self) -> bool:
@@ -125,7 +131,7 @@ class Safety:
     @property
     def power_allowed(self) -> bool:
         """False while the safety system keeps the arm switched off."""
-        return self.mode not in (*_EMERGENCY, *_HARD)
+        return self.mode not in _POWERLESS
 
     @property
     def may_unlock_remotely(self) -> bool:
@@ -144,16 +150,11 @@ class Safety:
             for opened, (_, status) in _SAFEGUARDS.items():
                 if opened in self._conditions:
                     return status
-        return SafetyStatus(self.mode)
+        return self._status
 
     def holds(self, condition: SafetyEvent) -> bool:
         """A lasting condition, by the event that began it, has not ended yet."""
         return condition in self._conditions
-
-    @property
-    def status_bits(self) -> int:
-        """RTDE safety_status_bits."""
-        return int(_STATUS_BITS[self.mode])
 
     def handle(self, event: SafetyEvent) -> bool:
         """Apply an event; True when the mode changed. A pair not in the table changes nothing."""
@@ -172,7 +173,7 @@ class Safety:
         mode = SAFETY_TABLE.get((self.mode, event))
         if mode is None or mode is self.mode:
             return
-        self.mode, self.mode_age_s = mode, 0.0
+        self._begin(mode)
         if mode is SafetyMode.NORMAL:
             for condition in _CONDITIONS:
                 if condition in self._conditions:

@@ -182,6 +182,8 @@ class Motion:
         """
         fault = self.commands.take_refusal()
         if fault is None:
+            if self.movement.over and not self.beside and self.target.rest():
+                return None
             try:
                 self._step(fraction)
                 return None

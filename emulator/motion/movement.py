@@ -74,6 +74,11 @@ class ActiveMovement:
         return self._holding is Holding.STOP
 
     @property
+    def over(self) -> bool:
+        """None is in progress, and nothing is left of the last one."""
+        return self.generator is None and self._holding is not Holding.STOP
+
+    @property
     def unconditional(self) -> bool:
         """A fault or the brakes stop the arm. Position limits must not end that: nothing stops it any quicker."""
         return isinstance(self.generator, JointStop) and self.generator.origin is not StopOrigin.COMMAND

@@ -41,6 +41,13 @@ class ArmTarget:
         self.q, self.qd = q, qd
         self.standing_s = self.standing_s + self.period_s if qd == ZERO6 else 0.0
 
+    def rest(self) -> bool:
+        """One period later, nothing has moved it. False when it is not at rest: `advance` has to say where it is."""
+        if self.qd != ZERO6 or self.qdd != ZERO6:
+            return False
+        self.standing_s += self.period_s
+        return True
+
     def put(self, q: Joints) -> None:
         """The arm is elsewhere, and stands there as before."""
         self.q = q

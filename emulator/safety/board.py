@@ -385,8 +385,8 @@ class SafetyBoard:
         snapshot.safety_checksum = self._checksum
         snapshot.safety_mode = safety.mode
         snapshot.safety_status = safety.status
-        bits = safety.status_bits
-        if SafetyEvent.ENABLING_RELEASED in self._conditions.raised and _ENABLING_BIT.covers(machine.version):
+        bits, raised = safety.status_bits, self._conditions.raised
+        if raised and SafetyEvent.ENABLING_RELEASED in raised and _ENABLING_BIT.covers(machine.version):
             bits |= SafetyStatusBits.ENABLING_INPUT_ACTIVE
         snapshot.safety_status_bits = bits
         if self.joint_at_fault is not None and safety.mode in _HARD:

@@ -56,6 +56,8 @@ class Port(Protocol):
     @property
     def robot_time_s(self) -> float: ...
 
+    def came(self, connection: "Connection") -> None: ...
+
     def gone(self, connection: "Connection") -> None: ...
 
 
@@ -302,7 +304,7 @@ class Connection(asyncio.BufferedProtocol):
         if not self.server.hooks.admits(self):
             transport.abort()
             return
-        self.server.connections.append(self)
+        self.server.came(self)
         self._trace("connected")
         self.opened()
 
@@ -336,14 +338,14 @@ class Connection(asyncio.BufferedProtocol):
                 self._arrived(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if exc is not None and self in self.server.connections:
+        connected = self in self.server.connections
+        if exc is not None and connected:
             self._read_rest()
         self._transport = None
         if self._lingering is not None:
             self._lingering.cancel()
         self.server.gone(self)
-        if self in self.server.connections:
-            self.server.connections.remove(self)
+        if connected:
             self._trace("disconnected%s", f": {exc}" if exc else "")
             self.lost()
 

@@ -61,7 +61,8 @@ class PortServer:
         self.connections: list[Connection] = []
         self._clients: dict[Connection, str] = {}  # and their addresses, also of those that are being welcomed
         self._welcoming: set[asyncio.Task[object]] = set()
-        self._unsubscribe: Callable[[], None] | None = None
+        self._publishes = False
+        self._unsubscribe: Callable[[], None] | None = None  # while it publishes and there is a client
         self._listening: Acceptor | None = None
         self._address = ("", 0)
         self._returning: asyncio.Task[None] | None = None
@@ -71,7 +72,7 @@ class PortServer:
         return Connection(self)
 
     def publish(self, snapshot: Snapshot) -> None:
-        """A control period is over; the place to send state."""
+        """A control period is over and somebody is connected; the place to send state."""
 
     def _tell(self, snapshot: Snapshot) -> None:
         """What fails here silences a port: the robot shows it on the others."""
@@ -103,14 +104,24 @@ class PortServer:
     async def start(self, host: str, port: int) -> None:
         """Listen. Port 0 takes a free one. Raises OSError saying which port and why."""
         await self._listen(host, port)
-        self._unsubscribe = self.controller.subscribe(self._tell)
+        self._publishes = True
+        self._heed()
 
     def follow(self, controller: ServedController) -> None:
         """Serve another controller from now on."""
+        self._heed_no_more()
         self.controller = controller
+        self._heed()
+
+    def _heed(self) -> None:
+        """Hear of the control periods while there is somebody to tell of them."""
+        if self._unsubscribe is None and self._publishes and self.connections:
+            self._unsubscribe = self.controller.subscribe(self._tell)
+
+    def _heed_no_more(self) -> None:
         if self._unsubscribe is not None:
             self._unsubscribe()
-            self._unsubscribe = controller.subscribe(self._tell)
+            self._unsubscribe = None
 
     def succeed(self, other: "PortServer") -> None:
         """Take over the hooks of a server that is gone, its counts, and its port until there is another."""
@@ -131,9 +142,8 @@ class PortServer:
 
     def leave(self) -> None:
         """Be silent: no client is let in, nothing is published, connections stay open."""
-        if self._unsubscribe is not None:
-            self._unsubscribe()
-            self._unsubscribe = None
+        self._publishes = False
+        self._heed_no_more()
         self.close_port()
 
     def close_port(self) -> None:
@@ -191,10 +201,19 @@ class PortServer:
             self.gone(connection)
             _logger.info("%s: a client vanished while it connected: %s", self.name, error)
 
+    def came(self, connection: Connection) -> None:
+        """A client is connected."""
+        self.connections.append(connection)
+        self._heed()
+
     def gone(self, connection: Connection) -> None:
         """There is room for another client."""
         self._clients.pop(connection, None)
         self.turns.forget(connection)
+        if connection in self.connections:
+            self.connections.remove(connection)
+        if not self.connections:
+            self._heed_no_more()
 
 
 def _listen(name: str, host: str, port: int) -> socket.socket:

@@ -94,8 +94,6 @@ class RealtimeServer(PortServer):
         return ScriptConnection(self, read_only=self._read_only)
 
     def publish(self, snapshot: Snapshot) -> None:
-        if not self.connections:
-            return
         self.turns.next_period(snapshot.step)
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
@@ -151,8 +149,6 @@ class PrimaryServer(PortServer):
         connection.send(self._greeting)
 
     def publish(self, snapshot: Snapshot) -> None:
-        if not self.connections:
-            return
         # First those whose turn did not come last time: they have waited longest.
         self.turns.next_period(snapshot.step)
         if self.hooks.on_state:

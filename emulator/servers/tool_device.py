@@ -31,7 +31,7 @@ class ToolCommunicationServer(PortServer):
         return _ToolConnection(self)
 
     def publish(self, snapshot: Snapshot) -> None:
-        if snapshot.tool_bytes and self.connections:
+        if snapshot.tool_bytes:
             self.connections[0].send(snapshot.tool_bytes)
 
 

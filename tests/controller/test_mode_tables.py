@@ -105,8 +105,7 @@ def test_safety_table(mode, event):
     after = matrix(SAFETY)[event.name, letter]
     expected = mode if after == "." else SafetyMode[SAFETY_LETTERS[after]]
     assert SAFETY_TABLE.get((mode, event), mode) is expected
-    safety = Safety()
-    safety.mode = mode
+    safety = Safety(mode)
     assert safety.handle(event) is (after != ".")
     assert safety.mode is expected
 
@@ -271,7 +270,6 @@ def test_restart_does_not_release_a_pressed_emergency_stop():
     ],
 )
 def test_status_bits(mode, bits):
-    safety = Safety()
-    safety.mode = mode
+    safety = Safety(mode)
     assert safety.status_bits == bits
     assert safety.stopped is bool(bits & SafetyStatusBits.STOPPED_DUE_TO_SAFETY)

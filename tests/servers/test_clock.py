@@ -16,6 +16,8 @@ class SimulatedTime:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_ns = 1_000 * MS
         self.armed_ns = 0
+        self.period_ns = 0
+        self.arms = 0
         self._expired: Callable[[], None] = lambda: None
         self.ticks_ns: list[int] = []
         self.tick_takes_ns = 0
@@ -27,8 +29,12 @@ class SimulatedTime:
         self._expired = expired
         return self
 
-    def arm(self, deadline_ns: int) -> None:
-        self.armed_ns = deadline_ns
+    def arm(self, deadline_ns: int, period_ns: int) -> None:
+        self.armed_ns, self.period_ns = deadline_ns, period_ns
+        self.arms += 1
+
+    def disarm(self) -> None:
+        self.armed_ns = self.period_ns = 0
 
     def close(self) -> None:
         pass
@@ -41,6 +47,7 @@ class SimulatedTime:
         """Let the timer expire, each time this late."""
         for _ in range(ticks):
             self.now_ns = max(self.now_ns, self.armed_ns) + late_ns
+            self.armed_ns += self.period_ns
             self._expired()
 
 
@@ -57,6 +64,26 @@ def test_deadlines_are_absolute(simulated: SimulatedTime) -> None:
     assert simulated.armed_ns == start + 1000 * 2 * MS
     assert clock.statistics.missed == 0
     assert clock.statistics.latest_ns == 300_000
+    assert simulated.arms == 1
+
+
+def test_the_timer_is_armed_anew_only_off_the_grid(simulated: SimulatedTime) -> None:
+    clock = RealClock(0.002)
+    clock.start(simulated.tick)
+    simulated.run(2)
+    simulated.run(1, late_ns=MS)  # the next one is 1 ms away, less than two ticks may be
+    simulated.run(20)
+    assert simulated.arms == 3  # at the start, later than the grid, and back on it
+
+
+def test_a_speed_that_is_set_within_a_tick_holds_from_the_next_one_on(simulated: SimulatedTime) -> None:
+    clock = RealClock(0.002)
+    clock.start(lambda: clock.set_speed(2.0) if clock.statistics.ticks == 2 else None)
+    simulated.run(2)
+    assert simulated.armed_ns - simulated.now_ns == 2 * MS  # begun anew, and the period of this tick
+    simulated.run(1)
+    assert simulated.armed_ns - simulated.now_ns == MS
+    assert clock.statistics.latest_ns == 0
 
 
 def test_speed_shortens_the_period(simulated: SimulatedTime) -> None:
@@ -171,6 +198,7 @@ def test_time_pauses_and_nothing_is_made_up_for(simulated: SimulatedTime) -> Non
     clock.pause()
     simulated.run(1)
     assert len(simulated.ticks_ns) == 3
+    assert not simulated.armed_ns
     simulated.now_ns += 1_000 * MS
     clock.resume()
     simulated.run(3)
