@@ -194,7 +194,7 @@ def controller_config(
     mounted = choose_gripper(gripper, gripper_object)
     if world is None or isinstance(world, Path | str):
         surroundings = read_surroundings(
-            _path(world), chosen, physics=physics, gripper=mounted, object_mm=gripper_object
+            _path(world), chosen, q_rad, physics=physics, gripper=mounted, object_mm=gripper_object
         )
     else:
         surroundings = world
@@ -408,6 +408,7 @@ def read_driver_address(text: str | None) -> DriverAddress:
 def read_surroundings(
     path: Path | None,
     model: RobotModel,
+    q_rad: Sequence[float] = START_Q,
     *,
     physics: bool = False,
     gripper: GripperModel | None = None,
@@ -422,9 +423,8 @@ def read_surroundings(
     if moves and object_mm is not None:
         raise ConfigError("in a world with physics the gripper meets what is there: leave --gripper-object out")
     try:
-        plan: Plan = read_physics(path, gripper) if moves else read_world(path)
-        if moves:
-            plan.build(model, model.series.period_s)  # what MuJoCo refuses is refused now
+        plan: Plan = read_world(path) if not moves else read_physics(path, gripper)
+        plan.check(model, q_rad)
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except (WorldFileError, WorldError) as error:

@@ -113,12 +113,12 @@ class Barrier(_Part, frozen=True, rename={"start": "from", "end": "to"}):
 class Camera(_Part, frozen=True):
     """Looks along its z axis, x to the right and y down, as a camera's optical frame in ROS.
 
-    pose: in the base frame, or in the flange's with ``on: flange``. size: width and height in pixels. fov: vertical
+    pose: in the base frame, or in the flange's with ``frame: flange``. size: width and height in pixels. fov: vertical
     field of view [rad].
     """
 
     pose: Vector6
-    on: Annotated[str, msgspec.Meta(pattern="^(base|flange)$")] = "base"
+    frame: Annotated[str, msgspec.Meta(pattern="^(base|flange)$")] = "base"
     size: tuple[
         Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)], Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)]
     ] = (320, 240)

@@ -147,9 +147,9 @@ class DrivenArm:
         self._turn = np.zeros(3)
         self._placed = False
 
-    def place(self, data: Any, arm: "Arm") -> None:
-        """Put the bodies where the arm is, at rest."""
-        self._locate(arm)
+    def place(self, data: Any, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
+        """Put the bodies where an arm is, at rest. Poses in the base frame."""
+        self._locate(q, flange, tcp)
         self._speed[:] = 0.0
         self._placed = True
         data.qpos[self._qpos] = self._now.ravel()
@@ -158,10 +158,11 @@ class DrivenArm:
     def begin(self, data: Any, arm: "Arm", period_s: float) -> None:
         """A period in which the arm came to where it is."""
         self._before, self._now = self._now, self._before
-        self._locate(arm)
+        where = arm.q, arm.flange_pose, arm.tcp_pose
+        self._locate(*where)
         shift = self._now[:, :3] - self._before[:, :3]
         if not self._placed or np.abs(shift).max() > _JUMP_M:
-            self.place(data, arm)
+            self.place(data, *where)
             return
         if not np.array_equal(self._now, self._before):
             self._speed[:, :3] = shift / period_s
@@ -180,10 +181,10 @@ class DrivenArm:
         """After the last step of a period: the bodies are where the arm is, to the last digit."""
         data.qpos[self._qpos] = self._now.ravel()
 
-    def _locate(self, arm: "Arm") -> None:
+    def _locate(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
         now = self._now
-        for i, (position, turn) in enumerate(self._skeleton.frames(arm.q)):
+        for i, (position, turn) in enumerate(self._skeleton.frames(q)):
             now[i, :3], now[i, 3:] = position, turn
-        for name, pose in ((FLANGE, arm.flange_pose), (TOOL, arm.tcp_pose)):
+        for name, pose in ((FLANGE, flange), (TOOL, tcp)):
             i = BODIES.index(name)
             now[i, :3], now[i, 3:] = pose[:3], quaternion(pose[3:])

@@ -1,6 +1,6 @@
 """Plans of scenes: what files say, read and checked, before there is an arm and a MuJoCo model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -62,13 +62,21 @@ class PhysicsPlan:
 
     def build(self, model: RobotModel, period_s: float) -> "PhysicsWorld":
         """A world of its own for one arm. Raises WorldError."""
-        from emulator.physics.scene import SceneError, build, check_start
+        from emulator.physics.scene import SceneError, build
         from emulator.physics.world import PhysicsWorld
 
         try:
             scene = build(self, model, period_s)
-            check_start(self, scene)
             return PhysicsWorld(self, model, scene)
+        except SceneError as error:
+            raise WorldError(f"{self.source}: {error}") from error
+
+    def check(self, model: RobotModel, q: Sequence[float]) -> None:
+        """Raise WorldError when there can be no such scene around an arm that stands at q [rad]."""
+        from emulator.physics.scene import SceneError, build, check_start
+
+        try:
+            check_start(build(self, model, model.series.period_s), model, q)
         except SceneError as error:
             raise WorldError(f"{self.source}: {error}") from error
 

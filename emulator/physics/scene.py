@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 
 from emulator.physics.description import Camera, Joint, Moving
-from emulator.physics.driven import FLANGE, MOUNTING, PREFIX, TOOL, add_arm, quaternion
+from emulator.physics.driven import FLANGE, MOUNTING, PREFIX, TOOL, DrivenArm, add_arm, quaternion
 from emulator.physics.fingers import add_fingers
 from emulator.physics.plan import MountedShape, PhysicsPlan
 from emulator.physics.suction import add_suction
 from emulator.physics.touching import Kind, classify, touching
-from urproto.robots import RobotModel
+from urproto.robots import RobotModel, kinematics_of
 from urproto.worldfile import Thing
 
 STEP_S: Final = 0.002
@@ -74,21 +74,27 @@ def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
     return Scene(model, steps, drives)
 
 
-def check_start(plan: PhysicsPlan, scene: Scene) -> None:
-    """Raise SceneError when things are in each other at the start. The arm is not looked at: it may stand anywhere."""
-    data = mujoco.MjData(scene.model)
-    mujoco.mj_forward(scene.model, data)
+def check_start(scene: Scene, arm: RobotModel, q: Sequence[float]) -> None:
+    """Raise SceneError when things are in each other at the start, or the arm, which stands at q [rad], in one."""
+    model, data = scene.model, mujoco.MjData(scene.model)
+    flange = kinematics_of(arm).forward(q)
+    DrivenArm(arm, model).place(data, q, flange, flange)
+    mujoco.mj_forward(model, data)
     if not np.isfinite(data.qacc).all():
-        raise SceneError("the things' masses or places are not finite numbers")
+        raise SceneError("masses or places of its things are not finite numbers")
     for i in range(data.ncon):
-        names = [_owner(scene.model, geom) for geom in data.contact.geom[i]]
         depth = -float(data.contact.dist[i])
-        if depth > _OVERLAP_M and not any(name.startswith(PREFIX) for name in names):
-            raise SceneError(f"{names[0]} and {names[1]} are {1000 * depth:.1f} mm in each other: move one of them")
+        if depth <= _OVERLAP_M:
+            continue
+        one, other = sorted(_owner(model, geom) for geom in data.contact.geom[i])
+        problem = f"{one} and {other} are {1000.0 * depth:.1f} mm in each other at the start"
+        own = PREFIX in one + other
+        raise SceneError(f"{problem}: " + ("start elsewhere (--initial-positions)" if own else "move one of them"))
 
 
 def _owner(model: Any, geom: int) -> str:
-    return model.geom(geom).name or model.body(int(model.geom_bodyid[geom])).name or f"geom {geom}"
+    body = int(model.geom_bodyid[geom])
+    return model.geom(geom).name or model.body(body).name.removesuffix(MOUNTING) if body else "what stays"
 
 
 def _read(path: Path) -> Any:
@@ -126,6 +132,8 @@ def _add_thing(spec: Any, name: str, thing: Thing, moving: Moving) -> None:
     body = spec.worldbody.add_body(name=name, pos=list(thing.pose[:3]), quat=quaternion(thing.pose[3:]))
     kind, usual = (Kind.STAYING, 0.0) if moving.mass is None else (Kind.FREE, _FRICTION)
     material = touching(kind, thing.material.get("friction", usual))
+    if moving.conveyor is not None:
+        material["surfacevel"] = [moving.conveyor.speed, 0.0, 0.0, 0.0, 0.0, 0.0]  # 0 could not be changed later
     _add_shape(spec, body, name, thing, moving, **material)
     if moving.joint is not None:
         _add_joint(spec, body, name, moving.joint, turns=moving.hinge is not None)
@@ -213,7 +221,7 @@ def _add_bolted(spec: Any, parent: Any, name: str, thing: Thing, shape: MountedS
 
 
 def _add_camera(spec: Any, name: str, camera: Camera) -> None:
-    parent = spec.worldbody if camera.on == "base" else spec.body(PREFIX + FLANGE)
+    parent = spec.worldbody if camera.frame == "base" else spec.body(PREFIX + FLANGE)
     # MuJoCo's cameras look along -z with y up: half a turn about x from the optical frame.
     w, x, y, z = quaternion(camera.pose[3:])
     fovy = camera.fov if not spec.compiler.degree else float(np.degrees(camera.fov))

@@ -67,10 +67,10 @@ class PhysicsWorld(World):
 
     def act(self, arm: "Arm", motion: Motion, wrench: Vector6, period_s: float) -> Vector6:
         wrench = lerp(wrench, self._pushed(arm, period_s), 1.0)
-        if self.failure:
+        if self.failure or not arm.known:
             return wrench
         if not self._started:
-            self._arm.place(self.data, arm)
+            self._arm.place(self.data, arm.q, arm.flange_pose, arm.tcp_pose)
             self._started = True
             if self.payload is not None and arm.mounted is None:
                 arm.mounted = self.payload

@@ -179,6 +179,11 @@ class Arm:
         return self._tool.elbow_velocity
 
     @property
+    def known(self) -> bool:
+        """It has been somewhere: not before the first ``update``."""
+        return self._known
+
+    @property
     def felt_gravity(self) -> Vector3:
         """Gravity and the base's acceleration together, base frame, as set_gravity has it [m/s2]."""
         return self._felt

@@ -1,6 +1,6 @@
 """Worlds out of world files (`urproto.worldfile`): planes, boxes and spheres that push back."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -32,8 +32,8 @@ class WorldPlan:
         """A world of its own for one arm. Raises WorldError."""
         return self._fill(World(self.tool, _links(model) if self.links else None))
 
-    def check(self) -> None:
-        """Raise WorldError when it cannot be built."""
+    def check(self, model: RobotModel, q: Sequence[float]) -> None:
+        """Where the arm stands does not matter: nothing moves, and an arm may begin inside of a thing."""
         self._fill(World(self.tool))
 
     def _fill(self, world: World) -> World:
@@ -59,7 +59,7 @@ def read_world(path: Path) -> WorldPlan:
     try:
         tool = POINT if world.tool is None else _object("tool", world.tool)
         plan = WorldPlan({name: _object(name, thing) for name, thing in world.things.items()}, tool, world.links)
-        plan.check()
+        plan._fill(World(tool))
     except ValueError as error:
         raise WorldFileError(f"{path}: {error}") from error
     return plan

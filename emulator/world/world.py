@@ -176,5 +176,8 @@ class Plan(Protocol):
     def links(self) -> bool:
         """The arm's own links touch too."""
 
+    def check(self, model: RobotModel, q: Sequence[float]) -> None:
+        """Raise WorldError when it cannot be built around an arm that stands at q [rad]."""
+
     def build(self, model: RobotModel, period_s: float) -> World:
         """A world of its own for one arm. Raises WorldError."""
