@@ -10,7 +10,8 @@ from typing import Annotated, Any, Final, TypeVar
 
 import msgspec
 
-from urproto.vectors import Vector3, Vector6
+from urproto.robots.pose import matrix_to_rotvec
+from urproto.vectors import Vector3, Vector6, cross, sub3, unit
 from urproto.worldfile import Thing
 
 Signal = Annotated[int, msgspec.Meta(ge=0, le=17)]
@@ -21,7 +22,11 @@ Colour = tuple[
     Annotated[float, msgspec.Meta(ge=0.0, le=1.0)],
     Annotated[float, msgspec.Meta(ge=0.0, le=1.0)],
 ]
+Pose = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=6)]  # x, y, z, and a rotation vector
 _MOST_PIXELS: Final = 1920
+_UP: Final[Vector3] = (0.0, 0.0, 1.0)
+_RIGHT: Final[Vector3] = (1.0, 0.0, 0.0)  # of a camera that looks straight up or down
+_AHEAD: Final = _UP
 
 _T = TypeVar("_T")
 
@@ -113,16 +118,33 @@ class Barrier(_Part, frozen=True, rename={"start": "from", "end": "to"}):
 class Camera(_Part, frozen=True):
     """Looks along its z axis, x to the right and y down, as a camera's optical frame in ROS.
 
-    pose: in the base frame, or in the flange's with ``frame: flange``. size: width and height in pixels. fov: vertical
-    field of view [rad].
+    pose: in the base frame, or in the flange's with ``frame: flange``. at: a point that it looks at instead of the way
+    that the pose says, its picture upright where z is up. size: width and height in pixels. fov: vertical field of
+    view [rad].
     """
 
-    pose: Vector6
+    pose: Pose
+    at: Vector3 | None = None
     frame: Annotated[str, msgspec.Meta(pattern="^(base|flange)$")] = "base"
     size: tuple[
         Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)], Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)]
     ] = (320, 240)
     fov: Annotated[float, msgspec.Meta(gt=0.01, lt=3.1)] = 0.8
+
+    def __post_init__(self) -> None:
+        if self.at is not None and self.at == self.pose[:3]:
+            raise ValueError("at is where the camera is: give a point that it looks at")
+
+    @property
+    def placed(self) -> Vector6:
+        """Its optical frame."""
+        x, y, z, rx, ry, rz = (*self.pose, 0.0, 0.0, 0.0)[:6]
+        if self.at is not None:
+            ahead = unit(sub3(self.at, (x, y, z)), _AHEAD)
+            right = unit(cross(ahead, _UP), _RIGHT)
+            down = cross(ahead, right)
+            rx, ry, rz = matrix_to_rotvec([part for row in zip(right, down, ahead, strict=True) for part in row])
+        return (x, y, z, rx, ry, rz)
 
 
 class Parallel(_Part, frozen=True):
@@ -157,13 +179,11 @@ class Mounted(_Part, frozen=True):
 
     parallel: Parallel | None = None
     suction: Suction | None = None
-    pose: tuple[float, ...] = (0.0, 0.0, 0.0)
+    pose: Pose = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if (self.parallel is None) is (self.suction is None):
             raise ValueError("give parallel or suction, or one shape")
-        if len(self.pose) not in (3, 6):
-            raise ValueError("pose must be x, y, z or x, y, z, rx, ry, rz")
 
 
 def read(name: str, given: Any, kind: type[_T]) -> _T:

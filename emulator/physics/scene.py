@@ -223,6 +223,7 @@ def _add_bolted(spec: Any, parent: Any, name: str, thing: Thing, shape: MountedS
 def _add_camera(spec: Any, name: str, camera: Camera) -> None:
     parent = spec.worldbody if camera.frame == "base" else spec.body(PREFIX + FLANGE)
     # MuJoCo's cameras look along -z with y up: half a turn about x from the optical frame.
-    w, x, y, z = quaternion(camera.pose[3:])
+    pose = camera.placed
+    w, x, y, z = quaternion(pose[3:])
     fovy = camera.fov if not spec.compiler.degree else float(np.degrees(camera.fov))
-    parent.add_camera(name=name, pos=list(camera.pose[:3]), quat=[-x, w, z, -y], fovy=fovy)
+    parent.add_camera(name=name, pos=list(pose[:3]), quat=[-x, w, z, -y], fovy=fovy)
