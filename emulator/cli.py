@@ -150,7 +150,12 @@ def configure(
         int | None, typer.Option(help="Most clients from one address (default: half of --most-clients).")
     ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Do not serve the control API.")] = False,
-    world: Annotated[Path | None, typer.Option(help="YAML file of objects around the arm that push back.")] = None,
+    world: Annotated[
+        Path | None, typer.Option(help="YAML file of objects around the arm that push back, or an MJCF or URDF scene.")
+    ] = None,
+    physics: Annotated[
+        bool, typer.Option("--physics", help="Let the world move: parts, joints, grippers (docs/physics.md).")
+    ] = False,
 ) -> "EmulatorConfig":
     """A robot as the options of the command line say. Raises ConfigError."""
     from emulator import config as checked  # the whole emulator, which a look at the options does not wait for
@@ -175,6 +180,7 @@ def configure(
         seed=seed,
         external_control=external_control,
         world=world,
+        physics=physics,
     )
     return checked.EmulatorConfig(
         controller=controller,

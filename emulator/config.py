@@ -13,6 +13,8 @@ from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.faults.catalogue import parse_fault
 from emulator.faults.fault import Fault, FaultError
 from emulator.machine import ControllerConfig
+from emulator.physics import read_physics
+from emulator.physics.plan import SCENE_FILES
 from emulator.ports import PORTS
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
@@ -20,7 +22,8 @@ from emulator.safety.files import load_safety_file
 from emulator.servers.admission import ClientLimits
 from emulator.services.sockets import ScriptNetwork
 from emulator.services.urcap import DriverAddress
-from emulator.world.file import WorldPlan, read_world
+from emulator.world.file import read_world
+from emulator.world.world import Plan, WorldError
 from urproto import robots
 from urproto.dashboard import AVAILABLE as DASHBOARD_SERVER
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
@@ -181,7 +184,8 @@ def controller_config(
     gripper_object: float | None = None,
     safety: Path | str | SafetyConfiguration | None = None,
     external_control: str | None = None,
-    world: Path | str | WorldPlan | None = None,
+    world: Path | str | Plan | None = None,
+    physics: bool = False,
     **fields: Any,
 ) -> ControllerConfig:
     """A controller from the options of ``ur-emulator``, by their names there.
@@ -196,6 +200,13 @@ def controller_config(
         q_rad = read_initial_positions(_path(initial_positions), chosen)
     if (speeds := fields.pop("encoder_speeds", None)) is None:
         speeds = (encoder0_speed, encoder1_speed)
+    mounted = choose_gripper(gripper, gripper_object)
+    if world is None or isinstance(world, Path | str):
+        surroundings = read_surroundings(
+            _path(world), chosen, q_rad, physics=physics, gripper=mounted, object_mm=gripper_object
+        )
+    else:
+        surroundings = world
     return ControllerConfig(
         model=read_calibration(_path(calibration), chosen),
         version=choose_version(polyscope, chosen),
@@ -203,11 +214,11 @@ def controller_config(
         programs_dir=read_programs_dir(_path(programs)),
         enforce_remote_control=check_enforced_remote_control(enforce_remote_control, chosen),
         encoder_speeds=check_encoder_speeds(*speeds),
-        gripper=choose_gripper(gripper, gripper_object),
+        gripper=mounted,
         gripper_object_mm=gripper_object,
         safety=safety if isinstance(safety, SafetyConfiguration) else read_safety(_path(safety), chosen),
         external_control=read_driver_address(external_control),
-        world=world if isinstance(world, WorldPlan) else read_surroundings(_path(world)),
+        world=surroundings,
         **{"dynamic": dynamic, **fields},
     )
 
@@ -402,15 +413,31 @@ def read_driver_address(text: str | None) -> DriverAddress:
         raise ConfigError(str(error)) from error
 
 
-def read_surroundings(path: Path | None) -> WorldPlan | None:
-    """What stands around the arm, from a world file. Raises ConfigError."""
+def read_surroundings(
+    path: Path | None,
+    model: RobotModel,
+    q_rad: Sequence[float] = START_Q,
+    *,
+    physics: bool = False,
+    gripper: GripperModel | None = None,
+    object_mm: float | None = None,
+) -> Plan | None:
+    """What stands around the arm, from a world file, or a scene's, which moves in any case. Raises ConfigError."""
+    if path is None:
+        if physics:
+            raise ConfigError("--physics needs a scene: give --world with a world file, MJCF or URDF")
+        return None
+    moves = physics or path.suffix.lower() in SCENE_FILES
+    if moves and object_mm is not None:
+        raise ConfigError("in a world with physics the gripper meets what is there: leave --gripper-object out")
     try:
-        plan = None if path is None else read_world(path)
+        plan: Plan = read_world(path) if not moves else read_physics(path, gripper)
+        plan.check(model, q_rad)
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except WorldFileError as error:
+    except (WorldFileError, WorldError) as error:
         raise ConfigError(str(error)) from error
-    if plan is not None and plan.links:
+    if plan.links and not moves:
         need_coal(f"links: true in {path}")
     return plan
 

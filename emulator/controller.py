@@ -37,12 +37,13 @@ from emulator.robot.installation import Installation
 from emulator.robot.simulation import Simulation
 from emulator.robot.worldmodel import WorldModel
 from emulator.safety.board import SafetyBoard
+from emulator.safety.causes import Cause
 from emulator.services.freedrive_inputs import FreedriveInputs
 from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot, plausible
 from emulator.startup import Startup
-from emulator.world.world import World
+from emulator.world.world import Wiring, World
 from urproto.modes import ReportLevel, RobotStatusBits, RuntimeState
 from urproto.robots.measured import supply_of
 from urproto.robots.pose import Pose
@@ -109,7 +110,7 @@ class Controller(Machine):
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
         self.external_wrench: Vector6 = ZERO6  # what the world does to the TCP, base frame [N, Nm]
-        self.world: World | None = config.world.build(self.model) if config.world else None
+        self.world: World | None = config.world.build(self.model, self.period_s) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.simulation = Simulation(self.arm)
@@ -124,6 +125,8 @@ class Controller(Machine):
         self.tool_line = ToolLine(self.period_s)
         self.gripper = Gripper(config.gripper, config.gripper_object_mm) if config.gripper else None
         self.programs = Programs(self)
+        if self.world is not None:
+            self.world.wire(Wiring(self.signals, self.encoders, self.gripper))
         # for faults: called at the beginning of each period, and with each snapshot before it is published
         self.on_tick: list[Callable[[], None]] = []
         self.snapshot_hooks: list[Callable[[Snapshot], None]] = []
@@ -332,7 +335,10 @@ class Controller(Machine):
         if self.ft_input.enabled:
             wrench = self.ft_input.wrench_base(self.arm)
         if self.world is not None:
+            failed = self.world.failure
             wrench = self.world.act(self.simulation.real, self.motion, wrench, self.period_s)
+            if self.world.failure and not failed:
+                self.safety_board.trip(Cause.WORLD_FAILURE, text=self.world.failure)
         if wrench != ZERO6 and not plausible(*wrench):
             wrench = ZERO6  # nothing pushes like that
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled

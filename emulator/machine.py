@@ -27,7 +27,7 @@ from emulator.services.freedrive_inputs import FreedriveInputs
 from emulator.services.modbus import ModbusSignals
 from emulator.services.urcap import DriverAddress
 from emulator.snapshot import Snapshot
-from emulator.world.file import WorldPlan
+from emulator.world.world import Plan
 from urproto.modes import RuntimeState
 from urproto.robots import START_Q, RobotModel
 from urproto.robots.pose import Pose
@@ -80,7 +80,7 @@ class ControllerConfig:
     dynamic: bool = False
     seed: int = 0
     external_control: DriverAddress = field(default_factory=DriverAddress)
-    world: WorldPlan | None = None
+    world: Plan | None = None
     timings: PowerTimings = field(default_factory=PowerTimings)
 
 

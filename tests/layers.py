@@ -11,7 +11,7 @@ EMULATOR_FLOORS = (
     ("robot",),
     ("io", "motion"),
     ("world", "services"),
-    ("machine",),
+    ("physics", "machine"),
     ("fieldbus", "safety", "mailbox", "reports"),
     ("builtins",),
     ("programs",),

@@ -14,6 +14,9 @@
       hull: {mesh: hull.stl, pose: [0.5, 0, 0]}                # beside this file; of the planner
 
 ``links: true`` lets the arm's own links touch too.
+
+What only a world that moves can make use of (``MOVING`` of a thing, ``SECTIONS`` of the file) is handed on as it
+stands: `emulator.physics` reads it, and who plans a way takes the thing for one that stays.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -25,6 +28,8 @@ from urproto.text import quoted
 from urproto.yamltext import NotYaml, load_yaml
 
 MATERIAL: Final = ("stiffness", "damping", "friction")
+MOVING: Final = ("mass", "slide", "hinge", "conveyor", "lamp", "colour")
+SECTIONS: Final = ("scene", "mounted", "barriers", "cameras")
 
 
 class WorldFileError(ValueError):
@@ -34,22 +39,25 @@ class WorldFileError(ValueError):
 @dataclass(frozen=True, slots=True)
 class Thing:
     """shape: as in the file. sizes: its numbers [m]; mesh: its file. pose (6,): [m, rotation vector]. material: what of
-    `MATERIAL` is given."""
+    `MATERIAL` is given; moving: what of `MOVING`, unread."""
 
     shape: str
     sizes: tuple[float, ...]
     pose: tuple[float, float, float, float, float, float]
     material: Mapping[str, float] = field(default_factory=dict)
     mesh: str = ""
+    moving: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class WorldDescription:
-    """things: by name. tool: None without one. links: whether those of the arm touch."""
+    """things: by name. tool: None without one. links: whether those of the arm touch. sections: what of `SECTIONS` is
+    given, unread."""
 
     things: Mapping[str, Thing]
     tool: Thing | None = None
     links: bool = False
+    sections: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_world_file(path: Path, shapes: Collection[str]) -> WorldDescription:
@@ -63,7 +71,7 @@ def read_world_file(path: Path, shapes: Collection[str]) -> WorldDescription:
 
 
 def _world(content: Any, shapes: Collection[str]) -> WorldDescription:
-    top = _fields("the file", {} if content is None else content, ("tool", "links", "objects"))
+    top = _fields("the file", {} if content is None else content, ("tool", "links", "objects", *SECTIONS))
     links = top.get("links", False)
     if not isinstance(links, bool):
         raise ValueError(f"links must be true or false, not {quoted(links)}")
@@ -72,12 +80,13 @@ def _world(content: Any, shapes: Collection[str]) -> WorldDescription:
     if not isinstance(things, dict):
         raise ValueError(f"objects must be a mapping of names, not {quoted(things)}")
     described = {str(name): read_description(str(name), given, shapes) for name, given in things.items()}
-    return WorldDescription(described, tool, links)
+    return WorldDescription(described, tool, links, {key: top[key] for key in SECTIONS if key in top})
 
 
 def read_description(name: str, given: Any, shapes: Collection[str], *, tool: bool = False) -> Thing:
     """One thing as a world file describes it; a tool has no material of its own. Raises ValueError."""
-    fields = _fields(name, given, (*shapes, "pose", *(() if tool else MATERIAL)))
+    fields = _fields(name, given, (*shapes, "pose", *(() if tool else (*MATERIAL, *MOVING))))
+    moving: dict[str, Any] = {key: fields.pop(key) for key in MOVING if key in fields}
     chosen = [key for key in fields if key in shapes]
     if len(chosen) != 1:
         raise ValueError(f"{name} must have exactly one of {', '.join(shapes)}")
@@ -92,7 +101,7 @@ def read_description(name: str, given: Any, shapes: Collection[str], *, tool: bo
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     mesh, numbers = (sizes, ()) if isinstance(sizes, str) else ("", sizes)
-    return Thing(shape, numbers, (x, y, z, rx, ry, rz), material, mesh)
+    return Thing(shape, numbers, (x, y, z, rx, ry, rz), material, mesh, moving)
 
 
 def _fields(name: str, given: Any, known: Collection[str]) -> dict[str, Any]:

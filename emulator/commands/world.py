@@ -90,6 +90,14 @@ class RemoveObject(WorldCommand):
 
 
 @dataclass(frozen=True, slots=True)
+class ResetWorld(WorldCommand):
+    """Put everything that moves back to where it was at first, at rest; also after a failure of its physics."""
+
+    def change(self, world: World) -> None:
+        world.restore(None)
+
+
+@dataclass(frozen=True, slots=True)
 class MountTool(WorldCommand):
     """Touch with another shape; its pose in the frame of the TCP. ``POINT`` is the tool there was at first."""
 

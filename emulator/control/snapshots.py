@@ -60,6 +60,7 @@ def save_state(controller: "Controller") -> dict[str, Any]:
         "tcp": list(controller.installation.tcp),
         "payload": {"mass_kg": payload.mass, "cog_m": list(payload.cog), "inertia_kg_m2": list(payload.inertia)},
         "power": controller.power.state.name,
+        "world": None if controller.world is None else controller.world.save(),
         **{section: _values(holder(controller), names) for section, (holder, names) in _SECTIONS.items()},
     }
 
@@ -108,6 +109,8 @@ def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
         target = holder(controller)
         for name in names:
             setattr(target, name, _like(getattr(target, name), document[section][name]))
+    if controller.world is not None and (state := document.get("world")) is not None:
+        controller.world.restore(state)
     controller.power.put(power)
 
 

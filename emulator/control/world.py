@@ -12,6 +12,7 @@ from emulator.commands.world import (
     PushTool,
     ReleaseTool,
     RemoveObject,
+    ResetWorld,
     WorldCommand,
 )
 from emulator.control.verbs import BadArguments, Verbs, verb
@@ -57,7 +58,18 @@ class WorldVerbs(Verbs):
     def objects(self) -> list[str]:
         """Names of the objects around the arm."""
         world = self.controller.world
-        return list(world.things) if world is not None else []
+        return world.names() if world is not None else []
+
+    @verb
+    def object_poses(self) -> dict[str, Vector6]:
+        """Where each object around the arm is now: x, y, z [m], rx, ry, rz [rad] in the base frame."""
+        world = self.controller.world
+        return world.poses() if world is not None else {}
+
+    @verb
+    def reset_world(self) -> None:
+        """Put everything that moves (``--physics``) back to where it was at first, at rest; also after a failure."""
+        self._change(ResetWorld())
 
     @verb
     def add_object(self, name: str, description: Mapping[str, Any]) -> None:

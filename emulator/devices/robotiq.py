@@ -50,6 +50,10 @@ class GripperModel:
         """The count at an opening."""
         return self.closed_stop - width_mm * self.counts_per_mm
 
+    def width_mm(self, count: float) -> float:
+        """The opening at a count."""
+        return (self.closed_stop - count) / self.counts_per_mm
+
     def speed(self, spe: int) -> float:
         """Counts/s at a value of SPE."""
         return (self.slowest + (self.fastest - self.slowest) * spe / _MOST) * self.counts_per_mm
@@ -58,6 +62,7 @@ class GripperModel:
 MODELS: Final[Mapping[str, GripperModel]] = {  # strokes and speeds: the maker's specifications
     "robotiq-2f-85": GripperModel(title="Robotiq 2F-85", stroke_mm=85.0, slowest=20.0, fastest=150.0),
     "robotiq-2f-140": GripperModel(title="Robotiq 2F-140", stroke_mm=140.0, slowest=30.0, fastest=250.0),
+    "robotiq-hand-e": GripperModel(title="Robotiq Hand-E", stroke_mm=50.0, slowest=20.0, fastest=150.0),
 }
 
 
@@ -142,13 +147,23 @@ _ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
 _TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
 
 
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What a gripper's motor is to do: an opening, the speed to it, and its share of the greatest force (``FOR``)."""
+
+    width_mm: float
+    mm_per_s: float
+    force_share: float
+
+
 class Gripper:
     """One gripper on the arm.
 
     object_mm: width of something the fingers cannot pass, None for nothing; it is held from
-    outside when they close on it and from inside when they open against it. ``position``: count,
-    a float. ``powered`` follows the arm: a gripper without power answers nothing and forgets
-    that it was active.
+    outside when they close on it and from inside when they open against it. In a world with
+    physics it is the scene that says where the fingers are (``drive``, ``feel``). ``position``:
+    count, a float. ``powered`` follows the arm: a gripper without power answers nothing and
+    forgets that it was active.
     """
 
     def __init__(self, model: GripperModel, object_mm: float | None = None) -> None:
@@ -159,6 +174,7 @@ class Gripper:
         self.phase = Phase.RESET
         self.cycles = 0
         self._failure = Fault.NONE
+        self._stopped: bool | None = None  # by something in a scene; None without a scene
         self._moving = False
         self._closing = True  # the way the fingers moved last
         self._set: dict[str, int] = dict.fromkeys(_WRITABLE, 0) | {"SPE": _MOST, "FOR": _MOST}  # guess: full
@@ -248,11 +264,29 @@ class Gripper:
             self._switch(powered)
         goal = self._goal()
         if goal is not None and goal != self.position and not self._blocked(goal):
-            self._move(goal, self.model.speed(self._spe()) * period_s)
+            self._turn_to(closing=goal > self.position)
+            if self._stopped is None:
+                self._move(goal, self.model.speed(self._spe()) * period_s)
             return
         self._moving = False
         if goal is not None:
             self._handle(Event.ARRIVED)
+
+    @property
+    def drive(self) -> Drive | None:
+        """What the motor is to do in a scene; None while the fingers are to stay where they are."""
+        goal = self._goal()
+        if goal is None or not self.powered:
+            return None
+        share = self._set["FOR"] / _MOST if self.phase is Phase.ACTIVE else 0.0  # activation: gently (guess)
+        per_s = self.model.speed(self._spe()) / self.model.counts_per_mm
+        return Drive(self.model.width_mm(goal), per_s, share)
+
+    def feel(self, width_mm: float, *, stopped: bool) -> None:
+        """Where the fingers are in a scene, and whether something there stops them."""
+        count, goal = self.model.count(width_mm), self._goal()
+        self._stopped = stopped
+        self.position = goal if goal is not None and abs(count - goal) < 1.0 else count
 
     def _switch(self, powered: bool) -> None:
         self.powered = powered
@@ -289,14 +323,18 @@ class Gripper:
 
     def _blocked(self, goal: float) -> bool:
         """True when the fingers touch something that is in the way to the goal."""
+        if self._stopped is not None:
+            return self._stopped
         return self._stop() == self.position and (goal > self.position) is self._closing
+
+    def _turn_to(self, *, closing: bool) -> None:
+        if closing and not (self._moving and self._closing):
+            self.cycles += 1
+        self._moving, self._closing = True, closing
 
     def _move(self, goal: float, way: float) -> None:
         here = self.position
         closing = goal > here
-        if closing and not (self._moving and self._closing):
-            self.cycles += 1
-        self._moving, self._closing = True, closing
         there = min(here + way, goal) if closing else max(here - way, goal)
         stop = self._stop()
         if stop is not None and (here < stop < there or there < stop < here):

@@ -181,6 +181,16 @@ class Arm:
         return self._tool.elbow_velocity
 
     @property
+    def known(self) -> bool:
+        """It has been somewhere: not before the first ``update``."""
+        return self._known
+
+    @property
+    def felt_gravity(self) -> Vector3:
+        """Gravity and the base's acceleration together, base frame, as set_gravity has it [m/s2]."""
+        return self._felt
+
+    @property
     def following_error(self) -> Vector6:
         """How far each joint is behind its target [rad]; zero on an ideal arm."""
         return ZERO6 if self.drives is None else sub(self.target_q, self.q)

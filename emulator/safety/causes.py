@@ -152,6 +152,9 @@ class Cause(Enum):
     CLAMPING = _protective(what="the flange is so close to the lower arm that it could clamp", code=403, only=Series.E)
     UNREACHABLE = _protective(what="a pose out of reach, or no number", code=204, argument=5)
     SINGULARITY = _protective(what="a path through a singularity", code=204, argument=7)
+    WORLD_FAILURE = _protective(
+        what="the world around the arm cannot be computed any more (--physics)", code=116, argument=1
+    )  # code: guess, as of a failure of the emulator
     PROGRAM = _protective(what="protective_stop() of a program", code=209)
 
     JOINT_POSITION_VIOLATION = _violation(what="joint position limit", argument=1)

@@ -1,6 +1,6 @@
 """Worlds out of world files (`urproto.worldfile`): planes, boxes and spheres that push back."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -28,12 +28,12 @@ class WorldPlan:
     tool: WorldObject = POINT
     links: bool = False
 
-    def build(self, model: RobotModel) -> World:
+    def build(self, model: RobotModel, period_s: float) -> World:
         """A world of its own for one arm. Raises WorldError."""
         return self._fill(World(self.tool, _links(model) if self.links else None))
 
-    def check(self) -> None:
-        """Raise WorldError when it cannot be built."""
+    def check(self, model: RobotModel, q: Sequence[float]) -> None:
+        """Where the arm stands does not matter: nothing moves, and an arm may begin inside of a thing."""
         self._fill(World(self.tool))
 
     def _fill(self, world: World) -> World:
@@ -51,10 +51,15 @@ def _links(model: RobotModel) -> "Links":
 def read_world(path: Path) -> WorldPlan:
     """What a YAML file says. Raises WorldFileError naming the file and the place, and OSError."""
     world = read_world_file(path, _SHAPES)
+    if unmoved := (
+        *world.sections,
+        *(f"{key} of {name}" for name, thing in world.things.items() for key in thing.moving),
+    ):
+        raise WorldFileError(f"{path}: {unmoved[0]} is for a world with physics: add --physics, or leave it out")
     try:
         tool = POINT if world.tool is None else _object("tool", world.tool)
         plan = WorldPlan({name: _object(name, thing) for name, thing in world.things.items()}, tool, world.links)
-        plan.check()
+        plan._fill(World(tool))
     except ValueError as error:
         raise WorldFileError(f"{path}: {error}") from error
     return plan
@@ -62,7 +67,10 @@ def read_world(path: Path) -> WorldPlan:
 
 def read_thing(name: str, description: Any, *, tool: bool = False) -> WorldObject:
     """One thing as a world file describes it; a tool has no material of its own. Raises ValueError."""
-    return _object(name, read_description(name, description, _SHAPES, tool=tool))
+    thing = read_description(name, description, _SHAPES, tool=tool)
+    if thing.moving:
+        raise ValueError(f"{name}: {next(iter(thing.moving))} is for things of a world file, with --physics")
+    return _object(name, thing)
 
 
 def _object(name: str, thing: Thing) -> WorldObject:

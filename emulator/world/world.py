@@ -6,14 +6,18 @@ force is that of the place and the speed the arm published last; the motion look
 Without a world none of this runs.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
+from emulator.devices.robotiq import Gripper
+from emulator.io.encoders import Encoders
+from emulator.io.signals import Signals
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
 from emulator.world.shapes import Plane, Push, Sphere, WorldObject, contacts
+from urproto.robots import RobotModel
 from urproto.vectors import ZERO6, Vector6, lerp
 
 if TYPE_CHECKING:
@@ -29,6 +33,14 @@ class WorldError(ValueError):
     """A thing that is there already, is not there, or cannot be."""
 
 
+class Wiring(NamedTuple):
+    """What a world can be wired to."""
+
+    signals: Signals
+    encoders: Encoders
+    gripper: Gripper | None
+
+
 @dataclass
 class World:
     """What an arm can meet. ``tool``: what touches, its pose in the frame of the TCP; its material does not count.
@@ -42,8 +54,31 @@ class World:
     _things: dict[str, WorldObject] = field(default_factory=dict, init=False)
     _pushes: dict[str, Push] = field(default_factory=dict, init=False)
 
+    failure = ""
+    """Why it stands still, "" while all is well: a world of springs cannot fail."""
+
     def __post_init__(self) -> None:
         self.mount(self.tool)
+
+    def wire(self, wiring: Wiring) -> None:
+        """For a world with something in it to wire: once, before the first period."""
+
+    def names(self) -> list[str]:
+        """Names of everything that stands around."""
+        return list(self._things)
+
+    def poses(self) -> dict[str, Vector6]:
+        """Where everything is, by name, in the base frame."""
+        return {name: thing.pose for name, thing in self._things.items()}
+
+    def save(self) -> list[float] | None:
+        """The state of what moves in it, for `restore`; None for a world in which nothing does."""
+        return None
+
+    def restore(self, state: Sequence[float] | None) -> None:
+        """Take over what `save` gave; None is how everything was at first. Raises WorldError for another world's."""
+        if state is not None:
+            raise WorldError("nothing in this world moves: there is no state of it to restore")
 
     @property
     def things(self) -> Mapping[str, WorldObject]:
@@ -112,19 +147,37 @@ class World:
             self.links.surround(self._things.values())
 
     def _tool_wrench(self, arm: "Arm", period_s: float) -> Vector6:
+        total = self._pushed(arm, period_s)
+        self.contacts = tuple(contacts(self.tool, self._things.values(), arm.tcp_pose, arm.tcp_speed))
+        for contact in self.contacts:
+            total = lerp(total, contact.wrench, 1.0)
+        return total
+
+    def _pushed(self, arm: "Arm", period_s: float) -> Vector6:
         total = ZERO6
         for name, push in tuple(self._pushes.items()):
             total = lerp(total, push.wrench_base(arm.tcp_pose), 1.0)
             if push.over(period_s):
                 del self._pushes[name]
-        self.contacts = tuple(contacts(self.tool, self._things.values(), arm.tcp_pose, arm.tcp_speed))
-        for contact in self.contacts:
-            total = lerp(total, contact.wrench, 1.0)
         return total
 
     def _known(self, name: str) -> WorldObject:
         try:
             return self._things[name]
         except KeyError:
-            there = ", ".join(self._things) or "none"
+            there = ", ".join(self.names()) or "none"
             raise WorldError(f"there is no object {name!r}; there are: {there}") from None
+
+
+class Plan(Protocol):
+    """A world to be made: as often as there are controllers to stand in it."""
+
+    @property
+    def links(self) -> bool:
+        """The arm's own links touch too."""
+
+    def check(self, model: RobotModel, q: Sequence[float]) -> None:
+        """Raise WorldError when it cannot be built around an arm that stands at q [rad]."""
+
+    def build(self, model: RobotModel, period_s: float) -> World:
+        """A world of its own for one arm. Raises WorldError."""

@@ -41,7 +41,7 @@ def test_everything_a_file_can_say(tmp_path):
 
 def test_each_controller_gets_a_world_of_its_own(tmp_path):
     plan = read_world(written(tmp_path, EXAMPLE))
-    one, other = plan.build(load_model("ur3")), plan.build(load_model("ur3"))
+    one, other = plan.build(load_model("ur3"), 0.008), plan.build(load_model("ur3"), 0.008)
     one.remove("ball")
     assert set(other.things) == {"table", "block", "ball"}
 

@@ -27,10 +27,10 @@ START_Q: Final[Joints] = (-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310)
 Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms there too is a guess.
 """
 
-_PARTS: Final = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)
 """What an upright base feels [m/s2]: the value of the Script Manual's set_gravity example."""
 
+_PARTS: Final = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _DATA: Final = Path(__file__).parent / "data"
 _FIRST_X: Final = "first_polyscope_x"
 

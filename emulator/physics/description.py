@@ -1,0 +1,207 @@
+"""What a world file says of things that move, and of what is wired to them: the keys that `urproto.worldfile` hands on.
+
+Lengths in m, angles in rad, forces in N, masses in kg. Digital signals are numbered as in RTDE's words: 0 to 7
+standard, 8 to 15 configurable, 16 and 17 the tool's.
+"""
+
+from collections.abc import Mapping
+from math import isfinite, sqrt
+from typing import Annotated, Any, Final, TypeVar
+
+import msgspec
+
+from urproto.robots.pose import matrix_to_rotvec
+from urproto.vectors import Vector3, Vector6, cross, sub3, unit
+from urproto.worldfile import Thing
+
+Signal = Annotated[int, msgspec.Meta(ge=0, le=17)]
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Colour = tuple[
+    Annotated[float, msgspec.Meta(ge=0.0, le=1.0)],
+    Annotated[float, msgspec.Meta(ge=0.0, le=1.0)],
+    Annotated[float, msgspec.Meta(ge=0.0, le=1.0)],
+]
+Pose = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=6)]  # x, y, z, and a rotation vector
+_MOST_PIXELS: Final = 1920
+_UP: Final[Vector3] = (0.0, 0.0, 1.0)
+_RIGHT: Final[Vector3] = (1.0, 0.0, 0.0)  # of a camera that looks straight up or down
+_AHEAD: Final = _UP
+
+_T = TypeVar("_T")
+
+
+class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Refuses what it does not know."""
+
+
+class Joint(_Part, frozen=True):
+    """What lets a thing slide or turn: axis and ``at`` in the thing's frame, as it stands at 0.
+
+    range: [m or rad]. stiffness: of a spring towards 0 [N/m, Nm/rad]. input: high beyond half of the range, as a
+    button's. output: a cylinder's or a drive's, to the far end while high and back while low, with at most ``force``
+    [N, Nm].
+    """
+
+    axis: Vector3
+    range: tuple[float, float]
+    at: Vector3 = (0.0, 0.0, 0.0)
+    stiffness: NotNegative = 0.0
+    damping: NotNegative = 1.0
+    input: Signal | None = None
+    output: Signal | None = None
+    force: Positive = 100.0
+
+    def __post_init__(self) -> None:
+        if sqrt(sum(part * part for part in self.axis)) < 1e-6:
+            raise ValueError("axis has no direction")
+        low, high = self.range
+        if not (low < high and isfinite(low) and isfinite(high)):
+            raise ValueError("range must be two numbers, the smaller one first")
+        if not low <= 0.0 <= high:
+            raise ValueError("range must hold 0, where the thing stands at first")
+
+    @property
+    def far(self) -> float:
+        """The end of the range that is farther from 0."""
+        return max(self.range, key=abs)
+
+
+class Conveyor(_Part, frozen=True):
+    """A belt: its surface moves along the x axis of the thing [m/s], while ``output`` is high where one is given.
+
+    encoder: the robot's (0 or 1) that counts ``ticks_per_m``.
+    """
+
+    speed: float
+    encoder: Annotated[int, msgspec.Meta(ge=0, le=1)] | None = None
+    ticks_per_m: Positive = 10_000.0
+    output: Signal | None = None
+
+
+class Moving(_Part, frozen=True):
+    """The keys of one thing. mass: free to move, or of what a joint moves; without either, it stays. lamp: lit while
+    that output is high."""
+
+    mass: Positive | None = None
+    slide: Joint | None = None
+    hinge: Joint | None = None
+    conveyor: Conveyor | None = None
+    lamp: Signal | None = None
+    colour: Colour | None = None
+
+    def __post_init__(self) -> None:
+        if self.slide is not None and self.hinge is not None:
+            raise ValueError("a thing slides or turns: give slide or hinge")
+        if self.joint is not None and self.mass is None:
+            raise ValueError("what a joint moves needs a mass")
+        if self.conveyor is not None and self.mass is not None:
+            raise ValueError("a conveyor stays where it is: leave its mass out")
+
+    @property
+    def joint(self) -> Joint | None:
+        return self.slide or self.hinge
+
+
+class Barrier(_Part, frozen=True, rename={"start": "from", "end": "to"}):
+    """A light barrier between two points of the base frame: its input is high while something is between them."""
+
+    start: Vector3
+    end: Vector3
+    input: Signal
+
+    def __post_init__(self) -> None:
+        if self.start == self.end:
+            raise ValueError("from and to are the same point")
+
+
+class Camera(_Part, frozen=True):
+    """Looks along its z axis, x to the right and y down, as a camera's optical frame in ROS.
+
+    pose: in the base frame, or in the flange's with ``frame: flange``. at: a point that it looks at instead of the way
+    that the pose says, its picture upright where z is up. size: width and height in pixels. fov: vertical field of
+    view [rad].
+    """
+
+    pose: Pose
+    at: Vector3 | None = None
+    frame: Annotated[str, msgspec.Meta(pattern="^(base|flange)$")] = "base"
+    size: tuple[
+        Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)], Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)]
+    ] = (320, 240)
+    fov: Annotated[float, msgspec.Meta(gt=0.01, lt=3.1)] = 0.8
+
+    def __post_init__(self) -> None:
+        if self.at is not None and self.at == self.pose[:3]:
+            raise ValueError("at is where the camera is: give a point that it looks at")
+
+    @property
+    def placed(self) -> Vector6:
+        """Its optical frame."""
+        x, y, z, rx, ry, rz = (*self.pose, 0.0, 0.0, 0.0)[:6]
+        if self.at is not None:
+            ahead = unit(sub3(self.at, (x, y, z)), _AHEAD)
+            right = unit(cross(ahead, _UP), _RIGHT)
+            down = cross(ahead, right)
+            rx, ry, rz = matrix_to_rotvec([part for row in zip(right, down, ahead, strict=True) for part in row])
+        return (x, y, z, rx, ry, rz)
+
+
+class Parallel(_Part, frozen=True):
+    """A gripper with two jaws along the y axis of its pose: closed while ``output`` is high.
+
+    stroke: between the open jaws [m]. holding: an input that is high while the jaws are stopped by something; closed:
+    one that is high while nothing is between the closed jaws. speed of each jaw [m/s].
+    """
+
+    output: Signal
+    stroke: Positive = 0.05
+    force: Positive = 60.0
+    speed: Positive = 0.05
+    holding: Signal | None = None
+    closed: Signal | None = None
+
+
+class Suction(_Part, frozen=True):
+    """A cup at its pose, which sucks along z while ``output`` is high. vacuum: an input, high while it holds a thing.
+
+    force: what pulls the thing off [N]; radius of the cup [m].
+    """
+
+    output: Signal
+    vacuum: Signal | None = None
+    force: Positive = 40.0
+    radius: Positive = 0.015
+
+
+class Mounted(_Part, frozen=True):
+    """A gripper on the flange; pose of its middle, or its cup's lip, in the flange's frame."""
+
+    parallel: Parallel | None = None
+    suction: Suction | None = None
+    pose: Pose = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if (self.parallel is None) is (self.suction is None):
+            raise ValueError("give parallel or suction, or one shape")
+
+
+def read(name: str, given: Any, kind: type[_T]) -> _T:
+    """``given`` as one of the classes above. Raises ValueError that names the place."""
+    try:
+        return msgspec.convert(given, kind)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{name}: {str(error).replace('`', '')}") from None
+
+
+def moving_of(name: str, thing: Thing) -> Moving:
+    """What lets a thing move. Raises ValueError."""
+    return read(name, dict(thing.moving), Moving)
+
+
+def section(sections: Mapping[str, Any], key: str, kind: type[_T]) -> dict[str, _T]:
+    """One of the file's sections: things of a kind by their names. Raises ValueError."""
+    given = sections.get(key) or {}
+    if not isinstance(given, dict):
+        raise ValueError(f"{key} must be a mapping of names")
+    return {str(name): read(str(name), value, kind) for name, value in given.items()}

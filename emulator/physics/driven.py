@@ -1,0 +1,190 @@
+"""The arm as a scene has it: bodies that go where the controller's arm goes, whatever is in their way.
+
+Each link is a free body of a mass beside which everything else is light, and gravity passes it by. Once a control
+period it is put where the link was, with the velocity that takes it to where the link is now, which it keeps through
+the steps of the period. So what touches it feels a surface that moves: friction carries what fingers hold.
+
+What touches the tool is held by the flange through a stiff spring (``COMPLIANCE_N_M``), as joints and gears of an arm
+give a little: the solver has bodies of ordinary mass to deal with, and force control knows how much harder its push can
+get in a period, whatever it meets. docs/physics.md says what else was tried.
+
+Shapes are the capsules of `urproto.robots.shapes`; links touch things, never each other.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import sqrt
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from emulator.physics.touching import Kind, touching
+from urproto.robots import RobotModel
+from urproto.robots.pose import rotvec_to_quaternion
+from urproto.robots.shapes import Capsule, capsules
+from urproto.vectors import ZERO3
+
+if TYPE_CHECKING:
+    from emulator.robot.arm import Arm
+
+MASS_KG: Final = 1e4
+"""Of each driven body, and its inertia in kg m2: 100 N change its speed by less than 0.1 mm/s in a step."""
+LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2")
+FLANGE: Final = "flange"
+TOOL: Final = "tool"
+"""What the world file calls the tool: it is where the TCP is."""
+BODIES: Final = (*LINKS, FLANGE, TOOL)
+PREFIX: Final = "ur/"
+COMPLIANCE_N_M: Final = 1e5  # of the flange's spring; arms of this size have stiffnesses like that (guess)
+_COMPLIANCE_NM_RAD: Final = 2000.0  # guess
+_SPRUNG_KG: Final = 2.0  # between spring and tool, and its inertia: what the solver needs, no real mass
+_SPRUNG_KG_M2: Final = 0.02
+_DAMPING_N_S_M: Final = 2.0 * sqrt(COMPLIANCE_N_M * _SPRUNG_KG)  # critical
+_DAMPING_NM_S: Final = 2.0 * sqrt(_COMPLIANCE_NM_RAD * _SPRUNG_KG_M2)
+MOUNTING: Final = "/mounting"
+_LINK_FRICTION: Final = 0.3  # painted aluminium (guess)
+_JUMP_M: Final = 0.5  # farther in a period goes no arm: it was put elsewhere
+_GREY: Final = (0.75, 0.76, 0.78, 1.0)
+
+
+def quaternion(rotvec: Sequence[float]) -> list[float]:
+    """MuJoCo's, which begins with the real part."""
+    x, y, z, w = rotvec_to_quaternion(rotvec[0], rotvec[1], rotvec[2])
+    return [w, x, y, z]
+
+
+def add_arm(spec: Any, model: RobotModel) -> None:
+    """Put the driven bodies into a scene, behind everything else in it."""
+    foot, *links = capsules(model)
+    _add_capsule(spec.worldbody, foot, Kind.BASE)
+    for name, capsule, along in zip(BODIES, [*links, None], [*model.dh.d[:5], 0.0, 0.0], strict=True):
+        body = spec.worldbody.add_body(name=PREFIX + name)
+        body.add_freejoint(name=PREFIX + name)
+        _weightless(body, MASS_KG, MASS_KG)
+        if name in (FLANGE, TOOL):
+            body = _sprung(body, name)
+        if capsule is not None:
+            kind = Kind.TOOL if name == FLANGE else Kind.BASE if name == "shoulder" else Kind.LINK
+            _add_capsule(body, _moved(capsule, along), kind)
+
+
+def _weightless(body: Any, mass_kg: float, inertia_kg_m2: float) -> None:
+    body.gravcomp = 1.0
+    body.explicitinertial, body.mass, body.inertia = True, mass_kg, [inertia_kg_m2] * 3
+
+
+def _sprung(parent: Any, name: str) -> Any:
+    """What is held by a spring in all directions."""
+    body = parent.add_body(name=PREFIX + name + MOUNTING)
+    _weightless(body, _SPRUNG_KG, _SPRUNG_KG_M2)
+    for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]):
+        body.add_joint(
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=axis,
+            stiffness=[COMPLIANCE_N_M, 0.0, 0.0],
+            damping=[_DAMPING_N_S_M, 0.0, 0.0],
+        )
+    body.add_joint(
+        type=mujoco.mjtJoint.mjJNT_BALL,
+        stiffness=[_COMPLIANCE_NM_RAD, 0.0, 0.0],
+        damping=[_DAMPING_NM_S, 0.0, 0.0],
+    )
+    return body
+
+
+def _moved(capsule: Capsule, along: float) -> Capsule:
+    """From the frame at a joint's end along its axis to the one at its beginning."""
+    (ax, ay, az), (bx, by, bz) = capsule.start, capsule.end
+    return Capsule((ax, ay, az + along), (bx, by, bz + along), capsule.radius)
+
+
+def _add_capsule(body: Any, capsule: Capsule, kind: Kind) -> None:
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[*capsule.start, *capsule.end],
+        size=[capsule.radius, 0.0, 0.0],
+        rgba=_GREY,
+        mass=0.0,
+        **touching(kind, _LINK_FRICTION, MASS_KG),
+    )
+
+
+class Skeleton:
+    """Where the links are for joint angles: of the nominal arm, as `ArmCapsules` has them."""
+
+    def __init__(self, model: RobotModel) -> None:
+        spec = mujoco.MjSpec()
+        parent, offset, tilt = spec.worldbody, list(ZERO3), [1.0, 0.0, 0.0, 0.0]
+        for a, d, alpha, theta in zip(model.dh.a, model.dh.d, model.dh.alpha, model.dh.theta, strict=True):
+            parent = parent.add_body(pos=offset, quat=tilt)
+            parent.explicitinertial, parent.mass, parent.inertia = True, 1.0, [1.0] * 3
+            parent.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0], ref=-theta)
+            offset, tilt = [a, 0.0, d], quaternion((alpha, 0.0, 0.0))
+        self._model = spec.compile()
+        self._data = mujoco.MjData(self._model)
+
+    def frames(self, q: Sequence[float]) -> Iterator[tuple[Any, Any]]:
+        """Position and quaternion of the links' frames, shoulder to wrist 2, each turned with its joint."""
+        self._data.qpos[:] = q
+        mujoco.mj_kinematics(self._model, self._data)
+        for i in range(1, len(LINKS) + 1):
+            yield self._data.xpos[i], self._data.xquat[i]
+
+
+class DrivenArm:
+    """The driven bodies of a compiled scene. ``bodies``: their numbers, by name without the prefix."""
+
+    def __init__(self, model: RobotModel, scene: Any) -> None:
+        self._skeleton = Skeleton(model)
+        self.bodies = {name: scene.body(PREFIX + name).id for name in BODIES}
+        count = len(BODIES)
+        joints = [scene.joint(PREFIX + name) for name in BODIES]
+        self._qpos = np.concatenate([np.arange(7) + int(joint.qposadr[0]) for joint in joints])
+        self._qvel = np.concatenate([np.arange(6) + int(joint.dofadr[0]) for joint in joints])
+        self._before = np.zeros((count, 7))
+        self._now = np.zeros((count, 7))
+        self._speed = np.zeros((count, 6))
+        self._turn = np.zeros(3)
+        self._placed = False
+
+    def place(self, data: Any, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
+        """Put the bodies where an arm is, at rest. Poses in the base frame."""
+        self._locate(q, flange, tcp)
+        self._speed[:] = 0.0
+        self._placed = True
+        data.qpos[self._qpos] = self._now.ravel()
+        data.qvel[self._qvel] = 0.0
+
+    def begin(self, data: Any, arm: "Arm", period_s: float) -> None:
+        """A period in which the arm came to where it is."""
+        self._before, self._now = self._now, self._before
+        where = arm.q, arm.flange_pose, arm.tcp_pose
+        self._locate(*where)
+        shift = self._now[:, :3] - self._before[:, :3]
+        if not self._placed or np.abs(shift).max() > _JUMP_M:
+            self.place(data, *where)
+            return
+        if not np.array_equal(self._now, self._before):
+            self._speed[:, :3] = shift / period_s
+            for i in range(len(BODIES)):
+                mujoco.mju_subQuat(self._turn, self._now[i, 3:], self._before[i, 3:])
+                self._speed[i, 3:] = self._turn / period_s
+        else:
+            self._speed[:] = 0.0
+        data.qpos[self._qpos] = self._before.ravel()
+
+    def drive(self, data: Any) -> None:
+        """Before each step: whatever the last one did to the bodies' velocities."""
+        data.qvel[self._qvel] = self._speed.ravel()
+
+    def end(self, data: Any) -> None:
+        """After the last step of a period: the bodies are where the arm is, to the last digit."""
+        data.qpos[self._qpos] = self._now.ravel()
+
+    def _locate(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
+        now = self._now
+        for i, (position, turn) in enumerate(self._skeleton.frames(q)):
+            now[i, :3], now[i, 3:] = position, turn
+        for name, pose in ((FLANGE, flange), (TOOL, tcp)):
+            i = BODIES.index(name)
+            now[i, :3], now[i, 3:] = pose[:3], quaternion(pose[3:])

@@ -1,0 +1,121 @@
+"""Two fingers in a scene: how they are built, and the motor that closes them until something stops them."""
+
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from emulator.physics.driven import PREFIX, quaternion
+from emulator.physics.hands import HandShape
+from emulator.physics.touching import Kind, touching
+
+_SIDES: Final = (("left", 1.0), ("right", -1.0))
+_FINGER_KG: Final = 0.1
+_GEAR_KG: Final = 1.0  # inertia of motor and gear, at a finger (guess)
+_PAD_FRICTION: Final = 0.7  # rubber; a part's own counts, see touching (guess)
+_GAIN_N_M: Final = 20_000.0  # of the motor's position loop (guess)
+_LOAD_SHARE: Final = 0.9  # of its force at which a motor that does not move is stopped by something
+_STILL_M_S: Final = 0.002
+_STOPPED_S: Final = 0.03  # so long (guess)
+_LEAD_M: Final = 0.001  # of the setpoint, beyond what gives the full force
+_RUBBER: Final = (0.15, 0.15, 0.16, 1.0)
+
+
+def add_fingers(spec: Any, flange: Any, shape: HandShape) -> None:
+    """Palm and fingers, coupled as by their gear, with a motor at each."""
+    radius, length = shape.palm
+    thickness, width, reach = shape.pad
+    name = PREFIX + shape.name
+    palm = flange.add_body(name=name, pos=list(shape.pose[:3]), quat=quaternion(shape.pose[3:]))
+    palm.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=[0.0, 0.0, 0.5 * length],
+        size=[radius, 0.5 * length, 0.0],
+        mass=0.0,
+        rgba=_RUBBER,
+        **touching(Kind.TOOL, _PAD_FRICTION),
+    )
+    for side, sign in _SIDES:
+        finger = palm.add_body(name=f"{name}/{side}", pos=[0.0, 0.0, length])
+        finger.gravcomp = 1.0  # its weight is part of the payload
+        joint = f"{name}/{side}"
+        half = 0.5 * shape.stroke
+        finger.add_joint(
+            name=joint,
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=[0.0, sign, 0.0],
+            limited=True,
+            range=[0.0, half],
+            ref=half,
+            armature=_GEAR_KG,
+        )
+        finger.add_geom(
+            name=f"{name}/{side}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[0.0, sign * (half + 0.5 * thickness), 0.5 * reach],
+            size=[0.5 * width, 0.5 * thickness, 0.5 * reach],
+            mass=_FINGER_KG,
+            rgba=_RUBBER,
+            **touching(Kind.TOOL, _PAD_FRICTION),
+        )
+        motor = spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
+        motor.set_to_position(kp=_GAIN_N_M, dampratio=1.0)
+        motor.forcelimited, motor.forcerange = True, [-shape.force[1], shape.force[1]]
+    spec.add_equality(
+        name=name,
+        type=mujoco.mjtEq.mjEQ_JOINT,
+        objtype=mujoco.mjtObj.mjOBJ_JOINT,
+        name1=f"{name}/left",
+        name2=f"{name}/right",
+        data=[0.0, 1.0, *[0.0] * 10],
+        solref=[0.004, 1.0],
+    )
+
+
+class Fingers:
+    """The fingers of a compiled scene. ``width``: between the pads [m]. ``stopped``: something is in their way."""
+
+    def __init__(self, shape: HandShape, model: Any) -> None:
+        self.shape = shape
+        names = [f"{PREFIX}{shape.name}/{side}" for side, _ in _SIDES]
+        self._model = model
+        self._motors = [model.actuator(name).id for name in names]
+        self._qpos = [int(model.joint(name).qposadr[0]) for name in names]
+        self._dofs = [int(model.joint(name).dofadr[0]) for name in names]
+        self._setpoint = 0.5 * shape.stroke  # of each finger
+        self._force = shape.force[1]
+        self._stopped_s = 0.0
+        self.width = shape.stroke
+
+    @property
+    def stopped(self) -> bool:
+        return self._stopped_s >= _STOPPED_S
+
+    def move(self, data: Any, goal: float | None, speed: float, force: float, period_s: float) -> None:
+        """For one period: towards a width [m] at a speed of the opening [m/s]; None holds the fingers where they are.
+
+        force: at most, of each finger [N].
+        """
+        here = 0.5 * self.width
+        wanted = here if goal is None else 0.5 * min(max(goal, 0.0), self.shape.stroke)
+        lead = force / _GAIN_N_M + _LEAD_M
+        if goal is not None:
+            step = 0.5 * speed * period_s
+            ahead = min(max(wanted - self._setpoint, -step), step)
+            self._setpoint = min(max(self._setpoint + ahead, here - lead), here + lead)
+        # a finger that has to press wants to be further than anything lets it
+        pressing = goal is not None and self.stopped
+        target = here + (lead if wanted > here else -lead) if pressing else self._setpoint
+        if force != self._force:
+            self._force = force
+            self._model.actuator_forcerange[self._motors] = (-force, force)
+        data.ctrl[self._motors] = target
+
+    def look(self, data: Any, goal: float | None, period_s: float) -> None:
+        """After the steps of a period: where the fingers are, and whether something stops them."""
+        self.width = max(0.0, float(data.qpos[self._qpos].sum()))
+        speed = float(np.abs(data.qvel[self._dofs]).max())
+        load = float(np.abs(data.actuator_force[self._motors]).max())
+        there = goal is not None and abs(self.width - goal) < 2.0 * _LEAD_M
+        held = goal is not None and not there and speed < _STILL_M_S and load > _LOAD_SHARE * self._force
+        self._stopped_s = self._stopped_s + period_s if held else 0.0

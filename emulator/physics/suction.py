@@ -1,0 +1,112 @@
+"""A suction cup: what its lip touches sticks to it while it sucks, until more than its force pulls.
+
+There is a weld, of those that the solver may break at any time, between each cup and each body that moves.
+"""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from emulator.physics.driven import PREFIX, quaternion
+from emulator.physics.touching import Kind, touching
+
+if TYPE_CHECKING:
+    from emulator.physics.plan import Cup
+
+_LENGTH_M: Final = 0.03  # of the cup and its stem
+_LIP_M: Final = 0.002  # from the lip, in which a surface is sucked on (guess)
+_ACROSS: Final = 0.5  # friction of the lip: share of the force that holds across (guess)
+_SOFT: Final = (0.01, 1.0)  # time constant [s] and damping ratio of rubber (guess)
+_DARK: Final = (0.2, 0.2, 0.25, 1.0)
+
+
+def add_suction(spec: Any, flange: Any, name: str, cup: "Cup", movable: Iterable[str]) -> None:
+    """A stem whose end is the lip, at the cup's pose; z is the way it sucks. ``movable``: bodies it may hold."""
+    x, y, z, *turn = (*cup.pose, 0.0, 0.0, 0.0)[:6]
+    body = flange.add_body(name=PREFIX + name, pos=[x, y, z], quat=quaternion(turn))
+    body.add_geom(
+        name=PREFIX + name,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=[0.0, 0.0, -0.5 * _LENGTH_M],
+        size=[cup.suction.radius, 0.5 * _LENGTH_M, 0.0],
+        mass=0.0,
+        rgba=_DARK,
+        **touching(Kind.TOOL, 0.6),
+    )
+    body.add_site(name=PREFIX + name)
+    for other in movable:
+        spec.add_equality(
+            name=_weld(name, other),
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1=PREFIX + name,
+            name2=other,
+            active=False,
+            solref=list(_SOFT),
+        )
+
+
+def _weld(cup: str, body: str) -> str:
+    return f"{PREFIX}{cup}:{body}"
+
+
+class SuctionCup:
+    """The cup of a compiled scene. ``holds``: the body that it holds, 0 for none."""
+
+    def __init__(self, name: str, cup: "Cup", model: Any) -> None:
+        self.suction = cup.suction
+        self._name, self._model = name, model
+        self._site = model.site(PREFIX + name).id
+        self._body = model.body(PREFIX + name).id
+        self._welded = 0
+        self.holds = 0
+
+    def act(self, data: Any, *, sucking: bool) -> None:
+        """After each step: catch what is at the lip, and let go of what is torn off, or what is no longer sucked."""
+        if self.holds and (not sucking or self._torn_off(data)):
+            data.eq_active[self._welded] = False
+            self.holds = 0
+        elif sucking and not self.holds:
+            self._catch(data)
+
+    def release(self, data: Any) -> None:
+        """Hold nothing."""
+        self.act(data, sucking=False)
+
+    def _torn_off(self, data: Any) -> bool:
+        rows = np.flatnonzero(
+            (data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+            & (data.efc_id[: data.nefc] == self._welded)
+        )
+        if len(rows) < 3:
+            return False
+        force = data.efc_force[rows[:3]]  # on the cup, in the axes of the base
+        way = data.site_xmat[self._site].reshape(3, 3)[:, 2]
+        pull = float(force @ way)
+        across = float(np.linalg.norm(force - pull * way))
+        return pull > self.suction.force or across > _ACROSS * self.suction.force
+
+    def _catch(self, data: Any) -> None:
+        model = self._model
+        lip, way = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)[:, 2].copy()
+        hit = np.array([-1], np.int32)
+        distance = mujoco.mj_ray(model, data, lip - _LIP_M * way, way, None, True, self._body, hit)
+        if not 0.0 <= distance <= 2.0 * _LIP_M:
+            return
+        body = int(model.body_weldid[model.geom_bodyid[hit[0]]])
+        if not body:
+            return
+        self._welded = model.equality(_weld(self._name, model.body(body).name)).id
+        frame = data.xmat[body].reshape(3, 3)
+        inverse, turned = np.zeros(4), np.zeros(4)
+        mujoco.mju_negQuat(inverse, data.xquat[self._body])
+        mujoco.mju_mulQuat(turned, inverse, data.xquat[body])
+        own = data.xmat[self._body].reshape(3, 3)
+        values = model.eq_data[self._welded]
+        values[:3] = frame.T @ (lip - data.xpos[body])
+        values[3:6] = own.T @ (data.xpos[body] - data.xpos[self._body])
+        values[6:10] = turned
+        data.eq_active[self._welded] = True
+        self.holds = body

@@ -1,0 +1,158 @@
+"""What is wired between the robot's signals and a scene: conveyors, barriers, buttons, cylinders, lamps, grippers.
+
+Once a period, before the scene's steps, outputs act on it; after them, inputs say what became of it.
+"""
+
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from emulator.devices.robotiq import Gripper
+from emulator.io.encoders import Encoders
+from emulator.io.signals import Signals
+from emulator.physics.description import Barrier, Conveyor, Parallel
+from emulator.physics.fingers import Fingers
+from emulator.physics.suction import SuctionCup
+
+if TYPE_CHECKING:
+    from emulator.physics.plan import PhysicsPlan
+    from emulator.physics.scene import Scene
+
+_HALF: Final = 0.5  # of its way from which on a button is pressed
+_DARK: Final = 0.25  # of a lamp's colour while it is off
+_CLOSED_M: Final = 0.002  # between jaws with nothing in between (guess)
+
+
+def level(signals: Signals, output: int) -> bool:
+    """Of a digital output, as numbered in `description`."""
+    return bool(signals.digital_outputs >> output & 1)
+
+
+def _set(signals: Signals, number: int, high: bool) -> None:
+    mask = 1 << number
+    signals.digital_inputs = signals.digital_inputs | mask if high else signals.digital_inputs & ~mask
+
+
+class Belt:
+    """A conveyor. ``jammed``: it stands, whatever its output says."""
+
+    def __init__(self, geom: int, conveyor: Conveyor) -> None:
+        self._geom, self.conveyor = geom, conveyor
+        self.jammed = False
+
+    def act(self, model: Any, signals: Signals, encoders: Encoders) -> None:
+        conveyor = self.conveyor
+        runs = not self.jammed and (conveyor.output is None or level(signals, conveyor.output))
+        speed = conveyor.speed if runs else 0.0
+        model.geom_surfacevel[self._geom, 0] = speed
+        if conveyor.encoder is not None:
+            encoders[conveyor.encoder].simulated_speed = speed * conveyor.ticks_per_m
+
+
+class Jaw:
+    """A gripper on an output."""
+
+    def __init__(self, fingers: Fingers, parallel: Parallel) -> None:
+        self.fingers, self._parallel = fingers, parallel
+        self._goal = fingers.shape.stroke
+
+    def act(self, data: Any, signals: Signals, period_s: float) -> None:
+        parallel = self._parallel
+        self._goal = 0.0 if level(signals, parallel.output) else parallel.stroke
+        self.fingers.move(data, self._goal, 2.0 * parallel.speed, parallel.force, period_s)
+
+    def look(self, data: Any, signals: Signals, period_s: float) -> None:
+        self.fingers.look(data, self._goal, period_s)
+        parallel = self._parallel
+        if parallel.holding is not None:
+            _set(signals, parallel.holding, self._goal == 0.0 and self.fingers.stopped)
+        if parallel.closed is not None:
+            _set(signals, parallel.closed, self.fingers.width < _CLOSED_M)
+
+
+class Wires:
+    """All that is wired, of one scene and one robot. ``gripper``: that of ``--gripper``."""
+
+    def __init__(
+        self,
+        plan: "PhysicsPlan",
+        scene: "Scene",
+        signals: Signals,
+        encoders: Encoders,
+        gripper: Gripper | None,
+    ) -> None:
+        model = scene.model
+        self._model, self._signals, self._encoders, self._gripper = model, signals, encoders, gripper
+        self.belts = {
+            name: Belt(model.geom(name).id, moving.conveyor)
+            for name, moving in plan.moving.items()
+            if moving.conveyor is not None
+        }
+        self.cups = {name: SuctionCup(name, cup, model) for name, cup in plan.cups.items()}
+        self._jaws = [Jaw(Fingers(hand, model), hand.parallel) for hand in plan.hands.values() if hand.parallel]
+        self._fingers = None if plan.gripper is None or gripper is None else Fingers(plan.gripper, model)
+        self._barriers = list(plan.barriers.values())
+        joints = {name: moving.joint for name, moving in plan.moving.items() if moving.joint is not None}
+        self._buttons = [
+            (int(model.joint(name).qposadr[0]), joint) for name, joint in joints.items() if joint.input is not None
+        ]
+        self._drives = [(scene.drives[name], joint) for name, joint in joints.items() if joint.output is not None]
+        lamps = {name: moving.lamp for name, moving in plan.moving.items() if moving.lamp is not None}
+        self._lamps = [
+            (geom, lamp, model.geom_rgba[geom].copy())
+            for name, lamp in lamps.items()
+            for geom in (model.geom(name).id,)
+        ]
+
+    def act(self, data: Any, period_s: float) -> None:
+        """Outputs act on the scene."""
+        signals = self._signals
+        for belt in self.belts.values():
+            belt.act(self._model, signals, self._encoders)
+        for actuator, joint in self._drives:
+            data.ctrl[actuator] = joint.far if level(signals, _number(joint.output)) else 0.0
+        for geom, lamp, colour in self._lamps:
+            self._model.geom_rgba[geom, :3] = colour[:3] * (1.0 if level(signals, lamp) else _DARK)
+        for jaw in self._jaws:
+            jaw.act(data, signals, period_s)
+        if self._fingers is not None and self._gripper is not None:
+            drive = self._gripper.drive
+            low, high = self._fingers.shape.force
+            goal = None if drive is None else 1e-3 * drive.width_mm
+            speed = 0.0 if drive is None else 1e-3 * drive.mm_per_s
+            force = high if drive is None else low + (high - low) * drive.force_share
+            self._fingers.move(data, goal, speed, force, period_s)
+
+    def step(self, data: Any) -> None:
+        """After each of the scene's steps."""
+        for cup in self.cups.values():
+            cup.act(data, sucking=level(self._signals, cup.suction.output))
+
+    def look(self, data: Any, period_s: float) -> None:
+        """Inputs say what became of the scene."""
+        signals = self._signals
+        for barrier in self._barriers:
+            _set(signals, barrier.input, _interrupted(self._model, data, barrier))
+        for address, joint in self._buttons:
+            _set(signals, _number(joint.input), abs(float(data.qpos[address])) > _HALF * abs(joint.far))
+        for cup in self.cups.values():
+            if cup.suction.vacuum is not None:
+                _set(signals, cup.suction.vacuum, bool(cup.holds))
+        for jaw in self._jaws:
+            jaw.look(data, signals, period_s)
+        if self._fingers is not None and self._gripper is not None:
+            drive = self._gripper.drive
+            self._fingers.look(data, None if drive is None else 1e-3 * drive.width_mm, period_s)
+            self._gripper.feel(1e3 * self._fingers.width, stopped=self._fingers.stopped)
+
+
+def _number(signal: int | None) -> int:
+    assert signal is not None
+    return signal
+
+
+def _interrupted(model: Any, data: Any, barrier: Barrier) -> bool:
+    start = np.array(barrier.start)
+    way = np.array(barrier.end) - start
+    return 0.0 <= float(mujoco.mj_ray(model, data, start, way, None, True, -1, None)) < 1.0

@@ -1,0 +1,282 @@
+"""A world that moves, beside one controller: each control period it goes on by as many steps as fit into that.
+
+The scene follows the arm by one control period: it steps to where the arm was published last, as a world of springs
+looks where the arm is. What it does to the tool is the mean of the steps' forces, so that no impulse is lost.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from emulator.motion import Motion
+from emulator.motion.contact import Contact
+from emulator.physics.driven import BODIES, COMPLIANCE_N_M, FLANGE, PREFIX, TOOL, DrivenArm, quaternion
+from emulator.physics.scene import Scene
+from emulator.physics.wires import Wires
+from emulator.robot.installation import Payload
+from emulator.world.shapes import WorldObject
+from emulator.world.world import POINT, Wiring, World, WorldError
+from urproto.robots import RobotModel
+from urproto.robots.pose import quaternion_to_rotvec, rotvec_to_matrix
+from urproto.vectors import ZERO6, Vector3, Vector6, add, as_six, cross, lerp, rotate, sub3
+
+if TYPE_CHECKING:
+    from emulator.physics.plan import PhysicsPlan
+    from emulator.robot.arm import Arm
+
+_EXPLODED: Final = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+_FASTEST_M_S: Final = 1e3  # nothing in a cell moves like that
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+_LEAST_N: Final = 1e-6
+_DAMPING_N_S_M: Final = 200.0  # of contacts, as force control should expect it (guess)
+_FIXED: Final = "things of a world with physics are those of its file: "
+
+
+class PhysicsWorld(World):
+    """The scene of one arm. ``failure``: why it stands still, "" while it moves."""
+
+    def __init__(self, plan: "PhysicsPlan", robot: RobotModel, scene: Scene) -> None:
+        super().__init__(POINT)
+        self.plan, self.scene = plan, scene
+        self.model, self.data = scene.model, mujoco.MjData(scene.model)
+        self.failure = ""
+        self._arm = DrivenArm(robot, scene.model)
+        self._links = [(self._arm.bodies[name], i + 1) for i, name in enumerate(BODIES) if name not in (FLANGE, TOOL)]
+        self._tools = [body for name in (FLANGE, TOOL) for body in _subtree(scene.model, self._arm.bodies[name])]
+        self._is_tool = np.isin(np.arange(scene.model.nbody), self._tools)
+        bodies = [(scene.model.body(i).name, i) for i in range(1, scene.model.nbody)]
+        self._names = {name: i for name, i in bodies if not name.startswith(PREFIX)}
+        self._forces = np.zeros_like(self.data.cfrc_ext)
+        self._wires: Wires | None = None
+        self._started = False
+        mujoco.mj_forward(self.model, self.data)
+        self._first = self._saved()
+        self._good = self._first
+        self.payload = _payload(plan)
+
+    # what World has
+
+    def wire(self, wiring: Wiring) -> None:
+        self._wires = Wires(self.plan, self.scene, wiring.signals, wiring.encoders, wiring.gripper)
+
+    def act(self, arm: "Arm", motion: Motion, wrench: Vector6, period_s: float) -> Vector6:
+        wrench = lerp(wrench, self._pushed(arm, period_s), 1.0)
+        if self.failure or not arm.known:
+            return wrench
+        if not self._started:
+            self._arm.place(self.data, arm.q, arm.flange_pose, arm.tcp_pose)
+            self._started = True
+            if self.payload is not None and arm.mounted is None:
+                arm.mounted = self.payload
+        self._step(arm, period_s)
+        if self.failure:
+            self.contacts = ()
+            motion.force_control.contacts = ()
+            arm.link_torque = ZERO6
+            return wrench
+        self.contacts = tuple(self._touching(arm))
+        motion.force_control.contacts = self.contacts
+        arm.link_torque = self._link_torque(arm)
+        return add(wrench, self._wrench_at(self._tools, arm.tcp_pose))
+
+    def names(self) -> list[str]:
+        return list(self._names)
+
+    def poses(self) -> dict[str, Vector6]:
+        return {name: self.pose(name) for name in self._names}
+
+    def add(self, name: str, thing: WorldObject) -> None:
+        raise WorldError(f"{_FIXED}{name!r} cannot be added")
+
+    def remove(self, name: str) -> None:
+        raise WorldError(f"{_FIXED}{name!r} cannot be removed; move it away")
+
+    def mount(self, tool: WorldObject) -> None:
+        if tool is not POINT:
+            raise WorldError(f"{_FIXED}the tool is what it mounts")
+
+    def move(self, name: str, pose_base: Vector6) -> None:
+        if not all(map(np.isfinite, pose_base)):
+            raise WorldError(f"a pose must be six finite numbers, not {list(pose_base)}")
+        body = self._body(name)
+        joint = int(self.model.body_jntadr[body])
+        if joint >= 0 and self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+            address, dof = int(self.model.jnt_qposadr[joint]), int(self.model.jnt_dofadr[joint])
+            self.data.qpos[address : address + 7] = [*pose_base[:3], *quaternion(pose_base[3:])]
+            self.data.qvel[dof : dof + 6] = 0.0
+        elif self.model.body_parentid[body] == 0:
+            self.model.body_pos[body], self.model.body_quat[body] = pose_base[:3], quaternion(pose_base[3:])
+        else:
+            raise WorldError(f"{name!r} is part of another body, and moves with it")
+
+    def save(self) -> list[float]:
+        values: list[float] = self._saved().tolist()
+        return values
+
+    def restore(self, state: Sequence[float] | None) -> None:
+        """Also after a failure; the arm is where the controller's is."""
+        values = self._first if state is None else np.array(state, dtype=float)
+        if values.shape != self._first.shape or not np.isfinite(values).all():
+            raise WorldError(f"the state of this scene is {len(self._first)} finite numbers")
+        mujoco.mj_setState(self.model, self.data, values, _STATE)
+        mujoco.mj_forward(self.model, self.data)
+        self._good = self._saved()
+        self.failure, self._started = "", False
+        self.data.warning.number[:] = 0
+        for cup in self.wires.cups.values():
+            cup.holds = 0
+            cup.release(self.data)
+
+    # what a scene has beside
+
+    def pose(self, name: str) -> Vector6:
+        """Where a body is, in the base frame. Raises WorldError for an unknown one."""
+        body = self._body(name)
+        w, x, y, z = self.data.xquat[body].tolist()
+        return as_six((*self.data.xpos[body].tolist(), *quaternion_to_rotvec(x, y, z, w)))
+
+    def velocity(self, name: str) -> Vector6:
+        """How a body moves: of its centre of mass [m/s], and its turning [rad/s], in the base frame's axes."""
+        found = np.zeros(6)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, self._body(name), found, 0)
+        return as_six((*found[3:].tolist(), *found[:3].tolist()))
+
+    @property
+    def wires(self) -> Wires:
+        assert self._wires is not None, "the controller wires its world"
+        return self._wires
+
+    # one period
+
+    def _step(self, arm: "Arm", period_s: float) -> None:
+        model, data, wires = self.model, self.data, self.wires
+        x, y, z = arm.felt_gravity
+        model.opt.gravity[:] = (-x, -y, -z)
+        wires.act(data, period_s)
+        self._arm.begin(data, arm, period_s)
+        self._forces[:] = 0.0
+        for _ in range(self.scene.steps):
+            self._arm.drive(data)
+            mujoco.mj_step(model, data)
+            mujoco.mj_rnePostConstraint(model, data)
+            self._forces += data.cfrc_ext
+            wires.step(data)
+        self._arm.end(data)
+        self._forces /= self.scene.steps
+        if problem := self._problem():
+            self._stand_still(problem)
+            return
+        wires.look(data, period_s)
+
+    def _problem(self) -> str:
+        data = self.data
+        if any(data.warning.number[kind] for kind in _EXPLODED) or not np.isfinite(self._forces).all():
+            return "forces and speeds grew without end"
+        fastest = int(np.argmax(np.abs(data.qvel))) if self.model.nv else 0
+        if self.model.nv and abs(data.qvel[fastest]) > _FASTEST_M_S:
+            body = self.model.body(int(self.model.dof_bodyid[fastest])).name
+            return f"{body} moves at {abs(data.qvel[fastest]):.3g} m/s"
+        return ""
+
+    def _stand_still(self, problem: str) -> None:
+        """Nothing of what came of it is left: the scene stands as it began."""
+        mujoco.mj_setState(self.model, self.data, self._good, _STATE)
+        self.data.warning.number[:] = 0
+        mujoco.mj_forward(self.model, self.data)
+        self.failure = f"the physics of {self.plan.source.name} exploded ({problem}): it stands still until reset_world"
+
+    def _saved(self) -> Any:
+        values = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, values, _STATE)
+        return values
+
+    # what it does to the arm
+
+    def _wrench_at(self, bodies: Sequence[int], tcp: Sequence[float]) -> Vector6:
+        """The forces on these bodies at a point, base frame [N, Nm].
+
+        MuJoCo has them at the centre of mass of a body's tree.
+        """
+        total = ZERO6
+        for body in bodies:
+            tx, ty, tz, fx, fy, fz = self._forces[body].tolist()
+            if fx or fy or fz or tx or ty or tz:
+                centre = self.data.subtree_com[self.model.body_rootid[body]].tolist()
+                mx, my, mz = cross(sub3(centre, tcp), (fx, fy, fz))
+                total = add(total, (fx, fy, fz, tx + mx, ty + my, tz + mz))
+        return total
+
+    def _link_torque(self, arm: "Arm") -> Vector6:
+        total = ZERO6
+        for body, carrying in self._links:
+            if not self._forces[body].any():
+                continue
+            point = tuple(self.data.subtree_com[body].tolist())
+            wrench = self._wrench_at((body,), point)
+            rows = arm.kinematics.jacobian_at(arm.q, (*point, 0.0, 0.0, 0.0))
+            torques = [sum(row[i] * part for row, part in zip(rows, wrench, strict=True)) for i in range(carrying)]
+            total = add(total, (*torques, *ZERO6)[:6])
+        return total
+
+    def _touching(self, arm: "Arm") -> list[Contact]:
+        """The tool's contacts, and those of what it carries, as force control expects them.
+
+        None gets harder than the flange's spring. What is between the fingers only moves along.
+        """
+        data, found = self.data, []
+        pairs = data.contact.geom[: data.ncon]
+        if not len(pairs):
+            return []
+        bodies = self.model.geom_bodyid[pairs]
+        own = self._is_tool[bodies]
+        if not own.any():
+            return []
+        carried = self._is_tool.copy()
+        carried[self.model.body_weldid[bodies[own.any(axis=1)]]] = True
+        carried[0] = False
+        mine = carried[self.model.body_weldid[bodies]] | own
+        force = np.zeros(6)
+        for i in np.flatnonzero(mine[:, 0] != mine[:, 1]).tolist():
+            mujoco.mj_contactForce(self.model, data, i, force)
+            if force[0] < _LEAST_N:
+                continue
+            sign = -1.0 if mine[i, 0] else 1.0  # the frame's x axis points from the first geom to the second
+            axes = data.contact.frame[i].reshape(3, 3)
+            nx, ny, nz = (sign * axes[0]).tolist()
+            fx, fy, fz = (sign * (force[:3] @ axes)).tolist()
+            lever = sub3(data.contact.pos[i].tolist(), arm.tcp_pose)
+            depth = float(force[0]) / COMPLIANCE_N_M
+            found.append(Contact(lever, (nx, ny, nz), depth, COMPLIANCE_N_M, _DAMPING_N_S_M, 0.0, (fx, fy, fz)))
+        return found
+
+    def _body(self, name: str) -> int:
+        if name not in self._names:
+            there = ", ".join(self._names) or "none"
+            raise WorldError(f"there is no object {name!r}; there are: {there}")
+        return self._names[name]
+
+
+def _subtree(model: Any, root: int) -> list[int]:
+    return [body for body in range(model.nbody) if model.body_rootid[body] == root]
+
+
+def _payload(plan: "PhysicsPlan") -> Payload | None:
+    """What is bolted to the flange, as one mass; None when nothing of it weighs."""
+    parts: list[tuple[float, Vector3]] = []
+    for thing, shape in plan.bolted.values():
+        parts.append((shape.mass, thing.pose[:3]))
+    for hand in (*plan.hands.values(), *((plan.gripper,) if plan.gripper else ())):
+        matrix = rotvec_to_matrix(*hand.pose[3:6])
+        x, y, z = rotate(matrix, (0.0, 0.0, 0.5 * hand.palm[1]))
+        parts.append((hand.mass, (hand.pose[0] + x, hand.pose[1] + y, hand.pose[2] + z)))
+    mass = sum(part for part, _ in parts)
+    if mass <= 0.0:
+        return None
+    x, y, z = (sum(part * at[i] for part, at in parts) / mass for i in range(3))
+    return Payload.of(mass, (x, y, z))
