@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
+from shlex import join
 from typing import Annotated, Any, Final, TypeAlias
 
 import msgspec
@@ -203,27 +204,23 @@ def _check_values(path: Path, plan: Plan) -> None:
                 raise ConfigError(f"{path}: {target} is not there")
         return
     usual = [0] * len(plan.axes)
+    _check_script(path, plan, plan.run_at(0, usual))
     for number, axis in enumerate(plan.axes):
-        for index in range(1 if isinstance(axis.values, Numbers) else len(axis)):
+        for index in range(1, 0 if isinstance(axis.values, Numbers) else len(axis)):
             place = [*usual[:number], index, *usual[number + 1 :]]
-            _check_script(path, plan, plan.run_at(0, place), f"{axis.name} {_shown(axis.value(index))}")
+            _check_script(path, plan, plan.run_at(0, place))
 
 
-def _check_script(path: Path, plan: Plan, run: Run, what: str) -> None:
-    words = plan.command(run)[2:]
+def _check_script(path: Path, plan: Plan, run: Run) -> None:
     try:
-        options = parsed(words)
+        options = parsed(plan.command(run)[2:])
         for name in ("file", "world", "peers", "arm"):
             value = getattr(options, name)
             if value is not None and (name != "arm" or Path(plan.folder, value).is_file()):
                 setattr(options, name, type(value)(Path(plan.folder, value)))
         check(options)
     except ValueError as error:
-        raise ConfigError(f"{path}: {what}: {error}") from error
-
-
-def _shown(value: Any) -> str:
-    return ", ".join(f"{name} {one}" for name, one in value.items()) if isinstance(value, Mapping) else str(value)
+        raise ConfigError(f"{path}: {error} ({join(plan.command(run))})") from error
 
 
 def _script_words(options: Mapping[str, Any]) -> list[str]:

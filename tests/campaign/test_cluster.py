@@ -30,7 +30,7 @@ matrix:
   seed: {{count: {RUNS}}}
 """
 STORE_BYTES = 80_000_000  # the least that Ray takes
-# Ray gives its agents 15 s to say which ports they have chosen (ray-project/ray#65983), and waits for none that it is told
+# Ray ends a node whose agents take 15 s to say which ports they chose (ray-project/ray#65983): they are told
 PORTS = ("metrics_agent_port", "metrics_export_port", "dashboard_agent_listen_port", "runtime_env_agent_port")
 PROGRAM = """def work():
   movej([0.1, -1.2, 0.3, -1.5, 0.2, 0.4], a=4, v=3)
