@@ -164,7 +164,7 @@ class Batch:
             error = self._file.located(error, self._main)
         self._report("runtime exception")
         self._say(error.render(self._file.name))
-        self.failure = "runtime exception"
+        self.failure = f"runtime exception: line {error.line}: {error.message}"
 
     def _safety_mode(self, message: SafetyModeMessage) -> None:
         mode = SafetyMode(message.safety_mode)

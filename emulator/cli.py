@@ -253,6 +253,9 @@ def _fleet() -> Any:
 
 
 app.command("fleet", cls=Deferred, help="Run many robots on this machine, each on an address of its own.")(_fleet)
+app.command(
+    "campaign", cls=Deferred, help="Run programs or tests many times in virtual time, on all cores or a cluster."
+)(load_from("emulator.campaign.command:app"))
 app.command("ctl", cls=Deferred, help="Use the control API of a running emulator: inputs, buttons, faults, time.")(
     load_from("emulator.ctl:app")
 )

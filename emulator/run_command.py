@@ -2,7 +2,9 @@
 
 import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from emulator.robot.kinds import ArmKind
 from emulator.services.sockets import ScriptNetwork
@@ -34,7 +36,22 @@ def _arguments(parser: ArgumentParser) -> None:
         help="ideal (the default): follows its targets exactly; dynamic: moved by torques, with friction; FILE: "
         "dynamic, as the arm that ur-client identify found in a recording",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of a dynamic arm's measurement noise")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="seed of a dynamic arm's measurement noise, and of the chance of faults that name none",
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="KIND,NAME=VALUE,...",
+        help="fault to inject (docs/faults.md); repeatable",
+    )
+    parser.add_argument(
+        "--speed-slider", type=_fraction, default=1.0, metavar="0..1", help="where the speed slider stands (default 1)"
+    )
     parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles to start from [rad]")
     parser.add_argument(
         "--input",
@@ -77,6 +94,13 @@ def _positive(text: str) -> float:
     return value
 
 
+def _fraction(text: str) -> float:
+    value = _positive(text)
+    if value > 1.0:
+        raise ArgumentTypeError(f"{text!r} is more than 1")
+    return value
+
+
 def _speed(text: str) -> float | None:
     return None if text == "max" else _positive(text)
 
@@ -85,6 +109,18 @@ def _run(options: Namespace) -> int:
     from emulator import script_run  # the whole emulator: every command of urscript looks at this module
 
     return script_run.run(options)
+
+
+class _Parser(ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise ValueError(message)
+
+
+def parsed(words: Sequence[str]) -> Namespace:
+    """What stands behind ``urscript run``, as options. Raises ValueError."""
+    parser = _Parser(add_help=False, allow_abbrev=False)
+    _arguments(parser)
+    return parser.parse_args(words)
 
 
 COMMAND = Command("run", "run a file of scripts on an emulated arm, in virtual time", _arguments, _run)

@@ -6,12 +6,16 @@ import re
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
-from emulator.config import choose_arm, choose_version, controller_config
+from emulator.config import choose_arm, controller_config
 from emulator.controller import Controller
+from emulator.faults.catalogue import parse_fault
+from emulator.faults.fault import FaultImpossible
+from emulator.faults.injector import FaultInjector
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets, ScriptPort
@@ -26,49 +30,91 @@ from urscript.files import ScriptFile
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended. status: as the command's exit status; failure: why not well, or empty; robot_s: its time [s]."""
+
+    status: int
+    failure: str = ""
+    robot_s: float = 0.0
+
+
 def run(options: Namespace) -> int:
     """Compile and run the file; the exit status."""
     try:
-        model, _ = choose_arm(options.model, options.polyscope, options.arm)
-        config = controller_config(
-            options.model,
-            polyscope=options.polyscope,
-            running=True,
-            popup_auto_close_s=0.0,
-            arm=options.arm,
-            seed=options.seed,
-            world=options.world,
-            initial_q=None if options.joints is None else _joints(options.joints, model),
-        )
-        stimuli = [_stimulus(text, _INPUTS) for text in options.input]
-        stimuli += [_stimulus(text, _REGISTERS) for text in options.register]
-        peers = {} if options.peers is None else read_peers(options.peers)
-        file = ScriptFile.read(options.file)
+        return execute(options, _say).status
     except ValueError as error:
         return _usage_error(str(error))
+
+
+def execute(options: Namespace, say: Callable[[str], None]) -> Outcome:
+    """Compile and run the file, each line of the report to `say`. Raises ValueError for options that cannot be."""
+    try:
+        controller, stimuli, peers, file = _prepared(options)
     except OSError as error:
-        return _usage_error(f"{error.filename or options.file}: {error.strerror}")
-    problems = file.problems(LIBRARY_SET, choose_version(options.polyscope, model))
+        raise ValueError(f"{error.filename or options.file}: {error.strerror}") from error
+    problems = file.problems(LIBRARY_SET, controller.version)
     for problem in problems:
-        _say(problem.render(file.name))
-    if any(isinstance(problem, CompileError) for problem in problems):
-        return TROUBLE
-    controller = Controller(config)
+        say(problem.render(file.name))
+    wrong = next((problem for problem in problems if isinstance(problem, CompileError)), None)
+    if wrong is not None:
+        return Outcome(TROUBLE, f"does not compile: line {wrong.line}: {wrong.message}")
+    faults = _injected(options, controller)
     batch = Batch(
-        controller,
-        file,
-        _say,
-        trace=options.trace,
-        timeout_s=options.timeout,
-        answers=options.answer,
-        stimuli=stimuli,
+        controller, file, say, trace=options.trace, timeout_s=options.timeout, answers=options.answer, stimuli=stimuli
     )
     try:
         asyncio.run(_drive(batch, controller, options.speed, ScriptNetwork(options.script_network), peers))
     except KeyboardInterrupt:
         batch.stop("interrupted")
-    _say(_final_state(batch, controller))
-    return TROUBLE if batch.failure else SUCCESS
+    for entry in faults.listing():
+        if entry["problem"]:
+            batch.stop(f"the fault {entry['kind']} could not happen: {entry['problem']}")
+    say(_final_state(batch, controller))
+    return Outcome(TROUBLE if batch.failure else SUCCESS, batch.failure, batch.time_s)
+
+
+def check(options: Namespace) -> None:
+    """Raise ValueError for options that cannot be, or a file that is not there. Nothing runs."""
+    try:
+        controller, *_ = _prepared(options)
+    except OSError as error:
+        raise ValueError(f"{error.filename or options.file}: {error.strerror}") from error
+    _injected(options, controller)
+
+
+def _prepared(options: Namespace) -> tuple[Controller, list[Stimulus], Peers, ScriptFile]:
+    """What the options name. Raises ValueError or OSError."""
+    model, _ = choose_arm(options.model, options.polyscope, options.arm)
+    config = controller_config(
+        options.model,
+        polyscope=options.polyscope,
+        running=True,
+        popup_auto_close_s=0.0,
+        arm=options.arm,
+        seed=options.seed,
+        world=options.world,
+        initial_q=None if options.joints is None else _joints(options.joints, model),
+    )
+    stimuli = [_stimulus(text, _INPUTS) for text in options.input]
+    stimuli += [_stimulus(text, _REGISTERS) for text in options.register]
+    peers = {} if options.peers is None else read_peers(options.peers)
+    file = ScriptFile.read(options.file)
+    controller = Controller(config)
+    controller.speed.set_slider(options.speed_slider)
+    return controller, stimuli, peers, file
+
+
+def _injected(options: Namespace, controller: Controller) -> FaultInjector:
+    """The faults that shall happen; those without a seed get that of the run. Raises ValueError."""
+    injector = FaultInjector(controller)
+    for text in options.fault:
+        fault = parse_fault(text)
+        try:
+            injector.inject(replace(fault, seed=fault.seed or options.seed))
+        except FaultImpossible as error:
+            raise ValueError(f"{text}: {error}") from error
+    return injector
 
 
 _NUMBERED: Final = re.compile(r"([a-z-]+)(\d+)=([^@]+)(?:@(.+))?")

@@ -25,7 +25,7 @@ EMULATOR_FLOORS = (
     ("app", "batch", "script_peers", "check", "ctl"),
     ("serve", "script_run"),
     ("run_command", "cli"),
-    ("fleet",),
+    ("fleet", "campaign"),
     ("__main__",),
 )
 

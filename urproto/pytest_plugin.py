@@ -4,6 +4,7 @@ Loading this costs every pytest run next to nothing: what the fixtures need is i
 """
 
 from collections.abc import Generator, Iterator, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import pytest
@@ -33,6 +34,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("ur_emulator", "emulated Universal Robots")
     group.addoption("--ur-model", metavar="NAME", help=f"arm of tests that name none (default {_DEFAULT_MODEL})")
     group.addoption("--ur-polyscope", metavar="VERSION", help="its PolyScope version")
+    group.addoption(
+        "--ur-option",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an option of ur-emulator for tests that do not give it, for example seed=3, arm=dynamic or "
+        "fault=joint_fault,joint=2; repeatable, also the same one",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -86,12 +95,21 @@ def ur_emulator(request: pytest.FixtureRequest, make_ur_emulator: MakeEmulator) 
 
 
 @pytest.fixture
-def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "VirtualRobot":
+def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "Iterator[VirtualRobot]":
     """A robot in this process, in virtual time, without ports: the verbs of the control API as methods."""
     from urproto.testing.virtual import virtual_robot
 
     __tracebackhide__ = True
-    return virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
+    robot = virtual_robot(**_with_defaults(request.config, _marked_options(request.node)))
+    began_s = robot.controller.time_s
+    yield robot
+    request.node.user_properties.append(("ur_robot_s", robot.controller.time_s - began_s))
+
+
+@pytest.fixture
+def ur_seed(request: pytest.FixtureRequest) -> int:
+    """A number for what a test does by chance: that of ``--ur-option seed=N``, else 0. Campaigns vary it."""
+    return int(_named_options(request.config).get("seed", 0))
 
 
 def _marked_options(node: pytest.Item) -> dict[str, Any]:
@@ -106,12 +124,36 @@ def _marked_options(node: pytest.Item) -> dict[str, Any]:
 
 
 def _with_defaults(config: pytest.Config, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The command line's model, and with it the version, for a test that names no model."""
+    """The command line's options, where a test gives none; its version only where the test names no model."""
+    options = {**_named_options(config), **options}
     if options.get("model") is not None:
-        return dict(options)
+        return options
     model = config.getoption("--ur-model") or _DEFAULT_MODEL
     polyscope = options.get("polyscope", config.getoption("--ur-polyscope"))
     return {**options, "model": model, "polyscope": polyscope}
+
+
+def _named_options(config: pytest.Config) -> dict[str, Any]:
+    """Those of ``--ur-option``: true, false and numbers as such, a list where one is given more than once."""
+    options: dict[str, Any] = {}
+    for text in config.getoption("--ur-option"):
+        name, equals, value = text.partition("=")
+        name = name.strip().replace("-", "_")
+        if not equals or not name or name in ("model", "polyscope"):
+            raise pytest.UsageError(f"--ur-option {text}: write NAME=VALUE; --ur-model and --ur-polyscope are others")
+        if name in options:
+            earlier = options[name] if isinstance(options[name], list) else [options[name]]
+            options[name] = [*earlier, _typed(value)]
+        else:
+            options[name] = _typed(value)
+    return options
+
+
+def _typed(text: str) -> bool | int | float | str:
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return {"true": True, "false": False}.get(text.lower(), text)
 
 
 # what a test leaves behind

@@ -145,7 +145,7 @@ def test_a_runtime_exception_has_a_caret_in_the_file(go: Go) -> None:
     status, out = go("# first\ndef a():\n  sync()\nend\n\n# second\ndef b():\n  x = [1]\n  y = x[3]\nend\n")
     assert status == 1
     assert "demo.txt:9:8: Index out of bounds: 3, the length is 1\n  9 |   y = x[3]\n    |        ^" in out
-    assert out.endswith("result  runtime exception\n")
+    assert out.endswith("result  runtime exception: line 9: Index out of bounds: 3, the length is 1\n")
 
 
 def test_a_protective_stop_ends_the_run(go: Go) -> None:

@@ -1,5 +1,6 @@
 """A robot in this process, in virtual time, from the options a test names."""
 
+from collections.abc import Sequence
 from dataclasses import fields
 from inspect import signature
 from typing import TYPE_CHECKING, Any, Final
@@ -13,10 +14,11 @@ _NO_MATTER: Final = {"speed", "control_token", "log_level", "ephemeral_ports"}  
 _UNDER_ANOTHER_NAME: Final = {"model", "version", "programs_dir", "gripper_object_mm"}  # of a configuration's fields
 
 
-def virtual_robot(model: str | None = None, **options: Any) -> "VirtualRobot":
+def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), **options: Any) -> "VirtualRobot":
     """The arm of this name, with options as ``ur-emulator`` has them; those of ports and pace do not matter here.
 
-    Raises ValueError for a value, TypeError for an option that there is not.
+    ``fault``: one or several, as on the command line; they get the seed of the robot where they name none.
+    Raises ValueError for a value, TypeError for an option that there is not, NotPossible for a fault of ports.
     """
     configure = load("emulator.config").controller_config
     known = {name for name in signature(configure).parameters if name not in ("model", "fields")}
@@ -27,4 +29,8 @@ def virtual_robot(model: str | None = None, **options: Any) -> "VirtualRobot":
             names = ", ".join(sorted(known))
             raise TypeError(f"a robot in virtual time has no option {option!r}: it has {names}")
     robot: VirtualRobot = load("emulator.control.control").VirtualRobot(configure(model, **wanted))
+    catalogue = load("emulator.faults.catalogue")
+    for text in [fault] if isinstance(fault, str) else fault:
+        chosen = catalogue.parse_fault(text)
+        robot.inject_fault(chosen.kind, **{"seed": wanted.get("seed", 0), **catalogue.describe(chosen)})
     return robot

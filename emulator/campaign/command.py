@@ -1,0 +1,115 @@
+"""``ur-emulator campaign``: many runs of programs or tests in virtual time."""
+
+import os
+import sys
+from contextlib import closing
+from importlib.util import find_spec
+from pathlib import Path
+from shlex import join
+from typing import Annotated, Final
+
+import typer
+
+from emulator.campaign.cluster import RayWorkers
+from emulator.campaign.conduct import Conductor, failing_ones, simplest
+from emulator.campaign.jobs import Workers
+from emulator.campaign.journal import Journal, write_parquet
+from emulator.campaign.local import LocalWorkers
+from emulator.campaign.plan import Plan, Run, read_plan
+from emulator.campaign.progress import Progress
+from emulator.campaign.report import Summary, write_report
+from emulator.campaign.work import installed_version
+from emulator.cli import mistakes_in_one_line
+from emulator.config import ConfigError
+from urproto.commandline import application
+
+_FAILED: Final = 1
+_INTERRUPTED: Final = 130  # as shells have it
+_PREVIEW: Final = 10  # commands of --dry-run
+
+app = application(completion=False)
+
+
+@app.command()
+def _campaign(
+    file: Annotated[Path, typer.Argument(help="YAML file of the campaign (docs/campaigns.md).")],
+    *,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for results (default: FILE without its ending, and -results).")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes on this machine (default: one per core).")
+    ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run on a Ray cluster instead: its address, auto, or local (a new one)."),
+    ] = None,
+    minimise: Annotated[
+        int, typer.Option(min=0, help="Of how many kinds of failures a failed run is made simpler.")
+    ] = 10,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Forget the results that are there.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say how many runs there are, and which.")] = False,
+) -> None:
+    """Run programs or tests many times in virtual time, with every combination of options."""
+    with mistakes_in_one_line():
+        if find_spec("pyarrow") is None:
+            raise ConfigError("campaigns need Parquet: pip install 'ur-emulator[campaign]'")
+        if ray is not None and workers is not None:
+            raise ConfigError("a cluster has as many processes as cores: leave --workers out")
+        plan = read_plan(file)
+        if dry_run:
+            _preview(plan)
+            return
+        folder = out or file.with_name(f"{file.stem}-results")
+        if fresh:
+            (folder / "journal.jsonl").unlink(missing_ok=True)
+        with Journal(folder, plan, installed_version()) as journal:
+            simpler = _carry_out(plan, journal, ray, workers, minimise)
+            write_parquet(journal, plan, folder / "results.parquet")
+            summary = write_report(folder / "report.html", plan, journal, simpler)
+        _conclude(summary, folder)
+
+
+def _carry_out(plan: Plan, journal: Journal, ray: str | None, workers: int | None, minimise: int) -> dict[int, Run]:
+    """Every run that has no result; then failed ones made simpler, by their numbers."""
+    done = len(plan) - journal.left
+    if done:
+        typer.echo(f"{done:,} of {len(plan):,} runs are done already.")
+    progress = Progress(len(plan), done, sys.stderr)
+    version = installed_version()
+    with closing(_workers(plan, ray, workers)) as chosen:
+        try:
+            Conductor(plan, chosen, journal, version, progress.tell).run()
+            progress.finish()
+            return simplest(plan, chosen, version, failing_ones(journal, minimise))
+        except KeyboardInterrupt:
+            progress.finish()
+            left = f"{journal.left:,} runs are left: the same command goes on" if journal.left else "all runs are done"
+            typer.echo(f"Interrupted. {left}.", err=True)
+            raise typer.Exit(_INTERRUPTED) from None
+
+
+def _workers(plan: Plan, ray: str | None, workers: int | None) -> Workers:
+    if ray is not None:
+        return RayWorkers(ray, plan.folder)
+    return LocalWorkers(plan.folder, workers or _cores())
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _preview(plan: Plan) -> None:
+    typer.echo(f"{len(plan):,} runs, in {plan.folder}:")
+    for number in range(min(_PREVIEW, len(plan))):
+        typer.echo(join(plan.command(plan.run(number))))
+    if len(plan) > _PREVIEW:
+        typer.echo("...")
+
+
+def _conclude(summary: Summary, folder: Path) -> None:
+    counts = ", ".join(f"{count:,} {status}" for status, count in sorted(summary.by_status.items()))
+    typer.echo(f"{counts}: {folder / 'report.html'}, {folder / 'results.parquet'}")
+    if summary.passed < summary.runs:
+        raise typer.Exit(_FAILED)

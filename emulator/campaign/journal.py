@@ -1,0 +1,172 @@
+"""What came of the runs of a campaign, kept as it comes: a campaign that was ended goes on where it was.
+
+The journal is a file of JSON lines: the fingerprint of the plan, then one result a line. A line is written whole, and
+a last one that is not is none: its run is done again. When all are there they become a Parquet file.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from emulator.campaign.plan import Axis, Numbers, Plan
+from emulator.campaign.work import Result
+from emulator.config import ConfigError
+from urproto.compat import Self
+
+_ROWS: Final = 20_000  # of a Parquet file's row group
+_ENCODER: Final = msgspec.json.Encoder()
+_DECODER: Final = msgspec.json.Decoder(Result)
+
+
+class _Head(msgspec.Struct):
+    campaign: str
+    fingerprint: str
+    version: str
+
+
+class Journal:
+    """Results in a folder, while the context is entered. Raises ConfigError where those of another plan are."""
+
+    def __init__(self, folder: Path, plan: Plan, version: str) -> None:
+        self.path = folder / "journal.jsonl"
+        self._plan = plan
+        self._head = _Head(plan.name, plan.fingerprint, version)
+        self._done = bytearray(len(plan))
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> Self:
+        if self.path.exists() and self.path.stat().st_size:
+            self._take_up()
+        self._file = self.path.open("ab")
+        if not self.path.stat().st_size:
+            self._write([self._head])
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        self._file.close()
+
+    @property
+    def missing(self) -> Iterator[int]:
+        """The numbers of the runs without a result, in their order."""
+        place = self._done.find(0)
+        while place >= 0:
+            yield place
+            place = self._done.find(0, place + 1)
+
+    @property
+    def left(self) -> int:
+        """How many runs are without a result."""
+        return self._done.count(0)
+
+    def add(self, results: Sequence[Result]) -> list[Result]:
+        """Keep results; those of runs that have one already are left out. Returns what was new."""
+        new = []
+        for result in results:
+            if not self._done[result.run]:
+                self._done[result.run] = 1
+                new.append(result)
+        self._write(new)
+        return new
+
+    def results(self) -> Iterator[Result]:
+        """All results, in the order they came."""
+        with self.path.open("rb") as lines:
+            next(lines, None)
+            for line in lines:
+                yield _DECODER.decode(line)
+
+    def _write(self, lines: Sequence[Any]) -> None:
+        self._file.write(b"".join(_ENCODER.encode(line) + b"\n" for line in lines))
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def _take_up(self) -> None:
+        """Go on with what is there."""
+        self._cut_off_what_is_not_whole()
+        with self.path.open("rb") as lines:
+            try:
+                head = msgspec.json.decode(next(lines, b""), type=_Head)
+            except msgspec.DecodeError:
+                raise ConfigError(f"{self.path} is not a campaign's: choose another --out") from None
+            for name, kept, now in (
+                ("the campaign, or a file that it names,", head.fingerprint, self._head.fingerprint),
+                ("the version of ur-emulator", head.version, self._head.version),
+            ):
+                if kept != now:
+                    raise ConfigError(f"{self.path}: {name} has changed since: --fresh begins anew, --out elsewhere")
+            for line in lines:
+                self._done[_DECODER.decode(line).run] = 1
+
+    def _cut_off_what_is_not_whole(self) -> None:
+        with self.path.open("rb+") as file:
+            content_ends = file.seek(0, os.SEEK_END)
+            file.seek(max(0, content_ends - 1))
+            if file.read(1) == b"\n":
+                return
+            file.seek(0)
+            whole = sum(len(line) for line in file if line.endswith(b"\n"))
+            file.truncate(whole)
+
+
+def write_parquet(journal: Journal, plan: Plan, target: Path) -> None:
+    """All results as a table: a column for each axis, and the command that replays the run. Raises ConfigError."""
+    import pyarrow
+    import pyarrow.parquet
+
+    axes = [(axis.name, _arrow_type(pyarrow, axis)) for axis in plan.axes]
+    words = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
+    schema = pyarrow.schema(
+        [
+            ("run", pyarrow.int64()),
+            ("status", words),
+            ("failure", words),
+            *axes,
+            ("robot_s", pyarrow.float64()),
+            ("cpu_s", pyarrow.float64()),
+            ("wall_s", pyarrow.float64()),
+            ("node", words),
+            ("command", pyarrow.string()),
+        ]
+    )
+    results = journal.results()
+    new = target.with_suffix(".new")
+    with pyarrow.parquet.ParquetWriter(new, schema, compression="zstd") as writer:
+        while rows := [_row(plan, result) for result in islice(results, _ROWS)]:
+            writer.write_table(pyarrow.Table.from_pylist(rows, schema=schema))
+    os.replace(new, target)
+
+
+def _row(plan: Plan, result: Result) -> dict[str, Any]:
+    from shlex import join
+
+    place = plan.place(result.run)
+    values = {axis.name: shown(axis, index) for axis, index in zip(plan.axes, place, strict=True)}
+    return msgspec.structs.asdict(result) | values | {"command": join(plan.command(plan.run(result.run)))}
+
+
+def shown(axis: Axis, index: int) -> Any:
+    """A value of an axis as a cell of a table: itself, or text of one that is a list or a mapping."""
+    value = axis.value(index)
+    if _has_numbers(axis):
+        return value
+    if isinstance(value, dict):
+        return ", ".join(f"{name}={one}" for name, one in value.items())
+    return "; ".join(str(one) for one in value) if isinstance(value, list) else "" if value is None else str(value)
+
+
+def _has_numbers(axis: Axis) -> bool:
+    values = axis.values
+    return isinstance(values, Numbers) or all(
+        isinstance(value, int | float) and not isinstance(value, bool) for value in values
+    )
+
+
+def _arrow_type(pyarrow: Any, axis: Axis) -> Any:
+    if not _has_numbers(axis):
+        return pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
+    whole = isinstance(axis.values, Numbers) or all(isinstance(value, int) for value in axis.values)
+    return pyarrow.int64() if whole else pyarrow.float64()

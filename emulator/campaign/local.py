@@ -1,0 +1,124 @@
+"""Processes of this machine that carry out runs: one job each at a time, so that it is known whose death it was.
+
+Each has a link, a pipe, whose end it takes for the order to leave; so none outlives the campaign for longer than its
+job, however that ends.
+"""
+
+import multiprocessing
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any, Final
+
+from emulator.campaign.jobs import Finished, Lost
+
+_FORKSERVER: Final = "forkserver"  # what is imported once is shared; the campaign's own process may have threads
+
+
+class LocalWorkers:
+    """As many processes as asked for. folder: where paths of the plan begin."""
+
+    def __init__(self, folder: str, processes: int) -> None:
+        self.folder = folder
+        self._processes = processes
+        methods = multiprocessing.get_all_start_methods()
+        self._context: Any = multiprocessing.get_context(_FORKSERVER if _FORKSERVER in methods else "spawn")
+        if _FORKSERVER in methods:
+            self._context.set_forkserver_preload(["emulator.campaign.work"])
+        self._idle: list[_Worker] = []
+        self._busy: list[_Worker] = []
+        self._next = 0
+
+    @property
+    def size(self) -> int:
+        """How many jobs are carried out at a time."""
+        return self._processes
+
+    @property
+    def room(self) -> int:
+        """How many more jobs may be submitted now."""
+        return self._processes - len(self._busy)
+
+    @property
+    def pids(self) -> list[int]:
+        """Of the processes that have a job."""
+        return [worker.process.pid or 0 for worker in self._busy]
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
+        """Let a process call a function of a module; the number of this job."""
+        worker = self._idle.pop() if self._idle else self._start()
+        self._next += 1
+        worker.job = self._next
+        self._busy.append(worker)
+        with suppress(OSError):  # it has died: waiting for it says so
+            worker.link.send((function, arguments))
+        return self._next
+
+    def finished(self, patience_s: float) -> list[Finished]:
+        """What came of jobs that are done, waiting for the first of them for a while."""
+        links = {worker.link: worker for worker in self._busy}
+        done = []
+        for link in wait(list(links), patience_s):
+            assert isinstance(link, Connection)
+            worker = links[link]
+            self._busy.remove(worker)
+            try:
+                done.append(Finished(worker.job, link.recv()))
+            except (EOFError, OSError):
+                worker.end()
+                done.append(Finished(worker.job, Lost(f"its process {_how(worker.process.exitcode)}")))
+            else:
+                self._idle.append(worker)
+        return done
+
+    def close(self) -> None:
+        """End all processes, whatever they do."""
+        for worker in (*self._idle, *self._busy):
+            worker.end()
+        self._idle, self._busy = [], []
+
+    def _start(self) -> "_Worker":
+        ours, theirs = self._context.Pipe()
+        process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
+        process.start()
+        theirs.close()
+        return _Worker(process, ours)
+
+
+@dataclass(eq=False)
+class _Worker:
+    process: BaseProcess
+    link: Connection
+    job: int = 0
+
+    def end(self) -> None:
+        self.link.close()
+        self.process.kill()
+        self.process.join()
+
+
+def _serve(link: Connection) -> None:
+    """Carry out jobs until nobody holds the other end of the link."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; the campaign decides
+    while True:
+        try:
+            function, arguments = link.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer = function(*arguments)
+        except Exception as error:  # told to whoever waits for the job
+            answer = error
+        try:
+            link.send(answer)
+        except OSError:
+            return
+
+
+def _how(status: int | None) -> str:
+    if status is not None and status < 0:
+        return f"was ended by {signal.Signals(-status).name}"
+    return f"ended with status {status}"

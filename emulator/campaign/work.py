@@ -1,0 +1,152 @@
+"""Carrying out runs of a campaign, in whatever process this is: the same for all ways to have many processes."""
+
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+import msgspec
+
+from emulator.campaign.minimise import minimised
+from emulator.campaign.plan import Kind, Plan, Run
+from emulator.config import ConfigError
+from emulator.run_command import parsed
+from emulator.script_run import execute
+from urproto.compat import StrEnum
+from urproto.text import readable
+from urscript.commands import SUCCESS
+
+_LONGEST: Final = 400  # characters of a failure: the replay command shows all of it
+_PYTEST_FAILED: Final = 1
+_NOT_COLLECTED: Final = 5
+
+
+class Status(StrEnum):
+    """How a run ended."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    REFUSED = "refused"  # these options cannot be together
+    LOST = "lost"  # its process died, each time
+
+
+class Result(msgspec.Struct, frozen=True):
+    """What came of a run. robot_s: robot time it took; cpu_s: processor time; wall_s: time; node: the machine."""
+
+    run: int
+    status: Status
+    failure: str = ""
+    robot_s: float | None = None
+    cpu_s: float = 0.0
+    wall_s: float = 0.0
+    node: str = ""
+
+
+def installed_version() -> str:
+    """Of this project, where this process runs."""
+    return version("ur-emulator")
+
+
+def carry_out(plan: Plan, numbers: Sequence[int], wanted_version: str, folder: str) -> list[Result]:
+    """Some runs, one after the other; folder: what the plan's paths are relative to here.
+
+    Raises ConfigError when this machine has another version of the project.
+    """
+    _enter(wanted_version, folder)
+    return [_timed(plan, plan.run(number)) for number in numbers]
+
+
+def simplify(plan: Plan, number: int, failure: str, wanted_version: str, folder: str) -> Run:
+    """The simplest run found that fails as this one did. Raises ConfigError, as above."""
+    _enter(wanted_version, folder)
+    return minimised(plan, number, failure, lambda run: _timed(plan, run).failure)
+
+
+def _enter(wanted_version: str, folder: str) -> None:
+    if installed_version() != wanted_version:
+        raise ConfigError(
+            f"{platform.node()} has ur-emulator {installed_version()}, this machine {wanted_version}: install the same"
+        )
+    os.chdir(folder)
+
+
+def _timed(plan: Plan, run: Run) -> Result:
+    began, used = time.perf_counter(), _processor_s()
+    try:
+        result = _pytest(plan, run) if plan.kind is Kind.PYTEST else _script(plan, run)
+    except Exception as error:  # the emulator's own: a campaign goes on, and says so
+        result = Result(run.number, Status.FAILED, f"the emulator failed: {type(error).__name__}: {error}")
+    return msgspec.structs.replace(
+        result,
+        failure=readable(result.failure)[:_LONGEST],
+        cpu_s=_processor_s() - used,
+        wall_s=time.perf_counter() - began,
+        node=platform.node(),
+    )
+
+
+def _processor_s() -> float:
+    """Of this process and of those that it has waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _script(plan: Plan, run: Run) -> Result:
+    try:
+        outcome = execute(parsed(plan.command(run)[2:]), lambda _: None)
+    except ValueError as error:
+        return Result(run.number, Status.REFUSED, str(error))
+    status = Status.PASSED if outcome.status == SUCCESS else Status.FAILED
+    return Result(run.number, status, outcome.failure, outcome.robot_s)
+
+
+# pytest: a process for each run, since a test may leave anything behind in its own
+
+
+def _pytest(plan: Plan, run: Run) -> Result:
+    with tempfile.TemporaryDirectory(prefix="ur-campaign-") as folder:
+        report = Path(folder, "report.xml")
+        words = [*plan.command(run)[1:], "-p", "no:cacheprovider", f"--junitxml={report}"]
+        command = [sys.executable, "-m", "pytest", *words]
+        try:
+            ended = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                timeout=plan.limit_s,
+            )
+        except subprocess.TimeoutExpired:
+            return Result(run.number, Status.FAILED, f"not finished within {plan.limit_s:g} s")
+        return _judged(run, ended.returncode, report, ended.stdout.decode(errors="replace"))
+
+
+def _judged(run: Run, status: int, report: Path, output: str) -> Result:
+    if status == 0 or (status == _PYTEST_FAILED and report.exists()):
+        tests = ElementTree.parse(report)
+        return Result(run.number, Status.FAILED if status else Status.PASSED, _first_failure(tests), _robot_s(tests))
+    if status == _NOT_COLLECTED:
+        return Result(run.number, Status.REFUSED, f"pytest finds no test in {run.target}")
+    said = [line for line in output.splitlines() if line.startswith(("ERROR", "E  ", "INTERNALERROR"))]
+    why = (said or output.splitlines() or [""])[-1].strip()
+    return Result(run.number, Status.REFUSED, f"pytest ended with status {status}: {why}")
+
+
+def _first_failure(tests: "ElementTree.ElementTree[ElementTree.Element]") -> str:
+    for case in tests.iter("testcase"):
+        for problem in (*case.iter("failure"), *case.iter("error")):
+            return f"{case.get('name')}: {(problem.get('message') or '').splitlines()[0]}"
+    return ""
+
+
+def _robot_s(tests: "ElementTree.ElementTree[ElementTree.Element]") -> float | None:
+    """Of the robots in virtual time, whose fixture says it; None without any."""
+    spent = [float(one.get("value", 0)) for one in tests.iter("property") if one.get("name") == "ur_robot_s"]
+    return sum(spent) if spent else None

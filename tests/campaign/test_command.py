@@ -1,0 +1,50 @@
+"""``ur-emulator campaign`` as people have it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from campaign_rig import write
+
+from emulator.campaign.progress import duration
+
+
+def campaign(*words: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "emulator", "campaign", *words]
+    root = Path(__file__).resolve().parents[2]
+    return subprocess.run(
+        command, capture_output=True, text=True, cwd=folder, env={"PYTHONPATH": str(root)}, check=False
+    )
+
+
+def test_it_ends_with_files_a_summary_and_a_status(tmp_path: Path) -> None:
+    write(tmp_path)
+    shown = campaign("trial.yaml", "--dry-run", folder=tmp_path)
+    assert shown.returncode == 0
+    assert "12 runs" in shown.stdout
+    assert "urscript run work.script --model ur3 " in shown.stdout
+    assert not (tmp_path / "trial-results").exists()
+
+    ran = campaign("trial.yaml", "--workers", "2", folder=tmp_path)
+    assert ran.returncode == 1, ran.stderr  # some failed
+    assert "trial-results/report.html" in ran.stdout
+    files = {path.name for path in (tmp_path / "trial-results").iterdir()}
+    assert files == {"journal.jsonl", "report.html", "results.parquet"}
+
+    again = campaign("trial.yaml", "--minimise", "0", folder=tmp_path)
+    assert "12 of 12 runs are done already" in again.stdout
+    assert again.stdout.splitlines()[-1] == ran.stdout.splitlines()[-1]
+
+
+def test_mistakes_are_one_line(tmp_path: Path) -> None:
+    write(tmp_path, "script: work.script\nmatrix: {model: [ur4]}")
+    ended = campaign("trial.yaml", folder=tmp_path)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("ur-emulator: trial.yaml: unknown robot model 'ur4'")
+    assert len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(5, "5 s"), (600, "10 min"), (7200, "2.0 h"), (1e6, "11.6 days")])
+def test_times_are_for_people(seconds: float, text: str) -> None:
+    assert duration(seconds) == text

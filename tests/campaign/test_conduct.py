@@ -1,0 +1,225 @@
+"""Every run has one result, whatever dies; what is there is not done again; failing runs become simpler."""
+
+import itertools
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from campaign_rig import CAMPAIGN, Here, write
+
+from emulator.campaign.conduct import Conductor, failing_ones, simplest
+from emulator.campaign.journal import Journal, write_parquet
+from emulator.campaign.local import LocalWorkers
+from emulator.campaign.plan import Plan, read_plan
+from emulator.campaign.report import write_report
+from emulator.campaign.work import Result, Status, installed_version
+from emulator.config import ConfigError
+from urscript import cli
+
+VERSION = installed_version()
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Carrying runs out in this process changes the folder it is in."""
+    monkeypatch.chdir(tmp_path)
+
+
+def conducted(
+    plan: Plan, folder: Path, workers: object | None = None, tell: Callable[[list[Result]], None] = lambda _: None
+) -> list[Result]:
+    """What the journal has when the campaign is over."""
+    with Journal(folder, plan, VERSION) as journal:
+        Conductor(plan, workers or Here(plan.folder), journal, VERSION, tell).run()
+        return list(journal.results())
+
+
+def complete(plan: Plan, results: list[Result]) -> bool:
+    return sorted(result.run for result in results) == list(range(len(plan)))
+
+
+def test_what_came_of_a_run_is_what_its_command_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import pyarrow.parquet
+
+    plan = read_plan(write(tmp_path))
+    results = conducted(plan, tmp_path / "out")
+    assert complete(plan, results)
+    with Journal(tmp_path / "out", plan, VERSION) as journal:
+        write_parquet(journal, plan, tmp_path / "results.parquet")
+    rows = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
+    assert {row["status"] for row in rows} == {"passed", "failed"}  # chance decides, by the seed
+    assert {row["status"] for row in rows if not row["fault"]} == {"passed"}
+    for row in (next(row for row in rows if row["status"] == status) for status in ("passed", "failed")):
+        _, _, *words = row["command"].split()
+        assert cli.main(["run", *words]) == (row["status"] == "failed")
+        printed = capsys.readouterr().out
+        assert f"time    {row['robot_s']:.3f} s\nresult  {row['failure'] or 'finished'}\n" in printed
+
+
+def test_a_campaign_that_was_interrupted_goes_on(tmp_path: Path) -> None:
+    plan = read_plan(write(tmp_path))
+
+    def interrupt(results: list[Result]) -> None:
+        if results:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        conducted(plan, tmp_path / "out", tell=interrupt)
+    journal = tmp_path / "out" / "journal.jsonl"
+    done = journal.read_bytes().count(b"\n") - 1
+    assert 0 < done < len(plan)
+    journal.write_bytes(journal.read_bytes() + b'{"run":11,"status":"pas')  # a last line that did not come to its end
+    workers = Here(plan.folder)
+    assert complete(plan, conducted(plan, tmp_path / "out", workers))
+    assert sum(len(numbers) for _, numbers, *_ in workers.jobs) == len(plan) - done
+
+
+def test_results_of_another_campaign_are_not_gone_on_with(tmp_path: Path) -> None:
+    conducted(read_plan(write(tmp_path, "script: work.script")), tmp_path / "out")
+    with pytest.raises(ConfigError, match="has changed since"):
+        conducted(read_plan(write(tmp_path, "script: work.script", "sync()\n")), tmp_path / "out")
+    (tmp_path / "out" / "journal.jsonl").write_text("what is this\n")
+    with pytest.raises(ConfigError, match="is not a campaign's"):
+        conducted(read_plan(write(tmp_path)), tmp_path / "out")
+
+
+def test_a_run_that_kills_its_process_is_the_only_one_lost(tmp_path: Path) -> None:
+    plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 30}}", "sync()\n"))
+    workers = Here(plan.folder, loses=lambda _plan, numbers, *_: 17 in numbers)
+    results = conducted(plan, tmp_path / "out", workers)
+    assert complete(plan, results)
+    assert [result.run for result in results if result.status is not Status.PASSED] == [17]
+    assert max(len(numbers) for _, numbers, *_ in workers.jobs) > 1  # it was one of a portion
+
+
+def test_a_process_that_is_killed_loses_nothing_and_doubles_nothing(tmp_path: Path) -> None:
+    plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 40}}", "sleep(10)\n"))
+    workers = LocalWorkers(plan.folder, 2)
+    killed: list[int] = []
+
+    def kill(results: list[Result]) -> None:
+        if results and not killed and workers.pids:
+            killed.append(workers.pids[0])
+            os.kill(killed[0], signal.SIGKILL)
+
+    try:
+        results = conducted(plan, tmp_path / "out", workers, kill)
+    finally:
+        workers.close()
+    assert killed
+    assert complete(plan, results)
+    assert {result.status for result in results} == {Status.PASSED}
+
+
+def test_a_machine_with_another_version_is_refused(tmp_path: Path) -> None:
+    plan = read_plan(write(tmp_path, "script: work.script"))
+    with Journal(tmp_path / "out", plan, "9.9") as journal, pytest.raises(ConfigError):
+        Conductor(plan, _Telling(plan.folder), journal, "9.9", lambda _: None).run()
+
+
+class _Telling(Here):
+    """As the others, what a function raises is told."""
+
+    def submit(self, function: Callable[..., object], *arguments: object) -> int:
+        def told(*given: object) -> object:
+            try:
+                return function(*given)
+            except Exception as error:
+                return error
+
+        return super().submit(told, *arguments)
+
+
+def test_one_failed_run_of_each_kind_is_made_as_simple_as_it_can_be(tmp_path: Path) -> None:
+    plan = read_plan(write(tmp_path, CAMPAIGN.replace("robot: [{model: ur3, ", "robot: [{model: ur10, ")))
+    results = conducted(plan, tmp_path / "out")
+    with Journal(tmp_path / "out", plan, VERSION) as journal:
+        failed = failing_ones(journal, 10)
+        assert [result.failure for result in failed] == ["runtime exception: line 3: oh"]
+        assert failed[0].run == min(result.run for result in results if result.status is Status.FAILED)
+        simpler = simplest(plan, Here(plan.folder), VERSION, failed)
+        command = plan.command(simpler[failed[0].run])
+        assert command == [
+            *("urscript", "run", "work.script", "--model", "ur10", "--polyscope", "3.15.8"),
+            *("--fault", "runtime_exception,line=3,message=oh", "--seed", "5", "--timeout", "20"),
+        ]
+        write_report(tmp_path / "report.html", plan, journal, simpler)
+    page = (tmp_path / "report.html").read_text()
+    assert " ".join(command) in page
+    for result in results:
+        shown = f"<td class=n>{result.run}<td>" in page
+        assert shown == (result.status is Status.FAILED)
+
+
+def test_a_report_bears_any_text(tmp_path: Path) -> None:
+    text = CAMPAIGN.replace("message=oh", "message=<b>&")
+    plan = read_plan(write(tmp_path, text))
+    conducted(plan, tmp_path / "out")
+    with Journal(tmp_path / "out", plan, VERSION) as journal:
+        write_report(tmp_path / "report.html", plan, journal, {})
+    page = (tmp_path / "report.html").read_text()
+    assert "&lt;b&gt;&amp;" in page
+    assert "<b>" not in page
+
+
+def test_the_speed_slider_and_faults_are_options_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path)
+
+    def robot_s(*options: str) -> float:
+        cli.main(["run", "work.script", *options])
+        line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("time"))
+        return float(line.split()[1])
+
+    usual, slow = robot_s(), robot_s("--speed-slider", "0.5")
+    assert slow > 1.5 * usual
+    assert cli.main(["run", "work.script", "--fault", "joint_fault,joint=2,after=0.5"]) == 1
+    assert "the arm was stopped: fault" in capsys.readouterr().out
+    chances = [cli.main(["run", "work.script", *f"--seed {n} --fault runtime_exception,line=3,probability=0.5".split()])
+               for n in range(8)]  # fmt: skip
+    assert set(chances) == {0, 1}
+    for wrong in ("--fault=nonsense", "--fault=stall,port=rtde"):
+        assert cli.main(["run", "work.script", wrong]) == 2
+    with pytest.raises(SystemExit):
+        cli.main(["run", "work.script", "--speed-slider", "1.5"])
+
+
+TESTS = """
+def test_by_chance(ur_robot, ur_seed):
+    ur_robot.step(125)
+    assert ur_robot.describe()["model"] == "ur3e"
+    assert ur_seed != 2, "seed two"
+"""
+
+
+def test_tests_are_run_with_the_robots_and_seeds_of_the_campaign(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text(TESTS)
+    text = "pytest: test_it.py\nmatrix: {model: [ur3e], seed: {from: 1, count: 2}}"
+    plan = read_plan(write(tmp_path, text))
+    results = sorted(conducted(plan, tmp_path / "out"), key=lambda result: result.run)
+    assert complete(plan, results)
+    assert [result.status for result in results] == ["passed", "failed"]
+    assert results[0].robot_s == pytest.approx(125 * 0.002)
+    assert results[1].failure == "test_by_chance: AssertionError: seed two"
+
+
+@pytest.mark.long
+def test_a_test_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "test_it.py").write_text(TESTS)
+    plan = read_plan(write(tmp_path, "pytest: [test_it.py::test_none, test_it.py]\nmatrix: {wheels: [4]}"))
+    results = conducted(plan, tmp_path / "out")
+    assert [result.status for result in results] == ["refused", "failed"]
+    assert "test_none" in results[0].failure
+    assert "no option 'wheels'" in results[1].failure
+
+
+def test_portions_become_small_in_the_end(tmp_path: Path) -> None:
+    plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 60}}", "sync()\n"))
+    workers = Here(plan.folder)
+    conducted(plan, tmp_path / "out", workers)
+    sizes = [len(numbers) for _, numbers, *_ in workers.jobs]
+    assert sizes[0] == 1
+    assert max(sizes) > 5
+    assert sizes[-1] == 1
+    assert all(later <= earlier for earlier, later in itertools.pairwise(sizes[3:]))
