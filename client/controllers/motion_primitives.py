@@ -92,14 +92,15 @@ def _pose(values: Sequence[float]) -> tuple[float, ...]:
 
 def point_of(primitive: MotionPrimitive) -> TrajectoryPoint:
     """The move that it stands for. Raises LocalProtocolError."""
-    blend = {"blend_radius_m": primitive.blend_radius_m}
-    speeds = {"v": primitive.velocity, "a": primitive.acceleration}
+    blend_m, v, a = primitive.blend_radius_m, primitive.velocity, primitive.acceleration
     if primitive.type is PrimitiveType.CIRCULAR_CARTESIAN:
-        return points.movec(primitive.via_base_tcp, primitive.pose_base_tcp, **speeds, **blend)
-    timing = {"duration_s": primitive.move_time_s} if primitive.move_time_s > 0.0 else speeds
+        return points.movec(primitive.via_base_tcp, primitive.pose_base_tcp, v=v, a=a, blend_radius_m=blend_m)
+    time_s = 0.0
+    if primitive.move_time_s > 0.0:
+        time_s, v, a = primitive.move_time_s, 1.0, 1.0  # which have to be above 0, and do not count
     if primitive.type is PrimitiveType.LINEAR_JOINT:
-        return points.movej(primitive.q_rad, **timing, **blend)
-    return points.movel(primitive.pose_base_tcp, **timing, **blend)
+        return points.movej(primitive.q_rad, v=v, a=a, duration_s=time_s, blend_radius_m=blend_m)
+    return points.movel(primitive.pose_base_tcp, v=v, a=a, duration_s=time_s, blend_radius_m=blend_m)
 
 
 def problem_of(primitive: MotionPrimitive) -> str | None:

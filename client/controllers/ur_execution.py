@@ -3,7 +3,7 @@
 import asyncio
 import logging
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, Protocol
 
 from client.controllers.controller import NO_COMMAND
 from client.controllers.goals import PrimitiveType
@@ -67,8 +67,21 @@ class Execution:
             _logger.error("%s", error)
 
 
-class PassthroughExecution:
-    """The hardware's side of `client.controllers.passthrough`."""
+class HandedOver(Protocol):
+    """The hardware's side of a controller that hands over what the robot executes."""
+
+    def begin(self) -> None:
+        """The controller has the interfaces from now on."""
+
+    def end(self) -> None:
+        """No longer: stop what is under way."""
+
+    def step(self, *, ready: bool) -> None:
+        """Once a cycle. ready: whether the arm can be moved now; nothing begins before."""
+
+
+class PassthroughExecution(HandedOver):
+    """Of `client.controllers.passthrough`."""
 
     def __init__(self, orders: URCommands, driver: ArmDriver, spawn: Spawn) -> None:
         self._orders = orders
@@ -78,16 +91,13 @@ class PassthroughExecution:
         self._active = False
 
     def begin(self) -> None:
-        """A controller has the interfaces from now on."""
         self._active = True
 
     def end(self) -> None:
-        """No longer."""
         self._active = False
         self._execution.cancel()
 
     def step(self, *, ready: bool) -> None:
-        """Once a cycle. ready: whether the arm can be moved now."""
         orders = self._orders
         state = orders[_STATE]
         if orders[_ABORT] == 1.0 and state not in (Transfer.IDLE, Transfer.DONE):
@@ -123,8 +133,8 @@ class PassthroughExecution:
             self._orders[_STATE] = Transfer.DONE
 
 
-class PrimitivesExecution:
-    """The hardware's side of `client.controllers.motion_primitives`."""
+class PrimitivesExecution(HandedOver):
+    """Of `client.controllers.motion_primitives`."""
 
     def __init__(self, orders: URCommands, states: URStates, driver: ArmDriver, spawn: Spawn) -> None:
         self._commands = orders.part(PRIMITIVE_COMMANDS)
@@ -135,17 +145,14 @@ class PrimitivesExecution:
         states[STATUS], states[READY] = float(ExecutionStatus.IDLE), 0.0
 
     def begin(self) -> None:
-        """A controller has the interfaces from now on."""
         self._sequence, self._stopping = None, False
         self._set_idle()
 
     def end(self) -> None:
-        """No longer."""
         self._states[READY] = 0.0
         self._execution.cancel()
 
     def step(self, *, ready: bool) -> None:
-        """Once a cycle. ready: whether the arm can be moved now; what begins a motion is not taken before."""
         values = self._commands.get()
         kind = values[0]
         if kind == kind and self._take(values, may_begin=ready and not self._execution.under_way):

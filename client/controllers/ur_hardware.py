@@ -13,7 +13,7 @@ from typing import Any, Final
 from client.controllers.controller import NO_COMMAND
 from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
-from client.controllers.ur_execution import PassthroughExecution, PrimitivesExecution
+from client.controllers.ur_execution import HandedOver, PassthroughExecution, PrimitivesExecution
 from client.controllers.ur_states import URStates
 from client.driver.availability import GATES
 from client.driver.endpoint import LONGEST_REAL_TIME_S
@@ -75,7 +75,7 @@ class URHardware:
         self._forgiven_s = 0.0  # until when the program may be missing
         self._offset = [0.0] * len(JOINT_NAMES)
         self._return_s = 0.0
-        self._executions = {
+        self._executions: dict[CommandMode, HandedOver] = {
             CommandMode.PASSTHROUGH: PassthroughExecution(self._orders, driver, spawn),
             CommandMode.MOTION_PRIMITIVE: PrimitivesExecution(self._orders, self._states, driver, spawn),
         }

@@ -17,6 +17,7 @@ from client.ros2.actions import serve_actions
 from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
+from client.ros2.transforms import Transforms
 from urproto.seldom import Seldom
 
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
@@ -25,15 +26,18 @@ _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 class ControllerNodes:
     """Opens and closes the nodes of controllers; not from the event loop, which would be held up."""
 
-    def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox) -> None:
+    def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox, transforms: Transforms) -> None:
         self._host = host
         self._robot = running.robot
         self._outbox = outbox
+        self._transforms = transforms
         self._nodes: dict[str, ControllerNode] = {}
 
     def open(self, controller: Controller[Any]) -> None:
         """The node of a controller that has been loaded."""
-        self._nodes[controller.name] = ControllerNode(self._host, self._robot, self._outbox, controller)
+        self._nodes[controller.name] = ControllerNode(
+            self._host, self._robot, self._outbox, self._transforms, controller
+        )
 
     def close(self, controller: Controller[Any]) -> None:
         """The node of a controller that has been unloaded."""
@@ -54,7 +58,14 @@ class ControllerNodes:
 class ControllerNode:
     """One controller as a node of its name."""
 
-    def __init__(self, host: NodeHost, robot: ControlledRobot, outbox: Outbox, controller: Controller[Any]) -> None:
+    def __init__(
+        self,
+        host: NodeHost,
+        robot: ControlledRobot,
+        outbox: Outbox,
+        transforms: Transforms,
+        controller: Controller[Any],
+    ) -> None:
         self._host = host
         self._robot = robot
         self._outbox = outbox
@@ -66,9 +77,9 @@ class ControllerNode:
         for subscription in SUBSCRIPTIONS:
             if isinstance(controller, subscription.controller):
                 _Listener(host, self.node, robot, controller, subscription)
-        services.serve(host, self.node, controller, robot, outbox.scene)
+        services.serve(host, self.node, controller, robot, transforms)
         host.spin(self.node)
-        serve_actions(host, self.node, controller, robot)
+        serve_actions(host, self.node, controller, robot, transforms)
 
         def add() -> list[Any]:
             return [

@@ -4,7 +4,7 @@ What is asked of the robot is answered when the robot has it; a request that mak
 controller is not active, gets ``success`` false and a line in the log.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -19,10 +19,12 @@ from client.controllers.settings import FrictionModelController, GravityUpdateCo
 from client.driver.availability import GATES
 from client.errors import ClientError, ControllerError
 from client.ros2.host import NodeHost, interface
-from client.ros2.topics import Scene, seconds
+from client.ros2.topics import seconds
+from client.ros2.transforms import Transforms, pose_in
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
-from urproto.robots.pose import pose_trans
+from urproto.robots.pose import Pose, pose_trans
+from urproto.versions import PolyscopeVersion
 
 ANSWER_S: Final = 15.0  # above what starting the control program may take; guess
 _TRIGGER: Final = "std_srvs/srv/Trigger"
@@ -30,15 +32,28 @@ _TRIGGER: Final = "std_srvs/srv/Trigger"
 
 @dataclass(frozen=True)
 class Service:
-    """A service. begin: asks the controller, which answers by a `Call`; raises ControllerError."""
+    """A service.
+
+    begin: asks the controller, which answers by a `Call`; raises ControllerError. stamped: the part of a request that
+    is in a frame, if one is; begin is given where the frames are that it names.
+    """
 
     controller: type[Controller[Any]]
     name: str
     type: str
-    begin: Callable[[Any, Any, Scene], Call]
+    begin: Callable[[Any, Any, "Situation"], Call]
+    stamped: Callable[[Any], Any] | None = None
 
 
-def _set_io(controller: GPIOController, request: Any, scene: Scene) -> Call:
+@dataclass(frozen=True)
+class Situation:
+    """What a request may depend on. version: the robot's. frames: where the frames are that it names, in the base."""
+
+    version: PolyscopeVersion
+    frames: Mapping[str, Pose]
+
+
+def _set_io(controller: GPIOController, request: Any, situation: Situation) -> Call:
     if request.fun == request.FUN_SET_DIGITAL_OUT:
         return controller.set_digital_out(request.pin, request.state != 0.0)
     if request.fun == request.FUN_SET_ANALOG_OUT:
@@ -48,42 +63,42 @@ def _set_io(controller: GPIOController, request: Any, scene: Scene) -> Call:
     raise controller.error(f"function {request.fun} of set_io is not available: 1, 3 and 4 are")
 
 
-def _set_analog_output(controller: GPIOController, request: Any, scene: Scene) -> Call:
+def _set_analog_output(controller: GPIOController, request: Any, situation: Situation) -> Call:
     data = request.data
     if data.domain not in (data.CURRENT, data.VOLTAGE):
         raise controller.error(f"the domain is 0 (current) or 1 (voltage), not {data.domain}")
     return controller.set_analog_out(data.pin, data.state, voltage=data.domain == data.VOLTAGE)
 
 
-def _set_payload(controller: GPIOController, request: Any, scene: Scene) -> Call:
+def _set_payload(controller: GPIOController, request: Any, situation: Situation) -> Call:
     """Requests have an inertia and a transition since 2025; controllers have taken them since 5.10."""
     cog = request.center_of_gravity
     centre = (cog.x, cog.y, cog.z)
-    if not hasattr(request, "ixx") or GATES["set_target_payload"].refusal(scene.version):
+    if not hasattr(request, "ixx") or GATES["set_target_payload"].refusal(situation.version):
         return controller.set_payload(request.mass, centre)
     inertia = (request.ixx, request.iyy, request.izz, request.ixy, request.ixz, request.iyz)
     return controller.set_payload(request.mass, centre, inertia, seconds(request.transition_time))
 
 
-def _set_gravity(controller: GravityUpdateController, request: Any, scene: Scene) -> Call:
+def _set_gravity(controller: GravityUpdateController, request: Any, situation: Situation) -> Call:
     """ROS gives the direction in which things fall; the robot takes the acceleration against it."""
-    frame = scene.pose_of(request.gravity.header.frame_id, controller.error)
+    frame = situation.frames[request.gravity.header.frame_id]
     vector = request.gravity.vector
     turned = pose_trans((0.0, 0.0, 0.0, *frame[3:]), (-vector.x, -vector.y, -vector.z, 0.0, 0.0, 0.0))
     return controller.set_gravity(turned[:3])
 
 
-def _set_friction(controller: FrictionModelController, request: Any, scene: Scene) -> Call:
+def _set_friction(controller: FrictionModelController, request: Any, situation: Situation) -> Call:
     scales = request.parameters
     return controller.set_friction_model_parameters(list(scales.viscous_scale), list(scales.coulomb_scale))
 
 
-def _start_force_mode(controller: ForceModeController, request: Any, scene: Scene) -> Call:
+def _start_force_mode(controller: ForceModeController, request: Any, situation: Situation) -> Call:
     wrench = request.wrench
     axes = ("x", "y", "z", "rx", "ry", "rz")
     limits, deviations = request.speed_limits, request.deviation_limits
     return controller.start_force_mode(
-        scene.pose_in_base(request.task_frame, controller.error),
+        pose_in(situation.frames, request.task_frame, controller.error),
         [int(getattr(request, f"selection_vector_{axis}")) for axis in axes],
         [wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z],
         type=request.type,
@@ -109,9 +124,17 @@ SERVICES: Final = (
     Service(GPIOController, "hand_back_control", _TRIGGER, lambda controller, *_: controller.hand_back_control()),
     Service(GPIOController, "set_payload", "ur_msgs/srv/SetPayload", _set_payload),
     Service(GPIOController, "zero_ftsensor", _TRIGGER, lambda controller, *_: controller.zero_ftsensor()),
-    Service(ForceModeController, "start_force_mode", "ur_msgs/srv/SetForceMode", _start_force_mode),
+    Service(
+        ForceModeController,
+        "start_force_mode",
+        "ur_msgs/srv/SetForceMode",
+        _start_force_mode,
+        lambda request: request.task_frame,
+    ),
     Service(ForceModeController, "stop_force_mode", _TRIGGER, lambda controller, *_: controller.stop_force_mode()),
-    Service(GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity),
+    Service(
+        GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity, lambda request: request.gravity
+    ),
     Service(
         FrictionModelController,
         "set_friction_model_parameters",
@@ -121,12 +144,12 @@ SERVICES: Final = (
 )
 
 
-def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, scene: Scene) -> None:
+def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, transforms: Transforms) -> None:
     """Offer a controller's services on its node."""
     for row in SERVICES:
         if isinstance(controller, row.controller):
             node.create_service(
-                interface(row.type), f"~/{row.name}", _handler(host, node, controller, loop, scene, row)
+                interface(row.type), f"~/{row.name}", _handler(host, node, controller, loop, transforms, row)
             )
     if isinstance(controller, URConfigurationController):
         node.create_service(
@@ -137,10 +160,12 @@ def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: Control
 
 
 def _handler(
-    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, scene: Scene, row: Service
+    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, transforms: Transforms, row: Service
 ) -> Callable[[Any, Any], Any]:
     async def ask(request: Any) -> None:
-        call = row.begin(controller, request, scene)
+        frames = (row.stamped(request).header.frame_id,) if row.stamped else ()
+        poses = await transforms.poses_in_base(frames, controller.error)
+        call = row.begin(controller, request, Situation(loop.driver.version, poses))
         try:
             async with timeout(ANSWER_S):
                 await loop.answer(call)

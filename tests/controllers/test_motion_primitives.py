@@ -143,7 +143,7 @@ async def test_a_robot_that_is_paused_begins_when_it_goes_on():
         ([], "no motion primitives"),
         (
             [JOINT, MotionPrimitive(PrimitiveType.LINEAR_JOINT, Q[:5], move_time_s=1.0)],
-            "primitive 1: .* joint_positions",
+            "primitive 1: .* joint",
         ),
         ([MotionPrimitive(PrimitiveType.LINEAR_JOINT, (nan, *Q[1:]), move_time_s=1.0)], "joint_positions of 6"),
         ([MotionPrimitive(PrimitiveType.LINEAR_CARTESIAN, Q, move_time_s=1.0)], "a pose"),
