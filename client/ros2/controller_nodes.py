@@ -8,13 +8,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from client.controllers.controller import Controller
-from client.controllers.joint_trajectory import JointTrajectoryController
+from client.controllers.goals import JointTrajectory
 from client.controllers.robot import ControlledRobot
 from client.controllers.running import RunningManager
 from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
-from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface
+from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, interface_if_any
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
 from client.ros2.transforms import Transforms
@@ -112,7 +112,8 @@ class _Listener:
         self._row = row
         self._reason = ""  # why the last one was refused
         self._seldom = Seldom(time.monotonic, _QUIET_S)
-        node.create_subscription(interface(row.type), row.name, self._arrived, SYSTEM_DEFAULT)
+        if (kind := interface_if_any(row.type)) is not None:
+            node.create_subscription(kind, row.name, self._arrived, LATCHED if row.latched else SYSTEM_DEFAULT)
 
     def _arrived(self, message: Any) -> None:
         try:
@@ -122,9 +123,10 @@ class _Listener:
             self._complain(str(error))
 
     def _give(self, order: Any) -> None:
-        if isinstance(self._controller, JointTrajectoryController):
+        if isinstance(order, JointTrajectory):
             self._controller.check_active()
-            self._controller.check(order)
+            controller: Any = self._controller
+            controller.check(order)
             self._robot.check_reach(order, speeds=False)
         self._row.give(self._controller, order)
 

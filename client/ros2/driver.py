@@ -106,6 +106,7 @@ class Ros2Driver:
             states = await asyncio.to_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
             opening.push_async_callback(asyncio.to_thread, states.close)
         await asyncio.to_thread(ControllerManagerNode, host, running)
+        await asyncio.to_thread(lambda: host.spin(host.node(running.component.name.lower())))
         beside: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
         for kind in beside:
             node = await asyncio.to_thread(kind, host, robot.robot)

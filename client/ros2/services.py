@@ -4,6 +4,7 @@ What is asked of the robot is answered when the robot has it; a request that mak
 controller is not active, gets ``success`` false and a line in the log.
 """
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,12 +15,13 @@ from client.controllers.calls import Call
 from client.controllers.compliance import ForceModeController
 from client.controllers.controller import Controller
 from client.controllers.io_and_status import GPIOController
+from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.loop import ControlLoop
 from client.controllers.settings import FrictionModelController, GravityUpdateController, URConfigurationController
 from client.driver.availability import GATES
 from client.errors import ClientError, ControllerError
 from client.ros2.host import NodeHost, interface
-from client.ros2.topics import seconds
+from client.ros2.topics import Moment, seconds
 from client.ros2.transforms import Transforms, pose_in
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
@@ -43,6 +45,16 @@ class Service:
     type: str
     begin: Callable[[Any, Any, "Situation"], Call]
     stamped: Callable[[Any], Any] | None = None
+
+
+@dataclass(frozen=True)
+class Query:
+    """A service that is answered at once. answer: sets the fields of the response; raises ControllerError."""
+
+    controller: type[Controller[Any]]
+    name: str
+    type: str
+    answer: Callable[[Any, Any, Any, Moment], None]
 
 
 @dataclass(frozen=True)
@@ -111,6 +123,22 @@ def _start_force_mode(controller: ForceModeController, request: Any, situation: 
     )  # fmt: skip
 
 
+def _version(controller: URConfigurationController, request: Any, response: Any, now: Moment) -> None:
+    response.major, response.minor, response.bugfix, response.build = controller.robot_software_version()
+
+
+def _trajectory_state(controller: JointTrajectoryController, request: Any, response: Any, now: Moment) -> None:
+    point = controller.sampled(now.robot_time_s(request.time))
+    response.success, response.name = True, list(controller.joints)
+    response.position = list(point.positions)
+    response.velocity = list(point.velocities)
+    response.acceleration = list(point.accelerations)
+
+
+QUERIES: Final = (
+    Query(URConfigurationController, "get_robot_software_version", "ur_msgs/srv/GetRobotSoftwareVersion", _version),
+    Query(JointTrajectoryController, "query_state", "control_msgs/srv/QueryTrajectoryState", _trajectory_state),
+)
 SERVICES: Final = (
     Service(GPIOController, "set_io", "ur_msgs/srv/SetIO", _set_io),
     Service(GPIOController, "set_analog_output", "ur_msgs/srv/SetAnalogOutput", _set_analog_output),
@@ -151,12 +179,11 @@ def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: Control
             node.create_service(
                 interface(row.type), f"~/{row.name}", _handler(host, node, controller, loop, transforms, row)
             )
-    if isinstance(controller, URConfigurationController):
-        node.create_service(
-            interface("ur_msgs/srv/GetRobotSoftwareVersion"),
-            "~/get_robot_software_version",
-            _version_handler(host, node, controller),
-        )
+    for query in QUERIES:
+        if isinstance(controller, query.controller):
+            node.create_service(
+                interface(query.type), f"~/{query.name}", _query_handler(host, node, controller, loop, query)
+            )
 
 
 def _handler(
@@ -189,14 +216,17 @@ def _handler(
     return handle
 
 
-def _version_handler(host: NodeHost, node: Node, controller: URConfigurationController) -> Callable[[Any, Any], Any]:
+def _query_handler(
+    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, query: Query
+) -> Callable[[Any, Any], Any]:
     def handle(request: Any, response: Any) -> Any:
+        now = Moment(loop.manager.time_s, time.time_ns())
         try:
-            version = host.do(controller.robot_software_version)
+            host.do(lambda: query.answer(controller, request, response, now))
         except ClientError as error:
-            node.get_logger().error(f"get_robot_software_version: {error}")
-        else:
-            response.major, response.minor, response.bugfix, response.build = version
+            node.get_logger().error(f"{query.name}: {error}")
+            if hasattr(response, "message"):
+                response.message = str(error)
         return response
 
     return handle

@@ -116,12 +116,17 @@ class Moment:
     robot_s: float
     time_ns: int
 
+    def robot_time_s(self, stamp: Any) -> float:
+        """A builtin_interfaces/Time of this machine's clock, by the robot's."""
+        return float(self.robot_s + (stamp.sec * 1_000_000_000 + stamp.nanosec - self.time_ns) * 1e-9)
+
 
 @dataclass(frozen=True)
 class Subscription:
     """A topic that a controller listens to.
 
-    order: what a message asks of the controller; give: hands it over; both raise ControllerError.
+    order: what a message asks of the controller; give: hands it over; both raise ControllerError. latched: a message
+    that was published before the controller was there counts too.
     """
 
     controller: type[Controller[Any]]
@@ -129,6 +134,7 @@ class Subscription:
     type: str
     order: Callable[[Any, Moment], Any]
     give: Callable[[Any, Any], object]
+    latched: bool = False
 
 
 # publications
@@ -278,8 +284,8 @@ def _commands(message: Any, now: Moment) -> Sequence[float]:
 
 def trajectory(message: Any, now: Moment) -> JointTrajectory:
     """Its stamp is by this machine's clock, as all times in ROS; 0 is at once."""
-    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-    begin_s = now.robot_s + (stamp_ns - now.time_ns) * 1e-9 if stamp_ns else 0.0
+    stamp = message.header.stamp
+    begin_s = now.robot_time_s(stamp) if stamp.sec or stamp.nanosec else 0.0
     return JointTrajectory(tuple(message.joint_names), tuple(map(_point, message.points)), begin_s)
 
 
@@ -296,6 +302,10 @@ def _point(message: Any) -> JointTrajectoryPoint:
 def seconds(duration: Any) -> float:
     """Of a builtin_interfaces/Duration."""
     return float(duration.sec + duration.nanosec * 1e-9)
+
+
+def _factor(message: Any, now: Moment) -> float:
+    return float(message.factor)
 
 
 def _enable(message: Any, now: Moment) -> bool:
@@ -350,6 +360,14 @@ SUBSCRIPTIONS: Final = (
         "trajectory_msgs/msg/JointTrajectory",
         trajectory,
         JointTrajectoryController.command,
+    ),
+    Subscription(
+        JointTrajectoryController,
+        "~/speed_scaling_input",
+        "control_msgs/msg/SpeedScalingFactor",
+        _factor,
+        JointTrajectoryController.set_scaling,
+        latched=True,
     ),
     Subscription(
         ForwardCommandController,

@@ -6,7 +6,7 @@
                                                          which takes another way and may come later
 {"echo": topic, "type": ..., "latched": bool}            the next message
 {"publish": topic, "type": ..., "message": {...}}        after somebody listens
-{"graph": true}                                          nodes, topics, services and their types
+{"graph": true}                                          topics, services and their types; those of each node
 """
 
 import array
@@ -136,8 +136,16 @@ class Peer:
         return {}
 
     def graph(self, order):
+        nodes = {
+            f"{space.rstrip('/')}/{name}": {
+                "publishes": dict(self.node.get_publisher_names_and_types_by_node(name, space)),
+                "listens": dict(self.node.get_subscriber_names_and_types_by_node(name, space)),
+                "services": dict(self.node.get_service_names_and_types_by_node(name, space)),
+            }
+            for name, space in self.node.get_node_names_and_namespaces()
+        }
         return {
-            "nodes": [f"{space.rstrip('/')}/{name}" for name, space in self.node.get_node_names_and_namespaces()],
+            "nodes": nodes,
             "topics": dict(self.node.get_topic_names_and_types()),
             "services": dict(self.node.get_service_names_and_types()),
         }
