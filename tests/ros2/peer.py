@@ -5,7 +5,7 @@
                                                          "last": {...} of a result: that the last feedback says, too,
                                                          which takes another way and may come later
 {"echo": topic, "type": ..., "latched": bool}            the next message
-{"publish": topic, "type": ..., "message": {...}}        after somebody listens
+{"publish": topic, "type": ..., "message": {...}}        after somebody listens; "latched": true for those to come
 {"graph": true}                                          topics, services and their types; those of each node
 """
 
@@ -128,9 +128,11 @@ class Peer:
     def publish(self, order):
         key, kind = order["publish"], interface(order["type"])
         if key not in self.clients:
-            self.clients[key] = self.node.create_publisher(kind, key, 1)
+            durability = DurabilityPolicy.TRANSIENT_LOCAL if order.get("latched") else DurabilityPolicy.VOLATILE
+            quality = QoSProfile(depth=1, durability=durability)
+            self.clients[key] = self.node.create_publisher(kind, key, quality)
         end_s = time.monotonic() + PATIENCE_S
-        while self.clients[key].get_subscription_count() == 0 and time.monotonic() < end_s:
+        while not order.get("latched") and self.clients[key].get_subscription_count() == 0 and time.monotonic() < end_s:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         self.clients[key].publish(fill(kind(), order["message"]))
         return {}
