@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from driver_rig import HOME, driver_options, emulator
 from ros2_rig import PATIENCE_S, SCALED, Lab, laboratory
 from ros2_talk import SUCCEEDED, TRIGGER, begin, follow, shifted, states, until
@@ -20,10 +19,11 @@ from emulator.machine import ControllerConfig
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 from urproto.robots import load_model
+from urproto.yamltext import load_yaml
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("ros2")]
 
-OFFICIAL = yaml.safe_load(Path(__file__).with_name("official_driver.yaml").read_text("utf-8"))["nodes"]
+OFFICIAL = load_yaml(Path(__file__).with_name("official_driver.yaml").read_text("utf-8"))["nodes"]
 _ACTION = "/_action/send_goal"
 
 
