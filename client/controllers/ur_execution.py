@@ -45,7 +45,7 @@ class Execution:
         return self._task is not None
 
     def start(self, moves: Sequence[TrajectoryPoint], ended: Callable[[bool], object]) -> None:
-        """Let the robot execute them; ``ended`` is told whether it did, all of them."""
+        """Let the robot execute them; ``ended`` is called with whether it executed all of them."""
 
         def end(_: object) -> None:
             self._task = None
@@ -83,8 +83,8 @@ class HandedOver(Protocol):
 class PassthroughExecution(HandedOver):
     """Of `client.controllers.passthrough`."""
 
-    def __init__(self, orders: URCommands, driver: ArmDriver, spawn: Spawn) -> None:
-        self._orders = orders
+    def __init__(self, commands: URCommands, driver: ArmDriver, spawn: Spawn) -> None:
+        self._commands = commands
         self._execution = Execution(driver, spawn)
         self._trajectory: list[TrajectoryPoint] = []
         self._last_s = 0.0
@@ -98,30 +98,30 @@ class PassthroughExecution(HandedOver):
         self._execution.cancel()
 
     def step(self, *, ready: bool) -> None:
-        orders = self._orders
-        state = orders[_STATE]
-        if orders[_ABORT] == 1.0 and state not in (Transfer.IDLE, Transfer.DONE):
+        commands = self._commands
+        state = commands[_STATE]
+        if commands[_ABORT] == 1.0 and state not in (Transfer.IDLE, Transfer.DONE):
             self._execution.cancel()
             if not self._execution.under_way:
-                orders[_STATE] = Transfer.DONE
+                commands[_STATE] = Transfer.DONE
         elif state == Transfer.NEW_TRAJECTORY:
             self._trajectory, self._last_s = [], 0.0
-            orders[_ABORT] = 0.0
-            orders[_STATE] = Transfer.WAITING_FOR_POINT
+            commands[_ABORT] = 0.0
+            commands[_STATE] = Transfer.WAITING_FOR_POINT
         elif state == Transfer.TRANSFERRING:
             self._take_point()
-            orders[_STATE] = Transfer.WAITING_FOR_POINT
+            commands[_STATE] = Transfer.WAITING_FOR_POINT
         elif state == Transfer.TRANSFER_DONE and ready and not self._execution.under_way:
-            orders[_STATE] = Transfer.IN_MOTION
+            commands[_STATE] = Transfer.IN_MOTION
             self._execution.start(self._trajectory, self._ended)
 
     def _take_point(self) -> None:
         parts = [
-            self._orders.part([f"{PASSTHROUGH}/{part}_{joint}" for joint in range(len(JOINT_NAMES))]).get()
+            self._commands.part([f"{PASSTHROUGH}/{part}_{joint}" for joint in range(len(JOINT_NAMES))]).get()
             for part in ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
         ]
         q, qd, qdd = (None if any(value != value for value in part) else part for part in parts)
-        time_s = self._orders[f"{PASSTHROUGH}/time_from_start"]
+        time_s = self._commands[f"{PASSTHROUGH}/time_from_start"]
         assert q is not None  # the controller has checked it
         at_rest = [0.0] * len(JOINT_NAMES)
         self._trajectory.append(points.spline(q, qd or at_rest, time_s - self._last_s, qdd))
@@ -129,15 +129,15 @@ class PassthroughExecution(HandedOver):
 
     def _ended(self, succeeded: bool) -> None:
         if self._active:
-            self._orders[_ABORT] = float(not succeeded)
-            self._orders[_STATE] = Transfer.DONE
+            self._commands[_ABORT] = float(not succeeded)
+            self._commands[_STATE] = Transfer.DONE
 
 
 class PrimitivesExecution(HandedOver):
     """Of `client.controllers.motion_primitives`."""
 
-    def __init__(self, orders: URCommands, states: URStates, driver: ArmDriver, spawn: Spawn) -> None:
-        self._commands = orders.part(PRIMITIVE_COMMANDS)
+    def __init__(self, commands: URCommands, states: URStates, driver: ArmDriver, spawn: Spawn) -> None:
+        self._commands = commands.part(PRIMITIVE_COMMANDS)
         self._states = states
         self._execution = Execution(driver, spawn)
         self._sequence: list[TrajectoryPoint] | None = None  # between two markers

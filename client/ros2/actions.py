@@ -174,9 +174,9 @@ class FollowTrajectoryAction(_GoalAction):
 
     def _feed_back(self, begun: "_Begun", feedback: Feedback) -> None:
         """In the event loop, within a control cycle."""
-        if begun.goal is None or 0.0 <= feedback.time_s - begun.told_s < _FEEDBACK_S:
+        if begun.goal is None or 0.0 <= feedback.time_s - begun.fed_back_s < _FEEDBACK_S:
             return
-        begun.told_s = feedback.time_s
+        begun.fed_back_s = feedback.time_s
         self._host.loop.call_soon(self._publish, begun, feedback)
 
     def _publish(self, begun: "_Begun", feedback: Feedback) -> None:
@@ -200,7 +200,7 @@ class _Begun:
         self.handle = handle
         self.ended = ended
         self.goal: Any = None
-        self.told_s = -1.0
+        self.fed_back_s = -1.0
 
 
 def _goal(request: Any, now: Moment, controller: Any) -> FollowJointTrajectory:

@@ -44,7 +44,7 @@ class ControllerNodes:
         self._nodes.pop(controller.name).close()
 
     def set_parameters(self, controller: Controller[Any], values: Mapping[str, Any]) -> None:
-        """Let a node tell what somebody has set past it."""
+        """Show on a controller's node what was set by another way than its node."""
         node = self._nodes[controller.name].node
         node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
 
@@ -117,18 +117,18 @@ class _Listener:
 
     def _arrived(self, message: Any) -> None:
         try:
-            order = self._row.order(message, Moment(self._robot.manager.time_s, time.time_ns()))
-            self._host.do(lambda: self._give(order))
+            command = self._row.command(message, Moment(self._robot.manager.time_s, time.time_ns()))
+            self._host.do(lambda: self._hand_over(command))
         except ClientError as error:
             self._complain(str(error))
 
-    def _give(self, order: Any) -> None:
-        if isinstance(order, JointTrajectory):
+    def _hand_over(self, command: Any) -> None:
+        if isinstance(command, JointTrajectory):
             self._controller.check_active()
             controller: Any = self._controller
-            controller.check(order)
-            self._robot.check_reach(order, speeds=False)
-        self._row.give(self._controller, order)
+            controller.check(command)
+            self._robot.check_reach(command, speeds=False)
+        self._row.hand_over(self._controller, command)
 
     def _complain(self, text: str) -> None:
         if text != self._reason:

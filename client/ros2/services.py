@@ -1,6 +1,6 @@
 """Services of controllers: one row each, under the names and with the types of the ROS 2 driver.
 
-What is asked of the robot is answered when the robot has it; a request that makes no sense, or that comes while the
+A request to the robot is answered when the robot has carried it out; one that makes no sense, or that comes while the
 controller is not active, gets ``success`` false and a line in the log.
 """
 
@@ -36,8 +36,8 @@ _TRIGGER: Final = "std_srvs/srv/Trigger"
 class Service:
     """A service.
 
-    begin: asks the controller, which answers by a `Call`; raises ControllerError. stamped: the part of a request that
-    is in a frame, if one is; begin is given where the frames are that it names.
+    begin: passes a request to the controller, which answers by a `Call`; raises ControllerError. stamped: the part of a
+    request that is in a frame, if one is; begin is given where that frame is.
     """
 
     controller: type[Controller[Any]]

@@ -125,15 +125,15 @@ class Moment:
 class Subscription:
     """A topic that a controller listens to.
 
-    order: what a message asks of the controller; give: hands it over; both raise ControllerError. latched: a message
+    command: of a message, what its controller takes; hand_over: gives it that; both raise ControllerError. latched: one
     that was published before the controller was there counts too.
     """
 
     controller: type[Controller[Any]]
     name: str
     type: str
-    order: Callable[[Any, Moment], Any]
-    give: Callable[[Any, Any], object]
+    command: Callable[[Any, Moment], Any]
+    hand_over: Callable[[Any, Any], object]
     latched: bool = False
 
 

@@ -130,7 +130,7 @@ class TrajectoryUntilNode:
     async def _ended(self, both: "_Both") -> Any:
         touched, moved = both.contact.get_result_async(), both.motion.get_result_async()
         for end in (touched, moved):
-            end.add_done_callback(both.tell)
+            end.add_done_callback(both.end)
         await both.ended
         if both.goal.is_cancel_requested:
             await self._within(moved, _GRACE_S)
@@ -158,12 +158,12 @@ class TrajectoryUntilNode:
             both.goal.abort()
         return result
 
-    def _feed_back(self, both: "_Both", told: Any) -> None:
+    def _feed_back(self, both: "_Both", feedback: Any) -> None:
         if both.goal is None or not both.goal.is_active:
             return
         message = self._type.Feedback()
         for name in ("header", "joint_names", "desired", "actual", "error"):
-            setattr(message, name, getattr(told, name))
+            setattr(message, name, getattr(feedback, name))
         both.goal.publish_feedback(message)
 
 
@@ -185,7 +185,7 @@ class _Both:
         self.ended = ended  # set when one of them has
         self.goal: Any = None
 
-    def tell(self, _: object) -> None:
+    def end(self, _: object) -> None:
         """One of them has ended."""
         if not self.ended.done():
             self.ended.set_result(None)

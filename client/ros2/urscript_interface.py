@@ -1,4 +1,4 @@
-"""The node ``urscript_interface``: scripts from ROS on the robot, by a topic or by an action that tells how they end.
+"""The node ``urscript_interface``: scripts from ROS on the robot, by a topic or by an action that reports how they end.
 
 A program (``def``) takes the place of the control program, as on any robot; start that one again afterwards.
 """
@@ -86,7 +86,7 @@ class URScriptNode:
             self.node.get_logger().error(f"execute_script: {why}")
         if handle.is_cancel_requested:
             handle.canceled()
-            return self._type.Result(success=False, message=why or "the script was stopped, as asked")
+            return self._type.Result(success=False, message=why or "the script was stopped on request")
         if why:
             handle.abort()
         else:
