@@ -314,8 +314,6 @@ def types_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0, 
     table = Table("type", "what it does")
     for name, what in found["types"].items():
         table.add_row(name, what)
-    for name, instead in found["refused"].items():
-        table.add_row(name, f"not available here: {instead}")
     console().print(table)
 
 

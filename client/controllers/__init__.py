@@ -8,6 +8,8 @@ from client.controllers.goals import (
     GoalStatus,
     JointTrajectory,
     JointTrajectoryPoint,
+    MotionPrimitive,
+    PrimitiveType,
     Result,
     Tolerance,
 )
@@ -31,6 +33,8 @@ __all__ = [
     "GoalStatus",
     "JointTrajectory",
     "JointTrajectoryPoint",
+    "MotionPrimitive",
+    "PrimitiveType",
     "Result",
     "Tolerance",
     "read_controllers",

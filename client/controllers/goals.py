@@ -1,5 +1,6 @@
-"""Trajectories, goals and results, as trajectory_msgs and control_msgs/FollowJointTrajectory have them."""
+"""Trajectories, motion primitives, goals and results, as trajectory_msgs and control_msgs have them."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -84,6 +85,33 @@ class FollowJointTrajectory:
     goal_time_tolerance_s: float = 0.0
 
 
+class PrimitiveType(IntEnum):
+    """How a motion primitive moves the arm. Source: control_msgs/MotionPrimitive."""
+
+    LINEAR_JOINT = 0
+    LINEAR_CARTESIAN = 50
+    CIRCULAR_CARTESIAN = 51
+
+
+@dataclass(frozen=True, slots=True)
+class MotionPrimitive:
+    """A move in joint space to ``q_rad``, along a line to ``pose_base_tcp``, or along the arc through a via pose.
+
+    Poses are base to TCP [m, rotation vector]; what a type does not need is empty. blend_radius_m: how far from its
+    end the next one may begin. velocity, acceleration: the leading joint's [rad/s, rad/s2] or the tool's [m/s, m/s2];
+    a move_time_s above 0 replaces both, but for arcs.
+    """
+
+    type: PrimitiveType
+    q_rad: tuple[float, ...] = ()
+    pose_base_tcp: tuple[float, ...] = ()
+    via_base_tcp: tuple[float, ...] = ()
+    blend_radius_m: float = 0.0
+    velocity: float = math.nan
+    acceleration: float = math.nan
+    move_time_s: float = math.nan
+
+
 @dataclass(frozen=True, slots=True)
 class Feedback:
     """Of a goal under way, once a cycle: joints (n,) in the controller's order.
@@ -115,7 +143,7 @@ class GoalHandle:
     result: None until it ended. feedback: of the last cycle. on_end, on_feedback: called with it.
     """
 
-    def __init__(self, goal: FollowJointTrajectory) -> None:
+    def __init__(self, goal: FollowJointTrajectory | tuple[MotionPrimitive, ...]) -> None:
         self.goal = goal
         self.status = GoalStatus.EXECUTING
         self.result: Result | None = None

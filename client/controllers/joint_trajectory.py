@@ -1,5 +1,6 @@
 """Follows trajectories of joint angles, setpoint by setpoint."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
@@ -312,6 +313,32 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         goal, self.goal = self.goal, None
         if goal is not None:
             goal.abort(ErrorCode.INVALID_GOAL, "Current goal preempted by new incoming action.")
+
+    def sampled(self, time_s: float) -> JointTrajectoryPoint:
+        """Where the present trajectory will be at the robot's time ``time_s``, at the speed scaling of now.
+
+        Raises ControllerError without a trajectory, and for times before its start or after its end.
+        """
+        self.check_active()
+        if self._holding or self._pending is not None or self._path is None or not self._path.begun:
+            raise self.error("it follows no trajectory now")
+        sample = self._path.sample(self._path_s + (time_s - self._now_s) * self._pace)
+        if sample is None:
+            raise self.error("the requested time is before the start of the trajectory")
+        if sample.index == self._path.size:
+            raise self.error("the requested time is after the end of the trajectory")
+        return sample.point
+
+    def set_scaling(self, factor: float) -> None:
+        """How fast the time of trajectories passes, until the robot's own speed scaling, if it is read, replaces it.
+
+        Raises ControllerError for a factor below 0, and where something else than positions is commanded.
+        """
+        if not 0.0 <= factor < math.inf:
+            raise self.error(f"a speed scaling factor is 0 or more, not {factor}")
+        if self._command != "position":
+            raise self.error("its speed cannot be scaled, since it does not command positions")
+        self.scaling = factor
 
     def on_halt(self, reason: str) -> None:
         self._read()

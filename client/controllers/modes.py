@@ -19,6 +19,7 @@ class CommandMode(StrEnum):
     PASSTHROUGH = "trajectory_passthrough"
     FREEDRIVE = "freedrive_mode"
     TOOL_CONTACT = "tool_contact"
+    MOTION_PRIMITIVE = "motion_primitive"
 
 
 MOTION: Final = frozenset(
@@ -28,17 +29,18 @@ MOTION: Final = frozenset(
         CommandMode.EFFORT,
         CommandMode.PASSTHROUGH,
         CommandMode.FREEDRIVE,
+        CommandMode.MOTION_PRIMITIVE,
     ]
 )
 """Modes that move the arm; the others add something to it."""
 
 _TOGETHER: Final = frozenset(
     [
-        frozenset([CommandMode.FORCE_MODE, CommandMode.PASSTHROUGH]),
         *(
-            frozenset([CommandMode.TOOL_CONTACT, mode])
-            for mode in (CommandMode.POSITION, CommandMode.VELOCITY, CommandMode.EFFORT, CommandMode.PASSTHROUGH)
+            frozenset([CommandMode.FORCE_MODE, mode])
+            for mode in (CommandMode.PASSTHROUGH, CommandMode.MOTION_PRIMITIVE)
         ),
+        *(frozenset([CommandMode.TOOL_CONTACT, mode]) for mode in MOTION - {CommandMode.FREEDRIVE}),
     ]
 )
 
@@ -52,9 +54,7 @@ def mode_of(interface: str, prefix: str) -> CommandMode | None:
     return CommandMode(name) if name in _COMPONENTS else None
 
 
-_COMPONENTS: Final = frozenset(
-    [CommandMode.FORCE_MODE, CommandMode.PASSTHROUGH, CommandMode.FREEDRIVE, CommandMode.TOOL_CONTACT]
-)
+_COMPONENTS: Final = frozenset(CommandMode) - {CommandMode.POSITION, CommandMode.VELOCITY, CommandMode.EFFORT}
 
 
 def conflict(modes: Iterable[CommandMode]) -> tuple[CommandMode, CommandMode] | None:

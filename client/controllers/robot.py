@@ -20,10 +20,17 @@ from typing import Any, Final, TypeVar
 
 from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LifecycleState
-from client.controllers.goals import FollowJointTrajectory, JointTrajectory, JointTrajectoryPoint, Result
+from client.controllers.goals import (
+    FollowJointTrajectory,
+    JointTrajectory,
+    JointTrajectoryPoint,
+    MotionPrimitive,
+    Result,
+)
 from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.loop import ControlLoop
 from client.controllers.manager import ControllerManager
+from client.controllers.motion_primitives import point_of
 from client.controllers.ur_states import RTDE_OUTPUTS
 from client.driver import URDriver, points
 from client.driver.blocking import Blocking, blocking
@@ -31,7 +38,7 @@ from client.driver.scheduling import real_time_thread
 from client.errors import MotionError
 from client.recording import DEFAULT_FIELDS, BackgroundRecorder
 from client.robot import AsyncRobot
-from client.robot.reach import Reach
+from client.robot.reach import Reach, reach_of
 from urproto.compat import Self
 from urproto.joints import JOINT_NAMES
 
@@ -159,6 +166,17 @@ class ControlledRobot(ControlLoop):
             return
         start = JointTrajectoryPoint((), (0.0,) * len(names))
         check_speeds([stands, *targets], [start, *trajectory.points], link.configuration.qd_max)
+
+    def check_primitives(self, primitives: Sequence[MotionPrimitive]) -> None:
+        """Raise OutOfReachError for the first one that the arm cannot get to, LocalProtocolError for numbers too large.
+
+        The primitives are such as their controller's ``check`` accepts.
+        """
+        moves = [point_of(primitive) for primitive in primitives]
+        for move in moves:
+            move.encode()
+        if reach := reach_of(self.driver.robot, self.driver.state["actual_q"]):
+            reach.check("the sequence", moves)
 
     def activate(self, *names: str) -> None:
         """Load, configure and activate controllers. Raises ControllerError."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from client.controllers.component import PLUGIN
-from client.controllers.configuration import REFUSED, help_of
+from client.controllers.configuration import help_of
 from client.controllers.controller import CONTROLLER_TYPES, Controller, LifecycleState
 from client.controllers.forward import ForwardCommandController
 from client.controllers.goals import GoalHandle, JointTrajectory, JointTrajectoryPoint
@@ -412,9 +412,8 @@ class Session:
 
 
 def available_types() -> Answer:
-    """Types of controllers with what each does, and those that are refused, with what to do instead."""
-    types = {name: help_of(kind) for name, kind in sorted(CONTROLLER_TYPES.items())}
-    return {"types": types, "refused": REFUSED}
+    """Types of controllers with what each does."""
+    return {"types": {name: help_of(kind) for name, kind in sorted(CONTROLLER_TYPES.items())}}
 
 
 def _trajectory(request: Request) -> JointTrajectory:

@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol
 from client.controllers.calls import FAILURE, SUCCESS
 from client.controllers.compliance import FORCE_MODE_COMMANDS, ToolContactState
 from client.controllers.controller import NO_COMMAND, Interfaces
+from client.controllers.motion_primitives import PRIMITIVE_COMMANDS
 from client.controllers.passthrough import PASSTHROUGH
 from client.controllers.ur_states import URStates
 from client.errors import ClientError
@@ -287,5 +288,6 @@ def _names() -> tuple[str, ...]:
         *(f"freedrive_mode/{name}" for name in ("enable", "abort", "async_success")),
         *(f"{PASSTHROUGH}/{part}_{joint}" for part in points for joint in range(len(JOINT_NAMES))),
         *(f"{PASSTHROUGH}/{name}" for name in ("abort", "transfer_state", "time_from_start", "trajectory_size")),
+        *PRIMITIVE_COMMANDS,
         "tool_contact/tool_contact_set_state",
     )

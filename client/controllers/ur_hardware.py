@@ -6,23 +6,20 @@ gradually, and setpoints begin where the arm stands and come back to where they 
 paused program is told once where that is: its first step would be to its last setpoint.
 """
 
-import asyncio
 import logging
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from client.controllers.controller import NO_COMMAND
 from client.controllers.modes import MOTION, CommandMode, conflict, mode_of
-from client.controllers.passthrough import PASSTHROUGH, Transfer
 from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
+from client.controllers.ur_execution import HandedOver, PassthroughExecution, PrimitivesExecution
 from client.controllers.ur_states import URStates
-from client.driver import points
 from client.driver.availability import refusal
 from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import LocalProtocolError, URError
-from urproto.external_control import TrajectoryPoint, TrajectoryResult
 from urproto.joints import JOINT_NAMES
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
@@ -56,7 +53,6 @@ class URHardware:
     ) -> None:
         self._driver = driver
         self._version = version
-        self._spawn = spawn
         self._prefix = prefix
         self._timeout_s = setpoint_timeout_s
         self._states = URStates(prefix, version)
@@ -79,9 +75,10 @@ class URHardware:
         self._forgiven_s = 0.0  # until when the program may be missing
         self._offset = [0.0] * len(JOINT_NAMES)
         self._return_s = 0.0
-        self._trajectory: list[TrajectoryPoint] = []
-        self._last_s = 0.0
-        self._execution: asyncio.Task[None] | None = None
+        self._executions: dict[CommandMode, HandedOver] = {
+            CommandMode.PASSTHROUGH: PassthroughExecution(self._orders, driver, spawn),
+            CommandMode.MOTION_PRIMITIVE: PrimitivesExecution(self._orders, self._states, driver, spawn),
+        }
 
     # read
 
@@ -162,6 +159,11 @@ class URHardware:
         self._modes = (self._modes - stopping) | starting
         self._orders.all.lend(list(stop)).fill(NO_COMMAND)
         self._tell(lambda: self._end_modes(stopping))
+        for mode, execution in self._executions.items():
+            if mode in stopping:
+                execution.end()
+            if mode in starting:
+                execution.begin()
         if CommandMode.POSITION in starting:
             self._positions.put(self._actual.get())
             self._return_s = 0.0
@@ -181,16 +183,15 @@ class URHardware:
             self._driver.end_tool_contact()
         if CommandMode.FREEDRIVE in ended:
             self._driver.stop_freedrive()
-        if CommandMode.PASSTHROUGH in ended:
-            self._cancel()
-        elif ended & MOTION and not self._modes & MOTION:
+        if ended & MOTION and not self._modes & MOTION and not ended & self._executions.keys():
             self._driver.idle()
 
     # write
 
     def write(self, time_s: float, period_s: float) -> None:
-        if CommandMode.PASSTHROUGH in self._modes:
-            self._transfer()
+        for mode, execution in self._executions.items():
+            if mode in self._modes:
+                execution.step(ready=self._ready)
         if self._ready:
             self._tell(lambda: self._move(period_s))
             self._stands = False
@@ -232,54 +233,6 @@ class URHardware:
             self._unsendable = f"what is commanded cannot be sent: {error}"
         except URError as error:  # the program has just left: read() will know
             _logger.warning("%s", error)
-
-    # trajectories that the robot executes
-
-    def _transfer(self) -> None:
-        orders = self._orders
-        state = orders[f"{PASSTHROUGH}/transfer_state"]
-        if orders[f"{PASSTHROUGH}/abort"] == 1.0 and state not in (Transfer.IDLE, Transfer.DONE):
-            self._cancel()
-            if self._execution is None:
-                orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.DONE
-        elif state == Transfer.NEW_TRAJECTORY:
-            self._trajectory, self._last_s = [], 0.0
-            orders[f"{PASSTHROUGH}/abort"] = 0.0
-            orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.WAITING_FOR_POINT
-        elif state == Transfer.TRANSFERRING:
-            self._take_point()
-            orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.WAITING_FOR_POINT
-        elif state == Transfer.TRANSFER_DONE and self._ready:
-            orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.IN_MOTION
-            self._execution = self._spawn(self._execute())
-
-    def _take_point(self) -> None:
-        parts = [
-            self._orders.part([f"{PASSTHROUGH}/{part}_{joint}" for joint in range(len(JOINT_NAMES))]).get()
-            for part in ("setpoint_positions", "setpoint_velocities", "setpoint_accelerations")
-        ]
-        q, qd, qdd = (None if any(value != value for value in part) else part for part in parts)
-        time_s = self._orders[f"{PASSTHROUGH}/time_from_start"]
-        assert q is not None  # the controller has checked it
-        at_rest = [0.0] * len(JOINT_NAMES)
-        self._trajectory.append(points.spline(q, qd or at_rest, time_s - self._last_s, qdd))
-        self._last_s = time_s
-
-    async def _execute(self) -> None:
-        orders, failed = self._orders, True
-        try:
-            failed = await self._driver.execute(self._trajectory) is not TrajectoryResult.SUCCESS
-        except URError as error:
-            _logger.error("%s", error)
-        finally:
-            self._execution = None
-            if CommandMode.PASSTHROUGH in self._modes:
-                orders[f"{PASSTHROUGH}/abort"] = float(failed)
-                orders[f"{PASSTHROUGH}/transfer_state"] = Transfer.DONE
-
-    def _cancel(self) -> None:
-        if self._execution is not None:
-            self._execution.cancel()  # which the driver passes on to the robot
 
 
 def _name(kind: Any, number: int) -> str:

@@ -9,6 +9,7 @@ from math import hypot
 from typing import Any, Final
 
 from client.controllers.controller import Interfaces
+from client.controllers.motion_primitives import READY, STATUS
 from client.errors import StateError
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_quaternion, wrench_trans
@@ -78,6 +79,8 @@ _OTHERS: Final = (
     "system_interface/initialized",
     "tool_contact/tool_contact_result",
     "tool_contact/tool_contact_state",
+    STATUS,
+    READY,
 )
 
 

@@ -9,7 +9,7 @@ from typing import Final
 from client.driver.endpoint import LONGEST_REAL_TIME_S
 from client.errors import MotionError, MotionStoppedError
 from client.robot.motion import MotionRunner
-from client.robot.reach import Reach
+from client.robot.reach import reach_of
 from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Question, TrajectoryPoint, TrajectoryResult, to_words
@@ -53,15 +53,10 @@ class Moves:
         for move in moves:
             move.encode()  # its numbers can be sent
         await self._motion.ready(doing)
-        self._check_reach(doing, moves)
+        if reach := reach_of(self._driver.robot, self._motion.state.q_rad):
+            reach.check(doing, moves)
         self._points = moves
         await self._motion.launch(doing, partial(self._follow_points, doing, moves), wait)
-
-    def _check_reach(self, doing: str, moves: list[TrajectoryPoint]) -> None:
-        link = self._driver.robot
-        arm, state = link.configuration, link.primary_state
-        if arm is not None and state is not None and state.cartesian is not None:
-            Reach(arm, state.cartesian.tcp_offset, self._motion.state.q_rad, link.calibration).check(doing, moves)
 
     async def _follow_points(self, doing: str, moves: list[TrajectoryPoint]) -> None:
         popups = self._driver.robot.popups

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from client.calibration import geometry_of
+from client.driver.robot import RobotLink
 from client.errors import OutOfReachError
 from urproto.external_control import MotionType, TrajectoryPoint
 from urproto.joints import JOINT_LABELS
@@ -82,6 +83,14 @@ class Reach:
 
     def _solves(self, kinematics: Kinematics, flange: Pose) -> bool:
         return kinematics.inverse_near(flange, self._q_rad, *self._limits) is not None
+
+
+def reach_of(link: RobotLink, q_rad: Sequence[float]) -> Reach | None:
+    """Of a robot with the TCP that it reports; None before it has reported its arm and its TCP."""
+    arm, state = link.configuration, link.primary_state
+    if arm is None or state is None or state.cartesian is None:
+        return None
+    return Reach(arm, state.cartesian.tcp_offset, q_rad, link.calibration)
 
 
 def _listed(values: Sequence[float]) -> str:

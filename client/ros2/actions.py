@@ -1,10 +1,12 @@
-"""Actions of controllers: following trajectories, and watching for contact of the tool.
+"""Actions of controllers: following trajectories, motion primitives, and watching for contact of the tool.
 
 A goal is handed to the controller when it is accepted, so that what the controller refuses is refused to the client;
 its end comes from the controller, in the event loop, and wakes the action's coroutine in the node's thread.
 """
 
+import math
 import time
+from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -13,23 +15,44 @@ from rclpy.node import Node
 from client.controllers.calls import Call
 from client.controllers.compliance import ToolContactController
 from client.controllers.controller import Controller
-from client.controllers.goals import Feedback, FollowJointTrajectory, GoalHandle, GoalStatus, Tolerance
+from client.controllers.goals import (
+    Feedback,
+    FollowJointTrajectory,
+    GoalHandle,
+    GoalStatus,
+    MotionPrimitive,
+    PrimitiveType,
+    Tolerance,
+)
 from client.controllers.joint_trajectory import JointTrajectoryController
+from client.controllers.motion_primitives import MotionPrimitivesForwardController
 from client.controllers.passthrough import PassthroughTrajectoryController
 from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
-from client.ros2.host import NodeHost, interface
+from client.ros2.host import NodeHost, interface, interface_if_any
 from client.ros2.topics import Moment, seconds, set_point, trajectory
+from client.ros2.transforms import Transforms, pose_in
+from urproto.errors import URError
+from urproto.robots.pose import Pose
+from urproto.text import quoted
 
 _FEEDBACK_S: Final = 0.05  # action_monitor_rate is 20 Hz
+_ARGUMENTS: Final = ("velocity", "acceleration", "move_time")  # of motion primitives
 
 
-def serve_actions(host: NodeHost, node: Node, controller: Controller[Any], robot: ControlledRobot) -> None:
+def serve_actions(
+    host: NodeHost, node: Node, controller: Controller[Any], robot: ControlledRobot, transforms: Transforms
+) -> None:
     """Offer a controller's actions on its node, which spins already."""
     if isinstance(controller, (JointTrajectoryController, PassthroughTrajectoryController)):
         FollowTrajectoryAction(host, node, controller, robot)
     elif isinstance(controller, ToolContactController):
         ToolContactAction(host, node, controller)
+    elif isinstance(controller, MotionPrimitivesForwardController):
+        if interface_if_any(MotionSequenceAction.type_name) is None:
+            node.get_logger().warning(f"~/motion_sequence: this distribution has no {MotionSequenceAction.type_name}")
+        else:
+            MotionSequenceAction(host, node, controller, robot, transforms)
 
 
 class _Action:
@@ -56,8 +79,8 @@ class _Action:
             cancel_callback=self._cancel,
         )
 
-    def _begin(self, request: Any) -> Any:
-        """In the event loop; what is begun. Raises ClientError for a goal that is refused."""
+    async def _begin(self, request: Any) -> Any:
+        """In the event loop; what is begun. Raises URError for a goal that is refused."""
         raise NotImplementedError
 
     async def _execute(self, goal: Any) -> Any:
@@ -70,8 +93,8 @@ class _Action:
 
     def _accept(self, request: Any) -> GoalResponse:
         try:
-            self._accepted = self._host.do(lambda: self._begin(request))
-        except ClientError as error:
+            self._accepted = self._host.wait(self._begin(request))
+        except URError as error:
             self._node.get_logger().error(f"a goal is refused: {error}")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
@@ -90,26 +113,20 @@ class _Action:
         return CancelResponse.ACCEPT
 
 
-class FollowTrajectoryAction(_Action):
-    """``~/follow_joint_trajectory`` of a controller."""
+class _GoalAction(_Action):
+    """Of a controller whose goals have a `GoalHandle`."""
 
-    name = "~/follow_joint_trajectory"
-    type_name = "control_msgs/action/FollowJointTrajectory"
-
-    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot) -> None:
-        self._robot = robot
+    def __init__(self, host: NodeHost, node: Node, controller: Any) -> None:
         self._goals: dict[bytes, _Begun] = {}
         super().__init__(host, node, controller)
 
-    def _begin(self, request: Any) -> "_Begun":
-        """In the event loop."""
-        goal = _goal(request, Moment(self._robot.manager.time_s, time.time_ns()), self._controller)
-        self._controller.check_active()
-        self._controller.check(goal.trajectory)
-        self._robot.check_reach(goal.trajectory, speeds=False)  # the tolerances judge those, as of ros2_controllers
-        begun = _Begun(self._controller.send_goal(goal), self._host.ending(self._node))
+    async def _send(self, request: Any) -> GoalHandle:
+        """In the event loop. Raises URError for a goal that is refused."""
+        raise NotImplementedError
+
+    async def _begin(self, request: Any) -> "_Begun":
+        begun = _Begun(await self._send(request), self._host.ending(self._node))
         begun.handle.on_end.append(begun.ended.set_result)
-        begun.handle.on_feedback.append(lambda feedback: self._feed_back(begun, feedback))
         return begun
 
     async def _execute(self, goal: Any) -> Any:
@@ -131,11 +148,35 @@ class FollowTrajectoryAction(_Action):
         if begun is not None and self._controller.goal is begun.handle:
             self._controller.cancel()
 
+
+class FollowTrajectoryAction(_GoalAction):
+    """``~/follow_joint_trajectory`` of a controller."""
+
+    name = "~/follow_joint_trajectory"
+    type_name = "control_msgs/action/FollowJointTrajectory"
+
+    def __init__(self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot) -> None:
+        self._robot = robot
+        super().__init__(host, node, controller)
+
+    async def _send(self, request: Any) -> GoalHandle:
+        goal = _goal(request, Moment(self._robot.manager.time_s, time.time_ns()), self._controller)
+        self._controller.check_active()
+        self._controller.check(goal.trajectory)
+        self._robot.check_reach(goal.trajectory, speeds=False)  # the tolerances judge those, as of ros2_controllers
+        handle: GoalHandle = self._controller.send_goal(goal)
+        return handle
+
+    async def _begin(self, request: Any) -> "_Begun":
+        begun = await super()._begin(request)
+        begun.handle.on_feedback.append(lambda feedback: self._feed_back(begun, feedback))
+        return begun
+
     def _feed_back(self, begun: "_Begun", feedback: Feedback) -> None:
         """In the event loop, within a control cycle."""
-        if begun.goal is None or 0.0 <= feedback.time_s - begun.told_s < _FEEDBACK_S:
+        if begun.goal is None or 0.0 <= feedback.time_s - begun.fed_back_s < _FEEDBACK_S:
             return
-        begun.told_s = feedback.time_s
+        begun.fed_back_s = feedback.time_s
         self._host.loop.call_soon(self._publish, begun, feedback)
 
     def _publish(self, begun: "_Begun", feedback: Feedback) -> None:
@@ -159,7 +200,7 @@ class _Begun:
         self.handle = handle
         self.ended = ended
         self.goal: Any = None
-        self.told_s = -1.0
+        self.fed_back_s = -1.0
 
 
 def _goal(request: Any, now: Moment, controller: Any) -> FollowJointTrajectory:
@@ -178,13 +219,57 @@ def _tolerances(messages: Any) -> dict[str, Tolerance]:
     return {one.name: Tolerance(one.position, one.velocity, one.acceleration) for one in messages}
 
 
+class MotionSequenceAction(_GoalAction):
+    """``~/motion_sequence``: motion primitives that the robot itself executes. No feedback, as the official one."""
+
+    name = "~/motion_sequence"
+    type_name = "control_msgs/action/ExecuteMotionPrimitiveSequence"
+
+    def __init__(
+        self, host: NodeHost, node: Node, controller: Any, robot: ControlledRobot, transforms: Transforms
+    ) -> None:
+        self._robot = robot
+        self._transforms = transforms
+        super().__init__(host, node, controller)
+
+    async def _send(self, request: Any) -> GoalHandle:
+        controller, messages = self._controller, request.trajectory.motions
+        controller.check_active()
+        frames = {pose.header.frame_id for message in messages for pose in message.poses}
+        poses = await self._transforms.poses_in_base(frames, controller.error)
+        primitives = tuple(self._primitive(number, message, poses) for number, message in enumerate(messages))
+        controller.check(primitives)
+        self._robot.check_primitives(primitives)
+        handle: GoalHandle = controller.send_goal(primitives)
+        return handle
+
+    def _primitive(self, number: int, message: Any, frames: Mapping[str, Pose]) -> MotionPrimitive:
+        refuse = self._controller.error
+        if message.type not in set(PrimitiveType):
+            known = ", ".join(f"{kind.name} ({kind:d})" for kind in PrimitiveType)
+            raise refuse(f"primitive {number}: there is no type {message.type}: there are {known}")
+        given = {argument.name: argument.value for argument in message.additional_arguments}
+        for unknown in given.keys() - _ARGUMENTS:
+            text = f"primitive {number}: the argument {quoted(unknown)} is not known, and has no effect"
+            self._node.get_logger().warning(text)
+        goal, via, *_ = (*(pose_in(frames, pose, refuse) for pose in message.poses[:2]), (), ())
+        return MotionPrimitive(
+            PrimitiveType(message.type),
+            tuple(message.joint_positions),
+            goal,
+            via,
+            message.blend_radius,
+            *(given.get(name, math.nan) for name in _ARGUMENTS),
+        )
+
+
 class ToolContactAction(_Action):
     """``~/detect_tool_contact``: ends when the tool has touched something and the arm is back where it did."""
 
     name = "~/detect_tool_contact"
     type_name = "ur_msgs/action/ToolContact"
 
-    def _begin(self, request: Any) -> tuple[Call, Any]:
+    async def _begin(self, request: Any) -> tuple[Call, Any]:
         call, ended = self._controller.detect_tool_contact(), self._host.ending(self._node)
         call.on_end.append(ended.set_result)
         return call, ended

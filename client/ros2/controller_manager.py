@@ -62,13 +62,13 @@ class ControllerManagerNode:
             if (kind := interface_if_any(f"controller_manager_msgs/srv/{type_name}")) is not None:
                 self.node.create_service(kind, f"~/{name}", getattr(self, name))
         self._diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 1)
-        self.node.create_timer(_DIAGNOSTICS_S, self._diagnose)
+        self.node.create_timer(_DIAGNOSTICS_S, self._publish_diagnostics)
         self._activity: Any = None
         self._last_activity: Any = None
         self._activity_type = interface_if_any("controller_manager_msgs/msg/ControllerManagerActivity")
         if self._activity_type is not None:
             self._activity = self.node.create_publisher(self._activity_type, "~/activity", LATCHED)
-            self.node.create_timer(_ACTIVITY_S, self._tell_activity)
+            self.node.create_timer(_ACTIVITY_S, self._publish_activity)
         host.spin(self.node)
 
     @property
@@ -260,9 +260,9 @@ class ControllerManagerNode:
         reason = f"state {message.id} {message.label!r} is not unconfigured, inactive or active"
         raise ControllerError(self._hardware.name, reason)
 
-    # what is told unasked
+    # what is published without a request
 
-    def _tell_activity(self) -> None:
+    def _publish_activity(self) -> None:
         states = self._host.do(lambda: [(info.name, info.state) for info in self._manager.list_controllers()])
         hardware = _message(self._hardware.state)
         key = (tuple(states), hardware.id)
@@ -276,7 +276,7 @@ class ControllerManagerNode:
         message.hardware_components = [named(name=self._hardware.name, state=hardware)]
         self._activity.publish(message)
 
-    def _diagnose(self) -> None:
+    def _publish_diagnostics(self) -> None:
         states = self._host.do(lambda: [(info.name, str(info.state)) for info in self._manager.list_controllers()])
         message = DiagnosticArray()
         message.header.stamp = self.node.get_clock().now().to_msg()

@@ -8,15 +8,16 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from client.controllers.controller import Controller
-from client.controllers.joint_trajectory import JointTrajectoryController
+from client.controllers.goals import JointTrajectory
 from client.controllers.robot import ControlledRobot
 from client.controllers.running import RunningManager
 from client.errors import ClientError
 from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
-from client.ros2.host import SYSTEM_DEFAULT, NodeHost, interface
+from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, interface_if_any
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
+from client.ros2.transforms import Transforms
 from urproto.seldom import Seldom
 
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
@@ -25,22 +26,25 @@ _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 class ControllerNodes:
     """Opens and closes the nodes of controllers; not from the event loop, which would be held up."""
 
-    def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox) -> None:
+    def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox, transforms: Transforms) -> None:
         self._host = host
         self._robot = running.robot
         self._outbox = outbox
+        self._transforms = transforms
         self._nodes: dict[str, ControllerNode] = {}
 
     def open(self, controller: Controller[Any]) -> None:
         """The node of a controller that has been loaded."""
-        self._nodes[controller.name] = ControllerNode(self._host, self._robot, self._outbox, controller)
+        self._nodes[controller.name] = ControllerNode(
+            self._host, self._robot, self._outbox, self._transforms, controller
+        )
 
     def close(self, controller: Controller[Any]) -> None:
         """The node of a controller that has been unloaded."""
         self._nodes.pop(controller.name).close()
 
     def set_parameters(self, controller: Controller[Any], values: Mapping[str, Any]) -> None:
-        """Let a node tell what somebody has set past it."""
+        """Show on a controller's node what was set by another way than its node."""
         node = self._nodes[controller.name].node
         node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
 
@@ -54,7 +58,14 @@ class ControllerNodes:
 class ControllerNode:
     """One controller as a node of its name."""
 
-    def __init__(self, host: NodeHost, robot: ControlledRobot, outbox: Outbox, controller: Controller[Any]) -> None:
+    def __init__(
+        self,
+        host: NodeHost,
+        robot: ControlledRobot,
+        outbox: Outbox,
+        transforms: Transforms,
+        controller: Controller[Any],
+    ) -> None:
         self._host = host
         self._robot = robot
         self._outbox = outbox
@@ -66,9 +77,9 @@ class ControllerNode:
         for subscription in SUBSCRIPTIONS:
             if isinstance(controller, subscription.controller):
                 _Listener(host, self.node, robot, controller, subscription)
-        services.serve(host, self.node, controller, robot, outbox.scene)
+        services.serve(host, self.node, controller, robot, transforms)
         host.spin(self.node)
-        serve_actions(host, self.node, controller, robot)
+        serve_actions(host, self.node, controller, robot, transforms)
 
         def add() -> list[Any]:
             return [
@@ -101,21 +112,23 @@ class _Listener:
         self._row = row
         self._reason = ""  # why the last one was refused
         self._seldom = Seldom(time.monotonic, _QUIET_S)
-        node.create_subscription(interface(row.type), row.name, self._arrived, SYSTEM_DEFAULT)
+        if (kind := interface_if_any(row.type)) is not None:
+            node.create_subscription(kind, row.name, self._arrived, LATCHED if row.latched else SYSTEM_DEFAULT)
 
     def _arrived(self, message: Any) -> None:
         try:
-            order = self._row.order(message, Moment(self._robot.manager.time_s, time.time_ns()))
-            self._host.do(lambda: self._give(order))
+            command = self._row.command(message, Moment(self._robot.manager.time_s, time.time_ns()))
+            self._host.do(lambda: self._hand_over(command))
         except ClientError as error:
             self._complain(str(error))
 
-    def _give(self, order: Any) -> None:
-        if isinstance(self._controller, JointTrajectoryController):
+    def _hand_over(self, command: Any) -> None:
+        if isinstance(command, JointTrajectory):
             self._controller.check_active()
-            self._controller.check(order)
-            self._robot.check_reach(order, speeds=False)
-        self._row.give(self._controller, order)
+            controller: Any = self._controller
+            controller.check(command)
+            self._robot.check_reach(command, speeds=False)
+        self._row.hand_over(self._controller, command)
 
     def _complain(self, text: str) -> None:
         if text != self._reason:

@@ -41,11 +41,11 @@ _POLYSCOPE_X: Final = "it is for robots with PolyScope X; programs of this one a
 class Effect:
     """What shows that a command has taken effect.
 
-    asked: the query that tells. seen: whether its answer, to this request, is it. within_s: how long it may take.
+    query: what shows it. seen: whether its answer, to this request, is it. within_s: how long it may take.
     again_s: after how long without effect the command is sent again.
     """
 
-    asked: Operation[Any]
+    query: Operation[Any]
     seen: Callable[[Any, Any], bool]
     within_s: float = _EFFECT_S
     again_s: float = math.inf
@@ -55,13 +55,13 @@ class Effect:
 class Service:
     """A row of the table.
 
-    type: in std_srvs or ur_dashboard_msgs. asks: what a request asks of the dashboard. values: fields of the response,
-    dotted, and what they get of the answer. parts: the connection ends with it.
+    type: in std_srvs or ur_dashboard_msgs. operation: what a request wants of the dashboard. values: fields of the
+    response, dotted, and what they get of the answer. parts: the connection ends with it.
     """
 
     name: str
     type: str
-    asks: Callable[[Any], Operation[Any]]
+    operation: Callable[[Any], Operation[Any]]
     values: Mapping[str, Callable[[Any], Any]] = field(default_factory=lambda: MappingProxyType({}))
     effect: Effect | None = None
     parts: bool = False
@@ -259,26 +259,26 @@ class DashboardNode:
 
     def _carry_out(self, service: Service, request: Any) -> "tuple[str, Any]":
         """The robot's line and what it means, once the effect shows."""
-        operation = service.asks(request)
-        told = replace(operation, read=lambda reply: (reply, operation.read(reply)))
-        line, answer = self._ask(told)
+        operation = service.operation(request)
+        both = replace(operation, read=lambda reply: (reply, operation.read(reply)))
+        line, answer = self._ask(both)
         if service.effect is not None:
-            self._await_effect(service.effect, told, request)
+            self._await_effect(service.effect, both, request)
         if service.parts:
             self._wanted = False
             self._disconnect()
         return line, answer
 
     def _await_effect(self, effect: Effect, command: Operation[Any], request: Any) -> None:
-        since = asked = time.monotonic()
-        while not effect.seen(found := self._ask(effect.asked), request):
+        since = sent = time.monotonic()
+        while not effect.seen(found := self._ask(effect.query), request):
             now = time.monotonic()
             if now - since > effect.within_s:
                 shown = ", ".join(getattr(part, "name", str(part)) for part in _parts(found))
-                why = f"it has confirmed that, but after {effect.within_s:g} s {effect.asked.line} still is {shown}"
+                why = f"it has confirmed that, but after {effect.within_s:g} s {effect.query.line} still is {shown}"
                 raise RobotRefused(command.line, why, "look at the robot's log")
-            if now - asked > effect.again_s:
-                asked = now
+            if now - sent > effect.again_s:
+                sent = now
                 self._ask(command)
             self._ended.wait(_LOOK_EVERY_S)
 

@@ -27,6 +27,7 @@ from client.ros2.state_helper import StateHelperNode
 from client.ros2.state_publisher import RobotStatePublisher
 from client.ros2.topics import Scene
 from client.ros2.trajectory_until import TrajectoryUntilNode
+from client.ros2.transforms import Transforms
 from client.ros2.urscript_interface import URScriptNode
 
 _PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
@@ -84,13 +85,13 @@ class Ros2Driver:
     async def _open_nodes(self, opening: AsyncExitStack, host: NodeHost) -> None:
         running, robot, prefix = self.running, self.robot, self._options.tf_prefix
         manager = running.manager
-        scene = Scene(prefix, robot.driver.version, manager.hardware.states)
+        scene = Scene(prefix, manager.hardware.states)
         outbox = Outbox(host, scene)
         opening.callback(outbox.close)
         manager.on_cycle.append(lambda: setattr(outbox, "time_s", manager.time_s))
         arm = robot.driver.robot.configuration
         model = described(arm, calibration_of(await robot.driver.robot.kinematics())) if arm else None
-        controllers = ControllerNodes(host, running, outbox)
+        controllers = ControllerNodes(host, running, outbox, Transforms(host, scene))
         opening.push_async_callback(asyncio.to_thread, controllers.close_all)
         loaded = running.load_all()
         for controller in loaded:
@@ -105,6 +106,7 @@ class Ros2Driver:
             states = await asyncio.to_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
             opening.push_async_callback(asyncio.to_thread, states.close)
         await asyncio.to_thread(ControllerManagerNode, host, running)
+        await asyncio.to_thread(lambda: host.spin(host.node(running.component.name.lower())))
         beside: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
         for kind in beside:
             node = await asyncio.to_thread(kind, host, robot.robot)

@@ -20,6 +20,11 @@ class Frames:
         self._fixed = [frame for frame in frames if not frame.moves]
         self._moving = {frame.joint: frame for frame in frames if frame.moves}
 
+    @property
+    def names(self) -> set[str]:
+        """Of all of them, the root among them."""
+        return {*self._frames, *(frame.parent for frame in self._frames.values())}
+
     def fixed(self, sec: int, nanosec: int) -> list[TransformStamped]:
         """Those that never move, for ``/tf_static``."""
         return [_transform(frame, frame.pose, sec, nanosec) for frame in self._fixed]
@@ -36,8 +41,7 @@ class Frames:
 
         q_rad: angles by joint.
         """
-        roots = {frame.parent for frame in self._frames.values()} - set(self._frames)
-        if not {base, frame} <= {*self._frames, *roots}:
+        if not {base, frame} <= self.names:
             return None
         return pose_trans(pose_inv(self._from_root(base, q_rad)), self._from_root(frame, q_rad))
 

@@ -151,7 +151,7 @@ class NodeHost:
         ended = self.ending(node)
         tasks = self._tasks[node]
 
-        def tell(task: concurrent.futures.Future[Any]) -> None:
+        def pass_on(task: concurrent.futures.Future[Any]) -> None:
             tasks.discard(task)
             if task.cancelled():  # with the node
                 return
@@ -162,7 +162,7 @@ class NodeHost:
 
         task = asyncio.run_coroutine_threadsafe(work, self.loop)
         tasks.add(task)
-        task.add_done_callback(tell)
+        task.add_done_callback(pass_on)
         return ended
 
 

@@ -34,13 +34,13 @@ from client.errors import Ros2Error
 from client.ros2.message_builder import KINDS, Plan, python_folder
 
 Progress = Callable[[float, str], None]
-"""Is told the part that is done, 0 to 1, and what is under way."""
+"""Called with the part that is done, 0 to 1, and what is under way."""
 
 CACHE_VARIABLE: Final = "UR_CLIENT_ROS2_CACHE"
 """Environment variable that names another folder for what `ensure` makes."""
 
 _INTERFACES: Final = Path(__file__).with_name("interfaces")
-_BUILDER: Final = Path(__file__).with_name("message_builder.py")
+_BUILDER: Final = Path(__file__).with_name("message_builder")
 # A package stands after those it refers to. Where the definitions are from, by distribution: the newest release in its
 # branch of the official repositories in August 2026. That of ur_msgs is a guess: its definitions are those that
 # ur_robot_driver 3.8 is written for, the release was not at hand.
@@ -193,7 +193,8 @@ def definitions(package: str, distribution: str) -> dict[str, str]:
 def _key(plan: Plan, installation: Ros2Installation) -> str:
     """A folder's name, another one for whatever the libraries depend on."""
     numpy = importlib.metadata.version("numpy").split(".")[0]
-    parts = [json.dumps(plan), _BUILDER.read_text(encoding="utf-8"), numpy, str(sysconfig.get_config_var("SOABI"))]
+    builder = [file.read_text(encoding="utf-8") for file in sorted(_BUILDER.glob("*.py"))]
+    parts = [json.dumps(plan), *builder, numpy, str(sysconfig.get_config_var("SOABI"))]
     digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:12]
     version = sysconfig.get_python_version()
     return f"{installation.distribution}-python{version}-{platform.machine()}-{digest}"
@@ -250,7 +251,7 @@ def _run_builder(plan: Plan, log: Path, progress: Progress | None) -> None:
     error = ""
     with log.open("w", encoding="utf-8") as stderr:
         builder = subprocess.Popen(
-            [sys.executable, str(_BUILDER)],
+            [sys.executable, str(_BUILDER / "__main__.py")],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=stderr,

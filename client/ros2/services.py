@@ -1,10 +1,11 @@
 """Services of controllers: one row each, under the names and with the types of the ROS 2 driver.
 
-What is asked of the robot is answered when the robot has it; a request that makes no sense, or that comes while the
+A request to the robot is answered when the robot has carried it out; one that makes no sense, or that comes while the
 controller is not active, gets ``success`` false and a line in the log.
 """
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,15 +15,18 @@ from client.controllers.calls import Call
 from client.controllers.compliance import ForceModeController
 from client.controllers.controller import Controller
 from client.controllers.io_and_status import GPIOController
+from client.controllers.joint_trajectory import JointTrajectoryController
 from client.controllers.loop import ControlLoop
 from client.controllers.settings import FrictionModelController, GravityUpdateController, URConfigurationController
 from client.driver.availability import offers
 from client.errors import ClientError, ControllerError
 from client.ros2.host import NodeHost, interface
-from client.ros2.topics import Scene, seconds
+from client.ros2.topics import Moment, seconds
+from client.ros2.transforms import Transforms, pose_in
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
-from urproto.robots.pose import pose_trans
+from urproto.robots.pose import Pose, pose_trans
+from urproto.versions import PolyscopeVersion
 
 ANSWER_S: Final = 15.0  # above what starting the control program may take; guess
 _TRIGGER: Final = "std_srvs/srv/Trigger"
@@ -30,15 +34,38 @@ _TRIGGER: Final = "std_srvs/srv/Trigger"
 
 @dataclass(frozen=True)
 class Service:
-    """A service. begin: asks the controller, which answers by a `Call`; raises ControllerError."""
+    """A service.
+
+    begin: passes a request to the controller, which answers by a `Call`; raises ControllerError. stamped: the part of a
+    request that is in a frame, if one is; begin is given where that frame is.
+    """
 
     controller: type[Controller[Any]]
     name: str
     type: str
-    begin: Callable[[Any, Any, Scene], Call]
+    begin: Callable[[Any, Any, "Situation"], Call]
+    stamped: Callable[[Any], Any] | None = None
 
 
-def _set_io(controller: GPIOController, request: Any, scene: Scene) -> Call:
+@dataclass(frozen=True)
+class Query:
+    """A service that is answered at once. answer: sets the fields of the response; raises ControllerError."""
+
+    controller: type[Controller[Any]]
+    name: str
+    type: str
+    answer: Callable[[Any, Any, Any, Moment], None]
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a request may depend on. version: the robot's. frames: where the frames are that it names, in the base."""
+
+    version: PolyscopeVersion
+    frames: Mapping[str, Pose]
+
+
+def _set_io(controller: GPIOController, request: Any, situation: Situation) -> Call:
     if request.fun == request.FUN_SET_DIGITAL_OUT:
         return controller.set_digital_out(request.pin, request.state != 0.0)
     if request.fun == request.FUN_SET_ANALOG_OUT:
@@ -48,42 +75,42 @@ def _set_io(controller: GPIOController, request: Any, scene: Scene) -> Call:
     raise controller.error(f"function {request.fun} of set_io is not available: 1, 3 and 4 are")
 
 
-def _set_analog_output(controller: GPIOController, request: Any, scene: Scene) -> Call:
+def _set_analog_output(controller: GPIOController, request: Any, situation: Situation) -> Call:
     data = request.data
     if data.domain not in (data.CURRENT, data.VOLTAGE):
         raise controller.error(f"the domain is 0 (current) or 1 (voltage), not {data.domain}")
     return controller.set_analog_out(data.pin, data.state, voltage=data.domain == data.VOLTAGE)
 
 
-def _set_payload(controller: GPIOController, request: Any, scene: Scene) -> Call:
+def _set_payload(controller: GPIOController, request: Any, situation: Situation) -> Call:
     """Requests have an inertia and a transition since 2025; controllers have taken them since 5.10."""
     cog = request.center_of_gravity
     centre = (cog.x, cog.y, cog.z)
-    if not hasattr(request, "ixx") or not offers("set_target_payload", scene.version):
+    if not hasattr(request, "ixx") or not offers("set_target_payload", situation.version):
         return controller.set_payload(request.mass, centre)
     inertia = (request.ixx, request.iyy, request.izz, request.ixy, request.ixz, request.iyz)
     return controller.set_payload(request.mass, centre, inertia, seconds(request.transition_time))
 
 
-def _set_gravity(controller: GravityUpdateController, request: Any, scene: Scene) -> Call:
+def _set_gravity(controller: GravityUpdateController, request: Any, situation: Situation) -> Call:
     """ROS gives the direction in which things fall; the robot takes the acceleration against it."""
-    frame = scene.pose_of(request.gravity.header.frame_id, controller.error)
+    frame = situation.frames[request.gravity.header.frame_id]
     vector = request.gravity.vector
     turned = pose_trans((0.0, 0.0, 0.0, *frame[3:]), (-vector.x, -vector.y, -vector.z, 0.0, 0.0, 0.0))
     return controller.set_gravity(turned[:3])
 
 
-def _set_friction(controller: FrictionModelController, request: Any, scene: Scene) -> Call:
+def _set_friction(controller: FrictionModelController, request: Any, situation: Situation) -> Call:
     scales = request.parameters
     return controller.set_friction_model_parameters(list(scales.viscous_scale), list(scales.coulomb_scale))
 
 
-def _start_force_mode(controller: ForceModeController, request: Any, scene: Scene) -> Call:
+def _start_force_mode(controller: ForceModeController, request: Any, situation: Situation) -> Call:
     wrench = request.wrench
     axes = ("x", "y", "z", "rx", "ry", "rz")
     limits, deviations = request.speed_limits, request.deviation_limits
     return controller.start_force_mode(
-        scene.pose_in_base(request.task_frame, controller.error),
+        pose_in(situation.frames, request.task_frame, controller.error),
         [int(getattr(request, f"selection_vector_{axis}")) for axis in axes],
         [wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z],
         type=request.type,
@@ -96,6 +123,22 @@ def _start_force_mode(controller: ForceModeController, request: Any, scene: Scen
     )  # fmt: skip
 
 
+def _version(controller: URConfigurationController, request: Any, response: Any, now: Moment) -> None:
+    response.major, response.minor, response.bugfix, response.build = controller.robot_software_version()
+
+
+def _trajectory_state(controller: JointTrajectoryController, request: Any, response: Any, now: Moment) -> None:
+    point = controller.sampled(now.robot_time_s(request.time))
+    response.success, response.name = True, list(controller.joints)
+    response.position = list(point.positions)
+    response.velocity = list(point.velocities)
+    response.acceleration = list(point.accelerations)
+
+
+QUERIES: Final = (
+    Query(URConfigurationController, "get_robot_software_version", "ur_msgs/srv/GetRobotSoftwareVersion", _version),
+    Query(JointTrajectoryController, "query_state", "control_msgs/srv/QueryTrajectoryState", _trajectory_state),
+)
 SERVICES: Final = (
     Service(GPIOController, "set_io", "ur_msgs/srv/SetIO", _set_io),
     Service(GPIOController, "set_analog_output", "ur_msgs/srv/SetAnalogOutput", _set_analog_output),
@@ -109,9 +152,17 @@ SERVICES: Final = (
     Service(GPIOController, "hand_back_control", _TRIGGER, lambda controller, *_: controller.hand_back_control()),
     Service(GPIOController, "set_payload", "ur_msgs/srv/SetPayload", _set_payload),
     Service(GPIOController, "zero_ftsensor", _TRIGGER, lambda controller, *_: controller.zero_ftsensor()),
-    Service(ForceModeController, "start_force_mode", "ur_msgs/srv/SetForceMode", _start_force_mode),
+    Service(
+        ForceModeController,
+        "start_force_mode",
+        "ur_msgs/srv/SetForceMode",
+        _start_force_mode,
+        lambda request: request.task_frame,
+    ),
     Service(ForceModeController, "stop_force_mode", _TRIGGER, lambda controller, *_: controller.stop_force_mode()),
-    Service(GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity),
+    Service(
+        GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity, lambda request: request.gravity
+    ),
     Service(
         FrictionModelController,
         "set_friction_model_parameters",
@@ -121,26 +172,27 @@ SERVICES: Final = (
 )
 
 
-def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, scene: Scene) -> None:
+def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, transforms: Transforms) -> None:
     """Offer a controller's services on its node."""
     for row in SERVICES:
         if isinstance(controller, row.controller):
             node.create_service(
-                interface(row.type), f"~/{row.name}", _handler(host, node, controller, loop, scene, row)
+                interface(row.type), f"~/{row.name}", _handler(host, node, controller, loop, transforms, row)
             )
-    if isinstance(controller, URConfigurationController):
-        node.create_service(
-            interface("ur_msgs/srv/GetRobotSoftwareVersion"),
-            "~/get_robot_software_version",
-            _version_handler(host, node, controller),
-        )
+    for query in QUERIES:
+        if isinstance(controller, query.controller):
+            node.create_service(
+                interface(query.type), f"~/{query.name}", _query_handler(host, node, controller, loop, query)
+            )
 
 
 def _handler(
-    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, scene: Scene, row: Service
+    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, transforms: Transforms, row: Service
 ) -> Callable[[Any, Any], Any]:
     async def ask(request: Any) -> None:
-        call = row.begin(controller, request, scene)
+        frames = (row.stamped(request).header.frame_id,) if row.stamped else ()
+        poses = await transforms.poses_in_base(frames, controller.error)
+        call = row.begin(controller, request, Situation(loop.driver.version, poses))
         try:
             async with timeout(ANSWER_S):
                 await loop.answer(call)
@@ -164,14 +216,17 @@ def _handler(
     return handle
 
 
-def _version_handler(host: NodeHost, node: Node, controller: URConfigurationController) -> Callable[[Any, Any], Any]:
+def _query_handler(
+    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, query: Query
+) -> Callable[[Any, Any], Any]:
     def handle(request: Any, response: Any) -> Any:
+        now = Moment(loop.manager.time_s, time.time_ns())
         try:
-            version = host.do(controller.robot_software_version)
+            host.do(lambda: query.answer(controller, request, response, now))
         except ClientError as error:
-            node.get_logger().error(f"get_robot_software_version: {error}")
-        else:
-            response.major, response.minor, response.bugfix, response.build = version
+            node.get_logger().error(f"{query.name}: {error}")
+            if hasattr(response, "message"):
+                response.message = str(error)
         return response
 
     return handle

@@ -26,7 +26,7 @@ _COMMANDS: Final[Mapping[int, TextCommand]] = {
     RobotMode.IDLE: POWER_ON,
     RobotMode.RUNNING: BRAKE_RELEASE,
 }
-"""The modes that can be asked for, and how one gets there; also those one gets there from."""
+"""The modes that can be requested, and how the arm gets there; also those from which it does."""
 _ADVICE: Final[Mapping[int, str]] = {
     RobotMode.CONFIRM_SAFETY: "confirm the safety configuration on the teach pendant",
     RobotMode.BOOTING: "wait until it has booted",
@@ -85,28 +85,28 @@ class StateHelperNode:
             handle.abort()
         else:
             handle.succeed()
-        return self._type.Result(success=not why, message=why or "the robot is in the mode that was asked for")
+        return self._type.Result(success=not why, message=why or "the robot is in the requested mode")
 
     # in the event loop
 
     async def _work(self, handle: Any) -> str:
         """Why it has not come about; empty when it has."""
-        tell = self._feedback(handle)
-        self._link.on_modes.append(tell)
+        report = self._feedback(handle)
+        self._link.on_modes.append(report)
         try:
             async with self._one_at_a_time:
                 await self._reach(handle.request)
         except URError as error:
             return str(error)
         finally:
-            self._link.on_modes.remove(tell)
+            self._link.on_modes.remove(report)
         return ""
 
     def _feedback(self, handle: Any) -> Callable[[Mapping[str, Any]], None]:
-        """What tells each change of a mode."""
+        """What reports each change of a mode."""
         last = [self._modes]
 
-        def tell(state: Mapping[str, Any]) -> None:
+        def report(state: Mapping[str, Any]) -> None:
             if self._modes != last[0]:
                 last[0] = self._modes
                 robot_mode, safety_mode = self._modes
@@ -114,7 +114,7 @@ class StateHelperNode:
                     self._type.Feedback(current_robot_mode=int(robot_mode), current_safety_mode=int(safety_mode))
                 )
 
-        return tell
+        return report
 
     @property
     def _modes(self) -> "tuple[RobotMode, SafetyMode]":
@@ -123,7 +123,7 @@ class StateHelperNode:
     async def _reach(self, goal: Any) -> None:
         target = mode_of(RobotMode, goal.target_robot_mode)
         if target not in _COMMANDS:
-            raise ClientError(f"{target.name} cannot be asked for: choose POWER_OFF (3), IDLE (5) or RUNNING (7)")
+            raise ClientError(f"{target.name} cannot be requested: choose POWER_OFF (3), IDLE (5) or RUNNING (7)")
         if goal.stop_program and self._driver.program_running:
             await self._command(STOP_PROGRAM)
         if self._link.robot_mode != target or self._link.safety_mode not in MOVABLE:

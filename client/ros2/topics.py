@@ -29,28 +29,25 @@ from client.controllers.joint_trajectory import ControllerState, JointTrajectory
 from client.ros2.frames import Frames, set_transform
 from client.ros2.host import interface
 from urproto.joints import JOINT_NAMES
-from urproto.robots.pose import Pose, pose_trans, quaternion_to_rotvec
+from urproto.robots.pose import Pose, quaternion_to_rotvec
 from urproto.vectors import ZERO6
-from urproto.versions import PolyscopeVersion
 
 _TF_EVERY_S: Final = 0.05  # robot_state_publisher's publish_frequency is 20 Hz
 _SCALING_EVERY_S: Final = 0.01  # state_publish_rate of the ROS 2 driver
 TF_DEPTH: Final = 100  # tf2_ros
 _TCP_FRAME: Final = "tool0_controller"
 _POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
-_SMALL: Final = 1e-6  # as the ROS 2 driver's force mode controller has it
 
 
 @dataclass
 class Scene:
     """What messages need besides what controllers publish.
 
-    prefix: of the names of joints and frames. version: the robot's. states: all state interfaces. frames: the arm's,
-    if it is known. sec, nanosec: wall time now.
+    prefix: of the names of joints and frames. states: all state interfaces. frames: the arm's, if it is known. sec,
+    nanosec: wall time now.
     """
 
     prefix: str = ""
-    version: PolyscopeVersion = field(default_factory=lambda: PolyscopeVersion(0, 0))
     states: Interfaces = field(default_factory=lambda: Interfaces(()))
     frames: Frames | None = None
     sec: int = 0
@@ -61,29 +58,26 @@ class Scene:
         header.stamp.sec, header.stamp.nanosec = self.sec, self.nanosec
         header.frame_id = frame_id
 
-    def pose_of(self, frame: str, refuse: Callable[[str], Exception]) -> Pose:
+    def pose_of(self, frame: str) -> Pose | None:
         """Where a frame of the arm is in its base frame [m, rotation vector]; "" is the base frame.
 
-        Raises what ``refuse`` makes of the reason for a frame that only others know.
+        None for a frame that only others know.
         """
         name, base = frame.lstrip("/") or f"{self.prefix}base", f"{self.prefix}base"
         if name == f"{self.prefix}{_TCP_FRAME}":
             x, y, z, *turn = self.states.lend([f"{self.prefix}tcp_pose/{part}" for part in _POSE]).get()
             return (x, y, z, *quaternion_to_rotvec(*turn))
+        if name == base:
+            return ZERO6
         joints = self.states.lend([f"{self.prefix}{joint}/position" for joint in JOINT_NAMES])
         angles = dict(zip((self.prefix + joint for joint in JOINT_NAMES), joints.get(), strict=True))
-        pose = self.frames.pose_in(base, name, angles) if self.frames else None
-        if pose is None and name != base:
-            raise refuse(f"the frame {frame} is not one of the arm: give what you ask for in the frame {base}")
-        return pose or ZERO6
+        return self.frames.pose_in(base, name, angles) if self.frames else None
 
-    def pose_in_base(self, stamped: Any, refuse: Callable[[str], Exception]) -> Pose:
-        """A geometry_msgs/PoseStamped in the base frame; raises as `pose_of`, and for an orientation that is none."""
-        place, turn = stamped.pose.position, stamped.pose.orientation
-        if max(map(abs, (turn.x, turn.y, turn.z, turn.w))) < _SMALL:
-            raise refuse("its orientation is zero: a quaternion has at least one part that is not")
-        pose = (place.x, place.y, place.z, *quaternion_to_rotvec(turn.x, turn.y, turn.z, turn.w))
-        return pose_trans(self.pose_of(stamped.header.frame_id, refuse), pose)
+    @property
+    def frame_names(self) -> frozenset[str]:
+        """Of the frames that `pose_of` knows."""
+        own = {f"{self.prefix}base", f"{self.prefix}{_TCP_FRAME}"}
+        return frozenset(own | (self.frames.names if self.frames else set()))
 
     @cached_property
     def components(self) -> dict[str, tuple[list[str], Interfaces]]:
@@ -122,19 +116,25 @@ class Moment:
     robot_s: float
     time_ns: int
 
+    def robot_time_s(self, stamp: Any) -> float:
+        """A builtin_interfaces/Time of this machine's clock, by the robot's."""
+        return float(self.robot_s + (stamp.sec * 1_000_000_000 + stamp.nanosec - self.time_ns) * 1e-9)
+
 
 @dataclass(frozen=True)
 class Subscription:
     """A topic that a controller listens to.
 
-    order: what a message asks of the controller; give: hands it over; both raise ControllerError.
+    command: of a message, what its controller takes; hand_over: gives it that; both raise ControllerError. latched: one
+    that was published before the controller was there counts too.
     """
 
     controller: type[Controller[Any]]
     name: str
     type: str
-    order: Callable[[Any, Moment], Any]
-    give: Callable[[Any, Any], object]
+    command: Callable[[Any, Moment], Any]
+    hand_over: Callable[[Any, Any], object]
+    latched: bool = False
 
 
 # publications
@@ -284,8 +284,8 @@ def _commands(message: Any, now: Moment) -> Sequence[float]:
 
 def trajectory(message: Any, now: Moment) -> JointTrajectory:
     """Its stamp is by this machine's clock, as all times in ROS; 0 is at once."""
-    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-    begin_s = now.robot_s + (stamp_ns - now.time_ns) * 1e-9 if stamp_ns else 0.0
+    stamp = message.header.stamp
+    begin_s = now.robot_time_s(stamp) if stamp.sec or stamp.nanosec else 0.0
     return JointTrajectory(tuple(message.joint_names), tuple(map(_point, message.points)), begin_s)
 
 
@@ -302,6 +302,10 @@ def _point(message: Any) -> JointTrajectoryPoint:
 def seconds(duration: Any) -> float:
     """Of a builtin_interfaces/Duration."""
     return float(duration.sec + duration.nanosec * 1e-9)
+
+
+def _factor(message: Any, now: Moment) -> float:
+    return float(message.factor)
 
 
 def _enable(message: Any, now: Moment) -> bool:
@@ -356,6 +360,14 @@ SUBSCRIPTIONS: Final = (
         "trajectory_msgs/msg/JointTrajectory",
         trajectory,
         JointTrajectoryController.command,
+    ),
+    Subscription(
+        JointTrajectoryController,
+        "~/speed_scaling_input",
+        "control_msgs/msg/SpeedScalingFactor",
+        _factor,
+        JointTrajectoryController.set_scaling,
+        latched=True,
     ),
     Subscription(
         ForwardCommandController,

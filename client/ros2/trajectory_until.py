@@ -10,10 +10,11 @@ from typing import Any, Final
 
 from action_msgs.msg import GoalStatus
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionClient
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from client.ros2.host import NodeHost, interface, interface_if_any
+from client.ros2.host import NodeHost, interface
+from client.ros2.one_goal import OneGoalAction
 
 NAME: Final = "trajectory_until_node"
 DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
@@ -34,24 +35,20 @@ class TrajectoryUntilNode:
     def __init__(self, host: NodeHost, controller: str = DEFAULT_CONTROLLER) -> None:
         self.node = host.node(NAME)
         self._host = host
-        self._type = interface_if_any("ur_msgs/action/FollowJointTrajectoryUntil")
-        self._busy = False
         self._both: _Both | None = None  # while a goal is carried out
         self._group = ReentrantCallbackGroup()  # an answer comes while a callback of the server awaits it
         default = f"{controller or DEFAULT_CONTROLLER}/follow_joint_trajectory"
         self._motion = self._client("motion_controller_uri", default, interface(_MOTION))
         self._contact = self._client("until_action_uri", _WATCH, interface(_CONTACT))
-        if self._type is None:
-            self.node.get_logger().warning("~/execute is not offered: this ur_msgs has no FollowJointTrajectoryUntil")
-        else:
-            self._server = ActionServer(
-                self.node,
-                self._type,
-                "~/execute",
-                self._execute,
-                goal_callback=self._judge,
-                cancel_callback=self._cancel,
-            )
+        self._action = OneGoalAction(
+            self.node,
+            "execute",
+            "ur_msgs/action/FollowJointTrajectoryUntil",
+            begin=self._begin,
+            execute=self._execute,
+            cancel=self._cancel,
+        )
+        self._type = self._action.type
         host.spin(self.node)
 
     def close(self) -> None:
@@ -64,32 +61,22 @@ class TrajectoryUntilNode:
 
     # in the node's thread
 
-    async def _judge(self, goal: Any) -> GoalResponse:
-        if self._busy:
-            return self._reject("another goal is carried out")
-        self._busy = True
-        try:
-            self._both = await self._begin(goal)
-        finally:
-            self._busy = self._both is not None
-        return GoalResponse.ACCEPT if self._busy else GoalResponse.REJECT
+    async def _begin(self, goal: Any) -> bool:
+        self._both = await self._begun(goal)
+        return self._both is not None
 
-    def _reject(self, why: str) -> GoalResponse:
-        self.node.get_logger().error(f"execute: a goal is rejected: {why}")
-        return GoalResponse.REJECT
-
-    async def _begin(self, goal: Any) -> "_Both | None":
+    async def _begun(self, goal: Any) -> "_Both | None":
         """Both actions, the contact first; None, with the reason in the log, when one of them takes no goal."""
         if goal.until_type != self._type.Goal.TOOL_CONTACT:
-            self._reject(f"there is no until_type {goal.until_type}: choose TOOL_CONTACT (0)")
+            self._action.reject(f"there is no until_type {goal.until_type}: choose TOOL_CONTACT (0)")
             return None
         for client in (self._motion, self._contact):
             if not client.ros.wait_for_server(timeout_sec=_ANSWER_S):
-                self._reject(f"nobody offers the action {client.uri}: is its controller loaded?")
+                self._action.reject(f"nobody offers the action {client.uri}: is its controller loaded?")
                 return None
         contact = await self._sent(self._contact, self._contact.type.Goal())
         if contact is None:
-            self._reject("tool contact is not watched for: is tool_contact_controller active?")
+            self._action.reject("tool contact is not watched for: is tool_contact_controller active?")
             return None
         motion = self._motion.type.Goal()
         for name in ("trajectory", "path_tolerance", "goal_tolerance", "goal_time_tolerance"):
@@ -98,7 +85,7 @@ class TrajectoryUntilNode:
         both.motion = await self._sent(self._motion, motion, lambda message: self._feed_back(both, message.feedback))
         if both.motion is None:
             contact.cancel_goal_async()
-            self._reject(f"{self._motion.uri} does not take the trajectory; the log of its node says why")
+            self._action.reject(f"{self._motion.uri} does not take the trajectory; the log of its node says why")
             return None
         return both
 
@@ -126,10 +113,9 @@ class TrajectoryUntilNode:
             self.node.destroy_timer(timer)
         return bool(future.done())
 
-    def _cancel(self, goal: Any) -> CancelResponse:
+    async def _cancel(self) -> None:
         if self._both is not None:
             self._both.cancel()
-        return CancelResponse.ACCEPT
 
     async def _execute(self, goal: Any) -> Any:
         both = self._both
@@ -139,12 +125,12 @@ class TrajectoryUntilNode:
             return await self._ended(both)
         finally:
             both.cancel()  # the other one
-            self._both, self._busy = None, False
+            self._both = None
 
     async def _ended(self, both: "_Both") -> Any:
         touched, moved = both.contact.get_result_async(), both.motion.get_result_async()
         for end in (touched, moved):
-            end.add_done_callback(both.tell)
+            end.add_done_callback(both.end)
         await both.ended
         if both.goal.is_cancel_requested:
             await self._within(moved, _GRACE_S)
@@ -172,12 +158,12 @@ class TrajectoryUntilNode:
             both.goal.abort()
         return result
 
-    def _feed_back(self, both: "_Both", told: Any) -> None:
+    def _feed_back(self, both: "_Both", feedback: Any) -> None:
         if both.goal is None or not both.goal.is_active:
             return
         message = self._type.Feedback()
         for name in ("header", "joint_names", "desired", "actual", "error"):
-            setattr(message, name, getattr(told, name))
+            setattr(message, name, getattr(feedback, name))
         both.goal.publish_feedback(message)
 
 
@@ -199,7 +185,7 @@ class _Both:
         self.ended = ended  # set when one of them has
         self.goal: Any = None
 
-    def tell(self, _: object) -> None:
+    def end(self, _: object) -> None:
         """One of them has ended."""
         if not self.ended.done():
             self.ended.set_result(None)

@@ -1,4 +1,4 @@
-"""The node ``urscript_interface``: scripts from ROS on the robot, by a topic or by an action that tells how they end.
+"""The node ``urscript_interface``: scripts from ROS on the robot, by a topic or by an action that reports how they end.
 
 A program (``def``) takes the place of the control program, as on any robot; start that one again afterwards.
 """
@@ -7,13 +7,13 @@ import math
 from typing import Any, Final
 
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from std_msgs.msg import String
 
 from client.errors import ScriptFailedError
 from client.primary import STOP_PROGRAM, PrimaryClient
 from client.robot import AsyncRobot
-from client.ros2.host import NodeHost, interface_if_any
+from client.ros2.host import NodeHost
+from client.ros2.one_goal import OneGoalAction
 from client.scripts import GRAVE, is_secondary
 from urproto.errors import LocalProtocolError, URError
 from urproto.modes import ReportLevel
@@ -37,20 +37,18 @@ class URScriptNode:
         self._port = config.robot_ports["primary"]
         self._host = host
         self._link = robot.driver.robot
-        self._busy = False
         self._cancelled = False
         self._primary: PrimaryClient | None = None  # with which a goal is carried out
         self.node.create_subscription(String, "~/script_command", self._send, 1)
-        self._type = interface_if_any("ur_msgs/action/SendScript")
-        if self._type is not None:
-            self._server = ActionServer(
-                self.node,
-                self._type,
-                "~/execute_script",
-                self._execute,
-                goal_callback=self._judge,
-                cancel_callback=self._cancel,
-            )
+        self._action = OneGoalAction(
+            self.node,
+            "execute_script",
+            "ur_msgs/action/SendScript",
+            begin=self._begin,
+            execute=self._execute,
+            cancel=self._cancel,
+        )
+        self._type = self._action.type
         host.spin(self.node)
 
     def close(self) -> None:
@@ -60,7 +58,7 @@ class URScriptNode:
     # in the node's thread
 
     async def _send(self, script: Any) -> None:
-        if self._busy:
+        if self._action.busy:
             self.node.get_logger().error("script_command: not sent, since a goal of execute_script is carried out")
             return
         try:
@@ -68,22 +66,16 @@ class URScriptNode:
         except URError as error:
             self.node.get_logger().error(f"script_command: {error}")
 
-    def _judge(self, goal: Any) -> GoalResponse:
-        if self._busy:
-            self.node.get_logger().error("execute_script: rejected, since another goal is carried out")
-            return GoalResponse.REJECT
-        self._busy, self._cancelled = True, False
-        return GoalResponse.ACCEPT
+    async def _begin(self, goal: Any) -> bool:
+        self._cancelled = False
+        return True
 
-    async def _cancel(self, handle: Any) -> CancelResponse:
-        if not self._busy:
-            return CancelResponse.REJECT
+    async def _cancel(self) -> None:
         self._cancelled = True
         try:
             await self._host.task(self.node, self._stop())
         except URError as error:
             self.node.get_logger().error(f"execute_script: cannot be stopped: {error}")
-        return CancelResponse.ACCEPT
 
     async def _execute(self, handle: Any) -> Any:
         try:
@@ -92,11 +84,9 @@ class URScriptNode:
         except URError as error:
             why = str(error)
             self.node.get_logger().error(f"execute_script: {why}")
-        finally:
-            self._busy = False
         if handle.is_cancel_requested:
             handle.canceled()
-            return self._type.Result(success=False, message=why or "the script was stopped, as asked")
+            return self._type.Result(success=False, message=why or "the script was stopped on request")
         if why:
             handle.abort()
         else:

@@ -127,8 +127,6 @@ def test_names_that_nobody_knows():
         manager.load("gripper")
     with pytest.raises(ControllerError, match="did you mean joint_trajectory_controller/JointTrajectoryController"):
         manager.load("x", "joint_trajectory_controller/TrajectoryController")
-    with pytest.raises(ControllerError, match=r"use Robot\.sequence"):
-        manager.load("x", "motion_primitives_controllers/MotionPrimitivesForwardController")
     manager.load("jtc")
     with pytest.raises(ControllerError, match="loaded already"):
         manager.load("jtc")

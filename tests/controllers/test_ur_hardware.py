@@ -22,6 +22,7 @@ from urproto.versions import PolyscopeVersion
 PERIOD_S = 0.002
 REST = (0.0,) * 6
 SCALED = "scaled_joint_trajectory_controller"
+PRIMITIVES = "motion_primitive_forward_controller"
 
 
 class Notes:
@@ -128,6 +129,9 @@ def test_read_then_update_then_write():
     [
         (SCALED, "forward_velocity_controller", "position and velocity"),
         (SCALED, "passthrough_trajectory_controller", "position and trajectory_passthrough"),
+        (SCALED, PRIMITIVES, "motion_primitive and position"),
+        ("passthrough_trajectory_controller", PRIMITIVES, "motion_primitive and trajectory_passthrough"),
+        (PRIMITIVES, "freedrive_mode_controller", "freedrive_mode and motion_primitive"),
         (SCALED, "force_mode_controller", "force_mode and position"),
         (SCALED, "freedrive_mode_controller", "freedrive_mode and position"),
         ("passthrough_trajectory_controller", "freedrive_mode_controller", "freedrive_mode and trajectory_passthrough"),
@@ -154,6 +158,8 @@ def test_modes_that_exclude_each_other(first, second, words):
     "names",
     [
         ("passthrough_trajectory_controller", "force_mode_controller"),
+        (PRIMITIVES, "force_mode_controller"),
+        (PRIMITIVES, "tool_contact_controller"),
         (SCALED, "tool_contact_controller", "io_and_status_controller", "joint_state_broadcaster"),
         ("forward_velocity_controller", "tool_contact_controller"),
         ("passthrough_trajectory_controller", "tool_contact_controller"),

@@ -1,7 +1,33 @@
 """The helpers of the driver's tests serve here too; importlib mode does not add the folders."""
 
 import sys
+from collections.abc import AsyncIterator
 from pathlib import Path
+
+import pytest_asyncio
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 sys.path.insert(0, str(Path(__file__).parent))
+
+from driver_rig import HOME, driver_options, emulator
+from ros2_rig import SCALED, Lab, laboratory
+from ros2_talk import SUCCEEDED, TRIGGER, follow, only, q
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def laboratory_() -> AsyncIterator[Lab]:
+    """A UR5e, its driver and a peer, for all tests of a module."""
+    async with emulator("ur5e") as robot, laboratory(robot, driver_options(robot)) as lab:
+        yield lab
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def lab(laboratory_: Lab) -> Lab:
+    """With the scaled controller active and the arm where it was in the beginning."""
+    lab = laboratory_
+    if not lab.driver.robot.driver.program_running:
+        assert (await lab.peer.call("/io_and_status_controller/resend_robot_program", TRIGGER))["success"]
+    await only(lab, SCALED)
+    if max(abs(a - b) for a, b in zip(q(lab), HOME, strict=True)) > 1e-3:
+        assert (await follow(lab, SCALED, HOME, 1.0))["status"] == SUCCEEDED
+    return lab

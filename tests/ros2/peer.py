@@ -5,8 +5,8 @@
                                                          "last": {...} of a result: that the last feedback says, too,
                                                          which takes another way and may come later
 {"echo": topic, "type": ..., "latched": bool}            the next message
-{"publish": topic, "type": ..., "message": {...}}        after somebody listens
-{"graph": true}                                          nodes, topics, services and their types
+{"publish": topic, "type": ..., "message": {...}}        after somebody listens; "latched": true for those to come
+{"graph": true}                                          topics, services and their types; those of each node
 """
 
 import array
@@ -128,16 +128,26 @@ class Peer:
     def publish(self, order):
         key, kind = order["publish"], interface(order["type"])
         if key not in self.clients:
-            self.clients[key] = self.node.create_publisher(kind, key, 1)
+            durability = DurabilityPolicy.TRANSIENT_LOCAL if order.get("latched") else DurabilityPolicy.VOLATILE
+            quality = QoSProfile(depth=1, durability=durability)
+            self.clients[key] = self.node.create_publisher(kind, key, quality)
         end_s = time.monotonic() + PATIENCE_S
-        while self.clients[key].get_subscription_count() == 0 and time.monotonic() < end_s:
+        while not order.get("latched") and self.clients[key].get_subscription_count() == 0 and time.monotonic() < end_s:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         self.clients[key].publish(fill(kind(), order["message"]))
         return {}
 
     def graph(self, order):
+        nodes = {
+            f"{space.rstrip('/')}/{name}": {
+                "publishes": dict(self.node.get_publisher_names_and_types_by_node(name, space)),
+                "listens": dict(self.node.get_subscriber_names_and_types_by_node(name, space)),
+                "services": dict(self.node.get_service_names_and_types_by_node(name, space)),
+            }
+            for name, space in self.node.get_node_names_and_namespaces()
+        }
         return {
-            "nodes": [f"{space.rstrip('/')}/{name}" for name, space in self.node.get_node_names_and_namespaces()],
+            "nodes": nodes,
             "topics": dict(self.node.get_topic_names_and_types()),
             "services": dict(self.node.get_service_names_and_types()),
         }

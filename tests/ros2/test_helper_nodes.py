@@ -108,7 +108,7 @@ async def test_modes(model: str) -> None:
         for mode in (RobotMode.BOOTING, 99):
             answer = await bench.set_mode(mode)
             assert answer["status"] == ABORTED
-            assert "cannot be asked for" in answer["result"]["message"]
+            assert "cannot be requested" in answer["result"]["message"]
 
         controller.safety_event(SafetyEvent.ROBOT_EMERGENCY_STOP)
         await bench.until(lambda: bench.arm.driver.robot.safety_mode is SafetyMode.ROBOT_EMERGENCY_STOP)

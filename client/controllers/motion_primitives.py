@@ -1,0 +1,260 @@
+"""Lets the robot execute motion primitives: moves in joint space, along lines and along arcs, one or a sequence.
+
+How primitives get there: the controller sets one on the command interfaces, the hardware takes it, and so on. One
+alone is executed at once; a sequence stands between two markers, and is executed as a whole, blends and all, when the
+second one is taken. Source of interfaces, states and numbers: motion_primitives_controllers and ur_robot_driver.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+from client.controllers.controller import NO_COMMAND, Controller, controller_type
+from client.controllers.goals import ErrorCode, GoalHandle, MotionPrimitive, PrimitiveType
+from client.driver import points
+from client.errors import GoalRejectedError
+from urproto.compat import IntEnum
+from urproto.external_control import TrajectoryPoint
+from urproto.robots.pose import quaternion_to_rotvec, rotvec_to_quaternion
+
+PRIMITIVE: Final = "motion_primitive"
+_XYZ: Final = ("x", "y", "z")
+_POSE: Final = (*_XYZ, "qx", "qy", "qz", "qw")
+PRIMITIVE_COMMANDS: Final = tuple(
+    f"{PRIMITIVE}/{name}"
+    for name in (
+        "motion_type",
+        *(f"q{joint}" for joint in range(1, 7)),
+        *(f"pos_{part}" for part in _POSE),
+        *(f"pos_via_{part}" for part in _POSE),
+        *("blend_radius", "velocity", "acceleration", "move_time"),
+    )
+)
+"""What one primitive consists of; NaN where it does not say."""
+STATUS: Final = f"{PRIMITIVE}/execution_status"
+READY: Final = f"{PRIMITIVE}/ready_for_new_primitive"
+_TYPE: Final = PRIMITIVE_COMMANDS[0]
+_JOINTS: Final = 6
+
+
+class Marker(IntEnum):
+    """On ``motion_type``, instead of a primitive's type."""
+
+    STOP_MOTION = 66
+    RESET_STOP = 67
+    SEQUENCE_START = 100
+    SEQUENCE_END = 101
+
+
+class ExecutionStatus(IntEnum):
+    """Of what the hardware took last."""
+
+    IDLE = 0
+    EXECUTING = 1
+    SUCCESS = 2
+    ERROR = 3
+    STOPPING = 4
+    STOPPED = 5
+
+
+def commands_of(primitive: MotionPrimitive) -> list[float]:
+    """The values of `PRIMITIVE_COMMANDS` that say it."""
+    q_rad = primitive.q_rad or (NO_COMMAND,) * _JOINTS
+    poses = (_numbers(pose) for pose in (primitive.pose_base_tcp, primitive.via_base_tcp))
+    rest = (primitive.blend_radius_m, primitive.velocity, primitive.acceleration, primitive.move_time_s)
+    return [float(primitive.type), *q_rad, *(number for pose in poses for number in pose), *rest]
+
+
+def _numbers(pose: Sequence[float]) -> tuple[float, ...]:
+    return (*pose[:3], *rotvec_to_quaternion(*pose[3:])) if pose else (NO_COMMAND,) * len(_POSE)
+
+
+def primitive_of(values: Sequence[float]) -> MotionPrimitive:
+    """What such values say."""
+    return MotionPrimitive(
+        PrimitiveType(int(values[0])),
+        _given(values[1:7]),
+        _pose(values[7:14]),
+        _pose(values[14:21]),
+        *values[21:],
+    )
+
+
+def _given(values: Sequence[float]) -> tuple[float, ...]:
+    return () if any(value != value for value in values) else tuple(values)
+
+
+def _pose(values: Sequence[float]) -> tuple[float, ...]:
+    return (*values[:3], *quaternion_to_rotvec(*values[3:])) if _given(values) else ()
+
+
+def point_of(primitive: MotionPrimitive) -> TrajectoryPoint:
+    """The move that it stands for. Raises LocalProtocolError."""
+    blend_m, v, a = primitive.blend_radius_m, primitive.velocity, primitive.acceleration
+    if primitive.type is PrimitiveType.CIRCULAR_CARTESIAN:
+        return points.movec(primitive.via_base_tcp, primitive.pose_base_tcp, v=v, a=a, blend_radius_m=blend_m)
+    time_s = 0.0
+    if primitive.move_time_s > 0.0:
+        time_s, v, a = primitive.move_time_s, 1.0, 1.0  # which have to be above 0, and do not count
+    if primitive.type is PrimitiveType.LINEAR_JOINT:
+        return points.movej(primitive.q_rad, v=v, a=a, duration_s=time_s, blend_radius_m=blend_m)
+    return points.movel(primitive.pose_base_tcp, v=v, a=a, duration_s=time_s, blend_radius_m=blend_m)
+
+
+def problem_of(primitive: MotionPrimitive) -> str | None:
+    """Why it cannot be executed, whatever the arm; None if it can be."""
+    targets = {"joint_positions": primitive.q_rad}
+    if primitive.type is not PrimitiveType.LINEAR_JOINT:
+        targets = {"a pose": primitive.pose_base_tcp}
+    if primitive.type is PrimitiveType.CIRCULAR_CARTESIAN:
+        targets["a second pose, the via pose,"] = primitive.via_base_tcp
+    for name, target in targets.items():
+        if len(target) != _JOINTS or not all(map(math.isfinite, target)):
+            return f"{primitive.type.name} needs {name} of {_JOINTS} numbers"
+    if not 0.0 <= primitive.blend_radius_m < math.inf:
+        return f"blend_radius is a length from 0 m on, not {primitive.blend_radius_m}"
+    if 0.0 < primitive.move_time_s < math.inf and primitive.type is not PrimitiveType.CIRCULAR_CARTESIAN:
+        return None
+    if 0.0 < primitive.velocity < math.inf and 0.0 < primitive.acceleration < math.inf:
+        return None
+    circular = primitive.type is PrimitiveType.CIRCULAR_CARTESIAN
+    return f"it needs {'' if circular else 'move_time, or '}velocity and acceleration, above 0"
+
+
+@dataclass(frozen=True, slots=True)
+class MotionPrimitivesParameters:
+    """tf_prefix: in front of all names."""
+
+    tf_prefix: str = ""
+
+
+@controller_type("motion_primitives_controllers/MotionPrimitivesForwardController")
+class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
+    """Lets the robot itself execute moves in joint space, lines and arcs; also beside force mode.
+
+    One goal at a time, of one primitive or more. It ends well when the robot is through with the last one.
+    """
+
+    parameters_type: ClassVar[type[Any]] = MotionPrimitivesParameters
+
+    def __init__(self, name: str, parameters: MotionPrimitivesParameters, update_rate_hz: float) -> None:
+        super().__init__(name, parameters, update_rate_hz)
+        self.goal: GoalHandle | None = None
+        self._queue: deque[list[float]] = deque()
+        self._stop_wanted = self._stopping = False
+
+    @property
+    def command_interfaces(self) -> tuple[str, ...]:
+        return tuple(map(self._name, PRIMITIVE_COMMANDS))
+
+    @property
+    def state_interfaces(self) -> tuple[str, ...]:
+        return (self._name(STATUS), self._name(READY))
+
+    def _name(self, interface: str) -> str:
+        return f"{self.parameters.tf_prefix}{interface}"
+
+    def on_activate(self, time_s: float) -> None:
+        self._queue.clear()
+        self._stop_wanted = self._stopping = False
+        self.commands.fill(NO_COMMAND)
+
+    def on_deactivate(self) -> None:
+        self.commands.fill(NO_COMMAND)
+        self._abort("Aborting current goal, since the controller is being deactivated.")
+
+    def on_halt(self, reason: str) -> None:
+        self._abort(reason)
+        self._stop_wanted = True
+
+    def send_goal(self, primitives: Sequence[MotionPrimitive]) -> GoalHandle:
+        """Execute primitives, one after the other.
+
+        Raises GoalRejectedError, also while others are under way or are being stopped, and ControllerError.
+        """
+        self.check_active()
+        if self.goal is not None:
+            raise self._rejected("motion primitives are under way: wait for their end, or cancel them")
+        if self._stop_wanted or self._stopping:
+            raise self._rejected("the arm is being stopped: send the goal again when it stands")
+        self.check(primitives)
+        self._queue.extend(_as_commands(primitives))
+        self.goal = GoalHandle(tuple(primitives))
+        return self.goal
+
+    def check(self, primitives: Sequence[MotionPrimitive]) -> None:
+        """Whether they would be taken, were the controller active and idle. Raises GoalRejectedError."""
+        if not primitives:
+            raise self._rejected("it has no motion primitives")
+        for number, primitive in enumerate(primitives):
+            if problem := problem_of(primitive):
+                raise self._rejected(f"primitive {number}: {problem}")
+
+    def _rejected(self, reason: str) -> GoalRejectedError:
+        return GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, reason)
+
+    def cancel(self) -> None:
+        """Stop; the goal under way is canceled when the robot has taken it. Raises ControllerError."""
+        self.check_active()
+        if self.goal is not None:
+            self._stop_wanted = True
+
+    def update(self, time_s: float, period_s: float) -> None:
+        status = self.states[self._name(STATUS)]
+        if self._stop_wanted:
+            self._stop_wanted, self._stopping = False, True
+            self._queue.clear()
+            self._mark(Marker.STOP_MOTION)
+        elif not self._is_taken():
+            pass  # the hardware has what was set last before it
+        elif self._stopping:
+            if status == ExecutionStatus.STOPPED:
+                self._mark(Marker.RESET_STOP)
+                self._stopping = False
+                self._end_canceled()
+        elif self._queue:
+            if self.states[self._name(READY)] == 1.0:
+                self.commands.put(self._queue.popleft())
+        elif self.goal is not None:
+            self._conclude(status)
+
+    def _is_taken(self) -> bool:
+        kind = self.commands[self._name(_TYPE)]
+        return kind != kind
+
+    def _mark(self, marker: Marker) -> None:
+        self.commands.put(_marker(marker))
+
+    def _conclude(self, status: float) -> None:
+        """The hardware has all of the goal: what it reports is about it."""
+        if status == ExecutionStatus.SUCCESS and self.goal is not None:
+            goal, self.goal = self.goal, None
+            goal.succeed("Motion primitives executed successfully")
+        elif status == ExecutionStatus.ERROR:
+            self._abort("The robot did not execute all of the motion primitives: the log says why.")
+
+    def _end_canceled(self) -> None:
+        goal, self.goal = self.goal, None
+        if goal is not None:
+            goal.cancel()
+
+    def _abort(self, reason: str) -> None:
+        self._queue.clear()
+        goal, self.goal = self.goal, None
+        if goal is not None:
+            goal.abort(ErrorCode.INVALID_GOAL, reason)
+
+
+def _as_commands(primitives: Sequence[MotionPrimitive]) -> Iterator[list[float]]:
+    if len(primitives) == 1:
+        yield commands_of(primitives[0])
+        return
+    yield _marker(Marker.SEQUENCE_START)
+    yield from map(commands_of, primitives)
+    yield _marker(Marker.SEQUENCE_END)
+
+
+def _marker(marker: Marker) -> list[float]:
+    return [float(marker), *(NO_COMMAND,) * (len(PRIMITIVE_COMMANDS) - 1)]

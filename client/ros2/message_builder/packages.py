@@ -1,0 +1,132 @@
+"""What is built, in which installation, and where it comes to lie: an ament prefix."""
+
+import shutil
+import sysconfig
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+KINDS: Final = ("msg", "srv", "action")
+# what rosidl adds to services and actions refers to these, where the distribution has them
+_IMPLIED: Final = ("builtin_interfaces", "service_msgs", "action_msgs", "unique_identifier_msgs")
+FASTRTPS: Final = "rosidl_typesupport_fastrtps_c"
+INTROSPECTION: Final = "rosidl_typesupport_introspection_c"
+
+
+class Plan(NamedTuple):
+    """What to build.
+
+    packages: name, version, and files by their path in the package (``msg/IOStates.msg``); a package stands after
+    those it refers to. prefixes: of the ROS 2 installation, the first has precedence. prefix: what comes about, a
+    folder that does not exist. scratch: a folder for what is of no use afterwards.
+    """
+
+    packages: list[tuple[str, str, dict[str, str]]]
+    prefixes: list[str]
+    prefix: str
+    scratch: str
+
+
+class BuildError(Exception):
+    """In words for the user; details went to the standard error."""
+
+
+@dataclass(frozen=True)
+class Package:
+    """One of the plan. uses: the packages it refers to."""
+
+    name: str
+    version: str
+    files: dict[str, str]
+    prefix: Path
+    uses: tuple[str, ...]
+
+    @property
+    def share(self) -> Path:
+        return self.prefix / "share" / self.name
+
+    def idl_tuples(self) -> list[str]:
+        return [f"{self.share}:{Path(file).with_suffix('.idl')}" for file in self.files]
+
+
+class Installation:
+    """The ROS 2 that is there."""
+
+    def __init__(self, prefixes: Sequence[Path]) -> None:
+        self.prefixes = prefixes
+        # registered there: those for which the dispatcher looks
+        self.typesupports = [name for name in (FASTRTPS, INTROSPECTION) if self.has("rosidl_typesupport_c", name)]
+        if not self.typesupports:
+            raise BuildError(f"no type support for C is registered in {', '.join(map(str, prefixes))}")
+
+    def has(self, resource: str, name: str) -> bool:
+        return any(
+            (prefix / "share/ament_index/resource_index" / resource / name).is_file() for prefix in self.prefixes
+        )
+
+    def share(self, package: str) -> Path:
+        for prefix in self.prefixes:
+            if (share := prefix / "share" / package).is_dir():
+                return share
+        raise BuildError(f"the ROS 2 package {package} is not installed")
+
+    def include(self) -> Iterator[Path]:
+        """A package's headers are either in ``include/<package>`` or in ``include/<package>/<package>``."""
+        for prefix in self.prefixes:
+            yield prefix / "include"
+            yield from sorted(path.parent for path in prefix.glob("include/*/*/") if path.name == path.parent.name)
+
+    def libraries(self) -> Iterator[Path]:
+        for prefix in self.prefixes:
+            yield prefix / "lib"
+            if multiarch := sysconfig.get_config_var("MULTIARCH"):
+                yield prefix / "lib" / multiarch
+
+
+def packages_of(plan: Plan, installation: Installation) -> list[Package]:
+    """Of a plan, in its order."""
+    implied = {name for name in _IMPLIED if installation.has("packages", name)}
+    packages = []
+    for name, version, files in plan.packages:
+        uses = set(implied)
+        for text in files.values():
+            uses |= {line.split("/")[0] for line in text.splitlines() if "/" in line.split(" ")[0]}
+        packages.append(Package(name, version, files, Path(plan.prefix), tuple(sorted(uses - {name}))))
+    return packages
+
+
+def python_folder(prefix: Path) -> Path:
+    """Where the Python packages of a prefix are."""
+    return prefix / "lib" / f"python{sysconfig.get_python_version()}" / "site-packages"
+
+
+def install_python(package: Package, made: Path) -> None:
+    """The Python package, of what its generator has made."""
+    target = python_folder(package.prefix) / package.name
+    (target / "__init__.py").write_text("", encoding="utf-8")
+    for kind in KINDS:
+        for module in (made / kind).glob("*.py"):
+            (target / kind).mkdir(exist_ok=True)
+            shutil.copy(module, target / kind)
+
+
+def register(package: Package) -> None:
+    """In the ament index, by which the commands of ros2 find packages and interfaces."""
+    index = package.prefix / "share/ament_index/resource_index"
+    interfaces = sorted(
+        path.relative_to(package.share).as_posix() for path in package.share.glob("*/*") if path.suffix != ".json"
+    )
+    resources = {
+        "packages": "",
+        "package_run_dependencies": ";".join(package.uses),
+        "rosidl_interfaces": "\n".join(interfaces),
+    }
+    for resource, content in resources.items():
+        (index / resource).mkdir(parents=True, exist_ok=True)
+        (index / resource / package.name).write_text(content, encoding="utf-8")
+    (package.share / "package.xml").write_text(
+        f'<package format="3"><name>{package.name}</name><version>{package.version}</version>'
+        "<description>Interfaces</description><member_of_group>rosidl_interface_packages</member_of_group></package>\n",
+        encoding="utf-8",
+    )

@@ -1,0 +1,129 @@
+"""Where frames are that the arm does not have, by what others publish on ``/tf`` and ``/tf_static``.
+
+Nobody listens there all the time: the driver's own frames come every cycle, and reading them would cost more than all
+else it does. A request in a frame that is not the arm's listens until its way to one of the arm's frames is known.
+"""
+
+import asyncio
+import math
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from client.ros2.host import NodeHost, interface
+from client.ros2.topics import TF_DEPTH, Scene
+from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
+from urproto.text import quoted
+from urproto.vectors import ZERO6
+
+_NODE: Final = "transform_listener"
+_WAIT_S: Final = 2.0  # guess: a frame that moves is published once a second or more often
+_SMALL: Final = 1e-6  # below it a quaternion has no direction
+
+Refuse = Callable[[str], Exception]
+"""Makes an exception of a reason."""
+
+
+class Transforms:
+    """Frames of the arm and of others; methods are called in the event loop."""
+
+    def __init__(self, host: NodeHost, scene: Scene) -> None:
+        self._host = host
+        self._scene = scene
+        self._one_at_a_time = asyncio.Lock()
+
+    async def poses_in_base(self, frames: Iterable[str], refuse: Refuse) -> dict[str, Pose]:
+        """Where frames are now in the arm's base frame, by name [m, rotation vector]; "" is the base frame.
+
+        Raises what ``refuse`` makes of the reason for a frame that nobody publishes.
+        """
+        wanted = set(frames)
+        others = {frame for frame in wanted if self._scene.pose_of(frame) is None}
+        linked = await self._listen(others) if others else {}
+        poses = {}
+        for frame in wanted:
+            anchor, pose = linked.get(frame, (frame, ZERO6))
+            anchor_pose = self._scene.pose_of(anchor)
+            if anchor_pose is None:
+                raise refuse(
+                    f"the frame {quoted(frame)} is not one of the arm, and for {_WAIT_S:g} s nobody has published on "
+                    f"/tf or /tf_static where it is: publish it, or use the frame {self._scene.prefix}base"
+                )
+            poses[frame] = pose_trans(anchor_pose, pose)
+        return poses
+
+    async def _listen(self, frames: set[str]) -> dict[str, tuple[str, Pose]]:
+        async with self._one_at_a_time:
+            listener = _Listener(frames, self._scene.frame_names)
+            return await asyncio.to_thread(listener.listen, self._host)
+
+
+class _Listener:
+    """Listens until each of these frames is linked to one of ``known``, or for as long as it makes sense."""
+
+    def __init__(self, frames: set[str], known: frozenset[str]) -> None:
+        self._frames = {frame: frame.lstrip("/") for frame in frames}
+        self._known = known
+        self._links: dict[str, dict[str, Pose]] = {}  # frame -> neighbour -> where that one is
+        self._found: dict[str, tuple[str, Pose]] = {}
+        self._complete = threading.Event()
+
+    def listen(self, host: NodeHost) -> dict[str, tuple[str, Pose]]:
+        """Frame -> one of the known ones, and where the frame is in that; without those that nobody publishes."""
+        node = host.node(_NODE, start_parameter_services=False, enable_rosout=False)
+        kind = interface("tf2_msgs/msg/TFMessage")
+        static = QoSProfile(depth=TF_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(kind, "/tf", self._hear, QoSProfile(depth=TF_DEPTH))
+        node.create_subscription(kind, "/tf_static", self._hear, static)
+        host.spin(node)
+        try:
+            self._complete.wait(_WAIT_S)
+        finally:
+            host.close(node)
+        return self._found
+
+    def _hear(self, message: Any) -> None:
+        for transform in message.transforms:
+            if (pose := pose_of_transform(transform.transform)) is not None:
+                parent, child = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
+                self._links.setdefault(parent, {})[child] = pose
+                self._links.setdefault(child, {})[parent] = pose_inv(pose)
+        for frame, name in self._frames.items():
+            if frame not in self._found and (link := linked(name, self._known, self._links)) is not None:
+                self._found[frame] = link
+        if len(self._found) == len(self._frames):
+            self._complete.set()
+
+
+def linked(frame: str, known: frozenset[str], links: Mapping[str, Mapping[str, Pose]]) -> tuple[str, Pose] | None:
+    """The known frame that is the fewest links away, and where ``frame`` is in it; None without a way there."""
+    reached: dict[str, Pose] = {frame: ZERO6}  # where each is, in frame
+    queue = [frame]
+    for name in queue:
+        if name in known:
+            return name, pose_inv(reached[name])
+        for neighbour, pose in links.get(name, {}).items():
+            if neighbour not in reached:
+                reached[neighbour] = pose_trans(reached[name], pose)
+                queue.append(neighbour)
+    return None
+
+
+def pose_of_transform(transform: Any) -> Pose | None:
+    """Of a geometry_msgs/Transform [m, rotation vector]; None if it has no place or direction."""
+    place, turn = transform.translation, transform.rotation
+    numbers = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+    if not all(map(math.isfinite, numbers)) or math.hypot(*numbers[3:]) < _SMALL:
+        return None
+    return (place.x, place.y, place.z, *quaternion_to_rotvec(turn.x, turn.y, turn.z, turn.w))
+
+
+def pose_in(poses: Mapping[str, Pose], stamped: Any, refuse: Refuse) -> Pose:
+    """A geometry_msgs/PoseStamped in the base frame, given where its frame is; raises for an orientation of zeros."""
+    place, turn = stamped.pose.position, stamped.pose.orientation
+    if max(map(abs, (turn.x, turn.y, turn.z, turn.w))) < _SMALL:
+        raise refuse("its orientation is zero: a quaternion has at least one part that is not")
+    pose = (place.x, place.y, place.z, *quaternion_to_rotvec(turn.x, turn.y, turn.z, turn.w))
+    return pose_trans(poses[stamped.header.frame_id], pose)
