@@ -88,8 +88,9 @@ for name, version, files in plan["packages"]:
 @pytest.fixture
 def builder(tmp_path, monkeypatch):
     """A builder that takes no time, and a file with a line for each of its runs."""
-    fake = tmp_path / "fake.py"
-    fake.write_text(FAKE)
+    fake = tmp_path / "fake"
+    fake.mkdir()
+    (fake / "__main__.py").write_text(FAKE)
     calls = tmp_path / "calls"
     calls.touch()
     installation = Ros2Installation("jazzy", (tmp_path,), sourced=False)
