@@ -98,7 +98,7 @@ class Electrics:
     def __init__(self, supply: Supply | None = None, seed: int = 0, *, early_simulator: bool = False) -> None:
         self._early_simulator = early_simulator
         self._supply = supply
-        self._chance = Random(seed)
+        self._chance = Random(f"supply {seed}")  # not the noise of currents
         self.robot_current_A = 0.0
         self.energy_J = 0.0
         self.braking_energy_J = 0.0

@@ -20,7 +20,7 @@ class StaticFriction:
 
     def __init__(self, model: RobotModel, seed: int) -> None:
         self._coulomb = drivetrain_of(model).coulomb_Nm
-        self._chance = Random(seed)
+        self._chance = Random(f"static friction {seed}")  # not the sensors' noise
         self._ways = [0.0] * 6
         self._held: Vector6 | None = None
 
