@@ -122,6 +122,8 @@ def div(left: Value, right: Value) -> Value:
 
 
 def mod(left: Value, right: Value) -> Value:
+    if left.__class__ is int and right.__class__ is int and left >= 0 and right > 0:  # where Python's is the same
+        return left % right
     if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
         return _modulo(left, right)
     return _elementwise(_MOD, left, right)
@@ -369,6 +371,8 @@ def _check_elements(count: int, budget: int) -> None:
 def index(value: Value, position: Value) -> Value:
     """``value[position]`` of a list, a pose, or a matrix (a row)."""
     if isinstance(value, list):
+        if position.__class__ is int and 0 <= position < len(value):  # as nearly always
+            return value[position]
         return value[_within(position, len(value))]
     if value.__class__ is Matrix:
         return list(value.rows[_within(position, len(value.rows))])
@@ -405,9 +409,14 @@ Key = Any  # str: a member; a number: an index; a pair: a matrix cell
 
 def set_item(value: Value, key: Key, item: Value) -> Value:
     """A copy of `value` in which the element `key` is `item`."""
-    if key.__class__ is str:
+    result: Value
+    if value.__class__ is list and key.__class__ is int and 0 <= key < len(value):  # as nearly always
+        result = value.copy()
+        result[key] = item
+        charge(len(value) // 8)
+    elif key.__class__ is str:
         member(value, key)
-        result: Value = Struct({**value.members, key: item})
+        result = Struct({**value.members, key: item})
     elif key.__class__ is tuple:
         cell(value, *key)
         result = _with_cell(value, int(key[0]), int(key[1]), item)

@@ -231,6 +231,9 @@ def _text(value: Value, message: bool, limit: int) -> str:
     """The text of a value; of one longer than `limit` at least that much."""
     if value.__class__ is str:
         return str(value)
+    if not isinstance(value, (list, Matrix, Struct)):
+        charge(_CHUNK_WORK)
+        return _scalar_text(value, message)
     pieces: list[str] = []
     length = 0
     for piece in _chunks(value, message, False):
