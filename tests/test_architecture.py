@@ -38,7 +38,14 @@ THIRD_PARTY = {
     "coal": ("emulator.world.links", "client.planning"),
     "ompl": ("client.planning",),
     "h11": ("emulator.builtins.remote.httpclient", "emulator.control.http"),
-    "msgspec": ("emulator.control", "emulator.faults", "emulator.control.http", "emulator.fleet.plan"),
+    "mujoco": ("emulator.physics",),
+    "msgspec": (
+        "emulator.control",
+        "emulator.faults",
+        "emulator.control.http",
+        "emulator.fleet.plan",
+        "emulator.physics.description",
+    ),
     "fastapi": ("client.pendant.web_security", "client.pendant.live", "client.pendant.server"),
     "socketio": ("client.pendant.web_security",),
     "httpx": ("client.pendant.emulator_control",),
@@ -48,6 +55,7 @@ THIRD_PARTY = {
     "matplotlib": ("client.recording.plots", "client.identification.plots"),
     "mcap": ("client.recording.mcapfile",),
     "numpy": (
+        "emulator.physics",
         "urproto.robots.pinocchio_dynamics",
         "emulator.world.links",
         "client.recording",

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from emulator.physics.cameras import CameraError, Cameras
+from emulator.physics import open_cameras
+from emulator.physics.cameras import CameraError
 from urproto.robots.pose import pose_inv, pose_trans
 
 PART = "part: {box: [0.1, 0.1, 0.1], pose: [-0.6, 0.1, 0.55], mass: 1, colour: [1, 0, 0]}"
@@ -20,7 +21,7 @@ CAMERAS = """cameras:
 def scene(cell):
     here = cell(FLOOR, PART, more=CAMERAS)
     try:
-        cameras = Cameras(here.world)
+        cameras = open_cameras(here.world)
     except CameraError as error:
         pytest.skip(str(error))
     with cameras:

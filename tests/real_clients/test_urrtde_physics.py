@@ -44,6 +44,7 @@ def test_parts_are_picked_from_a_conveyor(count: int) -> None:
         assert places[f"part {number}"][:3] == pytest.approx((x, y, 0.015), abs=0.01)
 
 
+@pytest.mark.long
 def test_a_peg_finds_its_hole_by_force_mode() -> None:
     with cell("peg.yaml", "ur5", 2.0) as robot:
         run("peg_in_hole.py", robot.host)
@@ -52,6 +53,7 @@ def test_a_peg_finds_its_hole_by_force_mode() -> None:
     assert z < 0.14 - 0.015
 
 
+@pytest.mark.long
 def test_a_wall_is_found_by_contact_and_a_box_before_it() -> None:
     with cell("wall.yaml", "ur5e", 2.0) as robot:
         said = run("find_wall.py", robot.host)
