@@ -13,8 +13,7 @@ from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.faults.catalogue import parse_fault
 from emulator.faults.fault import Fault, FaultError
 from emulator.machine import ControllerConfig
-from emulator.physics import read_physics
-from emulator.physics.plan import SCENE_FILES
+from emulator.physics import SCENE_FILES, read_physics
 from emulator.ports import PORTS
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
@@ -202,11 +201,11 @@ def controller_config(
         speeds = (encoder0_speed, encoder1_speed)
     mounted = choose_gripper(gripper, gripper_object)
     if world is None or isinstance(world, Path | str):
-        surroundings = read_surroundings(
-            _path(world), chosen, q_rad, physics=physics, gripper=mounted, object_mm=gripper_object
-        )
+        surroundings = read_surroundings(_path(world), physics=physics, gripper=mounted, object_mm=gripper_object)
     else:
         surroundings = world
+    if surroundings is not None:
+        check_surroundings(surroundings, chosen, q_rad)
     return ControllerConfig(
         model=read_calibration(_path(calibration), chosen),
         version=choose_version(polyscope, chosen),
@@ -415,8 +414,6 @@ def read_driver_address(text: str | None) -> DriverAddress:
 
 def read_surroundings(
     path: Path | None,
-    model: RobotModel,
-    q_rad: Sequence[float] = START_Q,
     *,
     physics: bool = False,
     gripper: GripperModel | None = None,
@@ -432,14 +429,21 @@ def read_surroundings(
         raise ConfigError("in a world with physics the gripper meets what is there: leave --gripper-object out")
     try:
         plan: Plan = read_world(path) if not moves else read_physics(path, gripper)
-        plan.check(model, q_rad)
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-    except (WorldFileError, WorldError) as error:
+    except WorldFileError as error:
         raise ConfigError(str(error)) from error
     if plan.links and not moves:
         need_coal(f"links: true in {path}")
     return plan
+
+
+def check_surroundings(plan: Plan, model: RobotModel, q_rad: Sequence[float]) -> None:
+    """Raises ConfigError when they cannot be around an arm that stands there [rad]."""
+    try:
+        plan.check(model, q_rad)
+    except WorldError as error:
+        raise ConfigError(str(error)) from error
 
 
 def need_coal(option: str) -> None:

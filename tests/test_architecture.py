@@ -45,7 +45,9 @@ THIRD_PARTY = {
         "emulator.robotapi",
         "emulator.servers.http",
         "emulator.campaign",
+        "emulator.physics.description",
     ),
+    "mujoco": ("emulator.physics",),
     "pyarrow": ("emulator.campaign.journal",),
     "ray": ("emulator.campaign.cluster",),
     "fastapi": ("client.pendant.web_security", "client.pendant.live", "client.pendant.server"),
@@ -57,6 +59,7 @@ THIRD_PARTY = {
     "matplotlib": ("client.recording.plots", "client.identification.plots"),
     "mcap": ("client.recording.mcapfile",),
     "numpy": (
+        "emulator.physics",
         "urproto.robots.pinocchio_dynamics",
         "emulator.world.links",
         "client.recording",

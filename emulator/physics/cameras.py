@@ -78,7 +78,8 @@ class Cameras:
         picture = np.zeros((height, width, 3), np.uint8)
         if name not in self._covered:
             mujoco.mjr_readPixels(picture, None, mujoco.MjrRect(0, 0, width, height), self._context)
-        return picture[::-1].copy()
+        upright: NDArray[np.uint8] = picture[::-1].copy()
+        return upright
 
     def depth(self, name: str) -> NDArray[np.float32]:
         """Distance along the camera's axis (height, width) [m]; 0 with the lens covered."""

@@ -1,25 +1,12 @@
-"""Plans of scenes: what files say, read and checked, before there is an arm and a MuJoCo model."""
+"""Plans of scenes: what files say, checked, before there is a MuJoCo model."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from importlib.util import find_spec
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
 
-from emulator.devices.robotiq import GripperModel
-from emulator.physics.description import Barrier, Camera, Colour, Mounted, Moving, Suction, moving_of, read, section
-from emulator.physics.hands import HandShape, parallel_hand, robotiq_hand
-from emulator.world.world import WorldError
-from urproto.robots import RobotModel
-from urproto.worldfile import Thing, WorldFileError, read_description, read_world_file
-
-if TYPE_CHECKING:
-    from emulator.physics.world import PhysicsWorld
-
-SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
-SCENE_FILES: Final = (".xml", ".urdf")
-_GRIPPERS: Final = ("parallel", "suction")
-_OF_MOUNTED: Final = {"mass", "colour"}
+from emulator.physics.description import Barrier, Camera, Colour, Moving, Suction
+from emulator.physics.hands import HandShape
+from urproto.worldfile import Thing
 
 
 @dataclass(frozen=True)
@@ -59,108 +46,3 @@ class PhysicsPlan:
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 
     links: bool = True  # those of the arm touch, by MuJoCo's own search
-
-    def build(self, model: RobotModel, period_s: float) -> "PhysicsWorld":
-        """A world of its own for one arm. Raises WorldError."""
-        from emulator.physics.scene import SceneError, build
-        from emulator.physics.world import PhysicsWorld
-
-        try:
-            scene = build(self, model, period_s)
-            return PhysicsWorld(self, model, scene)
-        except SceneError as error:
-            raise WorldError(f"{self.source}: {error}") from error
-
-    def check(self, model: RobotModel, q: Sequence[float]) -> None:
-        """Raise WorldError when there can be no such scene around an arm that stands at q [rad]."""
-        from emulator.physics.scene import SceneError, build, check_start
-
-        try:
-            check_start(build(self, model, model.series.period_s), model, q)
-        except SceneError as error:
-            raise WorldError(f"{self.source}: {error}") from error
-
-
-def read_physics(path: Path, gripper: GripperModel | None = None) -> PhysicsPlan:
-    """A world file, or a MuJoCo (MJCF) or URDF file, as the scene around an arm with this gripper.
-
-    Raises WorldFileError naming the file and the place, and OSError.
-    """
-    if find_spec("mujoco") is None:
-        raise WorldFileError(f"{path} is a world with physics, which needs MuJoCo: pip install 'ur-emulator[physics]'")
-    try:
-        plan = PhysicsPlan(path, scene=path) if path.suffix.lower() in SCENE_FILES else _read_world(path)
-        if plan.scene is not None:
-            plan.scene.open("rb").close()  # its own message for a file that is not there
-        return replace(plan, gripper=None if gripper is None else robotiq_hand(gripper))
-    except WorldFileError:
-        raise
-    except ValueError as error:
-        raise WorldFileError(f"{path}: {error}") from error
-
-
-def _read_world(path: Path) -> PhysicsPlan:
-    world = read_world_file(path, SHAPES)
-    things = {name: _beside(path, _solid(name, thing)) for name, thing in world.things.items()}
-    moving = {name: moving_of(name, thing) for name, thing in things.items()}
-    for name, thing in things.items():
-        if thing.shape == "plane" and moving[name].mass is not None:
-            raise ValueError(f"{name}: a plane has no end: leave its mass out, or make it a box")
-    bolted, cups, hands = _mounted(path, world.sections.get("mounted") or {})
-    scene = world.sections.get("scene")
-    if scene is not None and not (isinstance(scene, str) and Path(scene).suffix.lower() in SCENE_FILES):
-        raise ValueError(f"scene must be the name of a MuJoCo or URDF file, {' or '.join(SCENE_FILES)}")
-    if world.tool is not None and world.tool.shape == "plane":
-        raise ValueError("tool: a plane has no end and cannot be a tool: give a sphere or a box")
-    return PhysicsPlan(
-        path,
-        scene=None if scene is None else path.parent / scene,
-        things=things,
-        moving=moving,
-        tool=None if world.tool is None else _beside(path, _solid("tool", world.tool)),
-        bolted=bolted,
-        cups=cups,
-        hands=hands,
-        barriers=section(world.sections, "barriers", Barrier),
-        cameras=section(world.sections, "cameras", Camera),
-    )
-
-
-def _solid(name: str, thing: Thing) -> Thing:
-    if not all(0.0 < size < 1e3 for size in thing.sizes):
-        raise ValueError(f"{name}: its {thing.shape} must have lengths greater than 0, not {list(thing.sizes)}")
-    return thing
-
-
-def _beside(path: Path, thing: Thing) -> Thing:
-    """Meshes lie beside the world file."""
-    if not thing.mesh:
-        return thing
-    mesh = path.parent / thing.mesh
-    if not mesh.is_file():
-        raise ValueError(f"there is no mesh {mesh}")
-    return replace(thing, mesh=str(mesh.resolve()))
-
-
-def _mounted(
-    path: Path, given: Any
-) -> tuple[dict[str, tuple[Thing, MountedShape]], dict[str, Cup], dict[str, HandShape]]:
-    if not isinstance(given, dict):
-        raise ValueError("mounted must be a mapping of names")
-    bolted: dict[str, tuple[Thing, MountedShape]] = {}
-    cups: dict[str, Cup] = {}
-    hands: dict[str, HandShape] = {}
-    for name, what in given.items():
-        if isinstance(what, dict) and any(kind in what for kind in _GRIPPERS):
-            mounted = read(str(name), what, Mounted)
-            if mounted.suction is not None:
-                cups[str(name)] = Cup(mounted.suction, mounted.pose)
-            elif mounted.parallel is not None:
-                hands[str(name)] = parallel_hand(str(name), mounted.parallel, mounted.pose)
-            continue
-        thing = _beside(path, _solid(str(name), read_description(str(name), what, SHAPES)))
-        if strange := set(thing.moving) - _OF_MOUNTED:
-            raise ValueError(f"{name}: what is mounted on the flange has no {min(strange)}")
-        moving = moving_of(str(name), thing)
-        bolted[str(name)] = thing, MountedShape(moving.mass or 0.0, thing.material.get("friction", 0.5), moving.colour)
-    return bolted, cups, hands

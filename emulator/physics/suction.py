@@ -103,10 +103,9 @@ class SuctionCup:
         inverse, turned = np.zeros(4), np.zeros(4)
         mujoco.mju_negQuat(inverse, data.xquat[self._body])
         mujoco.mju_mulQuat(turned, inverse, data.xquat[body])
-        own = data.xmat[self._body].reshape(3, 3)
         values = model.eq_data[self._welded]
         values[:3] = frame.T @ (lip - data.xpos[body])
-        values[3:6] = own.T @ (data.xpos[body] - data.xpos[self._body])
+        values[3:6] = 0.0  # the lip is the cup's origin
         values[6:10] = turned
         data.eq_active[self._welded] = True
         self.holds = body

@@ -1,23 +1,42 @@
-"""A peg into a hole that is 3 mm beside where it should be: force mode presses, and drags it along a spiral.
+"""A peg into a hole that is 1.5 mm beside where it should be: force mode presses it down, and drags it along a spiral.
 
 With ur_rtde and nothing else: see peg.yaml.
 """
 
 import sys
-from math import cos, pi, sin
+from collections.abc import Iterator
+from math import cos, hypot, pi, sin
 
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
 PEG_M = 0.08
 TOP_M = 0.14  # of the block
-HOLE = (-0.397, -0.302)  # where the program believes it is
+HOLE = (-0.3988, -0.3009)  # where the program believes it is
 PRESS_N = 15.0
 INSERTED_M = 0.02
-DRAG_N = 8.0  # more than friction holds: the peg moves at its limit of speed
-SPEED, PITCH_M = 0.01, 0.0006
-LIMITS = [SPEED, SPEED, 0.05, 0.5, 0.5, 0.5]
-GIVE_UP_S = 40.0
+DRAG_N = 8.0  # more than friction holds
+PITCH_M, TURNS, CORNERS, NEAR_M, PATIENCE_S = 0.0006, 6, 12, 0.0002, 0.5
+LIMITS = [0.004, 0.004, 0.05, 0.5, 0.5, 0.5]  # slow, since it goes on while nobody looks
+
+
+def spiral() -> Iterator[tuple[float, float]]:
+    """Points around where the hole should be."""
+    for step in range(TURNS * CORNERS):
+        angle, radius = 2.0 * pi * step / CORNERS, PITCH_M * step / CORNERS
+        yield HOLE[0] + radius * cos(angle), HOLE[1] + radius * sin(angle)
+
+
+def drag(receive: RTDEReceiveInterface, control: RTDEControlInterface, x: float, y: float) -> None:
+    """Press, and go to a point; where something holds it, not for long."""
+    end = receive.getTimestamp() + PATIENCE_S
+    while receive.getTimestamp() < end:
+        pose = receive.getActualTCPPose()
+        ahead = x - pose[0], y - pose[1]
+        if hypot(*ahead) < NEAR_M or pose[2] < TOP_M - INSERTED_M:
+            return
+        push = [DRAG_N * part / hypot(*ahead) for part in ahead]
+        control.forceMode([0.0] * 6, [1, 1, 1, 0, 0, 0], [*push, -PRESS_N, 0, 0, 0], 2, LIMITS)
 
 
 def main(host: str) -> None:
@@ -30,16 +49,12 @@ def main(host: str) -> None:
         control.moveL([x, y, TOP_M + 0.05, *turn], 0.3, 1.0)
         control.moveL([*HOLE, TOP_M + 0.01, 0, pi, 0], 0.3, 1.0)
         control.zeroFtSensor()
-        start = before = receive.getTimestamp()
-        angle = 0.0
-        while (height := receive.getActualTCPPose()[2]) > TOP_M - INSERTED_M:
-            now = receive.getTimestamp()
-            if now - start > GIVE_UP_S:
-                sys.exit(f"the hole was not found: the peg stands at {height:.4f} m")
-            radius = PITCH_M * (1.0 + angle / (2.0 * pi))
-            angle, before = angle + SPEED * (now - before) / radius, now
-            wrench = [DRAG_N * cos(angle), DRAG_N * sin(angle), -PRESS_N, 0, 0, 0]
-            control.forceMode([0.0] * 6, [1, 1, 1, 0, 0, 0], wrench, 2, LIMITS)
+        for x, y in spiral():
+            drag(receive, control, x, y)
+            if receive.getActualTCPPose()[2] < TOP_M - INSERTED_M:
+                break
+        else:
+            sys.exit("the hole was not found")
         control.forceModeStop()
         x, y, *_ = receive.getActualTCPPose()
         print(

@@ -1,0 +1,105 @@
+"""Scenes that can be, and one clear line for those that cannot."""
+
+import subprocess
+import sys
+
+import pytest
+
+from emulator.config import ConfigError, controller_config
+from tests.physics.conftest import Cell
+
+PART = "box: [0.04, 0.04, 0.04], pose: [-0.5, 0, 0.5]"
+MJCF = """<mujoco><worldbody>
+  <geom name="floor" type="plane" size="2 2 .1" pos="0 0 -.01"/>
+  <body name="part" pos="-.6 0 .3"><freejoint/><geom type="box" size=".02 .02 .02" mass=".1"/></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (f"objects: {{a: {{{PART}, mass: 0}}}}", "a: Expected float > 0.0 - at $.mass"),
+        (f"objects: {{a: {{{PART}, mass: heavy}}}}", "a: Expected float | null, got str"),
+        ("objects: {a: {torus: 1}}", "a has 'torus'"),
+        ("objects: {a: {box: [0.1, 0, 0.1]}}", "lengths greater than 0"),
+        (
+            f"objects: {{a: {{{PART}, mass: 1}}, b: {{{PART}, mass: 1}}}}",
+            "a and b are 40.0 mm in each other at the start",
+        ),
+        ("objects: {a: {box: [1, 1, 1], pose: [0, 0, 0.3]}}", "start elsewhere"),
+        ("objects: {a: {mesh: none.stl}}", "there is no mesh"),
+        (f"objects: {{a: {{{PART}, slide: {{axis: [0, 0, 1], range: [0, 1]}}}}}}", "what a joint moves needs a mass"),
+        (f"objects: {{a: {{{PART}, mass: 1, slide: {{axis: [0, 0, 0], range: [0, 1]}}}}}}", "axis has no direction"),
+        ("objects: {a: {plane: {}, mass: 1}}", "a plane has no end"),
+        ("barriers: {b: {from: [0, 0, 0], to: [0, 0, 1], input: 18}}", "Expected int <= 17"),
+        ("scene: other.xml", "cannot read"),
+        ("mounted: {m: {}}", "m must have exactly one of"),
+        ("cameras: {c: {pose: [0, 0, 1], at: [0, 0, 1]}}", "at is where the camera is"),
+    ],
+)
+def test_a_bad_scene_is_one_clear_line(tmp_path, text, says):
+    (scene := tmp_path / "bad.yaml").write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        controller_config("ur5", world=scene, physics=True)
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("text", ["<mujoco><worldbody><geom type='egg'/></worldbody></mujoco>", "<mujoco", ""])
+def test_a_bad_scene_of_mujoco_is_one_clear_line(tmp_path, text):
+    (scene := tmp_path / "bad.xml").write_text(text)
+    with pytest.raises(ConfigError, match=r"bad\.xml: \S") as refused:
+        controller_config("ur5", world=scene)
+    assert "\n" not in str(refused.value)
+
+
+def test_without_physics_a_world_does_not_move(tmp_path):
+    (scene := tmp_path / "cell.yaml").write_text(f"objects: {{a: {{{PART}, mass: 1}}}}")
+    with pytest.raises(ConfigError, match="mass of a is for a world with physics: add --physics"):
+        controller_config("ur5", world=scene)
+    with pytest.raises(ConfigError, match="--physics needs a scene"):
+        controller_config("ur5", physics=True)
+
+
+def test_a_scene_of_mujoco_stands_around_the_arm_and_may_be_part_of_a_world_file(tmp_path):
+    (tmp_path / "scene.xml").write_text(MJCF)
+    (tmp_path / "cell.yaml").write_text(
+        "scene: scene.xml\nobjects: {ball: {sphere: 0.02, pose: [-0.6, 0.2, 0.3], mass: 1}}"
+    )
+    here = Cell(tmp_path / "cell.yaml")
+    here.seconds(1.0)
+    assert here.position("part")[2] == pytest.approx(0.01, abs=1e-3)
+    assert here.position("ball")[2] == pytest.approx(0.01, abs=1e-3)
+    assert Cell(tmp_path / "scene.xml").robot.objects() == ["part"]
+
+
+def test_urdf_is_read(tmp_path):
+    (tmp_path / "post.urdf").write_text(
+        '<robot name="post"><link name="base"><collision><origin xyz="0.6 0 0.5"/>'
+        '<geometry><box size="0.1 0.1 1"/></geometry></collision></link></robot>'
+    )
+    here = Cell(tmp_path / "post.urdf")
+    here.seconds(0.1)
+    assert not here.world.failure
+
+
+def test_mujoco_is_loaded_for_worlds_that_move_alone():
+    code = "import sys, emulator.app, emulator.config; sys.exit('mujoco' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_things_of_a_scene_are_moved_but_neither_added_nor_removed(tmp_path):
+    (scene := tmp_path / "cell.yaml").write_text(
+        f"objects: {{a: {{{PART}, mass: 1}}, b: {{box: [0.1, 0.1, 0.1], pose: [-0.5, 0.5, 0]}}}}"
+    )
+    robot = Cell(scene).robot
+    robot.move_object("b", (0.5, 0.5, 0, 0, 0, 0))
+    robot.move_object("a", (0.5, 0.5, 0.3, 0, 0, 0))
+    robot.step(100)
+    assert robot.object_poses()["a"][2] == pytest.approx(0.07, abs=1e-3)
+    with pytest.raises(ValueError, match="cannot be added"):
+        robot.add_object("c", {"sphere": 0.1})
+    with pytest.raises(ValueError, match="cannot be removed"):
+        robot.remove_object("a")
+    with pytest.raises(ValueError, match="there is no object 'z'; there are: a, b"):
+        robot.move_object("z", (0,) * 6)
