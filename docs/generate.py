@@ -120,7 +120,7 @@ def supported() -> str:
     parts = [
         "# Supported, partial, refused",
         NOTICE,
-        "Versions are the first of CB3, of e-Series and of PolyScope X, which runs on e-Series arms, that have a thing; "
+        "Versions are the first of CB3, of e-Series and of PolyScope X, which runs on e-Series arms, that have it; "
         "a dash means that it never came there.",
         "## Arms",
         _arms(),

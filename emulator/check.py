@@ -42,7 +42,7 @@ _LOOKED_FOR: Final = (
     "control",
 )
 _MEANING: Final[Mapping[str, str]] = {
-    "dashboard": "nobody can switch the arm on, load or start programs from afar (PolyScope X has its Robot API in this place)",
+    "dashboard": "nobody can switch the arm on, load or start programs from afar (PolyScope X: see robot api)",
     "robot api": "nobody can switch the arm on, load or start programs from afar (PolyScope X)",
     "primary": "clients get no state and no messages here, and can send no scripts",
     "secondary": "clients get no state here, and can send no scripts",
