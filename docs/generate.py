@@ -148,8 +148,8 @@ def supported() -> str:
     parts = [
         "# Supported, partial, refused",
         NOTICE,
-        "Versions are the first of CB3, of e-Series and of PolyScope X, which runs on e-Series arms, that have a thing; a "
-        "dash means that it never came there.",
+        "Versions are the first of CB3, of e-Series and of PolyScope X, which runs on e-Series arms, that have it; "
+        "a dash means that it never came there.",
         "## Arms",
         _arms(),
         "## Ports",

@@ -10,7 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.machinery import PathFinder
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
@@ -34,6 +34,7 @@ _SCRIPT: Final = "script"
 _ALWAYS: Final = ("dashboard", "primary", "secondary", "realtime", "rtde")
 _LOOKED_FOR: Final = (
     "modbus",
+    "robot api",
     "interpreter",
     "primary read-only",
     "secondary read-only",
@@ -41,7 +42,8 @@ _LOOKED_FOR: Final = (
     "control",
 )
 _MEANING: Final[Mapping[str, str]] = {
-    "dashboard": "nobody can switch the arm on, load or start programs from afar (PolyScope X has no such server)",
+    "dashboard": "nobody can switch the arm on, load or start programs from afar (PolyScope X: see robot api)",
+    "robot api": "nobody can switch the arm on, load or start programs from afar (PolyScope X)",
     "primary": "clients get no state and no messages here, and can send no scripts",
     "secondary": "clients get no state here, and can send no scripts",
     "realtime": "clients of the 125 or 500 Hz stream get nothing, and can send no scripts",
@@ -105,6 +107,8 @@ def _check(
     while True:
         plan = _plan(host, port_offset, ports_file, require or [])
         findings = asyncio.run(_look(plan, timeout, script=script))
+        if any(finding.name == "robot api" and finding.error is None for finding in findings):
+            plan = replace(plan, required=plan.required - {"dashboard"} | set(require or []))
         if not any(map(plan.is_wrong, findings)) or time.monotonic() >= deadline:
             break
         time.sleep(_PAUSE_S)
