@@ -5,43 +5,60 @@ from collections.abc import Sequence
 import numpy as np
 
 from client.planning import Box, Plane, PlanningScene, Sphere
-from urproto.robots import Kinematics, RobotModel
+from urproto.robots import RobotModel
+from urproto.robots.calibration import chain_of
 from urproto.robots.pose import rotvec_to_matrix
-from urproto.robots.shapes import ArmCapsules
+from urproto.robots.shapes import cylinders
 
 _ALONG = np.linspace(0.0, 1.0, 41)[:, None]
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)[:, None]
 
 
 class Clearance:
-    """Of the upper arm, the forearm, the wrists and a round tool, by points along their axes."""
+    """Of the cylinders of the upper arm, the forearm and the wrists, and of a round tool.
+
+    Each cylinder is taken for balls along its axis, within it, and for points on its rims.
+    """
 
     def __init__(self, model: RobotModel, scene: PlanningScene) -> None:
-        self._capsules = ArmCapsules(model)
-        self._kinematics = Kinematics(model.dh)
+        self._frames = [(np.array(f.axes).reshape(3, 3), np.array(f.position)) for f in chain_of(model.dh)]
+        self._parts = [[_parts(c.start, c.end, c.radius) for c in link] for link in cylinders(model)]
         self._scene = scene
 
     def __call__(self, q_rad: Sequence[float]) -> float:
         """The least distance to a thing of the scene [m]: to 1 mm, as the points are near each other."""
         balls = []
-        for number, (start, end) in enumerate(self._capsules.axes(q_rad)):
-            if number == 0:  # the base
-                continue
-            stop = np.array(end)
-            if number == 5:  # the flange is where the housing of wrist 3 ends
-                way = stop - np.array(start)
-                stop = stop - way / np.linalg.norm(way) * self._capsules.radii[number]
-            balls.append((np.array(start) + _ALONG * (stop - np.array(start)), self._capsules.radii[number]))
+        turn, place = np.eye(3), np.zeros(3)
+        for number, ((axes, position), angle) in enumerate(zip(self._frames, q_rad, strict=True), 1):
+            place = place + turn @ position
+            s, c = np.sin(angle), np.cos(angle)
+            turn = turn @ axes @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            if number > 1:  # the shoulder turns on the spot
+                for points, radius, rims in self._parts[number]:
+                    balls += [(place + points @ turn.T, radius), (place + rims @ turn.T, 0.0)]
         for thing in self._scene.objects.values():
             if thing.attached:
                 assert isinstance(thing.shape, Sphere)
-                tip = self._kinematics.forward(q_rad, thing.pose)
-                balls.append((np.array([tip[:3]]), thing.shape.radius))
+                balls.append(((place + turn @ np.array(thing.pose[:3]))[None], thing.shape.radius))
         around = [thing for thing in self._scene.objects.values() if not thing.attached]
         return min(
             float(np.min(_distance(points, thing.shape, thing.pose))) - radius
             for points, radius in balls
             for thing in around
         )
+
+
+def _parts(start: Sequence[float], end: Sequence[float], radius: float) -> tuple[np.ndarray, float, np.ndarray]:
+    """Middles of balls, their radius, and the points of both rims."""
+    first, last = np.array(start), np.array(end)
+    length = float(np.linalg.norm(last - first))
+    axis = (last - first) / length
+    across = np.cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0))
+    across /= np.linalg.norm(across)
+    rim = radius * (np.cos(_ROUND) * across + np.sin(_ROUND) * np.cross(axis, across))
+    ball = min(radius, 0.5 * length)
+    middles = first + ball * axis + _ALONG * (length - 2.0 * ball) * axis
+    return middles, ball, np.concatenate((first + rim, last + rim))
 
 
 def _distance(points: np.ndarray, shape: object, pose: Sequence[float]) -> np.ndarray:
