@@ -88,7 +88,7 @@ def _footer(page: Page, tabs: ui.tabs) -> None:
 
 def _simulation_switch(page: Page) -> None:
     """As in PolyScope's footer. Where it is out of reach, it is shown while the robot simulates."""
-    with ui.button(on_click=page.doing(page.switch_simulation)).props("dense no-caps unelevated") as switch:
+    with ui.button(on_click=page.doing(page.switch_simulation), color=None).props("dense no-caps unelevated") as switch:
         page.live.text(lambda s: "Simulation" if s.simulating else "Real robot")
     switch.classes("chip simulation-switch").props("data-testid=simulation-switch").tooltip(
         "In simulation programs run and the arm on the screens moves; the real arm stands."

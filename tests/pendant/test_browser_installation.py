@@ -1,7 +1,7 @@
 """Installation, in a browser."""
 
 import pytest
-from playwright.sync_api import TimeoutError, expect
+from playwright.sync_api import Error, expect
 
 from tests.pendant.conftest import eventually
 
@@ -83,7 +83,7 @@ def choose(page, mark, text):
         try:
             option.wait_for(timeout=10_000)
             break
-        except TimeoutError:
+        except Error:
             continue
     option.click()
 
