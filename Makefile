@@ -13,7 +13,7 @@ JOBS   ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 1)
 # processes, and half of the time of each would go into compiling what the one before compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help emulator test long pages mutants soak chaos fuzz check wheel-check benchmarks docs site constraints clean
+.PHONY: help emulator test long pages mutants soak chaos fuzz cluster check wheel-check benchmarks docs site constraints clean
 
 help: ## what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -59,6 +59,10 @@ chaos: $(VENV)/.dev ## accidents and enemies, against bars: a quarter of an hour
 TIME ?= 60
 fuzz: $(VENV)/.fuzz ## inputs that a reader fails on; TIME=60 seconds each
 	$(BIN)/python tests/fuzzing/fuzz.py --time $(TIME) $(ARGS)
+
+# Campaigns on a Ray cluster of two nodes, of which one is killed; Ray is large, so it is installed for this alone.
+cluster: $(VENV)/.cluster ## campaigns on two nodes of a Ray cluster
+	$(BIN)/python -m pytest tests/campaign/test_cluster.py $(ARGS)
 
 check: $(VENV)/.dev ## ruff, mypy and the other static checks
 	$(BIN)/ruff check .
@@ -109,6 +113,10 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 $(VENV)/.fuzz: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --editable '.[fuzz]'
+	touch $@
+
+$(VENV)/.cluster: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --editable '.[cluster]'
 	touch $@
 
 # The newest packages that fit pyproject.toml, for every Python from 3.10 on and every system, with their hashes.

@@ -8,6 +8,7 @@ import platform
 import sys
 from pathlib import Path
 
+import campaign
 import crowd
 import fleet
 import idle
@@ -54,6 +55,7 @@ def main() -> None:
         rtde_codec.measure(),
         urscript_speed.measure_compiling(),
         urscript_speed.measure(),
+        campaign.measure(),
     )
     sections = [HEAD.format(machine=_machine()), *(table.markdown() for table in tables)]
     TARGET.write_text("\n".join(sections))

@@ -170,3 +170,8 @@ async def give_way_under_overload() -> None:
                 )
             elif _take_priority():
                 _logger.warning("real-time priority is back")
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -92,8 +92,8 @@ def _dashboard_line(emulator: Emulator) -> str:
     if "dashboard" not in emulator.ports:
         return _api_line(emulator)
     if config.ephemeral_ports:
-        return f"printf '{command}\\nquit\\n' | nc {config.host} {emulator.ports['dashboard']}"
-    options = "" if config.host == _LOOPBACK else f" --robot-ip {config.host}"
+        return f"printf '{command}\\nquit\\n' | nc {_here(emulator)} {emulator.ports['dashboard']}"
+    options = "" if _here(emulator) == _LOOPBACK else f" --robot-ip {_here(emulator)}"
     options += f" --port-offset {config.port_offset}" if config.port_offset else ""
     return f'{_client()} dashboard "{command}"{options}'
 
@@ -114,8 +114,14 @@ def _client() -> str:
     return "ur-client" if which("ur-client") else str(Path(sys.executable).with_name("ur-client"))
 
 
-def _first_steps(emulator: Emulator) -> Text:
+def _here(emulator: Emulator) -> str:
+    """Its address for clients on this machine."""
     host = emulator.config.host
+    return _LOOPBACK if host == _ANY else host
+
+
+def _first_steps(emulator: Emulator) -> Text:
+    host = _here(emulator)
     steps = f"  {_dashboard_line(emulator)}\n"
     if emulator.config.wanted_ports["rtde"] != PORTS["rtde"]:
         return Text(
@@ -131,7 +137,6 @@ def _first_steps(emulator: Emulator) -> Text:
 
 
 _ANY: Final = "0.0.0.0"
-_LOCALHOST: Final = "127.0.0.1"
 _MISSING: Final = (
     "No teach pendant: its packages are not installed. In the folder of ur-emulator, pip install '.[pendant]' brings "
     "them; --no-pendant leaves this line out."
@@ -244,7 +249,7 @@ class Pendant:
         emulator, config = self._emulator, self._emulator.config
         local = is_loopback(config.host)
         options = {
-            "--robot-ip": config.host if config.host != _ANY else _LOCALHOST,
+            "--robot-ip": _here(emulator),
             "--port-offset": config.port_offset,
             "--host": config.host,
             "--port": self._port,

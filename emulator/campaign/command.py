@@ -1,6 +1,5 @@
 """``ur-emulator campaign``: many runs of programs or tests in virtual time."""
 
-import os
 import sys
 from contextlib import closing
 from importlib.util import find_spec
@@ -21,6 +20,7 @@ from emulator.campaign.report import Summary, write_report
 from emulator.campaign.work import installed_version
 from emulator.cli import mistakes_in_one_line
 from emulator.config import ConfigError
+from emulator.realtime import usable_cores
 from urproto.commandline import application
 
 _FAILED: Final = 1
@@ -92,12 +92,7 @@ def _carry_out(plan: Plan, journal: Journal, ray: str | None, workers: int | Non
 def _workers(plan: Plan, ray: str | None, workers: int | None) -> Workers:
     if ray is not None:
         return RayWorkers(ray, plan.folder)
-    return LocalWorkers(plan.folder, workers or _cores())
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return LocalWorkers(plan.folder, workers or usable_cores())
 
 
 def _preview(plan: Plan) -> None:

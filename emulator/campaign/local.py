@@ -69,7 +69,7 @@ class LocalWorkers:
                 done.append(Finished(worker.job, link.recv()))
             except (EOFError, OSError):
                 worker.end()
-                done.append(Finished(worker.job, Lost(f"its process {_how(worker.process.exitcode)}")))
+                done.append(Finished(worker.job, Lost(f"its process died with status {worker.process.exitcode}")))
             else:
                 self._idle.append(worker)
         return done
@@ -116,9 +116,3 @@ def _serve(link: Connection) -> None:
             link.send(answer)
         except OSError:
             return
-
-
-def _how(status: int | None) -> str:
-    if status is not None and status < 0:
-        return f"was ended by {signal.Signals(-status).name}"
-    return f"ended with status {status}"

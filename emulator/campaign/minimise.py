@@ -1,8 +1,8 @@
 """A failing run made simpler: as few and as plain options as still make it fail in the same way.
 
-One thing at a time is taken away, and the run is tried: a value of an axis for the first one of its axis, a fault (or
-input, register, answer) of several, an argument of a fault. What still fails the same stays away. It goes round until
-nothing more can go.
+One thing at a time is taken away, and the run is tried: a value of an axis for the first one of its axis, a fault of
+several, an argument of a fault. What is not needed for failing the same stays away. It goes round until nothing more
+can go. Inputs and answers stay: without them a program fails that would be right.
 """
 
 import re
@@ -12,6 +12,7 @@ from typing import Any, Final
 from emulator.campaign.plan import Axis, Plan, Run
 
 _MOST_TRIES: Final = 60  # guess: enough for a dozen options and faults of a few arguments
+_FAULT: Final = "fault"
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
@@ -45,16 +46,16 @@ def _simpler(plan: Plan, run: Run) -> Iterator[dict[str, Any]]:
     for axis in plan.axes:
         if axis.name != plan.kind:
             yield _with_the_first(axis, options)
-    for name, value in options.items():
-        items = value if isinstance(value, list) else [value]
-        if name == "joints" or (not isinstance(value, list) and name != "fault"):
-            continue
-        for index, item in enumerate(items):
-            rest = [*items[:index], *items[index + 1 :]]
-            yield {one: kept for one, kept in {**options, name: rest}.items() if kept != []}
-            if name == "fault":
-                for shorter in _shorter_faults(str(item)):
-                    yield {**options, name: [*items[:index], shorter, *items[index + 1 :]]}
+    value = options.get(_FAULT, [])
+    faults = value if isinstance(value, list) else [value]
+    for index, fault in enumerate(faults):
+        for fewer in ([], *([shorter] for shorter in _shorter_faults(str(fault)))):
+            left = [*faults[:index], *fewer, *faults[index + 1 :]]
+            yield {**options, _FAULT: left} if left else _without(options, _FAULT)
+
+
+def _without(options: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if name not in names}
 
 
 def _with_the_first(axis: Axis, options: dict[str, Any]) -> dict[str, Any]:
@@ -65,7 +66,7 @@ def _with_the_first(axis: Axis, options: dict[str, Any]) -> dict[str, Any]:
     else:
         assert isinstance(axis.values, list), "numbers are not mappings"
         theirs = {name for value in axis.values for name in value}
-        changed = {name: value for name, value in options.items() if name not in theirs} | first
+        changed = _without(options, *theirs) | first
     return {name: value for name, value in changed.items() if value is not None}
 
 

@@ -1,6 +1,5 @@
 """``ur-emulator fleet``: many robots on this machine, each on an address of its own."""
 
-import os
 import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from emulator.fleet.plan import FIRST_HOST, MOST_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
 from emulator.logs import LogLevel, log_to_stderr
 from emulator.ports import PORTS
+from emulator.realtime import usable_cores
 from emulator.serve import write_ports
 from urproto.commandline import application, console
 
@@ -60,7 +60,7 @@ def _fleet(
     with mistakes_in_one_line():
         configs = place(_robots(robot, fleet, count), configure, first_host)
         shown = _Screen(configs, ports_file)
-        with Supervisor(configs, processes or _cores(), restart=restart) as supervisor:
+        with Supervisor(configs, processes or usable_cores(), restart=restart) as supervisor:
             _stop_on_signals(supervisor)
             for event in supervisor.watch():
                 shown.tell(event, supervisor)
@@ -75,11 +75,6 @@ def _robots(robot: Mapping[str, Any], fleet: Path | None, count: int | None) -> 
     if count is not None:
         raise ConfigError(f"how many robots there are stands in {fleet}: leave --count out")
     return [{**robot, **entry} for entry in FleetFile(ROBOT_OPTIONS).read(fleet)]
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _stop_on_signals(supervisor: Supervisor) -> None:

@@ -23,12 +23,14 @@ INSTRUCTIONS = [
     if line.strip() and not line.startswith("#")
 ]
 COMPOSE = {path.name: yaml.safe_load(path.read_text()) for path in sorted(DOCKER.glob("compose*.yaml"))}
+EXAMPLE = yaml.safe_load((ROOT / "examples" / "compose" / "compose.yaml").read_text())
 SERVICE, STATEFUL_SET = yaml.safe_load_all((DOCKER / "kubernetes.yaml").read_text())
 POD = STATEFUL_SET["spec"]["template"]["spec"]
 (CONTAINER,) = POD["containers"]
 COMMANDS = {
     "image": lambda: json_form("CMD"),
     "kubernetes": lambda: CONTAINER["args"],
+    "example": lambda: EXAMPLE["services"]["robot"]["command"],
     **{name: lambda file=file: only(file["services"])["command"] for name, file in COMPOSE.items()},
 }
 
