@@ -19,7 +19,7 @@ import socketio  # type: ignore[import-untyped]
 from fastapi.responses import PlainTextResponse
 from nicegui import core
 
-from urproto.seldom import Seldom
+from urproto.log_throttle import LogThrottle
 
 _FORBIDDEN: Final = 403
 _POLICY: Final = 1008  # the status of web sockets for what is not allowed
@@ -58,13 +58,13 @@ class Nonsense:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._kinds = dict[str, Seldom]()
+        self._kinds = dict[str, LogThrottle]()
 
     def tell(self, kind: str, what: object) -> None:
         """kind: what counts together. what: of the example that is shown, an exception or a text."""
         if kind not in self._kinds and len(self._kinds) >= _MOST_PLACES:
             kind = ""
-        more = self._kinds.setdefault(kind, Seldom(self._clock)).due()
+        more = self._kinds.setdefault(kind, LogThrottle(self._clock)).due()
         if more is None:
             return
         text = " ".join(str(what).split())[:_LONGEST]

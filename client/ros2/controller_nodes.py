@@ -18,7 +18,7 @@ from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, interface_if_any
 from client.ros2.publishing import Outbox, publisher
 from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
 from client.ros2.transforms import Transforms
-from urproto.seldom import Seldom
+from urproto.log_throttle import LogThrottle
 
 _QUIET_S: Final = 1.0  # the same complaint again only after this; guess
 
@@ -111,7 +111,7 @@ class _Listener:
         self._controller = controller
         self._row = row
         self._reason = ""  # why the last one was refused
-        self._seldom = Seldom(time.monotonic, _QUIET_S)
+        self._throttle = LogThrottle(time.monotonic, _QUIET_S)
         if (kind := interface_if_any(row.type)) is not None:
             node.create_subscription(kind, row.name, self._arrived, LATCHED if row.latched else SYSTEM_DEFAULT)
 
@@ -132,6 +132,6 @@ class _Listener:
 
     def _complain(self, text: str) -> None:
         if text != self._reason:
-            self._reason, self._seldom = text, Seldom(time.monotonic, _QUIET_S)
-        if (more := self._seldom.due()) is not None:
+            self._reason, self._throttle = text, LogThrottle(time.monotonic, _QUIET_S)
+        if (more := self._throttle.due()) is not None:
             self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: a message is refused: {text}{more}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from emulator.devices.robotiq import GripperModel
 from emulator.physics.description import Barrier, Camera, Mounted, moving_of, read, section
-from emulator.physics.hands import HandShape, parallel_hand, robotiq_hand
+from emulator.physics.grippers import HandShape, parallel_hand, robotiq_hand
 from emulator.physics.plan import Cup, MountedShape, PhysicsPlan
 from emulator.world.world import World, WorldError
 from urproto.robots import RobotModel

@@ -5,9 +5,9 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from emulator.physics.driven import PREFIX, quaternion
-from emulator.physics.hands import HandShape
-from emulator.physics.touching import Kind, touching
+from emulator.physics.arm_bodies import PREFIX, quaternion
+from emulator.physics.contacts import Kind, touching
+from emulator.physics.grippers import HandShape
 
 _SIDES: Final = (("left", 1.0), ("right", -1.0))
 _FINGER_KG: Final = 0.1

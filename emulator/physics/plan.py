@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from emulator.physics.description import Barrier, Camera, Colour, Moving, Suction
-from emulator.physics.hands import HandShape
+from emulator.physics.grippers import HandShape
 from urproto.worldfile import Thing
 
 

@@ -8,12 +8,12 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from emulator.physics.arm_bodies import FLANGE, MOUNTING, PREFIX, TOOL, DrivenArm, add_arm, quaternion
+from emulator.physics.contacts import Kind, classify, touching
 from emulator.physics.description import Camera, Joint, Moving
-from emulator.physics.driven import FLANGE, MOUNTING, PREFIX, TOOL, DrivenArm, add_arm, quaternion
 from emulator.physics.fingers import add_fingers
 from emulator.physics.plan import MountedShape, PhysicsPlan
 from emulator.physics.suction import add_suction
-from emulator.physics.touching import Kind, classify, touching
 from urproto.robots import RobotModel, kinematics_of
 from urproto.worldfile import Thing
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
-from emulator.physics.driven import PREFIX, quaternion
-from emulator.physics.touching import Kind, touching
+from emulator.physics.arm_bodies import PREFIX, quaternion
+from emulator.physics.contacts import Kind, touching
 
 if TYPE_CHECKING:
     from emulator.physics.plan import Cup

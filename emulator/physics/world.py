@@ -12,9 +12,9 @@ import numpy as np
 
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
-from emulator.physics.driven import BODIES, COMPLIANCE_N_M, FLANGE, PREFIX, TOOL, DrivenArm, quaternion
+from emulator.physics.arm_bodies import BODIES, COMPLIANCE_N_M, FLANGE, PREFIX, TOOL, DrivenArm, quaternion
 from emulator.physics.scene import Scene
-from emulator.physics.wires import Wires
+from emulator.physics.wiring import Wires
 from emulator.robot.installation import Payload
 from emulator.world.shapes import WorldObject
 from emulator.world.world import POINT, Wiring, World, WorldError

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 
 from emulator.robot.drives import Drives, TorqueCommand
 from emulator.robot.installation import Installation, Payload
-from emulator.robot.senses import Senses
+from emulator.robot.sensors import Sensors
 from emulator.robot.staticfriction import StaticFriction
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
@@ -105,7 +105,7 @@ class Arm:
         drivetrain = drivetrain_of(model)
         self._known_friction, self._rotors = drivetrain.known_friction, drivetrain.rotor_kg_m2
         self.torque_constants = model.torque_constants if self.drives is None else drivetrain.torque_constants_Nm_A
-        self._senses = Senses(model, seed or 0)
+        self._sensors = Sensors(model, seed or 0)
         self._static_friction = StaticFriction(model, seed or 0)
         self.target_q: Vector6 = ZERO6
         self.target_qd: Vector6 = ZERO6
@@ -361,7 +361,7 @@ class Arm:
             drives.follow(self.target_q, rigid, external, period_s)
         if not sum(map(abs, body.qd)) < _LOST_RAD_S:
             body.place(place)
-        self.q, self.qd = self._senses.joints(body, period_s)
+        self.q, self.qd = self._sensors.joints(body, period_s)
         self.qdd = ZERO6 if before == body.qd else rate(body.qd, before, period_s)
         self.friction_W = ZERO6 if body.standing else body.friction_power
 
@@ -382,7 +382,7 @@ class Arm:
         axes = rotvec_to_matrix(*self.flange_pose[3:])
         self.tool_acceleration = rotate_back(axes, add3(self.tcp_acceleration, gravity))
         if self.drives is not None:
-            self.tool_acceleration = self._senses.accelerometer(self.tool_acceleration)
+            self.tool_acceleration = self._sensors.accelerometer(self.tool_acceleration)
         felt = self.wrench
         if self._mounted is not None:
             self._misjudged = self._beyond(axes, self._mounted, installation.payload)
@@ -390,7 +390,7 @@ class Arm:
         else:
             self._misjudged = ZERO6
         if self.drives is not None and self._driven:
-            felt = self._senses.wrench(felt)
+            felt = self._sensors.wrench(felt)
         if felt == self._force_bias == ZERO6 and not payload.mass:
             self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
             return
@@ -448,7 +448,7 @@ class Arm:
         self.own_torque = drives.feedforward
         self.target_current = self._currents(add(self.target_torque, self._known_friction(self.target_qd)))
         motors = self._currents(add(drives.torque, self._static_friction.torque(drives.body.qd)))
-        self.actual_current = self._senses.currents(motors, drives.body.qd)
+        self.actual_current = self._sensors.currents(motors, drives.body.qd)
         # Measured at rest: a UR10's follows its actual currents, those of two e-Series arms are the target currents
         self.control_output = motors if self.model.series is Series.CB3 else self._currents(drives.torque)
         a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)

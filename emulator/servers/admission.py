@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from urproto.compat import StrEnum
-from urproto.seldom import Seldom
+from urproto.log_throttle import LogThrottle
 
 _SPARE_DESCRIPTORS: Final = 32  # for files, scripts and clients' programs: not given to clients (guess)
 _SPARE_SHARE: Final = 8  # but no more than this part of all (guess)
@@ -62,7 +62,7 @@ class Reason(StrEnum):
 
 
 def _tell_once_a_minute(error: OSError) -> None:
-    more = _descriptors.seldom.due()
+    more = _descriptors.throttle.due()
     if more is not None:
         _logger.warning("no client can be accepted: %s%s", error.strerror, more)
 
@@ -73,17 +73,17 @@ class TurnedAway:
     def __init__(self, port_name: str) -> None:
         self._name = port_name
         self._counts: Counter[Reason] = Counter()
-        self._lines: dict[Reason, Seldom] = {}
+        self._lines: dict[Reason, LogThrottle] = {}
 
     @property
     def counts(self) -> dict[str, int]:
         """How many for each reason there was."""
         return {str(reason): count for reason, count in self._counts.items()}
 
-    def count(self, reason: Reason, peer: str, text: str, seldom: Seldom | None = None) -> None:
-        """One more. text: what happened and what to do about it; seldom: who logs it, if not each port and reason."""
+    def count(self, reason: Reason, peer: str, text: str, throttle: LogThrottle | None = None) -> None:
+        """One more. text: what happened and what to do about it; throttle: who logs it, if not each port and reason."""
         self._counts[reason] += 1
-        more = (seldom or self._lines.setdefault(reason, Seldom(time.monotonic))).due()
+        more = (throttle or self._lines.setdefault(reason, LogThrottle(time.monotonic))).due()
         if more is not None:
             _logger.warning("%s: %s %s%s", self._name, peer, text, more)
 
@@ -92,7 +92,7 @@ class _Descriptors:
     """Those of the process: how many are left, and one in reserve for turning clients away when none is."""
 
     def __init__(self) -> None:
-        self.seldom = Seldom(time.monotonic)
+        self.throttle = LogThrottle(time.monotonic)
         self._users = 0
         self._reserve: int | None = None
 
@@ -274,5 +274,5 @@ class Acceptor:
             peer,
             f"was turned away: the process may have {_most_descriptors()} files and connections, and the last ones are "
             "the robot's. Close clients that are not needed, or raise the limit (ulimit -n)",
-            _descriptors.seldom,
+            _descriptors.throttle,
         )

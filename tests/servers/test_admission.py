@@ -18,8 +18,8 @@ from emulator.servers.admission import ClientLimits, Reason
 from emulator.servers.connection import Connection
 from emulator.servers.port import PortServer
 from urproto.compat_asyncio import timeout
+from urproto.log_throttle import EVERY_S
 from urproto.realtime import RealtimeDecoder
-from urproto.seldom import EVERY_S
 from urproto.testing.process import EmulatorProcess
 
 HOST = "127.0.0.1"

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
-from emulator.physics.touching import Kind, touching
+from emulator.physics.contacts import Kind, touching
 from urproto.robots import RobotModel
 from urproto.robots.pose import rotvec_to_quaternion
 from urproto.robots.shapes import Capsule, capsules

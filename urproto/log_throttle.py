@@ -1,4 +1,4 @@
-"""Lines that strangers could have a log repeat without end."""
+"""Throttled logging: for lines that strangers could have a log repeat without end."""
 
 from collections.abc import Callable
 from typing import Final
@@ -6,8 +6,8 @@ from typing import Final
 EVERY_S: Final = 60.0
 
 
-class Seldom:
-    """Something is said at once, then once a minute at most, with how often it was left out.
+class LogThrottle:
+    """A line is logged at once, then once a minute at most, with how often it was left out.
 
     clock: seconds that only go on, as `time.monotonic`. every_s: another time than a minute.
     """
@@ -19,7 +19,7 @@ class Seldom:
         self._left_out = 0
 
     def due(self) -> str | None:
-        """What to say behind the line, "" for nothing; None when it is left out this time."""
+        """What to append to the line, "" for nothing; None when it is left out this time."""
         now_s = self._clock()
         if now_s < self._next_s:
             self._left_out += 1

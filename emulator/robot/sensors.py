@@ -16,7 +16,7 @@ _ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
 _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
 
 
-class Senses:
+class Sensors:
     """Encoders, current and force sensors of one arm."""
 
     def __init__(self, model: RobotModel, seed: int) -> None:

@@ -2,7 +2,7 @@
 
 The solver's stiffness is a rate: a force grows with the mass that it has to stop. Between things of the scene, and
 between them and the tool, that is what one wants: light parts are not flung away, and held ones hardly give. Links are
-as good as without end in mass (`emulator.physics.driven`), so theirs is chosen to give so many newtons per metre.
+as good as without end in mass (`emulator.physics.arm_bodies`), so theirs is chosen to give so many newtons per metre.
 """
 
 from enum import Enum, auto
