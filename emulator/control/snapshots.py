@@ -109,8 +109,10 @@ def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
         target = holder(controller)
         for name in names:
             setattr(target, name, _like(getattr(target, name), document[section][name]))
-    if controller.world is not None and (state := document.get("world")) is not None:
-        controller.world.restore(state)
+    if (scene := document.get("world")) is not None:
+        if controller.world is None:
+            raise ValueError("it has a world with things that move, this robot has none")
+        controller.world.restore(scene)
     controller.power.put(power)
 
 
