@@ -178,7 +178,7 @@ def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
         ("objects: {a: {box: [0, 1, 1]}}", "sizes are above 0"),
         ("objects: {a: {sphere: .inf}}", "sizes are above 0"),
         ("objects: {a: {sphere: 1, plane: {}}}", "must have exactly one of"),
-        ("objects: {a: {sphere: 1, colour: red}}", "has 'colour'"),
+        ("objects: {a: {sphere: 1, weight: 1}}", "has 'weight'"),
         ("objects: {upper_arm_link: {sphere: 1}}", "a link's"),
         ("objects: {a: {mesh: nothing.stl}}", "there is no file"),
         ("tool: {plane: {}}", "an arm cannot carry it"),

@@ -44,7 +44,7 @@ def test_a_robot_that_is_well(robot: EmulatorProcess) -> None:
 def test_an_older_robot_without_the_ports_of_later_ones_is_well() -> None:
     with EmulatorProcess(["--model", "ur3", "--polyscope", "3.5", "--no-control"]) as robot:
         status, output = check(robot.host, "--require", "rtde")
-        assert (status, lines_of(output, "-")) == (0, {"interpreter", "control"}), output
+        assert (status, lines_of(output, "-")) == (0, {"robot api", "interpreter", "control"}), output
         status, output = check(robot.host, "--require", "interpreter", "-q")
         assert (status, lines_of(output, "FAILED")) == (1, {"interpreter"}), output
         assert "connection refused" in output
