@@ -162,6 +162,7 @@ class Snapshot:
     io_freedrive: bool = False  # an input holds the arm in freedrive
     safety_checksum: int = 0  # of the safety configuration in force
     simulation: bool = False  # the pendant's switch is on Simulation: the real arm stands
+    switched_on: bool = False  # the arm was, since the controller is there
     local_control: bool = False  # an e-Series arm that takes no orders from the network
 
     def successor(self) -> Self:

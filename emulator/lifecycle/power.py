@@ -104,6 +104,8 @@ class Power:
         """What robot mode, joints and tool say."""
         self.running = False
         """The brakes are released and the arm may move."""
+        self.switched_on = False
+        """It was on at some time."""
         if running:
             self._enter(PowerState.RUNNING)
         elif timings.controller_boot_s > 0.0:
@@ -142,10 +144,12 @@ class Power:
         report = self.report
         snapshot.robot_mode, snapshot.tool_mode = report.robot_mode, report.tool_mode
         snapshot.joint_mode = (report.joint_mode,) * 6
+        snapshot.switched_on = self.switched_on
 
     def _enter(self, state: PowerState) -> None:
         self.state = state
         self.report, self.running = REPORTS[state], state is PowerState.RUNNING
+        self.switched_on |= self.report.powered
         self._remaining_s = self._duration_s(state)
         if state is PowerState.IDLE and self._release_wanted:
             self._release_wanted = False

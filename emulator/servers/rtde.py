@@ -11,7 +11,6 @@ from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession
 from emulator.snapshot import Snapshot
-from urproto.modes import RobotMode
 from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ class RTDEServer(PortServer):
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("rtde", controller)
-        self.host = RTDEHost(controller.version)
+        self.host = RTDEHost(controller.version, lambda: self.controller.snapshot.switched_on)
 
     def connect(self) -> Connection:
         return _RTDEConnection(self, self.host)
@@ -36,8 +35,6 @@ class RTDEServer(PortServer):
         failures: list[Exception] = []
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
-        if not self.host.safety_confirmed:
-            self.host.safety_confirmed = snapshot.robot_mode >= RobotMode.POWER_ON
         self.turns.next_period(snapshot.step)
         for connection in tuple(self.connections):
             assert isinstance(connection, _RTDEConnection)

@@ -119,18 +119,23 @@ class Reservations:
 class RTDEHost:
     """What all sessions of one controller share: the variables there are, the protocols spoken, who writes what.
 
-    safety_confirmed: the arm was switched on since the controller is, before which PolyScope X warns each client.
+    switched_on: whether the arm was, since the controller is there; before that PolyScope X warns each client.
     """
 
-    def __init__(self, version: PolyscopeVersion) -> None:
+    def __init__(self, version: PolyscopeVersion, switched_on: Callable[[], bool] = lambda: True) -> None:
         self.version = version
-        self.safety_confirmed = not version.is_polyscope_x
+        self._switched_on = switched_on
         self.outputs = available_fields(OUTPUT_FIELDS, version)
         self.inputs = available_fields(INPUT_FIELDS, version)
         self.protocols: Collection[int] = KNOWN_PROTOCOLS
         self.reservations = Reservations()
         self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes are encoded once a period
         self._hidden: set[str] = set()
+
+    @property
+    def safety_confirmed(self) -> bool:
+        """Clients need no warning."""
+        return not self.version.is_polyscope_x or self._switched_on()
 
     def hide(self, name: str, hidden: bool) -> None:
         """Let recipes with a variable be refused, as if it were not there, or no longer."""

@@ -142,6 +142,7 @@ async def test_the_hardware_component(lab: Lab) -> None:
             target_state={"id": number},
         )
 
+    active = [name for name, state in (await states(lab)).items() if state == "active"]
     assert (await go_to(2))["ok"]
     assert (await states(lab))[SCALED] == "inactive"
     assert (await go_to(1))["state"]["label"] == "unconfigured"
@@ -149,6 +150,7 @@ async def test_the_hardware_component(lab: Lab) -> None:
     assert not any(one["is_available"] for one in component["state_interfaces"])
     assert not (await go_to(77))["ok"]
     assert (await go_to(3))["ok"]
+    await only(lab, *active)  # its controllers have ended with it
 
 
 async def test_inputs_and_outputs(lab: Lab) -> None:

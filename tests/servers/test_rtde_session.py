@@ -170,12 +170,13 @@ def test_e_series_has_more_outputs() -> None:
 
 def test_polyscope_x_warns_each_client_until_the_arm_was_switched_on() -> None:
     """The C++ client's loop that asks for the version expects it there: "SafetySetup has not been confirmed yet"."""
-    host = RTDEHost(PolyscopeVersion.parse("10.12"))
+    switched_on = False
+    host = RTDEHost(PolyscopeVersion.parse("10.12"), lambda: switched_on)
     for _ in range(2):
         accepted, warning = Conversation(host, protocol=1).ask(RequestProtocol(2))
         assert accepted == ProtocolReply(True)
         assert "SafetySetup has not been confirmed yet" in warning.text
-    host.safety_confirmed = True
+    switched_on = True
     assert Conversation(host, protocol=1).ask(RequestProtocol(2)) == [ProtocolReply(True)]
     assert Conversation(RTDEHost(E_SERIES), protocol=1).ask(RequestProtocol(2)) == [ProtocolReply(True)]
 
