@@ -9,7 +9,9 @@ is a guess. Target angles of a UR5 with the defaults: 60 to 80 ms, in the shape 
 (el-Lennard/Robotik, Modularbeit Code/A2_servoj.csv). A UR10e with 0.03 and 1200: 34 ms from a command to the angle, of
 which 5 ms are the connection (UniversalRobots/Universal_Robots_Client_Library, issue 86). A UR5 with 0.03 and 2000
 agrees: 35 ms with all that a driver adds (Universal_Robots_ROS2_Driver, issue 1311). A target further away is
-approached within the joints' limits, without overshoot; a fast one is followed at the distance that braking takes.
+approached within the joints' limits, without overshoot. One that moves from command to command is followed at that lag
+however fast it is: the joint brakes for it as if it went on at its speed. Should it stand at once it is overshot by what
+braking takes beyond the lag (guess).
 """
 
 from math import exp, inf, sqrt
@@ -41,6 +43,8 @@ class JointServo:
         self._reach = reach
         self._model: RobotModel = reach.model
         self._target = q
+        self._target_qd = ZERO6  # how fast it moves, by the last two commands
+        self._since = 0.0  # of the program's time since the last command
         self._at = self._next_at = q
         self._qd = self._next = qd
         self._omega = 1.0
@@ -60,7 +64,10 @@ class JointServo:
         """New target [rad] that rules for t seconds of the program's time, one period at least."""
         lag = _LAG_OF_LOOKAHEAD * _within(lookahead_time, LOOKAHEAD_RANGE_S)
         lag += _LAG_OF_GAIN / sqrt(_within(gain, GAIN_RANGE))
-        self._target, self._omega = target, 2.0 / lag
+        self._omega = 2.0 / lag
+        if self._since > 0.0:
+            self._target_qd = ZERO6 if self._overdue else scaled(sub(target, self._target), 1.0 / self._since)
+        self._target, self._since = target, 0.0
         # who commands in step with the periods loses none of their time: see emulator.motion.speed
         carried = self._left if self.ready and not self._overdue and self._left > -self._h else 0.0
         self._left, self._begun = t + carried, False
@@ -68,10 +75,11 @@ class JointServo:
     def propose(self, h: float, q: Joints) -> Joints:
         self._next_h = h
         model, decay = self._model, exp(-self._omega * h)
+        target_qd = ZERO6 if self.ready else self._target_qd  # without a new command it stands
         moved = [
-            self._joint(h, decay, now, qd, target, most, acceleration)
-            for now, qd, target, most, acceleration in zip(
-                q, self._qd, self._target, model.qd_max, model.qdd_max, strict=True
+            self._joint(h, decay, now, qd, target, towards, most, acceleration)
+            for now, qd, target, towards, most, acceleration in zip(
+                q, self._qd, self._target, target_qd, model.qd_max, model.qdd_max, strict=True
             )
         ]
         self._next = as_six([qd for _, qd in moved])
@@ -81,7 +89,15 @@ class JointServo:
         return self._next_at
 
     def _joint(
-        self, h: float, decay: float, q: float, qd: float, target: float, most: float, acceleration: float
+        self,
+        h: float,
+        decay: float,
+        q: float,
+        qd: float,
+        target: float,
+        target_qd: float,
+        most: float,
+        acceleration: float,
     ) -> tuple[float, float]:
         """Position and speed after h: the exact step of the critically damped follower unless a limit says less."""
         error = q - target
@@ -92,10 +108,11 @@ class JointServo:
         slowing = 0.5 * _BRAKE_SHARE * change
         left = abs(error) - 0.5 * h * (-qd if error > 0.0 else qd)
         braking = sqrt(slowing * slowing + 2.0 * _BRAKE_SHARE * acceleration * max(0.0, left)) - slowing
-        if abs(free) <= most and abs(free) <= braking and qd - change <= free <= qd + change:
+        highest = min(most, braking + max(0.0, target_qd))
+        lowest = -min(most, braking - min(0.0, target_qd))
+        if lowest <= free <= highest and qd - change <= free <= qd + change:
             return target + (error + slope * h) * decay, free
-        most = min(most, braking)
-        speed = max(-most, min(most, free))
+        speed = max(lowest, min(highest, free))
         speed = max(qd - change, min(qd + change, speed))
         return q + 0.5 * (qd + speed) * h, speed
 
@@ -106,6 +123,7 @@ class JointServo:
         self._overdue = self.ready
         self._at, self._qd, self._h = self._next_at, self._next, self._next_h
         self._left -= self._h
+        self._since += self._h
         self._begun = True
 
     @property
