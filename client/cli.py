@@ -18,7 +18,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "watch": ("robot:watch_command", "Show values of a robot as they change, until Ctrl-C."),
     "goal": (
-        "controllers:goal_command",
+        "goals:goal_command",
         "Move the arm to joint angles and stop there; Ctrl-C brings it to rest.",
     ),
     "plan": (
@@ -26,11 +26,11 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "Find a way around what is in the way, and let the arm take it if told to.",
     ),
     "publish-goals": (
-        "controllers:publish_goals_command",
+        "goals:publish_goals_command",
         "Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest.",
     ),
     "forward": (
-        "controllers:forward_app",
+        "goals:forward_app",
         "Command positions or speeds through a forward controller; Ctrl-C brings the arm to rest.",
     ),
     "record": ("record:record_command", "Record what a robot does, until Ctrl-C."),

@@ -30,6 +30,8 @@ _OUTPUTS: Final = ("payload", "payload_cog", "payload_inertia", "tcp_offset")
 
 _logger = logging.getLogger(__name__)
 
+DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
+
 
 @dataclass(frozen=True)
 class ManagerOptions:
@@ -44,7 +46,7 @@ class ManagerOptions:
     robot_ip: str
     robot: dict[str, Any]
     file: ControllersFile | None = None
-    controller: str = "scaled_joint_trajectory_controller"
+    controller: str = DEFAULT_CONTROLLER
     tf_prefix: str = ""
     headless: bool = True
     make_ready: bool = False

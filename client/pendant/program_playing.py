@@ -1,4 +1,4 @@
-"""Playing the program that is being made: an emulator gets it as a file, a robot as a script."""
+"""Playing the program that is being made: an emulator gets it as a file, a robot and PolyScope X as a script."""
 
 import base64
 from collections.abc import Iterable
@@ -20,6 +20,7 @@ from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
 
 EXTENSION: Final = ".urp"
+_ONLY_SCRIPTS: Final = "PolyScope X loads no .urp programs: they are played as scripts, without steps and breakpoints"
 _STOPS_WITHIN_S: Final = 5.0  # guess: an arm that is braked needs less
 _PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
 
@@ -31,6 +32,27 @@ class PlayError(ClientError):
 def saves_here(station: Station) -> bool:
     """Whether files can be saved in the robot's programs folder: an emulator's control API does that."""
     return station.emulator.available and "save_program" in station.emulator.verbs
+
+
+def plays_files(station: Station) -> bool:
+    """Whether the robot can be given what is saved: PolyScope X loads programs of its own kind only (.urpx)."""
+    return saves_here(station) and not _has_polyscope_x(station)
+
+
+def _has_polyscope_x(station: Station) -> bool:
+    return station.version is not None and station.version.is_polyscope_x
+
+
+def why_not_by_node(station: Station) -> str:
+    """Why there are no steps and breakpoints; empty where there are."""
+    if plays_files(station):
+        return ""
+    return _ONLY_SCRIPTS if _has_polyscope_x(station) else "A robot does this at its own pendant only"
+
+
+def note(station: Station) -> str:
+    """What a person should know before playing; empty where there is nothing to say."""
+    return _ONLY_SCRIPTS if _has_polyscope_x(station) else ""
 
 
 async def save(station: Station, path: str) -> None:
@@ -85,7 +107,7 @@ def is_on_robot(station: Station) -> bool:
     draft, programs = station.program_draft, station.programs
     if draft.played_version != draft.version:
         return False
-    if not saves_here(station):
+    if not plays_files(station):
         return programs.running == identifier(draft.editor.name)
     return bool(draft.path) and (programs.loaded or "").endswith(draft.path)
 
@@ -104,7 +126,7 @@ async def play(station: Station, *, at: str | None = None) -> None:
         await station.ask(dashboard.PLAY)
         return
     number = None if at is None else station.program_draft.view.number(at)
-    if not saves_here(station):
+    if not plays_files(station):
         await _play_as_script(station, number or 0)
         return
     await _load(station)
@@ -124,7 +146,7 @@ async def step(station: Station) -> None:
 
 async def tell_breakpoints(station: Station) -> None:
     """Have the robot pause at the nodes that are marked, if it has this program."""
-    if saves_here(station) and is_on_robot(station):
+    if plays_files(station) and is_on_robot(station):
         await station.emulator.call("set_breakpoints", nodes=_numbers(station.program_draft))
 
 

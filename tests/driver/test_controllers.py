@@ -11,7 +11,7 @@ import pytest
 from driver_rig import HOME, HOST, PATIENCE_S, SCALED, Pair, emulator, emulator_thread, goals_file, moved
 
 from client import dashboard
-from client.commands.controllers import go, publish
+from client.commands.goals import go, publish
 from client.controllers import (
     JOINT_NAMES,
     RTDE_OUTPUTS,

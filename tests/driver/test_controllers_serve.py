@@ -10,7 +10,8 @@ from emulator_process import EmulatorProcess
 
 from client import dashboard
 from client.commands.control import announce
-from client.commands.controllers import ForwardKind, forward, go, publish, serve
+from client.commands.controllers import serve
+from client.commands.goals import ForwardKind, forward, go, publish
 from client.controllers import JOINT_NAMES, JointTrajectory, JointTrajectoryPoint
 from client.controllers.goal_files import read_goals
 from client.controllers.remote import RemoteManager

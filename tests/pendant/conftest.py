@@ -73,8 +73,8 @@ def number(field: Locator) -> float:
 class Rig:
     """An emulator and the pendant for it."""
 
-    def __init__(self, model: str, folder: Path) -> None:
-        self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder)])
+    def __init__(self, model: str, folder: Path, *options: str) -> None:
+        self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder), *options])
         with ExitStack() as opened:
             opened.callback(self.robot.dispose)
             self.robot.start()

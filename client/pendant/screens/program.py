@@ -17,7 +17,6 @@ from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.versions import PolyscopeVersion
 
-_ONLY_EMULATED: Final = "A robot does this at its own pendant only"
 _PLACES: Final = ("before", "onto", "after")  # where a node is dropped at another one
 _BREAKPOINT: Final = "Breakpoint: the program pauses here (F9)"
 
@@ -149,7 +148,7 @@ class Deeds:
 
     async def _start(self, start: Callable[[], Awaitable[None]]) -> None:
         self.page.station.situation.require(Action.PLAY)
-        if not self._draft.path and playing.saves_here(self.page.station):
+        if not self._draft.path and playing.plays_files(self.page.station):
             await self.save()
             if not self._draft.path:
                 return
@@ -211,20 +210,20 @@ def _play_buttons(page: Page, deeds: Deeds, button: Callable[..., ui.button]) ->
         page.button_for(Action.PLAY, deed, made, text)
         if emulated:
             page.live.effect(_may_step, made.set_enabled)
-            page.live.bind(made, "title", lambda s: "" if playing.saves_here(s) else _ONLY_EMULATED)
+            page.live.bind(made, "title", playing.why_not_by_node)
     halt = button("Breakpoint", "stop_circle", page.doing(deeds.breakpoint), "program-breakpoint", _BREAKPOINT)
-    page.live.effect(playing.saves_here, halt.set_enabled)
-    page.live.bind(halt, "title", lambda s: "" if playing.saves_here(s) else _ONLY_EMULATED)
+    page.live.effect(playing.plays_files, halt.set_enabled)
+    page.live.bind(halt, "title", playing.why_not_by_node)
     page.live.text(_why_not, "program-why").props("data-testid=program-why")
 
 
 def _may_step(station: Station) -> bool:
-    return playing.saves_here(station) and station.situation.may(Action.PLAY)
+    return playing.plays_files(station) and station.situation.may(Action.PLAY)
 
 
 def _why_not(station: Station) -> str:
     now = station.situation
-    return "" if now.may(Action.PLAY) or now.may(Action.PAUSE) else now.why_not(Action.PLAY)
+    return playing.note(station) if now.may(Action.PLAY) or now.may(Action.PAUSE) else now.why_not(Action.PLAY)
 
 
 def _palette(page: Page, selection: Selection) -> None:
