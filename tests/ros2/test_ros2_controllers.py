@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from driver_rig import HOME
 from ros2_rig import HOST, SCALED, Lab
-from ros2_talk import BEST_EFFORT, STRICT, SWITCH, TRIGGER, begin, only, q, states
+from ros2_talk import BEST_EFFORT, STRICT, SWITCH, TRIGGER, begin, only, q, states, until
 
 from client.controllers.remote import RemoteManager
 from urproto.compat_asyncio import timeout
@@ -142,15 +142,24 @@ async def test_the_hardware_component(lab: Lab) -> None:
             target_state={"id": number},
         )
 
-    active = [name for name, state in (await states(lab)).items() if state == "active"]
+    async def set_io(state: float) -> bool:
+        asked = await lab.peer.call("/io_and_status_controller/set_io", "ur_msgs/srv/SetIO", fun=1, pin=3, state=state)
+        return bool(asked["success"])
+
+    await only(lab, SCALED)
+    before = await states(lab)
     assert (await go_to(2))["ok"]
-    assert (await states(lab))[SCALED] == "inactive"
+    assert await states(lab) == {**before, SCALED: "inactive"}
+    assert not await set_io(1.0)
     assert (await go_to(1))["state"]["label"] == "unconfigured"
+    assert not lab.driver.robot.driver.program_running
     (component,) = (await lab.peer.call("/controller_manager/list_hardware_components", listing))["component"]
     assert not any(one["is_available"] for one in component["state_interfaces"])
     assert not (await go_to(77))["ok"]
     assert (await go_to(3))["ok"]
-    await only(lab, *active)  # its controllers have ended with it
+    await until(lab, lambda now: now == before)  # what moved the arm is back with it
+    assert not lab.robot.controller.snapshot.actual_digital_output_bits
+    assert await set_io(0.0)
 
 
 async def test_inputs_and_outputs(lab: Lab) -> None:
