@@ -1,6 +1,7 @@
 """The controller manager and the services of controllers, for a plain rclpy program in another process."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -171,7 +172,9 @@ async def test_inputs_and_outputs(lab: Lab) -> None:
     assert (await lab.peer.call(f"{io}/set_io", "ur_msgs/srv/SetIO", fun=4, state=24.0))["success"]
     analog = {"pin": 1, "domain": 1, "state": 0.5}
     assert (await lab.peer.call(f"{io}/set_analog_output", "ur_msgs/srv/SetAnalogOutput", data=analog))["success"]
-    for bad in ({"fun": 1, "pin": 99}, {"fun": 2, "pin": 0}, {"fun": 4, "state": 7.0}, {"fun": 3, "state": 1e30}):
+    for bad in ({"fun": 1, "pin": 99}, {"fun": 2, "pin": 0}, {"fun": 4, "state": 7.0}, {"fun": 3, "state": 1e30},
+                *({"fun": fun, "pin": 1, "state": math.nan} for fun in (1, 3, 4)), {"fun": 4, "state": math.inf},
+                {"fun": 4, "state": 12.5}):  # fmt: skip
         assert not (await lab.peer.call(f"{io}/set_io", "ur_msgs/srv/SetIO", **bad))["success"], bad
     slider = "ur_msgs/srv/SetSpeedSliderFraction"
     assert (await lab.peer.call(f"{io}/set_speed_slider", slider, speed_slider_fraction=0.5))["success"]
@@ -181,7 +184,8 @@ async def test_inputs_and_outputs(lab: Lab) -> None:
     load = {"mass": 1.5, "center_of_gravity": {"x": 0.0, "y": 0.0, "z": 0.05}}
     assert (await lab.peer.call(f"{io}/set_payload", "ur_msgs/srv/SetPayload", **load))["success"]
     assert lab.robot.controller.snapshot.payload == pytest.approx(1.5)
-    assert not (await lab.peer.call(f"{io}/set_payload", "ur_msgs/srv/SetPayload", mass=-1.0))["success"]
+    for mass in (-1.0, math.nan):
+        assert not (await lab.peer.call(f"{io}/set_payload", "ur_msgs/srv/SetPayload", mass=mass))["success"]
     assert (await lab.peer.call(f"{io}/zero_ftsensor", TRIGGER))["success"]
     version = await lab.peer.call(
         "/ur_configuration_controller/get_robot_software_version", "ur_msgs/srv/GetRobotSoftwareVersion"
@@ -208,6 +212,7 @@ async def test_force_mode(lab: Lab) -> None:
     for bad in (
         {"type": 4},
         {"damping_factor": 2.0},
+        {"wrench": {"force": {"z": math.inf}}},
         {"task_frame": {"header": {"frame_id": "moon"}, "pose": {"orientation": {"w": 1.0}}}},
         {"task_frame": {"pose": {"orientation": {"w": 0.0}}}},
     ):
