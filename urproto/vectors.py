@@ -40,6 +40,18 @@ def largest(values: Iterable[float]) -> float:
     return max(map(abs, values))
 
 
+def within(low: Sequence[float], values: Sequence[float], high: Sequence[float]) -> bool:
+    """Every value is between its bounds, or on one of them."""
+    return (
+        low[0] <= values[0] <= high[0]
+        and low[1] <= values[1] <= high[1]
+        and low[2] <= values[2] <= high[2]
+        and low[3] <= values[3] <= high[3]
+        and low[4] <= values[4] <= high[4]
+        and low[5] <= values[5] <= high[5]
+    )
+
+
 def add(a: Sequence[float], b: Sequence[float]) -> Vector6:
     """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])

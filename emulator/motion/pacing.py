@@ -214,4 +214,4 @@ class Pacer:
 def within_speed(step: Joints, qd_max: Joints, period_s: float) -> bool:
     """No joint needs more than its highest speed for this step of one period."""
     reach = period_s * (1.0 + _TOLERANCE)
-    return all([abs(move) <= most * reach for move, most in zip(step, qd_max, strict=True)])
+    return all(abs(move) <= most * reach for move, most in zip(step, qd_max, strict=True))

@@ -10,8 +10,8 @@ is a guess. Target angles of a UR5 with the defaults: 60 to 80 ms, in the shape 
 which 5 ms are the connection (UniversalRobots/Universal_Robots_Client_Library, issue 86). A UR5 with 0.03 and 2000
 agrees: 35 ms with all that a driver adds (Universal_Robots_ROS2_Driver, issue 1311). A target further away is
 approached within the joints' limits, without overshoot. One that moves from command to command is followed at that lag
-however fast it is: the joint brakes for it as if it went on at its speed. Should it stand at once it is overshot by what
-braking takes beyond the lag (guess).
+however fast it is: the joint brakes for it as if it went on at its speed. Should it stand at once it is overshot by
+what braking takes beyond the lag (guess).
 """
 
 from math import exp, inf, sqrt

@@ -26,7 +26,7 @@ from typing import Final
 
 from urproto.robots.model import DH, Joints
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_trans, rotvec_to_matrix
-from urproto.vectors import Matrix3, Vector3, cross
+from urproto.vectors import Matrix3, Vector3, cross, largest, sub, within
 
 Jacobian = tuple[Joints, Joints, Joints, Joints, Joints, Joints]
 """Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column a joint."""
@@ -328,9 +328,10 @@ def wrap(angle: float) -> float:
 
 def unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints:
     """Each angle moved by whole turns to the nearest to ``q_near`` that the limits allow; infinite if there is none."""
+    if within(q_min, q, q_max) and largest(sub(q_near, q)) <= pi:
+        return q
     a, b, c, d, e, f = [
-        angle if -pi <= near - angle <= pi and low <= angle <= high else _turned(angle, near, low, high)
-        for angle, near, low, high in zip(q, q_near, q_min, q_max, strict=True)
+        _turned(angle, near, low, high) for angle, near, low, high in zip(q, q_near, q_min, q_max, strict=True)
     ]
     return (a, b, c, d, e, f)
 
