@@ -294,15 +294,11 @@ class Compliance:
     def _unhindered(self, loop: _Loop, before: Joints, net: Joints) -> Joints:
         """Exact response of mass and friction to a force that stays, bounded by the task's speed limits."""
         speeds = []
-        axes = zip(self._compliant, self.task.limits, net, before, loop.friction, loop.decay, strict=True)
-        for gives_way, limit, force, speed, friction, decay in axes:
-            if not gives_way:
-                final = 0.0
-                now = speed * decay
-            else:
-                bound = abs(limit)
-                final = max(-bound, min(bound, loop.gain * force / friction))
-                now = final + (speed - final) * decay
+        directions = zip(self._compliant, self.task.limits, net, before, loop.friction, loop.decay, strict=True)
+        for gives_way, limit, force, speed, friction, decay in directions:
+            bound = abs(limit)
+            final = max(-bound, min(bound, loop.gain * force / friction)) if gives_way else 0.0
+            now = final + (speed - final) * decay
             speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
         return as_six(speeds)
 

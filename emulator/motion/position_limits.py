@@ -1,11 +1,11 @@
 """Where the joints may go, and whether they could still stop before the end of that."""
 
-from math import inf
+from math import dist, inf
 
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.stops import JointStop, StopOrigin
 from urproto.robots.model import Joints, RobotModel
-from urproto.vectors import as_six, largest, sub, within
+from urproto.vectors import as_six, sub, within
 
 _TOLERANCE_RAD = 1e-9
 
@@ -18,21 +18,20 @@ class PositionLimits:
         self._qdd_max = model.qdd_max
         # braking distance of a joint over the square of its move in one period
         self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
-
         self._longest_braking = max(self._braking)
 
     def use(self, low: Joints, high: Joints) -> None:
         """Other limits are in force."""
         self.low, self.high = low, high
-        # Far from the limits is far for a while: from here, by the joint that went furthest, until so far [rad].
+        # Far from the limits is far for a while: no joint reaches one before it is this far [rad] from here.
         self._here, self._room = low, 0.0
 
     def check(self, target: Joints, before: Joints) -> None:
         """Raise MotionFault when a joint that moves like this in a period could not stop before its limit."""
         if target == before:
             return
-        fastest = largest(sub(target, before))
-        if largest(sub(target, self._here)) + fastest * fastest * self._longest_braking < self._room:
+        move = dist(target, before)
+        if dist(target, self._here) + move * move * self._longest_braking < self._room:
             return
         self._check_closely(target, before)
         self._here, self._room = target, min(*sub(self.high, target), *sub(target, self.low))

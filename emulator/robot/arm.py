@@ -424,7 +424,7 @@ class Arm:
         if self.base_wrench_wanted:
             self.base_wrench = self.dynamics.base_wrench(self.target_q, self.target_qd, self.target_qdd)
         if self._driven and self.drives is None:
-            self._ideal_currents()
+            self._ideal_currents()  # and the momentum with them
             return
         self.momentum = self.dynamics.linear_momentum(self.q, self.qd) if self.qd != ZERO6 else 0.0
         if self._driven and self.drives is not None:

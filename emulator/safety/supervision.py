@@ -107,12 +107,12 @@ class Supervision:
 
     def _well_within(self, arm: Arm, limits: LimitSet) -> bool:
         """The quick look of nearly every period: nothing exceeds a limit, even without the tolerance."""
-        if not within(limits.joint_min, arm.q, limits.joint_max) or largest(arm.qd) > min(limits.joint_speed):
-            return False
         u, v, w, *_ = arm.tcp_speed
         x, y, z = arm.elbow_velocity
         return (
-            u * u + v * v + w * w <= limits.tcp_speed * limits.tcp_speed
+            within(limits.joint_min, arm.q, limits.joint_max)
+            and largest(arm.qd) <= min(limits.joint_speed)
+            and u * u + v * v + w * w <= limits.tcp_speed * limits.tcp_speed
             and x * x + y * y + z * z <= limits.elbow_speed * limits.elbow_speed
             and arm.momentum <= limits.momentum
             and not any(arm.wrench)
