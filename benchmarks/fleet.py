@@ -94,7 +94,7 @@ def measure_growth(seconds: float = SECONDS, numbers: Sequence[int] = GROWTH) ->
         for robots, run in runs.items()
     ]
     note = (
-        f"As above, one process a core on all {len(CORES)} of this machine, which carry the clients too. Of a core: "
+        f"As above, one process on each core that this may use ({len(CORES)}), which carry the clients too. Of a core: "
         "the robots' processes alone; a bar is as long as their cost."
     )
     columns = ["robots", "missed", "worst", "of a core", "core a robot", "memory a robot", "lost", "cost"]
