@@ -10,12 +10,12 @@ from client.pendant.screens import SCREENS
 from urproto.robots import MODELS
 
 ROOT = Path(__file__).resolve().parents[2]
-GENERATED = runpy.run_path(str(ROOT / "docs" / "generate.py"))["pages"]()
+PAGES = runpy.run_path(str(ROOT / "docs" / "generate.py"))["pages"]()
 
 
-@pytest.mark.parametrize("page", GENERATED)
+@pytest.mark.parametrize("page", PAGES)
 def test_generated_pages_match_the_code(page) -> None:
-    assert (ROOT / "docs" / page).read_text() == GENERATED[page], f"docs/{page} is stale: run `make docs`"
+    assert (ROOT / "docs" / page).read_text() == PAGES[page](), f"docs/{page} is stale: run `make docs`"
 
 
 def test_readme_names_every_arm() -> None:

@@ -35,6 +35,7 @@ def site_of(root: Path) -> dict[str, Any]:
     return runpy.run_path(str(root / "docs" / "site.py"))
 
 
+@pytest.mark.long
 def test_the_site_is_built_and_no_link_of_it_is_dead(copy: Path) -> None:
     done = subprocess.run([sys.executable, "docs/site.py"], cwd=copy, capture_output=True, text=True, timeout=110)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -20,6 +20,7 @@ from costs import (
 
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.servers.read_budget import SHARE, Intake
+from tests.budget import some
 from urproto.dashboard import LineDecoder
 from urproto.interpreter import StatementDecoder
 from urproto.modbus import FrameDecoder
@@ -38,6 +39,14 @@ MOST_TO_START = 10_500  # of these, to start a program of as many defs and threa
 # is the count of `test_no_step_of_compiling_a_long_text_is_long`; `make soak` measures times.
 CROWDED = 1.25 if WANTED else 4.0
 COMPILED_WITHIN = 10  # periods
+# In every run; the work on all of them is counted.
+TIMED = (
+    "a list of lists",
+    "a long def",
+    "a long call",
+    "threads",
+    "no end",
+)
 SIZE = 2000 if WANTED is None else 20_000
 
 CHUNK = 1024  # as a port reads
@@ -132,7 +141,7 @@ def test_programs_that_make_room_for_another_are_forgotten_in_steps(monkeypatch:
 
 
 @pytest.mark.timeout(0 if WANTED else 120)
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", some(SOURCES, now=TIMED))
 def test_compiling_a_long_text_leaves_half_the_period(name: str) -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
     if WANTED and name == "threads":

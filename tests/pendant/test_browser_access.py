@@ -98,6 +98,7 @@ def open_anew(page: Page, screen: str) -> None:
     page.evaluate(f"() => {{ {AXE} }}")
 
 
+@pytest.mark.long
 def test_no_rule_is_violated_and_nothing_is_cut_off(page: Page) -> None:
     open_anew(page, SCREENS[0].name)
     problems = list[str]()

@@ -44,6 +44,7 @@ def test_without_a_manager_the_screen_says_how_to_start_one(rig: Rig, open_page:
     expect(page.get_by_label("Elbow", exact=True)).to_be_disabled()
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("manager")
 def test_controllers_are_switched_and_the_arm_follows_the_sliders(
     rig: Rig, manager: "subprocess.Popen[str]", open_page: Callable[[str], Page]

@@ -1,5 +1,6 @@
 """Dialogues over the screens, in a browser."""
 
+import pytest
 from playwright.sync_api import expect
 
 from tests.pendant.conftest import eventually
@@ -8,6 +9,7 @@ ASK = 'def ask():\n  global n = request_integer_from_primary_client("how <many>?
 POPUP = 'def tell():\n  popup("<i>parts</i> are out", "Feeder", warning=True, blocking=True)\n  sleep(60)\nend\n'
 
 
+@pytest.mark.long
 def test_an_integer_is_asked_for_until_one_is_given(rig, open_page):
     page, other = open_page("io"), open_page("log")
     rig.control.send_script(ASK)
@@ -33,6 +35,7 @@ def test_a_popup_holds_the_program_until_it_is_read(rig, open_page):
     eventually(lambda: rig.control.popups() == [])
 
 
+@pytest.mark.long
 def test_a_protective_stop_says_why_and_is_left_five_seconds_later(rig, open_page):
     page = open_page("log")
     enable = page.get_by_test_id("stop-enable")

@@ -45,7 +45,6 @@ def site(text: str) -> Iterator[str]:
         server.server_close()
 
 
-@pytest.mark.long  # every test that opens a screen fails when that breaks the policy
 def test_every_screen_keeps_to_the_policy(open_page: Open) -> None:
     page = open_page("initialize")  # which fails at what the policy forbids
     refused = page.evaluate_handle(REFUSED)
@@ -85,6 +84,7 @@ def test_another_site_cannot_frame_the_pendant(rig: Rig, browser: Browser) -> No
         context.close()
 
 
+@pytest.mark.long
 def test_a_page_comes_back_with_its_pendant_and_says_what_happened(rig: Rig, browser: Browser) -> None:
     options = ("--port", "6082", "--control-port", "0")
     context = browser.new_context()

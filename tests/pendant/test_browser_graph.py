@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import expect
 
 from client.recording.tables import read_csv
@@ -55,6 +56,7 @@ def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
     assert picture.stat().st_size > 5000
 
 
+@pytest.mark.long
 def test_signals_are_searched_and_chosen(rig, open_page):
     page = open_page("graph")
     page.get_by_test_id("choose-1").click()

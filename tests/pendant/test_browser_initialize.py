@@ -47,6 +47,7 @@ def test_a_protective_stop_is_explained_counted_down_and_unlocked(rig, open_page
     assert rig.state("safety_mode") == "NORMAL"
 
 
+@pytest.mark.long
 def test_the_emergency_stop_is_pressed_and_released(rig, open_page):
     page = open_page("initialize")
     button = page.get_by_test_id("estop")
@@ -63,6 +64,7 @@ def test_the_emergency_stop_is_pressed_and_released(rig, open_page):
     assert rig.state("robot_mode") == "RUNNING"
 
 
+@pytest.mark.long
 def test_after_a_violation_the_safety_system_is_restarted(rig, open_page):
     page = open_page("initialize")
     rig.control.trip_safety("joint_speed_violation", 3)
@@ -74,6 +76,7 @@ def test_after_a_violation_the_safety_system_is_restarted(rig, open_page):
     assert rig.state("safety_mode") == "NORMAL"
 
 
+@pytest.mark.long
 def test_the_payload_is_set_and_followed(rig, open_page):
     page = open_page("initialize")
     rig.control.set_payload(0.25, (0.0, 0.0, 0.01))

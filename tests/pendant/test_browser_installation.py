@@ -39,6 +39,7 @@ def test_payload_external_control_and_what_the_arm_is(rig, open_page):
     expect(page.get_by_test_id("hash")).to_contain_text("calib_")
 
 
+@pytest.mark.long
 def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open_page):
     page, other = open_page("installation"), open_page("installation")
     for each in (page, other):

@@ -35,6 +35,7 @@ def test_outputs_switch_and_lamps_show_it(rig, open_page, rtde):
     expect(page.get_by_test_id("DI2")).to_have_attribute("data-state", "off")
 
 
+@pytest.mark.long
 def test_tool_voltage_and_analog_output(rig, open_page, rtde):
     page = open_page("io")
     page.get_by_test_id("tool-voltage").get_by_text("12 V").click()
@@ -50,6 +51,7 @@ def test_tool_voltage_and_analog_output(rig, open_page, rtde):
     eventually(lambda: rtde.latest()["tool_output_voltage"] == 0)
 
 
+@pytest.mark.long
 def test_registers_of_rtde_and_of_modbus(rig, open_page):
     page = open_page("io")
     page.get_by_test_id("io-registers").click()

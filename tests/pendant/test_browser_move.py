@@ -142,6 +142,7 @@ def test_the_tool_goes_along_its_own_axis(bent: Rig, open_page: Open) -> None:
     assert after[3:] == pytest.approx(before[3:], abs=2e-3)
 
 
+@pytest.mark.long
 def test_what_a_browser_calls_right_depends_on_its_camera(bent: Rig, open_page: Open) -> None:
     page = open_page("move")
     look_along(page, "View")
@@ -186,6 +187,7 @@ def test_a_move_is_stopped(bent: Rig, open_page: Open) -> None:
     assert dist(q(bent), (0.0,) * 6) > 0.5
 
 
+@pytest.mark.long
 def test_stop_ends_a_program_too(bent: Rig, open_page: Open) -> None:
     bent.control.send_script("def far():\n  while True:\n    sync()\n  end\nend\n")
     page = open_page("move")
@@ -216,6 +218,7 @@ def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Ope
         expect(page.get_by_test_id("doing")).to_have_text("")
 
 
+@pytest.mark.long
 def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Open) -> None:
     one, other = open_page("move"), open_page("move")
     before = q(bent)
@@ -228,6 +231,7 @@ def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Op
     assert q(bent)[1] == pytest.approx(before[1], abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_browser_that_leaves_does_not_stop_the_one_that_moves(bent: Rig, open_page: Open) -> None:
     one, other = open_page("move"), open_page("move")
     before = q(bent)
@@ -239,6 +243,7 @@ def test_a_browser_that_leaves_does_not_stop_the_one_that_moves(bent: Rig, open_
     eventually(lambda: at_rest(bent))
 
 
+@pytest.mark.long
 def test_a_pose_that_one_saves_the_other_has(bent: Rig, open_page: Open) -> None:
     one, other = open_page("move"), open_page("move")
     for page in (one, other):
@@ -276,6 +281,7 @@ def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: Open, lost: s
     eventually(lambda: at_rest(bent))
 
 
+@pytest.mark.long
 def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: Open, browser: Browser) -> None:
     page = open_page("move")
     page.get_by_test_id("joint-0-minus").hover()
@@ -297,6 +303,7 @@ def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: 
         eventually(lambda: not at_rest(bent))
 
 
+@pytest.mark.long
 def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: Open) -> None:
     page = open_page("move")
     expected = [*kinematics_of(load_model("ur3")).forward(q(bent))]
@@ -324,6 +331,7 @@ def pendant_without_control_api(rig: Rig) -> Iterator[tuple["subprocess.Popen[st
         yield process, f"http://{rig.host}:6081/move"
 
 
+@pytest.mark.long
 def test_a_robot_is_moved_after_a_question_and_rests_when_the_pendant_is_killed(bent: Rig, browser: Browser) -> None:
     with pendant_without_control_api(bent) as (pendant, url):
         context = browser.new_context(viewport={"width": 1280, "height": 800})
@@ -357,6 +365,7 @@ SCENE = """() => {
 }"""
 
 
+@pytest.mark.long
 def test_frames_the_way_of_the_tcp_and_a_ghost_of_the_target(bent: Rig, open_page: Open) -> None:
     page = open_page("move")
     expect(page.get_by_test_id("joints-move")).to_be_enabled()

@@ -121,6 +121,7 @@ def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig
     eventually(lambda: not drawn(page)["way"])
 
 
+@pytest.mark.long
 def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: Open) -> None:
     page = plan_tab(open_page)
     forward = kinematics_of(load_model("ur3")).forward
@@ -137,6 +138,7 @@ def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: Ope
     assert q(bent) == pytest.approx(BENT, abs=1e-3)
 
 
+@pytest.mark.long
 def test_a_way_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig, open_page: Open) -> None:
     bent.control.add_object("post", POST)
     page = plan_tab(open_page)
@@ -164,6 +166,7 @@ def test_a_way_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig,
     expect(status).to_contain_text("on the arm")
 
 
+@pytest.mark.long
 def test_the_arm_goes_around_what_comes_into_its_way(bent: Rig, open_page: Open) -> None:
     page = plan_tab(open_page)
     typed(page, BESIDE)
@@ -179,6 +182,7 @@ def test_the_arm_goes_around_what_comes_into_its_way(bent: Rig, open_page: Open)
     eventually(lambda: tuple(map(degrees, q(bent))) == pytest.approx(BESIDE, abs=0.1))
 
 
+@pytest.mark.long
 def test_a_robot_has_the_things_of_a_file_and_moves_after_a_question(
     bent: Rig, browser: Browser, tmp_path: Path
 ) -> None:

@@ -252,6 +252,7 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
     expect(row(page, "Wait")).to_be_visible()
 
 
+@pytest.mark.long
 def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_page: Open) -> None:
     page = open_page("program")
     new_program(page)
@@ -321,6 +322,7 @@ def kept(folder: Path, text: bytes) -> bool:
     return any(text in gzip.decompress(base64.b64decode(urp)) for urp in drafts)
 
 
+@pytest.mark.long
 def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser: Browser, tmp_path: Path) -> None:
     options = ("--port", "6081", "--modbus-port", str(rig.robot.ports["modbus"]), "--drafts", str(tmp_path))
     context = browser.new_context(viewport=SIZE)
@@ -376,6 +378,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
         rig.close()
 
 
+@pytest.mark.long
 def test_in_simulation_a_program_moves_the_arm_on_the_screen_and_the_real_one_stands(rig, open_page):
     text = "def far():\n  movej([0.4, -1.2, 1.0, -1.4, -1.5, 0.2], a=3, v=2)\nend\n"
     (rig.programs / "far.script").write_text(text)

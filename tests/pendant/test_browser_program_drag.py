@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import pytest
 from playwright.sync_api import Page, expect
 
 from tests.pendant.conftest import Rig, eventually
@@ -9,6 +10,7 @@ from tests.pendant.conftest import Rig, eventually
 PLACES = {"before": 0.15, "onto": 0.5, "after": 0.85}  # of a row's height
 
 
+@pytest.mark.long
 def test_nodes_are_dragged_before_into_and_behind_others(rig: Rig, open_page: Callable[[str], Page]) -> None:
     page = open_page("program")
     page.get_by_test_id("program-new").click()

@@ -3,6 +3,7 @@
 import gzip
 import re
 
+import pytest
 from playwright.sync_api import Page, expect
 
 from tests.pendant.conftest import eventually
@@ -47,6 +48,7 @@ def test_a_program_is_loaded_played_and_watched(rig, open_page):
     expect(page.locator(".program-line.current")).to_have_count(0)
 
 
+@pytest.mark.long
 def test_the_node_of_a_tree_that_is_carried_out_is_marked(rig, open_page):
     (rig.programs / "tree.urp").write_bytes(gzip.compress(TREE.encode()))
     page = open_page("run")
@@ -84,6 +86,7 @@ def test_an_error_is_marked_on_its_line_and_the_text_is_kept_for_all(rig, open_p
     expect(page.locator(".program-line.current")).to_contain_text("sleep(60)")
 
 
+@pytest.mark.long
 def test_mistakes_are_shown_with_the_words_of_the_checker_while_a_script_is_written(rig, open_page):
     page = open_page("run")
     write(page, "def bad():\n  movJ([0, 0, 0, 0, 0, 0])\nend\n")
@@ -99,6 +102,7 @@ def test_mistakes_are_shown_with_the_words_of_the_checker_while_a_script_is_writ
     expect(page.locator(".script-bad-line")).to_have_count(0)
 
 
+@pytest.mark.long
 def test_a_file_is_opened_in_the_editor(open_page, tmp_path):
     (tmp_path / "job.script").write_bytes(b"\xef\xbb\xbfdef opened():\r\n  sync()\r\nend\r\n")
     page = open_page("run")

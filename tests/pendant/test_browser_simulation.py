@@ -70,6 +70,7 @@ def test_a_fault_from_its_form_strikes_and_is_listed(rig, at):
     expect(page.get_by_test_id("faults")).to_contain_text("port dashboard")
 
 
+@pytest.mark.long
 def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, at):
     page = at()
     choose(page, "fault-kind", "Arm: Encoder jump")
@@ -97,6 +98,7 @@ def newest_fault(rig) -> tuple[str, dict[str, object], str] | None:
     return (faults[-1]["kind"], faults[-1]["arguments"], faults[-1]["state"]) if faults else None
 
 
+@pytest.mark.long
 def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_release(rig, at):
     page = at()
     eventually(lambda: pulled(page, rig))
@@ -148,6 +150,7 @@ def test_paused_time_is_stepped_and_loses_nobody(rig, at):
         rig.control.resume_time()
 
 
+@pytest.mark.long
 def test_things_are_added_dragged_and_removed(rig, at):
     page = at("world")
     add = page.get_by_test_id("object-add")
@@ -178,6 +181,7 @@ def moved(before: list[float], now: list[float]) -> bool:
     return now[:2] != before[:2] and now[2:] == before[2:]
 
 
+@pytest.mark.long
 def test_inputs_are_switched_and_driven(rig, at):
     page = at("inputs")
     for mark, bit in (("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)):
@@ -207,6 +211,7 @@ def test_a_gate_opens_and_any_cause_can_be_tripped(rig, at):
     eventually(lambda: rig.state("safety_mode") == "PROTECTIVE_STOP")
 
 
+@pytest.mark.long
 def test_the_state_is_saved_and_restored(rig, at, tmp_path):
     page = at("arm")
     with page.expect_download() as download:
@@ -221,6 +226,7 @@ def test_the_state_is_saved_and_restored(rig, at, tmp_path):
     eventually(lambda: rig.state("actual_q") == pytest.approx(before))
 
 
+@pytest.mark.long
 def test_who_is_connected_is_told(rig, at):
     page = at("connections")
     with socket.create_connection((rig.host, rig.robot.ports["realtime"])) as client:
@@ -236,6 +242,7 @@ def without_control(rig) -> Iterator[str]:
         yield f"http://{rig.host}:6081"
 
 
+@pytest.mark.long
 def test_a_robot_has_no_such_screen(without_control, browser):
     page = browser.new_page()
     page.goto(f"{without_control}/initialize")

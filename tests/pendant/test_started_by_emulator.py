@@ -53,7 +53,7 @@ def answers(url: str) -> bool:
         return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL])
 def test_a_pendant_comes_and_goes_with_the_emulator(number: signal.Signals) -> None:
     with emulator() as (process, host):
         url = f"http://{host}:6080"

@@ -93,6 +93,7 @@ def test_an_emulator_that_crashes_is_noticed(run_tests) -> None:
     result.stdout.fnmatch_lines(["*the emulator ended with status -6*"])
 
 
+@pytest.mark.long
 def test_four_workers_have_four_robots_at_once(run_tests, pytester: pytest.Pytester) -> None:
     result = run_tests(
         """

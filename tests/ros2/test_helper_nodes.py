@@ -18,6 +18,7 @@ from client.ros2.urscript_interface import URScriptNode
 from emulator.app import Emulator
 from emulator.lifecycle.power import PowerEvent
 from emulator.lifecycle.safety import SafetyEvent
+from tests.budget import some
 from urproto.compat_asyncio import timeout
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
@@ -76,7 +77,7 @@ async def bench_of(robot: Emulator, node_type: Any, *ros_arguments: str, **optio
                     await asyncio.to_thread(node.close)
 
 
-@pytest.mark.parametrize("model", ["ur3", "ur5e"])
+@pytest.mark.parametrize("model", some(["ur3", "ur5e"], now=["ur3"]))
 async def test_modes(model: str) -> None:
     async with emulator(model, speed=SPEED) as robot, bench_of(robot, StateHelperNode) as bench:
         controller = robot.controller

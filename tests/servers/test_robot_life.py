@@ -43,7 +43,9 @@ def test_a_minute_of_every_layout(model: str, version: str) -> None:
     assert len([kind for kind, _, _ in told if kind == 16]) >= 600
 
 
-@pytest.mark.parametrize(("model", "version"), [("ur5", "3.15.8"), ("ur5e", "5.22")])
+@pytest.mark.parametrize(
+    ("model", "version"), [("ur5", "3.15.8"), pytest.param("ur5e", "5.22", marks=pytest.mark.long)]
+)
 def test_everything_that_can_happen(model: str, version: str) -> None:
     life = Life(model, version)
     while len(life.happened) <= len(EPISODES):

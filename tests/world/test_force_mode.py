@@ -28,7 +28,7 @@ def settles(rig, newton, within_s=10.0):
 
 @both_series
 @pytest.mark.parametrize(("damping", "gain"), [(0.0, 0.5), (0.0, 2.0), (0.005, 1.0), (1.0, 0.5), (1.0, 2.0)])
-@pytest.mark.parametrize("stiffness", [1e4, 1e5])
+@pytest.mark.parametrize("stiffness", [1e4, pytest.param(1e5, marks=pytest.mark.long)])
 def test_pressing_on_a_plane_with_10_N_settles_at_10_N(make, model, damping, gain, stiffness):
     rig = make(model)
     rig.table(0.002, stiffness=stiffness)
@@ -59,6 +59,7 @@ def test_every_type_of_force_mode_presses_as_hard_as_it_is_told(make, model):
         rig.tick()
 
 
+@pytest.mark.long
 @settings(max_examples=examples(15))
 @given(
     st.sampled_from(["ur3", "ur3", "ur5e"]),
