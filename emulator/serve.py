@@ -43,6 +43,7 @@ _ABOUT = {
     "modbus": "registers and coils (Modbus/TCP)",
     "interpreter": "statements for a program in interpreter_mode()",
     "control": "this emulator's own API: inputs, faults, time (ur-emulator ctl)",
+    "cameras": "pictures of the scene: HTTP, for a browser too",
     "tool line": "the tool's serial line",
     "gripper": "lines of text",
 }
