@@ -3,7 +3,7 @@
 import asyncio
 import ipaddress
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +13,16 @@ import typer
 
 from client import primary, rtde
 from client.calibration import calibration_of, described, read_calibration
+from client.cameras import Shot
+from client.commands.cameras import (
+    USUAL_HZ,
+    CameraDepth,
+    CameraNames,
+    CameraOptions,
+    CameraPort,
+    CameraRate,
+    follow_cameras,
+)
 from client.commands.following import Interrupts, MotionProgress, PortOffset, RobotIP, Sink, follow
 from client.connection import DEFAULT_TIMEOUT_S
 from client.controllers.remote import check_no_manager
@@ -224,20 +234,37 @@ def record_command(
     ] = None,
     duration: Duration = None,
     overwrite: Overwrite = False,
+    camera: CameraNames = None,
+    depth: CameraDepth = False,
+    camera_rate: CameraRate = USUAL_HZ,
+    camera_port: CameraPort = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
     """Record what a robot does, until Ctrl-C."""
     names = _chosen(fields)
+    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
+    if cameras.names and file.suffix.lower() != ".mcap":
+        raise RecordingError(f"{file}: only .mcap files hold pictures of cameras")
     check_free(file, overwrite)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
+        shots = follow_cameras(opened, cameras)
         info = {"robot": robot_ip, "polyscope": str(robot.core.version), "rate_hz": f"{robot.core.rate_hz:g}"}
         recorder = opened.enter_context(Recorder(file, names, info))
         typer.echo(f"recording {_what(robot, names)} into {file}. Ctrl-C ends it.", err=True)
-        follow(robot, [recorder.write], interrupts, duration)
-    typer.echo(f"{file}: {recorder.count} states")
+        pictures = 0
+
+        def write(state: Mapping[str, Any]) -> None:
+            nonlocal pictures
+            recorder.write(state)
+            for shot in shots():
+                recorder.write_shot(shot)
+                pictures += 1
+
+        follow(robot, [write], interrupts, duration)
+    typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} pictures" if cameras.names else ""))
     if recorder.left_out:
         typer.echo(f"note: {recorder.left_out} states of the robot had no time (timestamp) and were left out", err=True)
 
@@ -267,16 +294,24 @@ def stream_command(
     fields: Fields = None,
     frequency: Annotated[float, typer.Option("--frequency", help="States per second.")] = _STREAM_HZ,
     duration: Duration = None,
+    camera: CameraNames = None,
+    depth: CameraDepth = False,
+    camera_rate: CameraRate = USUAL_HZ,
+    camera_port: CameraPort = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
     """Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C."""
     if not plotjuggler and not foxglove:
         raise typer.BadParameter("say where to: --plotjuggler udp://127.0.0.1:9870, --foxglove, or both")
+    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
+    if cameras.names and not foxglove:
+        raise typer.BadParameter("PlotJuggler shows no pictures: --camera is for --foxglove")
     names = _chosen(fields)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
+        shots = follow_cameras(opened, cameras)
         writers: list[Writer] = []
         if plotjuggler:
             writers.append(live.plotjuggler(plotjuggler))
@@ -288,7 +323,7 @@ def stream_command(
         for writer in writers:
             opened.callback(writer.close)
         typer.echo(f"streaming {_what(robot, names)}. Ctrl-C ends it.", err=True)
-        follow(robot, _stamped(writers), interrupts, duration)
+        follow(robot, _stamped(writers, shots), interrupts, duration)
 
 
 def convert_command(
@@ -351,13 +386,17 @@ def _what(robot: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
     return f"{len(names)} variables of {robot.host} (PolyScope {robot.core.version}) {rate}"
 
 
-def _stamped(writers: Sequence[Writer]) -> list[Sink]:
+def _stamped(writers: Sequence[Writer], shots: Callable[[], list[Shot]]) -> list[Sink]:
     stamps = Stamps()
 
     def write(values: Any) -> None:
         if (time_ns := stamps.of(values["timestamp"])) is not None:
             for writer in writers:
                 writer.write(values, time_ns)
+        for shot in shots():
+            for writer in writers:
+                if isinstance(writer, FoxgloveServer) and (taken_ns := stamps.at(shot.time_s)) is not None:
+                    writer.write_shot(shot, taken_ns)
 
     return [write]
 
