@@ -256,6 +256,7 @@ class Pendant:
             "--port": self._port,
             "--modbus-port": emulator.ports["modbus"],
             **({"--robot-api-port": emulator.ports["robot api"]} if "robot api" in emulator.ports else {}),
+            "--camera-port": emulator.ports.get("cameras", 0),
             "--control-port": emulator.ports.get("control", 0) if local else 0,
         }
         return [str(word) for pair in options.items() for word in pair]
