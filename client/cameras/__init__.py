@@ -6,6 +6,6 @@ with CameraClient("127.0.0.1") as client:
         rgb, metres = shot.arrays["rgb"], shot.arrays["depth"]
 """
 
-from client.cameras.pictures import CameraClient, CameraFollower, Shot
+from client.cameras.pictures import ALL_CAMERAS, CameraClient, CameraFollower, Shot
 
-__all__ = ["CameraClient", "CameraFollower", "Shot"]
+__all__ = ["ALL_CAMERAS", "CameraClient", "CameraFollower", "Shot"]

@@ -22,6 +22,9 @@ from urproto.compat import Self
 from urproto.ports import CAMERA_PORT
 from urproto.robots.pose import Pose
 
+ALL_CAMERAS: Final = "all"
+"""As the name of a camera on a command line: all there are."""
+
 _TIMEOUT_S: Final = 30.0  # the first picture waits for a process to start (guess)
 _MOST_BYTES: Final = 64 * 1024 * 1024  # of an answer: colours and depth of 1920 x 1920 pixels have 26 MB
 _AGAIN_S: Final = 1.0  # after pictures were lost (guess)
@@ -93,14 +96,14 @@ class CameraClient:
             raise CameraError(f"{self.address} is not a server of cameras: {error}") from error
 
     def chosen(self, names: Sequence[str]) -> list[CameraDescription]:
-        """Those of these names, all for none. Raises CameraError for one that is not there, and where there is none."""
+        """Those of these names, all with `ALL_CAMERAS` among them. Raises CameraError for one that is not there."""
         there = {camera.name: camera for camera in self.cameras()}
         if not there:
             raise CameraError(f"the scene at {self.address} has no cameras: name some in its world file")
         for name in names:
-            if name not in there:
+            if name not in there and name != ALL_CAMERAS:
                 raise CameraError(f"there is no camera {name!r}; there are: {', '.join(there)}")
-        return [there[name] for name in names or there]
+        return list(there.values()) if ALL_CAMERAS in names else [there[name] for name in names]
 
     def shot(self, camera: CameraDescription, form: str) -> Shot:
         """A picture that is taken now. form: one of `urproto.cameras.FORMS`. Raises CameraError."""

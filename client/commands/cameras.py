@@ -17,14 +17,13 @@ _MOST_WAITING: Final = 100  # pictures: more come only while a robot is lost, an
 
 CameraNames: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option("--camera", help="Pictures of this camera too, or of all of them: all. Repeat it for several."),
+    typer.Option("--camera", help="Pictures of this camera too, or all. Repeat it for several."),
 ]
 CameraRate: TypeAlias = Annotated[float, typer.Option("--camera-rate", help="Pictures per second of each camera.")]
 CameraDepth: TypeAlias = Annotated[bool, typer.Option("--depth", help="Depth of those cameras too.")]
 CameraPort: TypeAlias = Annotated[
     int | None, typer.Option("--camera-port", help="Port of an emulator's cameras, if not the usual one.")
 ]
-ALL: Final = "all"
 USUAL_HZ: Final = 5.0
 
 
@@ -40,7 +39,13 @@ class CameraOptions:
 
     @classmethod
     def of(
-        cls, robot_ip: str, port_offset: int, port: int | None, names: Sequence[str] | None, rate_hz: float, depth: bool
+        cls,
+        robot_ip: str,
+        port_offset: int,
+        port: int | None,
+        names: Sequence[str] | None,
+        rate_hz: float,
+        depth: bool = False,
     ) -> "CameraOptions":
         """Of a command line. Raises BadParameter."""
         if not 0.0 < rate_hz <= _MOST_HZ:
@@ -60,7 +65,7 @@ def follow_cameras(opened: ExitStack, options: CameraOptions) -> Callable[[], li
         return list
     client = CameraClient(options.robot_ip, options.port)
     opened.callback(client.close)
-    cameras = client.chosen([name for name in options.names if name != ALL] if ALL not in options.names else [])
+    cameras = client.chosen(options.names)
     forms = [JPEG, DEPTH] if options.depth else [JPEG]
     wanted = [(camera, form) for camera in cameras for form in forms]
     for camera, form in wanted:
