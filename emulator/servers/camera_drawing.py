@@ -186,7 +186,9 @@ class Drawing:
 
 
 def _lost(error: Exception) -> str:
-    what = "takes too long" if isinstance(error, TimeoutError) else "has ended" + (f" ({error})" if str(error) else "")
+    what = "takes too long" if isinstance(error, TimeoutError) else "has ended"
+    if isinstance(error, OSError) and error.strerror:
+        what = f"is not there ({error.strerror})"
     return f"the process that draws pictures {what}: its last words are among the emulator's"
 
 

@@ -86,7 +86,7 @@ def test_pictures_that_are_none_are_told(served: Served, client: CameraClient) -
     with pytest.raises(CameraError, match=r"its rgb is \(6, 8, 3\), not as large as its pictures"):
         _ = client.shot(small, "rgb.npy").arrays
     with pytest.raises(CameraError, match=r"rgb.jpg is not an array: get rgb.npy"):
-        _ = client.shot(OVERVIEW, "rgb.jpg").arrays
+        _ = Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE).arrays
 
 
 def test_a_follower_says_once_that_pictures_are_lost_and_goes_on(served: Served) -> None:

@@ -100,6 +100,8 @@ async def test_nothing_is_drawn_before_somebody_looks(rig: Rig) -> None:
     page = await rig.get("/")
     assert b'alt="What the camera over all sees now"' in page.body
     assert page.headers["content-type"].startswith("text/html")
+    await what_there_is_not_is_one_clear_line(rig)
+    await pages_of_other_sites_are_kept_out(rig)
     assert not rig.server.drawing.at_work
 
 
@@ -120,7 +122,7 @@ async def test_pictures_are_those_of_the_scene_as_it_is(rig: Rig) -> None:
     assert both["depth"] == pytest.approx(depth, abs=1e-6)
     assert pose_of(answer.headers["x-camera-pose"]) == pytest.approx(pose, abs=1e-4)
     assert float(answer.headers["x-timestamp"]) <= rig.robot.controller.snapshot.timestamp
-    assert 2 * dark[bodies == lamp].mean() < rgb[bodies == lamp].mean()
+    assert 2.0 * dark[bodies == lamp, 0].mean() < rgb[bodies == lamp, 0].mean()
     assert np.array_equal(await rig.array(f"{OVER}/segmentation.npy"), bodies)
     mm = np.asarray(Image.open(io.BytesIO((await rig.get(f"{OVER}/depth.png")).body)))
     assert mm.dtype == np.uint16
@@ -149,7 +151,9 @@ def pictures(response: HTTPResponse, count: int) -> list[tuple[float, Any]]:
     return found
 
 
-async def test_a_stream_goes_on_with_the_robot_and_ends_with_its_viewer(rig: Rig) -> None:
+async def test_a_stream_goes_on_with_the_robot_and_ends_with_its_viewer(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def look() -> list[tuple[float, Any]]:
         connection = HTTPConnection("127.0.0.1", rig.port, timeout=PATIENCE_S)
         try:
@@ -161,11 +165,12 @@ async def test_a_stream_goes_on_with_the_robot_and_ends_with_its_viewer(rig: Rig
     seen = await asyncio.to_thread(look)
     assert [size for _, size in seen] == [(160, 120)] * 4
     times = [time_s for time_s, _ in seen]
-    assert all(later - earlier > 0.03 for earlier, later in zip(times, times[1:], strict=False))
+    assert times == sorted(set(times))
     await rig.until(lambda: not rig.server.connections)
+    await viewers_are_counted(rig, monkeypatch)
 
 
-async def test_what_there_is_not_is_one_clear_line(rig: Rig) -> None:
+async def what_there_is_not_is_one_clear_line(rig: Rig) -> None:
     for path, status, error in (
         ("/cameras/none/rgb.jpg", 404, "there is no camera 'none'; there are: over all, wrist"),
         (f"{OVER}/rgb.gif", 404, "a camera has no rgb.gif; it has: rgb.mjpeg, rgb.jpg"),
@@ -178,7 +183,7 @@ async def test_what_there_is_not_is_one_clear_line(rig: Rig) -> None:
         assert (answer.status, answer.error[: len(error)]) == (status, error)
 
 
-async def test_pages_of_other_sites_are_kept_out(rig: Rig) -> None:
+async def pages_of_other_sites_are_kept_out(rig: Rig) -> None:
     assert (await rig.get("/cameras", Sec_Fetch_Site="cross-site")).error == "not for pages of other sites"
     assert (await rig.get("/cameras", Sec_Fetch_Site="same-site")).status == 403
     assert (await rig.get("/cameras", Sec_Fetch_Site="none")).status == 200
@@ -188,7 +193,7 @@ async def test_pages_of_other_sites_are_kept_out(rig: Rig) -> None:
         assert (await rig.get(path)).headers["cross-origin-resource-policy"] == "same-origin"
 
 
-async def test_viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+async def viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cameras, "_MOST_VIEWERS", 1)
     reader, writer = await asyncio.open_connection("127.0.0.1", rig.port)
     writer.write(f"GET {OVER}/{STREAM}?fps=0.01 HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
@@ -238,7 +243,7 @@ async def test_where_nothing_draws_a_picture_is_one_clear_line(rig: Rig, monkeyp
         with CameraClient(port=rig.port) as client:
             client.shot(client.chosen(["wrist"])[0], "rgb.jpg")
 
-    with pytest.raises(NoPicture, match="nothing here draws pictures .* install EGL"):
+    with pytest.raises(NoPicture, match=r"nothing here draws pictures .* install EGL"):
         await asyncio.to_thread(ask)
     monkeypatch.delenv("MUJOCO_EGL_DEVICE_ID")
     with pytest.raises(NoPicture, match="nothing here draws pictures"):  # not tried again at once
