@@ -54,7 +54,7 @@ def _picture(form: str) -> bytes:
 
 
 @contextmanager
-def served_cameras() -> Iterator[Served]:
+def served_cameras(host: str = "127.0.0.1") -> Iterator[Served]:
     served = Served()
 
     class Handler(BaseHTTPRequestHandler):
@@ -74,7 +74,7 @@ def served_cameras() -> Iterator[Served]:
     class Server(ThreadingHTTPServer):
         block_on_close = False
 
-    server = Server(("127.0.0.1", 0), Handler)
+    server = Server((host, 0), Handler)
     served.port = server.server_port
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()

@@ -47,7 +47,7 @@ def test_a_picture_is_shown_and_told_in_words(rig: Rig, browser: Browser) -> Non
     options = ("--port", str(PORT), "--control-port", "0")
     context = browser.new_context(viewport=SIZE)
     try:
-        with served_cameras() as served, pendant(rig.host, *options, "--camera-port", str(served.port)):
+        with served_cameras(rig.host) as served, pendant(rig.host, *options, "--camera-port", str(served.port)):
             serve_pictures(served)
             page = context.new_page()
             page.goto(f"http://{rig.host}:{PORT}/initialize")
