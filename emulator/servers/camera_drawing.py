@@ -26,7 +26,7 @@ _PIECE: Final = 64 * 1024  # bytes of a picture that are read, and sent, at once
 _IDLE_S: Final = 5.0  # without a wish, and the process ends (guess)
 _DRAWS_S: Final = 60.0  # for one picture: a machine without a graphics card takes part of a second (guess)
 _AGAIN_S: Final = 5.0  # after a failure, whose reason is the answer until then (guess)
-_GOODBYE_S: Final = 2.0
+_GOODBYE_S: Final = 10.0  # guess: what is killed ends at once, but on a very busy machine
 
 _logger = logging.getLogger(__name__)
 
@@ -193,9 +193,9 @@ def _lost(error: Exception) -> str:
 
 
 async def _end(process: Process) -> None:
-    """Without waiting for the picture that it draws."""
+    """Without waiting for the picture that it draws; what it has written of one is read, or its pipe stays open."""
     with suppress(ProcessLookupError):
         process.kill()
     with suppress(TimeoutError):
         async with timeout(_GOODBYE_S):
-            await process.wait()
+            await process.communicate()
