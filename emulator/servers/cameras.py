@@ -24,9 +24,11 @@ from emulator.servers.http import (
     Response,
     check_host,
     check_site,
+    is_local,
 )
 from emulator.servers.port import PortServer, ServedController
 from urproto.cameras import CAMERAS, FORMS, POSE_HEADER, STREAM, TIME_HEADER, picture_path, pose_text
+from urproto.errors import RemoteProtocolError
 
 if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
@@ -35,6 +37,7 @@ _USUAL_HZ: Final = 10.0
 _LEAST_HZ: Final = 0.01
 _MOST_VIEWERS: Final = 32  # who wait for a picture or look at a stream (guess)
 _BUFFER: Final = 128 * 1024  # bytes that may wait for a client before it is sent more
+_MOST_AHEAD: Final = 64 * 1024  # bytes of requests that come before a picture is through (guess)
 _JPEG: Final = "rgb.jpg"
 _BOUNDARY: Final = "picture"
 _COMMON: Final = {
@@ -123,6 +126,7 @@ class _CameraConnection(HttpConnection):
     def __init__(self, server: CameraServer) -> None:
         super().__init__(server)
         self._look: _Look | None = None
+        self._ahead = 0  # bytes that came during this look
         self._parts: deque[bytes] = deque()
         self._full = False  # as much waits for the client as may
         self._pumping: asyncio.Handle | None = None
@@ -131,7 +135,7 @@ class _CameraConnection(HttpConnection):
         return {"error": text}
 
     def answer(self, request: Request) -> Response | None:
-        check_host(request)
+        check_host(request, also=is_local)
         check_site(request)
         if request.method != "GET":
             raise Refused(NOT_ALLOWED, f"pictures are for reading: GET, not {request.method}", {"Allow": "GET"})
@@ -142,6 +146,7 @@ class _CameraConnection(HttpConnection):
         name, form = self._wanted(request.path)
         every_s = 1.0 / _fps(request.query) if form == STREAM else None
         self.server.check_room()
+        self._ahead = 0
         self._look = _Look(self, name, _JPEG if form == STREAM else form, every_s)
         return None
 
@@ -157,6 +162,15 @@ class _CameraConnection(HttpConnection):
         if form != STREAM and form not in FORMS:
             raise Refused(NOT_FOUND, f"a camera has no {form}; it has: {', '.join((STREAM, *FORMS))}")
         return name, form
+
+    def received(self, data: bytes) -> None:
+        if (
+            self._look is not None
+        ):  # whoever looks at a stream may have asked for what comes next, but not go on talking
+            self._ahead += len(data)
+            if self._ahead > _MOST_AHEAD:
+                raise RemoteProtocolError(f"it sent more than {_MOST_AHEAD} bytes while it is sent pictures")
+        super().received(data)
 
     def opened(self) -> None:
         assert self._transport is not None

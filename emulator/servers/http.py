@@ -219,6 +219,11 @@ def check_type(request: Request, wanted: str) -> None:
         raise Refused(WRONG_TYPE, f"send the header Content-Type: {wanted}")
 
 
+def is_local(name: str) -> bool:
+    """Names that nobody else can own: a page cannot come from them."""
+    return bool(name) and ("." not in name or name.endswith(".local"))
+
+
 def is_address(text: str) -> bool:
     """Whether it is an IP address."""
     try:
