@@ -4,7 +4,7 @@ The scene follows the arm by one control period: it steps to where the arm was p
 looks where the arm is. What it does to the tool is the mean of the steps' forces, so that no impulse is lost.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
@@ -13,6 +13,7 @@ import numpy as np
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
 from emulator.physics.arm_bodies import BODIES, COMPLIANCE_N_M, FLANGE, PREFIX, TOOL, DrivenArm, quaternion
+from emulator.physics.description import Camera
 from emulator.physics.scene import Scene
 from emulator.physics.wiring import Wires
 from emulator.robot.installation import Payload
@@ -35,17 +36,24 @@ _FASTEST_M_S: Final = 1e3  # nothing in a cell moves like that
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _LEAST_N: Final = 1e-6
 _DAMPING_N_S_M: Final = 200.0  # of contacts, as force control should expect it (guess)
+_PLAIN: Final = Camera(pose=(0.0,) * 6)  # what a scene file does not say of its cameras: their size
 _FIXED: Final = "things of a world with physics are those of its file: "
 
 
 class PhysicsWorld(World):
-    """The scene of one arm. ``failure``: why it stands still, "" while it moves."""
+    """The scene of one arm. ``failure``: why it stands still, "" while it moves.
+
+    cameras: by name, those of a scene file among them. covered: names of those before whose lens something is.
+    """
 
     def __init__(self, plan: "PhysicsPlan", robot: RobotModel, scene: Scene) -> None:
         super().__init__(POINT)
         self.plan, self.scene = plan, scene
         self.model, self.data = scene.model, mujoco.MjData(scene.model)
         self.failure = ""
+        names = [scene.model.camera(i).name for i in range(scene.model.ncam)]
+        self.cameras: Mapping[str, Camera] = {name: plan.cameras.get(name, _PLAIN) for name in names if name}
+        self.covered: set[str] = set()
         self._arm = DrivenArm(robot, scene.model)
         self._links = [(self._arm.bodies[name], i + 1) for i, name in enumerate(BODIES) if name not in (FLANGE, TOOL)]
         self._tools = [body for name in (FLANGE, TOOL) for body in _subtree(scene.model, self._arm.bodies[name])]
