@@ -1,5 +1,6 @@
 """Two fingers in a scene: how they are built, and the motor that closes them until something stops them."""
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import mujoco
@@ -90,6 +91,15 @@ class Fingers:
     @property
     def stopped(self) -> bool:
         return self._stopped_s >= _STOPPED_S
+
+    def save(self) -> list[float]:
+        """What the motors remember, for `restore`."""
+        return [self._setpoint, self._force, self._stopped_s, self.width]
+
+    def restore(self, values: Sequence[float]) -> None:
+        """Take over what `save` gave."""
+        self._setpoint, self._force, self._stopped_s, self.width = values
+        self._model.actuator_forcerange[self._motors] = (-self._force, self._force)
 
     def move(self, data: Any, goal: float | None, speed: float, force: float, period_s: float) -> None:
         """For one period: towards a width [m] at a speed of the opening [m/s]; None holds the fingers where they are.

@@ -53,17 +53,18 @@ class PhysicsWorld(World):
         bodies = [(scene.model.body(i).name, i) for i in range(1, scene.model.nbody)]
         self._names = {name: i for name, i in bodies if not name.startswith(PREFIX)}
         self._forces = np.zeros_like(self.data.cfrc_ext)
+        self._roots = [i for i in self._names.values() if scene.model.body_parentid[i] == 0]  # which `move` may move
         self._wires: Wires | None = None
         self._started = False
         mujoco.mj_forward(self.model, self.data)
-        self._first = self._saved()
-        self._good = self._first
+        self._first = self._good = np.zeros(0)
         self.payload = _payload(plan)
 
     # what World has
 
     def wire(self, wiring: Wiring) -> None:
         self._wires = Wires(self.plan, self.scene, wiring.signals, wiring.encoders, wiring.gripper)
+        self._first = self._good = self._saved()
 
     def act(self, arm: "Arm", motion: Motion, wrench: Vector6, period_s: float) -> Vector6:
         wrench = lerp(wrench, self._pushed(arm, period_s), 1.0)
@@ -121,17 +122,13 @@ class PhysicsWorld(World):
 
     def restore(self, state: Sequence[float] | None) -> None:
         """Also after a failure; the arm is where the controller's is."""
-        values = self._first if state is None else np.array(state, dtype=float)
-        if values.shape != self._first.shape or not np.isfinite(values).all():
-            raise WorldError(f"the state of this scene is {len(self._first)} finite numbers")
-        mujoco.mj_setState(self.model, self.data, values, _STATE)
-        mujoco.mj_forward(self.model, self.data)
-        self._good = self._saved()
+        first = self._first
+        values = first if state is None else np.array(state, dtype=float)
+        if values.shape != first.shape or not np.isfinite(values).all():
+            raise WorldError(f"the state of this scene is {len(first)} finite numbers")
+        self._take(values)
+        self._good = values
         self.failure, self._started = "", False
-        self.data.warning.number[:] = 0
-        for cup in self.wires.cups.values():
-            cup.holds = 0
-            cup.release(self.data)
 
     # what a scene has beside
 
@@ -186,15 +183,29 @@ class PhysicsWorld(World):
 
     def _stand_still(self, problem: str) -> None:
         """Nothing of what came of it is left: the scene stands as it began."""
-        mujoco.mj_setState(self.model, self.data, self._good, _STATE)
-        self.data.warning.number[:] = 0
-        mujoco.mj_forward(self.model, self.data)
+        self._take(self._good)
         self.failure = f"the physics of {self.plan.source.name} exploded ({problem}): it stands still until reset_world"
 
     def _saved(self) -> Any:
+        """MuJoCo's state, where things stand that nothing but `move` moves, and what grippers remember."""
         values = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, values, _STATE)
-        return values
+        places = self.model.body_pos[self._roots], self.model.body_quat[self._roots]
+        return np.concatenate([values, *(place.ravel() for place in places), self.wires.save()])
+
+    def _take(self, values: Any) -> None:
+        """Be as `_saved` said. Raises ValueError."""
+        count = len(self._roots)
+        own, positions, turns, rest = np.split(
+            values, np.cumsum([mujoco.mj_stateSize(self.model, _STATE), 3 * count, 4 * count])
+        )
+        self.wires.restore(rest.tolist())
+        self.model.body_pos[self._roots] = positions.reshape(count, 3)
+        self.model.body_quat[self._roots] = turns.reshape(count, 4)
+        mujoco.mj_setState(self.model, self.data, own, _STATE)
+        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, own, _STATE)  # again: the solver's warm start is part of it
+        self.data.warning.number[:] = 0
 
     # what it does to the arm
 
