@@ -48,6 +48,7 @@ THIRD_PARTY = {
         "emulator.physics.description",
     ),
     "mujoco": ("emulator.physics",),
+    "gymnasium": ("emulator.learning",),
     "pyarrow": ("emulator.campaign.journal",),
     "ray": ("emulator.campaign.cluster",),
     "fastapi": ("client.pendant.web_security", "client.pendant.live", "client.pendant.server"),
@@ -60,6 +61,7 @@ THIRD_PARTY = {
     "mcap": ("client.recording.mcapfile",),
     "numpy": (
         "emulator.physics",
+        "emulator.learning",
         "urproto.robots.pinocchio_dynamics",
         "emulator.world.links",
         "client.recording",

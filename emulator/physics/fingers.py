@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import mujoco
-import numpy as np
 
 from emulator.physics.arm_bodies import PREFIX, quaternion
 from emulator.physics.contacts import Kind, touching
@@ -123,9 +122,9 @@ class Fingers:
 
     def look(self, data: Any, goal: float | None, period_s: float) -> None:
         """After the steps of a period: where the fingers are, and whether something stops them."""
-        self.width = max(0.0, float(data.qpos[self._qpos].sum()))
-        speed = float(np.abs(data.qvel[self._dofs]).max())
-        load = float(np.abs(data.actuator_force[self._motors]).max())
+        self.width = max(0.0, sum(data.qpos[self._qpos].tolist()))
+        speed = max(map(abs, data.qvel[self._dofs].tolist()))
+        load = max(map(abs, data.actuator_force[self._motors].tolist()))
         there = goal is not None and abs(self.width - goal) < 2.0 * _LEAD_M
         held = goal is not None and not there and speed < _STILL_M_S and load > _LOAD_SHARE * self._force
         self._stopped_s = self._stopped_s + period_s if held else 0.0

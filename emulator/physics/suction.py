@@ -71,6 +71,10 @@ class SuctionCup:
         elif sucking and not self.holds:
             self._catch(data)
 
+    def release(self, data: Any) -> None:
+        """Hold nothing."""
+        self.act(data, sucking=False)
+
     def save(self) -> list[float]:
         """What it holds and how, for `restore`; that its weld is active is part of the scene's state."""
         return [self.holds, self._welded, *self._how.ravel().tolist()]
