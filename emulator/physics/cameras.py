@@ -42,7 +42,7 @@ class Cameras:
             model.camera(i).name: world.plan.cameras.get(model.camera(i).name, Camera(pose=(0.0,) * 6))
             for i in range(model.ncam)
         }
-        self._covered: set[str] = set()
+        self._covered = world.covered  # what faults cover, too
         width = max((camera.size[0] for camera in self._settings.values()), default=1)
         height = max((camera.size[1] for camera in self._settings.values()), default=1)
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
