@@ -22,7 +22,7 @@ EMULATOR_FLOORS = (
     ("faults", "robotapi"),
     ("control",),
     ("config", "readiness"),
-    ("app", "batch", "script_peers", "check", "ctl"),
+    ("app", "batch", "script_peers", "check", "ctl", "learning"),
     ("serve", "script_run"),
     ("run_command", "cli"),
     ("fleet", "campaign"),

@@ -49,6 +49,7 @@ THIRD_PARTY = {
     ),
     "mujoco": ("emulator.physics",),
     "PIL": ("emulator.physics.drawing",),
+    "gymnasium": ("emulator.learning",),
     "pyarrow": ("emulator.campaign.journal",),
     "ray": ("emulator.campaign.cluster",),
     "fastapi": ("client.pendant.web_security", "client.pendant.live", "client.pendant.server"),
@@ -61,6 +62,7 @@ THIRD_PARTY = {
     "mcap": ("client.recording.mcapfile",),
     "numpy": (
         "emulator.physics",
+        "emulator.learning",
         "urproto.robots.pinocchio_dynamics",
         "emulator.world.links",
         "client.cameras",
