@@ -390,9 +390,7 @@ def _what(robot: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
     return f"{len(names)} variables of {robot.host} (PolyScope {robot.core.version}) {rate}"
 
 
-def _stamped(
-    writers: Sequence[Writer], pictured: FoxgloveServer | None, shots: Callable[[], list[Shot]]
-) -> list[Sink]:
+def _stamped(writers: Sequence[Writer], pictured: FoxgloveServer | None, shots: Callable[[], list[Shot]]) -> list[Sink]:
     """What writes each state to all, and pictures to the server that shows them, with the time of this machine."""
     stamps = Stamps()
 
@@ -400,8 +398,8 @@ def _stamped(
         if (time_ns := stamps.of(values["timestamp"])) is not None:
             for writer in writers:
                 writer.write(values, time_ns)
-        for shot in shots() if pictured is not None else ():
-            if (taken_ns := stamps.at(shot.time_s)) is not None:
+        for shot in shots():
+            if pictured is not None and (taken_ns := stamps.at(shot.time_s)) is not None:
                 pictured.write_shot(shot, taken_ns)
 
     return [write]
