@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from client.commands.program import DRIVER_PORT, Model, Polyscope
+from client.commands.program import DRIVER_PORT, DriverHost, DriverPort, Model, Polyscope, check_new
 from client.errors import ClientError, FileError
 from client.programs import controller, open_installation, save_installation
 from urproto.commandline import AsJson, application, print_json
@@ -34,8 +34,8 @@ _Section = Annotated[str, typer.Argument(help=f"One of {', '.join(SECTIONS)}.")]
 @installation_app.command("new")
 def new_command(
     path: _Installation,
-    host: Annotated[str | None, typer.Option(help="Address of the driver's machine, as the robot sees it.")] = None,
-    port: Annotated[int, typer.Option(help="Port of the driver's program.", min=1, max=65535)] = DRIVER_PORT,
+    host: DriverHost = None,
+    port: DriverPort = DRIVER_PORT,
     model: Model = None,
     polyscope: Polyscope = None,
     force: Annotated[bool, typer.Option("--force", help="Write over an installation that is there.")] = False,
@@ -44,10 +44,7 @@ def new_command(
 
     It is for the emulator. A robot has one of its own, with a checksum that only a controller computes.
     """
-    if path.suffix != _SUFFIX:
-        raise FileError(path, f"an installation's name ends in {_SUFFIX}")
-    if path.exists() and not force:
-        raise FileError(path, "is there already; --force writes over it")
+    check_new(path, "an installation", _SUFFIX, force)
     arm, version = controller(model, polyscope)
     root = new_installation(version, path.stem)
     add_safety(root, factory_configuration(arm), arm)

@@ -22,13 +22,23 @@ program_app = application("PolyScope programs, without PolyScope.", completion=F
 _Program = Annotated[Path, typer.Argument(help="The program, a .urp file.", metavar="NAME.urp")]
 Model = Annotated[str | None, typer.Option(help="The arm, for example ur3 or ur5e.")]
 Polyscope = Annotated[str | None, typer.Option(help="The PolyScope version it is for, for example 3.15.")]
+DriverHost = Annotated[str | None, typer.Option(help="Address of the driver's machine, as the robot sees it.")]
+DriverPort = Annotated[int, typer.Option(help="Port of the driver's program.", min=1, max=65535)]
+
+
+def check_new(path: Path, kind: str, suffix: str, force: bool) -> None:
+    """Raises FileError where a file of this kind cannot be made. force: one that is there may be written over."""
+    if path.suffix != suffix:
+        raise FileError(path, f"{kind}'s name ends in {suffix}")
+    if path.exists() and not force:
+        raise FileError(path, "is there already; --force writes over it")
 
 
 @program_app.command("new")
 def new_command(
     path: _Program,
-    host: Annotated[str | None, typer.Option(help="Address of the driver's machine, as the robot sees it.")] = None,
-    port: Annotated[int, typer.Option(help="Port of the driver's program.", min=1, max=65535)] = DRIVER_PORT,
+    host: DriverHost = None,
+    port: DriverPort = DRIVER_PORT,
     model: Model = None,
     polyscope: Polyscope = None,
     installation: Annotated[
@@ -43,10 +53,7 @@ def new_command(
     installation beside the program, and nothing else of that. Where none is, a small one is made, enough for the
     emulator; on a robot, set the address on the URCap's page of the installation.
     """
-    if path.suffix != PROGRAM_SUFFIX:
-        raise FileError(path, f"a program's name ends in {PROGRAM_SUFFIX}")
-    if path.exists() and not force:
-        raise FileError(path, "is there already; --force writes over it")
+    check_new(path, "a program", PROGRAM_SUFFIX, force)
     if empty and host is not None:
         raise ClientError("--host is of an External Control node, which --empty leaves out")
     arm, version = controller(model, polyscope)

@@ -81,9 +81,5 @@ _FILE: Final = {
 }
 
 
-def _either(*schemas: Any) -> dict[str, Any]:
-    return {"anyOf": list(schemas)}
-
-
 def _refusal(text: str, schema: Any) -> dict[str, Any]:
     return {"description": text, "content": {_JSON: {"schema": schema}}}

@@ -55,20 +55,25 @@ def test_robots_are_what_markers_and_options_say(run_tests) -> None:
     run_tests(ROBOTS, "--ur-model", "ur10e", "--ur-polyscope", "5.9").assert_outcomes(passed=3)
 
 
-@pytest.mark.parametrize(
-    ("marker", "fixture", "complaint"),
-    [
-        ('"ur6"', "ur_emulator", "*unknown*ur6*"),
-        ('"ur3", wheels=4', "ur_emulator", "*No such option*--wheels*"),
-        ('"ur3", wheels=4', "ur_robot", "*no option 'wheels': it has*running*"),
-        ('"ur3", polyscope="5.12"', "ur_robot", "*UR3 is a CB3 arm*"),
-        ('"ur3", "5.12"', "ur_robot", "*ur_model takes a model and named options*"),
-    ],
-)
-def test_wishes_that_cannot_be_are_explained(run_tests, marker: str, fixture: str, complaint: str) -> None:
-    result = run_tests(f"import pytest\n@pytest.mark.ur_model({marker})\ndef test_it({fixture}): pass\n")
-    result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines([complaint])
+WISHES = [
+    ('"ur6"', "ur_emulator", "*unknown*ur6*"),
+    ('"ur3", wheels=4', "ur_emulator", "*No such option*--wheels*"),
+    ('"ur3", wheels=4', "ur_robot", "*no option 'wheels': it has*running*"),
+    ('"ur3", polyscope="5.12"', "ur_robot", "*UR3 is a CB3 arm*"),
+    ('"ur3", "5.12"', "ur_robot", "*ur_model takes a model and named options*"),
+]
+
+
+def test_wishes_that_cannot_be_are_explained(run_tests) -> None:
+    result = run_tests(
+        "import pytest\n"
+        + "".join(
+            f"@pytest.mark.ur_model({marker})\ndef test_{number}({fixture}): pass\n"
+            for number, (marker, fixture, _) in enumerate(WISHES)
+        )
+    )
+    result.assert_outcomes(errors=len(WISHES))
+    result.stdout.fnmatch_lines([complaint for *_, complaint in WISHES])
 
 
 def test_a_failure_shows_what_the_robot_said(run_tests) -> None:

@@ -12,10 +12,14 @@ from robot_life import EPISODES, Life
 
 from urproto.modes import JointMode, RobotMode, SafetyMode
 
-VERSIONS = [
-    ("ur3", "3.1"), ("ur3", "3.2"), ("ur10", "3.5"), ("ur3", "3.14"), ("ur5e", "5.4"), ("ur5e", "5.9"),
-    ("ur3e", "5.12"), ("ur16e", "5.15"), ("ur20", "5.25"),
-]  # fmt: skip
+VERSIONS = [  # those between the oldest and the newest of a series: make long
+    ("ur3", "3.1"),
+    *(pytest.param(*pair, marks=pytest.mark.long) for pair in (("ur3", "3.2"), ("ur10", "3.5"))),
+    ("ur3", "3.14"),
+    ("ur5e", "5.4"),
+    *(pytest.param(*pair, marks=pytest.mark.long) for pair in (("ur5e", "5.9"), ("ur3e", "5.12"), ("ur16e", "5.15"))),
+    ("ur20", "5.25"),
+]
 
 
 def checked(version: str, stream: bytes) -> list[tuple[int, int | None, dict]]:
