@@ -1,9 +1,13 @@
 """How many robots a core carries, each with a streaming RTDE client, and what one more robot costs.
 
 The robots' processes share one core, the clients another where there is one. The two layouts are those of
-``ur-emulator fleet``: one process for all robots of a core, or one for each.
+``ur-emulator fleet``: one process for all robots of a core, or one for each. Growth is that of the first layout on all
+cores, which the clients share. In virtual time there are no clients: as many controllers as fast as one core goes.
+
+``fleet.py --quick`` says in a minute or so whether all of it works; its numbers are of little worth.
 """
 
+import argparse
 import asyncio
 import gc
 import json
@@ -18,29 +22,43 @@ from collections.abc import Sequence
 from contextlib import AsyncExitStack
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import jitter
 from table import Table
+from tick_rate import SWING
 
 from emulator.app import Emulator
 from emulator.clock import ClockStatistics, RealClock
+from emulator.commands.requests import ScriptUnit
 from emulator.config import EmulatorConfig
+from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.realtime import claim_real_time
 from urproto.robots import load_model
 
 SECONDS = 10.0
-ROBOTS = (1, 4, 8, 16, 24)
+ROBOTS = (1, 4, 8, 16, 24, 40)
+GROWTH = (25, 50, 75, 100, 150, 200)
+QUICK_SECONDS, QUICK_ROBOTS = 2.0, (1, 4)
+VIRTUAL_TICKS = 4_000  # of all controllers together
+_OVERLOADED = 0.5  # of the periods are missed: more robots tell nothing more
+_BAR = 40  # characters of the longest bar
 MODEL = "ur3"
 LAYOUTS = {"one process for all": False, "one process each": True}
 CORES = sorted(os.sched_getaffinity(0))
 _SETTLE_S = 1.0  # the first periods pay for first-time costs
 
 
-def measure(seconds: float = SECONDS) -> Table:
+def measure(seconds: float = SECONDS, numbers: Sequence[int] = ROBOTS) -> Table:
     """One row for each layout and number of robots."""
-    _stay_on_core(-1)
-    rows = [_run(layout, robots, seconds) for layout in LAYOUTS for robots in ROBOTS]
+    _stay_on({CORES[-1]})
+    rows = []
+    for layout, apart in LAYOUTS.items():
+        for robots in numbers:
+            crews = [[index] for index in range(robots)] if apart else [list(range(robots))]
+            run = _run(crews, [CORES[0]] * len(crews), seconds)
+            rows.append([layout, str(robots), *_cells(run, robots), f"{run['lost']:.0f}", run["bare"]])
     note = (
         f"Robots of one core at {1 / _period_s():.0f} Hz over {seconds:g} s, an RTDE client with {len(jitter.NAMES)} "
         "variables at the full rate for each. Missed: began a whole period late. Lost: packages a client did not get. "
@@ -61,38 +79,85 @@ def measure(seconds: float = SECONDS) -> Table:
     return Table("Fleet", note, columns, rows)
 
 
-def _run(layout: str, robots: int, seconds: float) -> list[str]:
-    """Start the robots as forks of this process, be their clients, and ask how it went."""
+def measure_growth(seconds: float = SECONDS, numbers: Sequence[int] = GROWTH) -> Table:
+    """One row for each number of robots on the machine, until it is too much for it."""
+    _stay_on(set(CORES))
+    runs: dict[int, dict[str, Any]] = {}
+    for robots in numbers:
+        crews = [list(range(first, robots, len(CORES))) for first in range(min(robots, len(CORES)))]
+        runs[robots] = _run(crews, CORES[: len(crews)], seconds)
+        if runs[robots]["missed"] > _OVERLOADED * runs[robots]["ticks"]:
+            break
+    most = max(run["cpu"] for run in runs.values())
+    rows = [
+        [str(robots), *_cells(run, robots), f"{run['lost']:.0f}", "█" * round(_BAR * run["cpu"] / most)]
+        for robots, run in runs.items()
+    ]
+    note = (
+        f"As above, one process on each core that this may use ({len(CORES)}), which carry the clients too. Of a core: "
+        "the robots' processes alone; a bar is as long as their cost."
+    )
+    columns = ["robots", "missed", "worst", "of a core", "core a robot", "memory a robot", "lost", "cost"]
+    return Table("Growth of a fleet", note, columns, rows)
+
+
+def measure_virtual(ticks: int = VIRTUAL_TICKS, numbers: Sequence[int] = ROBOTS) -> Table:
+    """Robot time in a second of one core's time, for each number of controllers that take turns."""
+    rows = []
+    for robots in numbers:
+        rates = [_virtual(robots, script, max(1, ticks // robots)) for script in ("", SWING)]
+        rows.append([str(robots), *(f"{rate:.0f} s" for rate in rates)])
+    note = (
+        f"Robot seconds of all {MODEL} together in a second of processor time of one process, a control period of each "
+        "in turn, without clients."
+    )
+    return Table("Fleet in virtual time", note, ["robots", "at rest", "movej to and fro"], rows)
+
+
+def _virtual(robots: int, script: str, ticks: int) -> float:
+    config = ControllerConfig(model=load_model(MODEL), running=True)
+    controllers = [Controller(config) for _ in range(robots)]
+    for controller in controllers:
+        if script:
+            controller.post(ScriptUnit(script, "block"))
+        for _ in range(round(_SETTLE_S / _period_s())):
+            controller.tick()
+    began_s = _used_s()
+    for _ in range(ticks):
+        for controller in controllers:
+            controller.tick()
+    return robots * ticks * _period_s() / (_used_s() - began_s)
+
+
+def _run(crews: Sequence[Sequence[int]], cores: Sequence[int], seconds: float) -> dict[str, Any]:
+    """Start each crew of robots as a fork of this process, be their clients, and ask how it went."""
     gc.collect()
     gc.freeze()
-    crews = [[index] for index in range(robots)] if LAYOUTS[layout] else [list(range(robots))]
     context = multiprocessing.get_context("fork")
     links: list[Connection] = []
     processes = []
-    for crew in crews:
+    for crew, core in zip(crews, cores, strict=True):
         ours, theirs = context.Pipe()
-        processes.append(context.Process(target=_serve, args=(crew, theirs), daemon=True))
+        processes.append(context.Process(target=_serve, args=(crew, core, theirs), daemon=True))
         processes[-1].start()
         links.append(ours)
     for link in links:
         link.recv()
-    lost, bare = _receive([_host(index) for index in range(robots)], links, seconds)
+    lost, bare = _receive([_host(index) for crew in crews for index in crew], links, seconds)
     results = [json.loads(link.recv()) for link in links]
     for process in processes:
         process.join()
-    return [layout, str(robots), *_sum(results, robots), str(lost), bare]
+    sums = {name: sum(result[name] for result in results) for name in ("missed", "ticks", "cpu", "pss_mib")}
+    return {**sums, "worst_ms": max(result["worst_ms"] for result in results), "lost": lost, "bare": bare}
 
 
-def _sum(results: Sequence[dict[str, float]], robots: int) -> list[str]:
-    missed, ticks = (sum(result[name] for result in results) for name in ("missed", "ticks"))
-    used, memory = (sum(result[name] for result in results) for name in ("cpu", "pss_mib"))
-    worst = max(result["worst_ms"] for result in results)
+def _cells(run: dict[str, Any], robots: int) -> list[str]:
     return [
-        f"{missed:.0f} of {ticks:.0f}",
-        f"{worst:.1f} ms",
-        f"{used:.0%}",
-        f"{used / robots:.1%}",
-        f"{memory / robots:.1f} MiB",
+        f"{run['missed']:.0f} of {run['ticks']:.0f}",
+        f"{run['worst_ms']:.1f} ms",
+        f"{run['cpu']:.0%}",
+        f"{run['cpu'] / robots:.1%}",
+        f"{run['pss_mib'] / robots:.1f} MiB",
     ]
 
 
@@ -126,8 +191,8 @@ def _connect(host: str) -> socket.socket:
     return jitter.connect(30004, 1 / _period_s(), host)
 
 
-def _serve(robots: Sequence[int], link: Connection) -> None:
-    _stay_on_core(0)
+def _serve(robots: Sequence[int], core: int, link: Connection) -> None:
+    _stay_on({core})
     asyncio.run(_serve_all(robots, link))
 
 
@@ -184,9 +249,23 @@ def _pss_mib() -> float:
     return int(next(row for row in rows if row.startswith("Pss:")).split()[1]) / 1024
 
 
-def _stay_on_core(index: int) -> None:
-    os.sched_setaffinity(0, {CORES[index]})
+def _stay_on(cores: set[int]) -> None:
+    os.sched_setaffinity(0, cores)
+
+
+def main() -> None:
+    """All three tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("seconds", nargs="?", type=float, default=SECONDS, help="how long each row is measured")
+    parser.add_argument("--quick", action="store_true", help="a few robots for a short time")
+    options = parser.parse_args()
+    if options.quick:
+        virtual = measure_virtual(400, QUICK_ROBOTS)
+        tables = [measure(QUICK_SECONDS, QUICK_ROBOTS), measure_growth(QUICK_SECONDS, QUICK_ROBOTS), virtual]
+    else:
+        tables = [measure(options.seconds), measure_growth(options.seconds), measure_virtual()]
+    sys.stdout.write("\n".join(table.markdown() for table in tables))
 
 
 if __name__ == "__main__":
-    sys.stdout.write(measure(*map(float, sys.argv[1:2])).markdown())
+    main()

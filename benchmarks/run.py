@@ -44,6 +44,8 @@ def main() -> None:
         jitter.measure(seconds),
         crowd.measure(),
         fleet.measure(),
+        fleet.measure_growth(),
+        fleet.measure_virtual(),
         latency.measure(),
         streaming.measure(),
         pendant.measure(),

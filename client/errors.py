@@ -8,6 +8,7 @@ ClientError
 ├── ConnectionLostError      the robot closed it, or the network did
 ├── NoAnswerError            the robot keeps silent
 ├── WaitTimeoutError         what was waited for has not happened yet; a TimeoutError too
+├── CameraError              there is no such camera, or no picture of it
 ├── DeviceError              a device of this machine cannot be made
 ├── RecordingError           a file of a recording cannot be read, written, or used for this
 │   └── MissingExtraError    a package it needs is not installed
@@ -82,6 +83,10 @@ class NoAnswerError(ClientError):
 
 class WaitTimeoutError(ClientError, TimeoutError):
     """What a caller waits for has not happened in the time that the caller gave; whatever is under way goes on."""
+
+
+class CameraError(ClientError):
+    """There is no such camera, or no picture of it."""
 
 
 class DeviceError(ClientError):

@@ -12,7 +12,7 @@ from collections import ChainMap
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
 from types import TracebackType
-from typing import Final
+from typing import TYPE_CHECKING, Final, cast
 
 from emulator.clock import Clock, RealClock
 from emulator.config import ConfigError, EmulatorConfig
@@ -26,6 +26,7 @@ from emulator.faults.injector import FaultInjector
 from emulator.logs import Novelty
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
+from emulator.servers.cameras import CameraServer
 from emulator.servers.dashboard import DashboardServer
 from emulator.servers.gripper import GripperServer
 from emulator.servers.interpreter import InterpreterServer
@@ -45,6 +46,9 @@ from urproto.compat import Self
 from urproto.dashboard import AVAILABLE as DASHBOARD
 from urproto.interpreter import AVAILABLE as INTERPRETER_MODE
 from urproto.primary.state import encode_robot_state
+
+if TYPE_CHECKING:
+    from emulator.physics.world import PhysicsWorld
 
 _LISTEN_AGAIN_S: Final = 0.5  # between attempts to have the ports back after an outage (guess)
 
@@ -133,7 +137,8 @@ class Emulator:
 
     def _renew_servers(self) -> None:
         """Servers of the controller; the hooks of those before them go on."""
-        for server in make_servers(self.controller, tool_line=self.config.tool_device is not None):
+        wanted = self.config.wanted_ports
+        for server in make_servers(self.controller, tool_line="tool line" in wanted, cameras="cameras" in wanted):
             server.limits = self.config.client_limits
             server.intake = self._intake
             server.turns = self._control_turns if isinstance(server, RTDEServer) else self._turns
@@ -302,8 +307,11 @@ class PowerSwitch:
             self._coming = None
 
 
-def make_servers(controller: Controller, *, tool_line: bool = False) -> tuple[PortServer, ...]:
-    """One server for each port of a controller, not listening yet. tool_line: also of its tool's serial line."""
+def make_servers(controller: Controller, *, tool_line: bool = False, cameras: bool = False) -> tuple[PortServer, ...]:
+    """One server for each port of a controller, not listening yet.
+
+    tool_line: also of its tool's serial line. cameras: also of those in its world, which is one with physics.
+    """
 
     newest: dict[bool, tuple[Snapshot, bytes]] = {}  # four ports send the same, in the same control period
 
@@ -335,4 +343,6 @@ def make_servers(controller: Controller, *, tool_line: bool = False) -> tuple[Po
         servers = (*servers, ToolCommunicationServer(controller))
     if controller.gripper is not None:
         servers = (*servers, GripperServer(controller))
+    if cameras:
+        servers = (*servers, CameraServer(controller, cast("PhysicsWorld", controller.world)))
     return servers

@@ -51,6 +51,7 @@ _MEANING: Final[Mapping[str, str]] = {
     "modbus": "Modbus clients cannot read or write",
     "interpreter": "statements for interpreter_mode() do not arrive",
     "control": "an emulator's own API does not answer: its verbs cannot be used",
+    "cameras": "nobody gets pictures of an emulator's scene (--physics)",
     _SCRIPT: "the robot takes connections but runs nothing: is it in RUNNING, and in remote control (e-Series)?",
 }
 _REFUSED: Final = (

@@ -13,7 +13,7 @@ from emulator.devices.robotiq import MODELS, GripperModel
 from emulator.faults.catalogue import parse_fault
 from emulator.faults.fault import Fault, FaultError
 from emulator.machine import ControllerConfig
-from emulator.physics import SCENE_FILES, read_physics
+from emulator.physics import SCENE_FILES, PhysicsPlan, read_physics
 from emulator.ports import PORTS
 from emulator.realtime import RealTime
 from emulator.robot.kinds import ArmKind
@@ -154,6 +154,10 @@ class EmulatorConfig:
         return self.control_host or (self.host if is_loopback(self.host) else _LOOPBACK)
 
     @property
+    def _has_physics(self) -> bool:
+        return isinstance(self.controller.world, PhysicsPlan)
+
+    @property
     def _version(self) -> PolyscopeVersion:
         return self.controller.version or DEFAULT_VERSION[self.controller.model.series]
 
@@ -163,6 +167,7 @@ class EmulatorConfig:
             "tool line": self.tool_device is not None,
             "gripper": self.controller.gripper is not None,
             "control": self.control,
+            "cameras": self._has_physics,
         }
         there = (name for name in PORTS if switched.get(name, True))
         return [name for name in there if name not in _FIRST_VERSION or _FIRST_VERSION[name].covers(self._version)]

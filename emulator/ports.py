@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Final
 
-from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
+from urproto.ports import CAMERA_PORT, CONTROL_API_PORT, CONTROLLER_PORTS
 
 PORTS: Final[Mapping[str, int]] = {
     **CONTROLLER_PORTS,
     "control": CONTROL_API_PORT,
-}  # a controller's, and one of our own
+    "cameras": CAMERA_PORT,
+}  # a controller's, and two of our own

@@ -216,6 +216,15 @@ async def _control(stream: _Stream) -> str:
     return "this is an emulator"
 
 
+async def _cameras(stream: _Stream) -> str:
+    """Their list: no picture is drawn for it."""
+    stream.send(b"GET /cameras HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    answer = await stream.read()
+    if not answer.startswith(b"HTTP/1.1 200 "):
+        raise NotReady(f"the answer to GET /cameras is {answer[:40]!r}")
+    return "answers"
+
+
 async def _robot_api(stream: _Stream) -> str:
     """What start scripts ask; software before 10.11 has no more."""
     stream.send(f"GET {URCAPS} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
@@ -236,6 +245,7 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
     "tool line": _tool_line,
     "gripper": _gripper,
     "control": _control,
+    "cameras": _cameras,
     "robot api": _robot_api,
 }
 

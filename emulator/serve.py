@@ -43,6 +43,7 @@ _ABOUT = {
     "modbus": "registers and coils (Modbus/TCP)",
     "interpreter": "statements for a program in interpreter_mode()",
     "control": "this emulator's own API: inputs, faults, time (ur-emulator ctl)",
+    "cameras": "pictures of the scene: HTTP, for a browser too",
     "tool line": "the tool's serial line",
     "gripper": "lines of text",
 }
@@ -255,6 +256,7 @@ class Pendant:
             "--port": self._port,
             "--modbus-port": emulator.ports["modbus"],
             **({"--robot-api-port": emulator.ports["robot api"]} if "robot api" in emulator.ports else {}),
+            "--camera-port": emulator.ports.get("cameras", 0),
             "--control-port": emulator.ports.get("control", 0) if local else 0,
         }
         return [str(word) for pair in options.items() for word in pair]

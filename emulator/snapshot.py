@@ -9,6 +9,7 @@ what changed is written to it; at rest a snapshot costs a few microseconds.
 """
 
 from dataclasses import dataclass
+from math import hypot
 from typing import Final
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
@@ -33,7 +34,7 @@ _MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and noth
 
 def plausible(*numbers: float) -> bool:
     """Whether numbers in SI units could be of an arm, or of something near it: finite, and not absurd."""
-    if sum(map(abs, numbers)) < _MOST:  # as nearly always, and looked at in one go
+    if hypot(*numbers) < _MOST:  # as nearly always, and looked at in one go
         return True
     return all(-_MOST < number < _MOST for number in numbers)
 

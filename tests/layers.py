@@ -22,7 +22,7 @@ EMULATOR_FLOORS = (
     ("faults", "robotapi"),
     ("control",),
     ("config", "readiness"),
-    ("app", "batch", "script_peers", "check", "ctl"),
+    ("app", "batch", "script_peers", "check", "ctl", "learning"),
     ("serve", "script_run"),
     ("run_command", "cli"),
     ("fleet", "campaign"),
@@ -58,6 +58,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.tool_communication",
         ),
     ),
+    "cameras": Layer("driver library: pictures of cameras", ("client.cameras",), ("ports",)),
     "planning": Layer("driver library: ways around what is in the way", ("client.planning",), ("ports",)),
     "driver": Layer("driver library: External Control", ("client.driver",), ("ports",)),
     "robot": Layer(
@@ -65,7 +66,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
     ),
     "face": Layer("driver library: the names that `import client` gives", ("client",), ("ports", "driver", "robot")),
     "recording": Layer(
-        "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "driver", "robot")
+        "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "cameras", "driver", "robot")
     ),
     "identification": Layer(
         "recordings of a real arm: how far its model is right, and what a better one is",
@@ -78,7 +79,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
     "controllers": Layer(
         "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")
     ),
-    "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "planning", "driver", "robot", "controllers")),
+    "ros2": Layer("ROS 2", ("client.ros2",), ("ports", "cameras", "planning", "driver", "robot", "controllers")),
     "pendant": Layer(
         "teach pendant",
         ("client.pendant",),
@@ -90,6 +91,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
         ("client.cli", "client.commands", "client.__main__"),
         (
             "ports",
+            "cameras",
             "planning",
             "driver",
             "robot",

@@ -24,5 +24,8 @@ CONTROLLER_PORTS: Final[Mapping[str, int]] = {
 CONTROL_API_PORT: Final = 30080
 """Of an emulator; a controller has none."""
 
+CAMERA_PORT: Final = 30081
+"""Of an emulator whose scene may have cameras; a controller has none."""
+
 PENDANT_PORT: Final = 6080
 """Where browsers find the teach pendant, as they find PolyScope's screen of the vendor's simulator."""

@@ -40,6 +40,18 @@ def largest(values: Iterable[float]) -> float:
     return max(map(abs, values))
 
 
+def within(low: Sequence[float], values: Sequence[float], high: Sequence[float]) -> bool:
+    """Every value is between its bounds, or on one of them."""
+    return (
+        low[0] <= values[0] <= high[0]
+        and low[1] <= values[1] <= high[1]
+        and low[2] <= values[2] <= high[2]
+        and low[3] <= values[3] <= high[3]
+        and low[4] <= values[4] <= high[4]
+        and low[5] <= values[5] <= high[5]
+    )
+
+
 def add(a: Sequence[float], b: Sequence[float]) -> Vector6:
     """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
@@ -166,11 +178,27 @@ def out_of(axes: Axes, v: Sequence[float]) -> Vector3:
 
 def out_of6(axes: Axes, screw: Vector6) -> Vector6:
     """As out_of, for a (linear, angular) pair."""
-    return (*out_of(axes, screw[:3]), *out_of(axes, screw[3:]))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = axes
+    a, b, c, d, e, f = screw
+    return (
+        xx * a + yx * b + zx * c,
+        xy * a + yy * b + zy * c,
+        xz * a + yz * b + zz * c,
+        xx * d + yx * e + zx * f,
+        xy * d + yy * e + zy * f,
+        xz * d + yz * e + zz * f,
+    )
 
 
 def into6(axes: Axes, screw: Vector6) -> Vector6:
     """A (linear, angular) pair in the axes: the inverse of out_of6."""
-    x, y, z = axes
-    lin, ang = screw[:3], screw[3:]
-    return (dot(lin, x), dot(lin, y), dot(lin, z), dot(ang, x), dot(ang, y), dot(ang, z))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = axes
+    a, b, c, d, e, f = screw
+    return (
+        a * xx + b * xy + c * xz,
+        a * yx + b * yy + c * yz,
+        a * zx + b * zy + c * zz,
+        d * xx + e * xy + f * xz,
+        d * yx + e * yy + f * yz,
+        d * zx + e * zy + f * zz,
+    )

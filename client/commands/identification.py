@@ -13,11 +13,11 @@ from client.commands.record import (
     Overwrite,
     check_and_ask,
     check_free,
-    model_of_robot,
     move_along,
     read_telling,
     taking_over,
 )
+from client.commands.scene_drawing import model_of_robot
 from client.driver import points
 from client.driver.config import ROBOT_PORTS
 from client.identification.armfile import write_arm

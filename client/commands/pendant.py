@@ -24,6 +24,9 @@ def pendant_command(
     control_port: Annotated[
         int | None, typer.Option(help="Port of an emulator's control API, if not the usual one.")
     ] = None,
+    camera_port: Annotated[
+        int | None, typer.Option(help="Port of an emulator's cameras, if not the usual one.")
+    ] = None,
     modbus_port: Annotated[int | None, typer.Option(help="Modbus port of the robot, if not the usual one.")] = None,
     robot_api_port: Annotated[
         int | None, typer.Option(help="Port of the Robot API (PolyScope X), if not the usual one.")
@@ -73,6 +76,7 @@ def pendant_command(
         drafts or Path(typer.get_app_dir("ur-client")) / "drafts",
         scene,
         robot_api_port,
+        camera_port,
     )
     serve(station, host, port, lambda: typer.echo(f"Teach pendant of {robot_ip}: http://{host}:{port}"))
 

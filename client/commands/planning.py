@@ -175,18 +175,18 @@ def _draw(plan: "Plan", scene: "PlanningScene", path: Path | None) -> None:
     """The motion over time, from now on, in what is around it."""
     if path is None:
         return
-    from client.planning.markers import scene_markers, way_marker
+    from client.planning.markers import PATH_TOPIC, SCENE_TOPIC, scene_markers, way_marker
     from client.recording.mcapfile import McapWriter
 
     timed, began_ns = plan.timed, time.time_ns()
     with closing(McapWriter(path, ("timestamp", "actual_q", "actual_qd"), {"made_by": "ur-client plan"})) as writer:
-        writer.write_markers("/planning_scene", scene_markers(scene, plan.way[0]), began_ns)
-        writer.write_markers("/planned_path", [way_marker(scene, timed.q)], began_ns)
+        writer.write_markers(SCENE_TOPIC, scene_markers(scene, plan.way[0]), began_ns)
+        writer.write_markers(PATH_TOPIC, [way_marker(scene, timed.q)], began_ns)
         for time_s, q, qd in zip(timed.times_s.tolist(), timed.q.tolist(), timed.qd.tolist(), strict=True):
             time_ns = began_ns + round(time_s * 1e9)
             writer.write({"timestamp": time_s, "actual_q": q, "actual_qd": qd}, time_ns)
             if carried := scene_markers(scene, q, carried_only=True):
-                writer.write_markers("/planning_scene", carried, time_ns)
+                writer.write_markers(SCENE_TOPIC, carried, time_ns)
 
 
 def _as_json(plan: "Plan") -> dict[str, Any]:

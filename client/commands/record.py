@@ -3,7 +3,7 @@
 import asyncio
 import ipaddress
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +11,20 @@ from typing import Annotated, Any, Final, TypeAlias
 
 import typer
 
-from client import primary, rtde
-from client.calibration import calibration_of, described, read_calibration
+from client import rtde
+from client.calibration import read_calibration
+from client.cameras import Shot
+from client.commands.cameras import (
+    USUAL_HZ,
+    CameraDepth,
+    CameraNames,
+    CameraOptions,
+    CameraPort,
+    CameraRate,
+    follow_cameras,
+)
 from client.commands.following import Interrupts, MotionProgress, PortOffset, RobotIP, Sink, follow
+from client.commands.scene_drawing import DrawnServer, drawn_into, model_of_robot, scene_drawing
 from client.connection import DEFAULT_TIMEOUT_S
 from client.controllers.remote import check_no_manager
 from client.driver.config import ROBOT_PORTS
@@ -33,7 +44,7 @@ from client.recording.recording import Recording
 from client.recording.timestamps import Stamps
 from client.robot import Robot
 from urproto.errors import RobotRefused, URError
-from urproto.robots import MODELS, RobotModel, UnknownModel, load_model
+from urproto.robots import UnknownModel, load_model
 from urproto.robots.description import urdf
 from urproto.robots.description import urdf as urdf_of
 from urproto.robots.meshes import MeshesMissing
@@ -70,19 +81,6 @@ def describe_command(
     except OSError as error:
         raise FileError(output, error.strerror or str(error)) from error
     typer.echo(f"{output}: {arm.title}, " + ("nominal" if arm.calibration is None else "calibrated"))
-
-
-def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:
-    """A robot's arm with its calibration. Raises RobotRefused when it is not known here."""
-    with primary.BlockingPrimaryClient(host, primary.PORT + port_offset) as robot:
-        calibration = calibration_of(robot.run(robot.core.kinematics_info()))
-        arm = robot.run(robot.core.configuration_data())
-    model = described(arm, calibration)
-    if model is None:
-        known = ", ".join(MODELS)
-        what = f"robot type {arm.robot_type}, sub type {arm.sub_type}"
-        raise RobotRefused("its model", f"it is not known here ({what})", f"known are {known}")
-    return model
 
 
 def plot_command(
@@ -213,6 +211,10 @@ Fields: TypeAlias = Annotated[
 Duration: TypeAlias = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="Duration by the robot's clock [s] (default: until Ctrl-C).")
 ]
+SceneOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--scene", help="World file: what it has is drawn around the arm (extra plan).", dir_okay=False),
+]
 Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Overwrite the file if it exists.")]
 
 
@@ -223,21 +225,45 @@ def record_command(
         float | None, typer.Option("--frequency", help="States per second (default: the robot's full rate).")
     ] = None,
     duration: Duration = None,
+    scene: SceneOption = None,
     overwrite: Overwrite = False,
+    camera: CameraNames = None,
+    depth: CameraDepth = False,
+    camera_rate: CameraRate = USUAL_HZ,
+    camera_port: CameraPort = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
     """Record what a robot does, until Ctrl-C."""
     names = _chosen(fields)
+    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
+    if cameras.names and file.suffix.lower() != ".mcap":
+        raise RecordingError(f"{file}: only .mcap files hold pictures of cameras")
     check_free(file, overwrite)
+    if scene is not None and file.suffix != ".mcap":
+        raise typer.BadParameter(f"--scene is for .mcap files: {file} has no place for it")
+    drawing = scene_drawing(scene, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
+        shots = follow_cameras(opened, cameras)
         info = {"robot": robot_ip, "polyscope": str(robot.core.version), "rate_hz": f"{robot.core.rate_hz:g}"}
         recorder = opened.enter_context(Recorder(file, names, info))
         typer.echo(f"recording {_what(robot, names)} into {file}. Ctrl-C ends it.", err=True)
-        follow(robot, [recorder.write], interrupts, duration)
-    typer.echo(f"{file}: {recorder.count} states")
+        pictures = 0
+
+        def write(state: Mapping[str, Any]) -> None:
+            nonlocal pictures
+            recorder.write(state)
+            for shot in shots():
+                recorder.write_shot(shot)
+                pictures += 1
+
+        sinks: list[Sink] = [write]
+        if drawing is not None:
+            sinks.append(drawn_into(recorder, drawing))
+        follow(robot, sinks, interrupts, duration)
+    typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} pictures" if cameras.names else ""))
     if recorder.left_out:
         typer.echo(f"note: {recorder.left_out} states of the robot had no time (timestamp) and were left out", err=True)
 
@@ -267,28 +293,41 @@ def stream_command(
     fields: Fields = None,
     frequency: Annotated[float, typer.Option("--frequency", help="States per second.")] = _STREAM_HZ,
     duration: Duration = None,
+    scene: SceneOption = None,
+    camera: CameraNames = None,
+    depth: CameraDepth = False,
+    camera_rate: CameraRate = USUAL_HZ,
+    camera_port: CameraPort = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
     """Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C."""
     if not plotjuggler and not foxglove:
         raise typer.BadParameter("say where to: --plotjuggler udp://127.0.0.1:9870, --foxglove, or both")
+    if scene is not None and not foxglove:
+        raise typer.BadParameter("--scene is for --foxglove: PlotJuggler draws curves")
+    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
+    if cameras.names and not foxglove:
+        raise typer.BadParameter("PlotJuggler shows no pictures: --camera is for --foxglove")
     names = _chosen(fields)
+    drawing = scene_drawing(scene, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
+        shots = follow_cameras(opened, cameras)
         writers: list[Writer] = []
+        server: FoxgloveServer | None = None
         if plotjuggler:
             writers.append(live.plotjuggler(plotjuggler))
         if foxglove:
             description = _text(urdf) if urdf else _described(robot_ip, port_offset)
             server = FoxgloveServer(names, *address_of(listen, "ws", FOXGLOVE_PORT), description)
-            writers.append(server)
+            writers.append(server if drawing is None else DrawnServer(server, drawing))
             typer.echo(f"Foxglove: open a connection to {listen.rpartition(':')[0]}:{server.port}", err=True)
         for writer in writers:
             opened.callback(writer.close)
         typer.echo(f"streaming {_what(robot, names)}. Ctrl-C ends it.", err=True)
-        follow(robot, _stamped(writers), interrupts, duration)
+        follow(robot, _stamped(writers, server, shots), interrupts, duration)
 
 
 def convert_command(
@@ -351,13 +390,17 @@ def _what(robot: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
     return f"{len(names)} variables of {robot.host} (PolyScope {robot.core.version}) {rate}"
 
 
-def _stamped(writers: Sequence[Writer]) -> list[Sink]:
+def _stamped(writers: Sequence[Writer], pictured: FoxgloveServer | None, shots: Callable[[], list[Shot]]) -> list[Sink]:
+    """What writes each state to all, and pictures to the server that shows them, with the time of this machine."""
     stamps = Stamps()
 
     def write(values: Any) -> None:
         if (time_ns := stamps.of(values["timestamp"])) is not None:
             for writer in writers:
                 writer.write(values, time_ns)
+        for shot in shots():
+            if pictured is not None and (taken_ns := stamps.at(shot.time_s)) is not None:
+                pictured.write_shot(shot, taken_ns)
 
     return [write]
 

@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
+from client.commands.cameras import CameraNames, CameraOptions, CameraPort, CameraRate
 from client.commands.control import ControllersOption, Headless, MakeReady, announce, controllers_file, run
 from client.commands.following import PortOffset, RobotIP
 from client.driver.config import ROBOT_PORTS
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from client.ros2.driver import DriverOptions
 
 _CONTROLLER = "scaled_joint_trajectory_controller"
+_CAMERA_HZ = 10.0
 _SWITCH_INTERVAL_S = 0.0005  # between threads: a setpoint must not wait 5 ms for a callback that computes
 
 
@@ -38,12 +40,16 @@ def ros2_command(
     setup: Annotated[
         bool, typer.Option("--setup", help="Make the message packages that ROS 2 lacks here, and leave.")
     ] = False,
+    camera: CameraNames = None,
+    camera_rate: CameraRate = _CAMERA_HZ,
+    camera_port: CameraPort = None,
     controllers: ControllersOption = None,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
     """Run the ROS 2 driver: nodes, topics, services and actions as of ur_robot_driver. See docs/ros2.md."""
+    cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate)
     prepare()
     if setup:
         return
@@ -59,6 +65,9 @@ def ros2_command(
         make_ready=make_ready,
         namespace=namespace,
         domain=domain,
+        cameras=tuple(cameras.names),
+        camera_port=cameras.port,
+        camera_hz=cameras.rate_hz,
         ros_arguments=tuple(argument for argument in ros_arguments or () if argument != "--ros-args"),
     )
     sys.setswitchinterval(_SWITCH_INTERVAL_S)

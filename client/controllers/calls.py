@@ -7,6 +7,7 @@ WAITING, then SUCCESS or FAILURE. One is under way at a time, the others wait in
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Final, Protocol, TypeVar
 
 from client.controllers.controller import Controller, Interfaces
@@ -42,8 +43,10 @@ class CallingController(Controller[Parameters]):
     def _send(
         self, what: str, values: Mapping[str, float], answer: str, seen: Callable[[], bool] | None = None
     ) -> "Call":
-        """See `Calls.send`. Raises ControllerError while it is not active."""
+        """See `Calls.send`. Raises ControllerError while it is not active, and for what no message carries."""
         self.check_active()
+        if wrong := [value for value in values.values() if not isfinite(value)]:
+            raise self.error(f"{what}: {wrong[0]} cannot be set: give finite numbers")
         return self._calls.send(what, values, answer, seen)
 
 

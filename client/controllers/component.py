@@ -45,7 +45,11 @@ class HardwareComponent:
         return "" if self.state is LifecycleState.ACTIVE else f"{self.name} is {self.state}"
 
     async def go_to(self, target: LifecycleState) -> None:
-        """Change the state. Raises ControllerError."""
+        """Change the state. Raises ControllerError.
+
+        While it is not active, nothing moves the arm, and what controllers ask of the robot is refused. Those that
+        moved it are active again with the component; the others stay active, as in ros2_control.
+        """
         if target is LifecycleState.FINALIZED:
             raise ControllerError(self.name, "its state is unconfigured, inactive or active: end the driver instead")
         hardware: Any = self._robot.manager.hardware
@@ -53,8 +57,9 @@ class HardwareComponent:
             hardware.withheld = None
         elif self.state is not target:
             manager = self._robot.manager
-            manager.switch(deactivate=[one.name for one in manager.active() if one.command_interfaces])
             hardware.withheld = f"the hardware component {self.name} is {target}: activate it first"
+            manager.stop_motion(hardware.withheld)
+            manager.switch(deactivate=[one.name for one in manager.complying()])
         before, self.state = self.state, target
         if target is LifecycleState.UNCONFIGURED:
             await self._robot.driver.stop_program()

@@ -126,7 +126,7 @@ class GPIOController(CallingController[GPIOParameters]):
             values["gpio/analog_output_domain_cmd"] = float(voltage)
         return self._send(f"analog output {pin}", values, _ANSWER)
 
-    def set_tool_voltage(self, volts: int) -> Call:
+    def set_tool_voltage(self, volts: float) -> Call:
         """0, 12 or 24 V."""
         if volts not in (0, 12, 24):
             raise self.error(f"the tool voltage is 0, 12 or 24 V, not {volts}")

@@ -83,6 +83,11 @@ def _after(
     return JointTrajectoryPoint(tuple(positions), tuple(speeds), time_from_start_s=t)
 
 
+def _no_faster(speed: float, than: float) -> float:
+    """A speed, at most as large as another one; 0 when that goes the other way."""
+    return math.copysign(min(abs(speed), abs(than)), speed) if speed * than > 0.0 else 0.0
+
+
 _EVERY_CYCLE: Final = "states and results are told in the cycle they come about"
 
 
@@ -254,6 +259,8 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             joint in braking and braking[joint].max_deceleration_on_cancel > 0.0 for joint in self.joints
         ):
             raise self.error("decelerate_on_cancel needs a max_deceleration_on_cancel above 0 for every joint")
+        if given.constraints.decelerate_on_cancel and "velocity" not in given.state_interfaces:
+            raise self.error("decelerate_on_cancel needs the state interface velocity")
 
     def on_activate(self, time_s: float) -> None:
         self._now_s = time_s
@@ -514,23 +521,33 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
     def _abort(self, code: ErrorCode, text: str) -> None:
         goal, self.goal = self.goal, None
-        self._stop()
+        self._stop(astray=True)
         if goal is not None:
             goal.abort(code, text)
 
     # rest
 
-    def _stop(self) -> None:
-        """Hold where the arm is, or where it comes to rest."""
+    def _stop(self, astray: bool = False) -> None:
+        """Hold where the arm is, or where it comes to rest.
+
+        astray: it is not where it was sent. It brakes from where it is then, as of ros2_controllers; else from where it
+        was sent, which is ahead of it while it moves, and never faster than it really is: a path may command any speed.
+        """
         self._pending = None
-        constraints = self.parameters.constraints
-        if not constraints.decelerate_on_cancel or not self._commanded.velocities or self._holding:
-            self._hold(JointTrajectoryPoint(self._actual.positions))
+        constraints, sent, actual = self.parameters.constraints, self._commanded, self._actual
+        if not constraints.decelerate_on_cancel or not sent.velocities or self._holding:
+            self._hold(JointTrajectoryPoint(actual.positions))
             return
         limits = [constraints.joints[joint].max_deceleration_on_cancel for joint in self.joints]
-        # from where it was sent: where it is, is behind that while it moves
-        speeds = [speed * self.scaling for speed in self._commanded.velocities]
-        self._path = Path(deceleration(self._commanded.positions, speeds, limits))
+        if astray:
+            begin, speeds = actual.positions, list(actual.velocities)
+        else:
+            begin = sent.positions
+            speeds = [
+                _no_faster(speed * self.scaling, real)
+                for speed, real in zip(sent.velocities, actual.velocities, strict=True)
+            ]
+        self._path = Path(deceleration(begin, speeds, limits))
         self._holding = True
 
     def _hold(self, point: JointTrajectoryPoint) -> None:

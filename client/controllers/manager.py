@@ -9,7 +9,7 @@ from typing import Any, Final
 from client.controllers import configuration
 from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LIFE_CYCLE, Controller, Hardware, Interfaces, LifecycleState
-from client.controllers.modes import MOTION, mode_of
+from client.controllers.modes import MOTION, CommandMode, mode_of
 from client.controllers.parameters import Reading, read_parameters
 from client.driver.endpoint import tell
 from client.errors import ControllerError, StateError
@@ -215,11 +215,15 @@ class ControllerManager:
 
     def moving(self) -> list[Controller[Any]]:
         """Those that move the arm."""
-        return [
-            controller
-            for controller in self.active()
-            if any(mode_of(name, self._prefix) in MOTION for name in controller.command_interfaces)
-        ]
+        return [controller for controller in self.active() if self._modes_of(controller) & MOTION]
+
+    def complying(self) -> list[Controller[Any]]:
+        """Those that change how it moves: force mode, tool contact."""
+        return [controller for controller in self.active() if self._modes_of(controller) - MOTION]
+
+    def _modes_of(self, controller: Controller[Any]) -> set[CommandMode]:
+        modes = (mode_of(name, self._prefix) for name in controller.command_interfaces)
+        return {mode for mode in modes if mode is not None}
 
     def list_controllers(self) -> list[ControllerInfo]:
         """All that are loaded."""

@@ -25,6 +25,7 @@ _INERTIA: Final = (
 )
 _GRAVITY: Final = ("gravity/x", "gravity/y", "gravity/z")
 _FRICTION: Final = tuple(f"friction_model/{kind}_{joint}" for kind in ("viscous", "coulomb") for joint in range(6))
+_DOMAIN: Final = "gpio/analog_output_domain_cmd"
 _ANALOG: Final = ("gpio/standard_analog_output_cmd_0", "gpio/standard_analog_output_cmd_1")
 _IO_ANSWER: Final = "gpio/io_async_success"
 _FORCE_ANSWER: Final = "force_mode/force_mode_async_success"
@@ -124,6 +125,18 @@ class URCommands:
         self._switch_outputs()
         self._watch_contact()
 
+    def refuse(self, reason: str) -> None:
+        """Answer everything that has been set since the last cycle without doing it."""
+        refused = {answer for part, answer, _ in self._orders if part.take() is not None}
+        if any(level == level for level in self._digital.get()):
+            refused.add(_IO_ANSWER)
+        for answer in refused:
+            _logger.error("%s", reason)
+            self[answer] = FAILURE
+        if refused:
+            for left in (self._digital, self._inertia, self.part([_DOMAIN])):
+                left.fill(NO_COMMAND)
+
     def _table(self) -> list[tuple[Sequence[str], str, Callable[[list[float]], Awaitable[None]]]]:
         driver = self._driver
         return [
@@ -185,7 +198,7 @@ class URCommands:
         self._spawn(self._answered(_IO_ANSWER, self._say(lines)))
 
     async def _analog(self, pin: int, share: float) -> None:
-        domain, self["gpio/analog_output_domain_cmd"] = self["gpio/analog_output_domain_cmd"], NO_COMMAND
+        domain, self[_DOMAIN] = self[_DOMAIN], NO_COMMAND
         lines = [f"  set_analog_outputdomain({pin}, {int(domain)})"] if domain == domain else []
         await self._say([*lines, f"  set_standard_analog_out({pin}, {share})"])
 
@@ -264,7 +277,7 @@ def _names() -> tuple[str, ...]:
     return (
         *_DIGITAL,
         *_ANALOG,
-        "gpio/analog_output_domain_cmd",
+        _DOMAIN,
         "gpio/tool_voltage_cmd",
         _IO_ANSWER,
         "speed_scaling/target_speed_fraction_cmd",

@@ -38,8 +38,8 @@ class URHardware:
     """Of a driver; see `client.controllers.controller.Hardware`.
 
     spawn: runs what takes longer than a cycle. version: the robot's. prefix: in front of all
-    names. setpoint_timeout_s: how long the robot goes on without the next setpoint. withheld: why the arm
-    must not be moved whatever the robot reports; None if it may.
+    names. setpoint_timeout_s: how long the robot goes on without the next setpoint. withheld: why nothing
+    is asked of the robot, whatever it reports; None if it may be.
     """
 
     def __init__(
@@ -189,6 +189,9 @@ class URHardware:
     # write
 
     def write(self, time_s: float, period_s: float) -> None:
+        if self.withheld:
+            self._orders.refuse(self.withheld)
+            return
         for mode, execution in self._executions.items():
             if mode in self._modes:
                 execution.step(ready=self._ready)

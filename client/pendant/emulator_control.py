@@ -76,6 +76,11 @@ class EmulatorControl:
         speed = self.time.get("speed", 1.0)
         return "" if speed == 1.0 else f"time {speed:g}×" if speed else "time at its fastest"
 
+    @property
+    def expected(self) -> bool:
+        """There is one, whether it lets this pendant in or not."""
+        return self.available or self.locked
+
     async def look_at_the_time(self) -> None:
         """Ask for ``time``. Raises EmulatorControlError."""
         before, self.time = self.time, await self.call("time")

@@ -29,8 +29,7 @@ def _header(page: Page, first: str) -> ui.tabs:
         with ui.tabs().props("dense no-caps inline-label").classes("tabs") as tabs:
             for screen in SCREENS:
                 tab = ui.tab(screen.name, screen.title, screen.icon).props(f"data-testid=tab-{screen.name}")
-                if screen.only_emulated:
-                    page.show_if(tab, lambda station: station.emulator.available or station.emulator.locked)
+                page.show_if(tab, screen.shown)
         tabs.set_value(first)
         ui.space()
         page.live.text(_robot, "robot-name")

@@ -7,13 +7,15 @@ import socket
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
-from fastapi import WebSocket
+from fastapi import Response, WebSocket
+from fastapi.responses import PlainTextResponse, StreamingResponse
 from nicegui import app, ui
 
-from client.errors import PortTakenError
+from client.errors import CameraError, PortTakenError
 from client.pendant import frame
+from client.pendant.cameras import ROUTE
 from client.pendant.live import Live
 from client.pendant.page import Page
 from client.pendant.screens import SCREENS
@@ -28,6 +30,7 @@ _PROCESS: Final = secrets.token_hex(8)  # another one in each process: pages kno
 _NO_SUCH_PAGE: Final = 1008
 _LONGEST_MESSAGE: Final = 1_000_000  # bytes of a web socket, as NiceGUI's pages send at most
 _LOOK_AGAIN_S: Final = 0.05
+_NOT_KEPT: Final = {"cache-control": "no-store"}
 
 
 def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
@@ -59,6 +62,16 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     @ui.page("/{screen}")
     async def pendant(screen: str = SCREENS[0].name) -> None:
         await _page(station, screen)
+
+    @app.get(f"{ROUTE}/{{name}}/{{kind}}")
+    async def camera(name: str, kind: Literal["stream", "still"]) -> Response:
+        try:
+            if kind == "still":
+                return Response(await station.cameras.still(name), media_type="image/jpeg", headers=_NOT_KEPT)
+            content_type, content = await station.cameras.stream(name)
+        except CameraError as error:
+            return PlainTextResponse(f"{error}\n", 502)
+        return StreamingResponse(content, media_type=content_type, headers=_NOT_KEPT)
 
     @app.websocket("/live/{page_id}")
     async def live(web_socket: WebSocket, page_id: str) -> None:

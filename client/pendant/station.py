@@ -16,6 +16,7 @@ from client.dashboard_commands import Operation
 from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.arena import Arena, Arenas, Surroundings
+from client.pendant.cameras import CameraLink
 from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues, Stops
 from client.pendant.emulator_control import EmulatorControl
@@ -37,7 +38,7 @@ from urproto.compat import Self
 from urproto.dashboard import NOT_IN_REMOTE_CONTROL
 from urproto.errors import RobotRefused
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
-from urproto.ports import CONTROL_API_PORT, CONTROLLER_PORTS
+from urproto.ports import CAMERA_PORT, CONTROL_API_PORT, CONTROLLER_PORTS
 from urproto.primary.messages import ErrorCodeMessage
 from urproto.primary.state import ConfigurationData, RobotStateData
 from urproto.robots import RobotModel
@@ -78,6 +79,7 @@ class Station:
     values: the newest RTDE state, by variable name; empty before the first and while the robot is lost. core: what the
     primary interface said. log, variables, dialogues, stops, programs: collected from its messages and states.
     connected: the state comes. problem: why it does not. emulator: its control API, which an arm does not have.
+    cameras: those of an emulator's scene.
     remote_control: e-Series from 5.6. frame: how many states came. feeds: states of other recipes. port_registers: what
     its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
     manager: the controller manager that is running for the robot, if there is one.
@@ -99,6 +101,7 @@ class Station:
         drafts: Path | None = None,
         scene: Path | None = None,
         robot_api_port: int | None = None,
+        camera_port: int | None = None,
     ) -> None:
         self.robot_ip = robot_ip
         self.ports: Mapping[str, int] = {
@@ -125,6 +128,9 @@ class Station:
         self.emulator = EmulatorControl(
             robot_ip, CONTROL_API_PORT + port_offset if control_port is None else control_port, token, self.wake
         )
+        self.cameras = CameraLink(
+            robot_ip, CAMERA_PORT + port_offset if camera_port is None else camera_port, self.wake
+        )
         self.remote_control = Poller(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
         self.tools = Tools(tools)
         kept = ProgramFile(drafts, f"{robot_ip}_{self.ports['primary']}")
@@ -145,6 +151,7 @@ class Station:
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
             opening.push_async_callback(self.emulator.close)
+            opening.push_async_callback(self.cameras.close)
             opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
             opening.push_async_callback(self.arenas.close)

@@ -19,12 +19,14 @@ import socketio  # type: ignore[import-untyped]
 from fastapi.responses import PlainTextResponse
 from nicegui import core
 
+from client.pendant.cameras import ROUTE
 from urproto.log_throttle import LogThrottle
 
 _FORBIDDEN: Final = 403
 _POLICY: Final = 1008  # the status of web sockets for what is not allowed
 _MOST_PAGES: Final = 200  # guess: each browser has one, and one that never came is there for a minute
 _MOST_PLACES: Final = 32
+_FILES: Final = ("/pendant/", "/_nicegui/", f"{ROUTE}/")
 _LONGEST: Final = 300  # characters of a line about nonsense
 _LOGGERS: Final = ("uvicorn.error", "engineio.server", "socketio.server", "nicegui", "asyncio")
 _SOURCE: Final = Path(__file__).parents[2]
@@ -119,7 +121,7 @@ class Gate:
             return (0, "") if path.startswith(("/live/", "/_nicegui_ws/")) else (404, "There is no such web socket.")
         if method == "POST" and path.startswith("/_nicegui/client/"):
             return 0, ""
-        if path not in self._pages and not path.startswith(("/pendant/", "/_nicegui/")) and path != "/favicon.ico":
+        if path not in self._pages and not path.startswith(_FILES) and path != "/favicon.ico":
             return 404, "There is no such page. The pendant is at /"
         if method not in ("GET", "HEAD"):
             return 405, "This is for reading only."

@@ -3,12 +3,15 @@
 RViz and Foxglove draw them. Of hulls the points are drawn, of meshes their files, of planes a piece about their origin.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, Shape, Sphere
 from client.planning.timing import Array
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_quaternion
+
+SCENE_TOPIC: Final = "/planning_scene"
+PATH_TOPIC: Final = "/planned_path"
 
 _FRAME: Final = "base"
 _TOOL: Final = "tool0"
@@ -18,6 +21,7 @@ _CARRIED: Final = (0.9, 0.6, 0.1, 0.9)
 _WAY: Final = (0.1, 0.6, 0.2, 1.0)
 _PIECE_M: Final = (4.0, 4.0, 0.002)  # of a plane
 _DOT_M: Final = 0.005
+_REPEAT_S: Final = 1.0
 
 Marker = Mapping[str, Any]
 
@@ -39,6 +43,29 @@ def scene_markers(
             frame = prefix + (_TOOL if thing.attached and not flange else _FRAME)
             found.append({**_marker(name, number, pose, color, frame), **_drawn(thing.shape)})
     return found
+
+
+class SceneDrawing:
+    """A scene around an arm that moves, for live streams and recordings on the topic ``/planning_scene``.
+
+    Everything once a second, for those who come late, and what moves with the arm with each state.
+    """
+
+    def __init__(self, scene: PlanningScene) -> None:
+        self._scene = scene
+        self._drawn_s: float | None = None
+
+    def draw(self, state: Mapping[str, Any], write: Callable[[str, Sequence[Marker]], object]) -> None:
+        """Draw a state of the robot that has ``timestamp`` [s] and ``actual_q`` (6,) [rad].
+
+        write: is given the topic and the markers.
+        """
+        now_s = state["timestamp"]
+        carried_only = self._drawn_s is not None and 0.0 <= now_s - self._drawn_s < _REPEAT_S
+        if not carried_only:
+            self._drawn_s = now_s
+        if markers := scene_markers(self._scene, state["actual_q"], carried_only=carried_only):
+            write(SCENE_TOPIC, markers)
 
 
 def way_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marker:

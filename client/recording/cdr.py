@@ -187,7 +187,9 @@ def _numbers(letter: str, count: int) -> tuple[Put, Get]:
             _put_length(out, len(values))
         elif len(values) != count:
             raise RecordingError(f"an array of {count} numbers is given {len(values)}")
-        if len(values):
+        if isinstance(values, bytes):  # a picture has hundreds of thousands
+            out.extend(values)
+        elif len(values):
             _align(out, size)
             out.extend(struct.pack(f"<{len(values)}{letter}", *values))
 

@@ -11,6 +11,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from client.cameras import Shot
 from client.errors import RecordingError
 from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
@@ -102,12 +103,37 @@ class Recorder:
 
         Only MCAP files have a place for it; others raise RecordingError.
         """
-        if not isinstance(self._writer, McapWriter):
-            raise RecordingError(f"{self.path}: only .mcap files hold states of controllers")
-        time_ns = self._stamps.of(state.time_s)
+        writer, time_ns = self._mcap("states of controllers"), self._stamps.of(state.time_s)
         if time_ns is not None and not self._failure:
             with self._telling():
-                self._writer.write_controller(controller, state, time_ns)
+                writer.write_controller(controller, state, time_ns)
+
+    def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_s: float) -> None:
+        """Add what 3D views draw, see `McapWriter.write_markers`, at a time [s] of the robot.
+
+        Only MCAP files have a place for it; others raise RecordingError.
+        """
+        writer, time_ns = self._mcap("markers"), self._stamps.of(time_s)
+        if time_ns is not None and not self._failure:
+            with self._telling():
+                writer.write_markers(topic, markers, time_ns)
+
+    def _mcap(self, what: str) -> McapWriter:
+        if not isinstance(self._writer, McapWriter):
+            raise RecordingError(f"{self.path}: only .mcap files hold {what}")
+        return self._writer
+
+    def write_shot(self, shot: Shot) -> None:
+        """Add a picture; before the first state it is left out.
+
+        Only MCAP files have a place for it; others raise RecordingError.
+        """
+        if not isinstance(self._writer, McapWriter):
+            raise RecordingError(f"{self.path}: only .mcap files hold pictures of cameras")
+        time_ns = self._stamps.at(shot.time_s)
+        if time_ns is not None and not self._failure:
+            with self._telling():
+                self._writer.write_shot(shot, time_ns)
 
     def close(self) -> None:
         """Finish the file; closing twice does no harm."""

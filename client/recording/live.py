@@ -3,16 +3,18 @@
 import json
 import math
 import socket
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
+from client.cameras import Shot
 from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import message_type
 from client.recording.extras import extra
-from client.recording.topics import Topics
+from client.recording.pictures import Pictures
+from client.recording.topics import MarkerTopic, Topics
 
 if TYPE_CHECKING:
     from foxglove import Channel
@@ -146,6 +148,7 @@ class FoxgloveServer:
         with extra("live", "streaming to Foxglove"):
             import foxglove
         self._topics = Topics(names)
+        self._pictures = Pictures()
         self._urdf = message_type("std_msgs/msg/String").encode({"data": urdf}) if urdf else b""
         self._described_ns = 0
         self._context = foxglove.Context()
@@ -169,6 +172,16 @@ class FoxgloveServer:
         if self._urdf and not 0 <= time_ns - self._described_ns < _DESCRIPTION_NS:
             self._channel("/robot_description", message_type("std_msgs/msg/String")).log(self._urdf, log_time=time_ns)
             self._described_ns = time_ns
+
+    def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_ns: int) -> None:
+        """Offer a visualization_msgs/msg/MarkerArray; see `McapWriter.write_markers`."""
+        kind = MarkerTopic(topic).type
+        self._channel(topic, kind).log(kind.encode({"markers": markers}), log_time=time_ns)
+
+    def write_shot(self, shot: Shot, time_ns: int) -> None:
+        """Offer a picture of a camera, what describes the camera, and where it is."""
+        for topic, data in self._pictures.encoded(shot, time_ns):
+            self._channel(topic.name, topic.type).log(data, log_time=time_ns)
 
     def close(self) -> None:
         """Disconnect everybody."""

@@ -6,11 +6,13 @@ from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
+from client.cameras import Shot
 from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import ros_name
 from client.recording.extras import extra
 from client.recording.output import FLUSH_S, OutputFile
+from client.recording.pictures import Pictures, PictureTopic
 from client.recording.recording import ROBOT, Columns, Info, Recording
 from client.recording.topics import RTDE_TOPIC, ControllerTopic, MarkerTopic, Topic, Topics, controller_message
 from client.recording.tracking import Tracking, TrackingBuilder
@@ -52,6 +54,7 @@ class McapWriter:
         if info:
             self._writer.add_metadata(_METADATA, dict(info))
         self._topics = Topics(names)
+        self._pictures = Pictures()
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 
@@ -81,6 +84,11 @@ class McapWriter:
         kind = MarkerTopic(topic)
         self._add(kind, kind.type.encode({"markers": markers}), time_ns)
 
+    def write_shot(self, shot: Shot, time_ns: int) -> None:
+        """Add a picture of a camera, what describes the camera, and where it is."""
+        for topic, data in self._pictures.encoded(shot, time_ns):
+            self._add(topic, data, time_ns)
+
     def close(self) -> None:
         """Finish the file: its index and its end. Raises RecordingError."""
         finish: Callable[[], None] = self._writer.finish
@@ -92,7 +100,7 @@ class McapWriter:
         finally:
             self._file.close()
 
-    def _add(self, topic: Topic | ControllerTopic | MarkerTopic, data: bytes, time_ns: int) -> None:
+    def _add(self, topic: Topic | ControllerTopic | MarkerTopic | PictureTopic, data: bytes, time_ns: int) -> None:
         if topic.name not in self._channels:
             self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", self._schema(topic.type))
         self._writer.add_message(self._channels[topic.name], time_ns, data, time_ns)

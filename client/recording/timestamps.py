@@ -32,6 +32,12 @@ class Stamps:
         if self._anchor is None or not -_BOOT_S <= timestamp_s - self._last_s <= JUMP_S:
             self._anchor = (timestamp_s, self._now_ns())
         self._last_s = timestamp_s
+        return self.at(timestamp_s)
+
+    def at(self, timestamp_s: float) -> int | None:
+        """The same of something that comes late, as a picture does; None before the first state."""
+        if self._anchor is None or not abs(timestamp_s - self._last_s) <= JUMP_S:
+            return None
         begin_s, begin_ns = self._anchor
         return begin_ns + round((timestamp_s - begin_s) * _NS)
 

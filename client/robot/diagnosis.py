@@ -112,9 +112,11 @@ class Diagnosis:
                     await asyncio.sleep(_LISTEN_EVERY_S)
 
     async def in_local_control(self) -> bool:
-        """Whether it takes no scripts for that reason, as far as it says so."""
+        """Whether it takes no scripts for that reason, as far as it says so: who plays a program takes them."""
         if any(report.code == _LOCAL_CONTROL_CODE for report in self.driver.robot.reports):
             return True
+        if self.driver.state["runtime_state"] == RuntimeState.PLAYING:
+            return False
         try:
             board = self.driver.robot.dashboard
             return board is not None and not await board.ask(dashboard.IS_IN_REMOTE_CONTROL)

@@ -13,11 +13,13 @@ from types import TracebackType
 from typing import Any, Final
 
 from client.calibration import calibration_of, described
+from client.cameras import CameraClient
 from client.controllers.broadcasters import JointStateBroadcaster
 from client.controllers.robot import ControlledRobot
 from client.controllers.running import ManagerOptions, RunningManager, reached
 from client.controllers.serving import ManagerServer, claim
 from client.errors import Ros2Error
+from client.ros2.cameras import CameraNode
 from client.ros2.controller_manager import ControllerManagerNode
 from client.ros2.controller_nodes import ControllerNodes
 from client.ros2.dashboard import DashboardNode
@@ -29,6 +31,7 @@ from client.ros2.topics import Scene
 from client.ros2.trajectory_until import TrajectoryUntilNode
 from client.ros2.transforms import Transforms
 from client.ros2.urscript_interface import URScriptNode
+from urproto.ports import CAMERA_PORT
 
 _PREFIX: Final = re.compile(r"|[A-Za-z_][A-Za-z0-9_]*")
 
@@ -37,11 +40,18 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class DriverOptions(ManagerOptions):
-    """What `ur_control.launch.py` takes, by the names of this project. namespace: of all nodes."""
+    """What `ur_control.launch.py` takes, by the names of this project. namespace: of all nodes.
+
+    cameras: names of those that are published; `client.cameras.ALL_CAMERAS` for all. camera_port:
+    where it has them. camera_hz: pictures of each.
+    """
 
     namespace: str = ""
     domain: int | None = None
     ros_arguments: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
+    camera_port: int = CAMERA_PORT
+    camera_hz: float = 10.0
 
     def __post_init__(self) -> None:
         """Raises Ros2Error."""
@@ -111,6 +121,8 @@ class Ros2Driver:
         for kind in beside:
             node = await asyncio.to_thread(kind, host, robot.robot)
             opening.push_async_callback(asyncio.to_thread, node.close)
+        if self._options.cameras:
+            await self._open_cameras(opening, host)
         until = await asyncio.to_thread(TrajectoryUntilNode, host, self._options.controller)
         opening.push_async_callback(asyncio.to_thread, until.close)
         if model is not None and can_plan():
@@ -118,6 +130,16 @@ class Ros2Driver:
 
             group = await asyncio.to_thread(MoveGroupNode, host, robot, model, prefix)
             opening.push_async_callback(asyncio.to_thread, group.close)
+
+    async def _open_cameras(self, opening: AsyncExitStack, host: NodeHost) -> None:
+        """Raises CameraError for cameras that are not there."""
+        options, manager = self._options, self.running.manager
+        client = CameraClient(options.robot_ip, options.camera_port)
+        opening.callback(client.close)
+        there = await asyncio.to_thread(client.chosen, options.cameras)
+        node = await asyncio.to_thread(CameraNode, host, client, there, options.camera_hz, options.tf_prefix)
+        opening.push_async_callback(asyncio.to_thread, node.close)
+        manager.on_cycle.append(lambda: node.see(manager.time_s))
 
 
 def can_plan() -> bool:

@@ -67,11 +67,13 @@ class Situation:
 
 def _set_io(controller: GPIOController, request: Any, situation: Situation) -> Call:
     if request.fun == request.FUN_SET_DIGITAL_OUT:
+        if request.state != request.state:
+            raise controller.error(f"the state of digital output {request.pin} is not a number: 0 is off, 1 is on")
         return controller.set_digital_out(request.pin, request.state != 0.0)
     if request.fun == request.FUN_SET_ANALOG_OUT:
         return controller.set_analog_out(request.pin, request.state)
     if request.fun == request.FUN_SET_TOOL_VOLTAGE:
-        return controller.set_tool_voltage(int(request.state))
+        return controller.set_tool_voltage(request.state)
     raise controller.error(f"function {request.fun} of set_io is not available: 1, 3 and 4 are")
 
 

@@ -6,10 +6,10 @@ from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from emulator.faults import arm, line, machine, network, program, rtde
+from emulator.faults import arm, line, machine, network, program, rtde, scene
 from emulator.faults.fault import KINDS, Fault, FaultError
 
-SUBJECTS: Final = (network, line, rtde, arm, program, machine)
+SUBJECTS: Final = (network, line, rtde, arm, scene, program, machine)
 _F = TypeVar("_F", bound=Fault)
 _TIMING: Final = tuple(field.name for field in fields(Fault))
 

@@ -180,15 +180,15 @@ class MotionCommands:
 
     def servoj(self, q: Sequence[float], *, t: float, lookahead_time: float = 0.1, gain: float = 300.0) -> Move:
         """Follow q for t seconds of the program's time (one period at least), then keep heading for it."""
-        numbers = (*q, t, lookahead_time, gain)
-        fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._limits.outside(as_six(q))
+        numbers, target = (*q, t, lookahead_time, gain), as_six(q)
+        fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._limits.outside(target)
         if fault is not None:
             return self._refuse(fault)
         servo = self._movement.generator
         if not (isinstance(servo, JointServo) and self._streaming):
             servo = JointServo(self._target.reach, *self._start())
             self._take_over()
-        servo.command(as_six(q), t, lookahead_time, gain)
+        servo.command(target, t, lookahead_time, gain)
         return self._begin(servo)
 
     def servoc(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Move:

@@ -12,7 +12,9 @@ something with 10 N ends at 10 N.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import exp
+from typing import NamedTuple
 
 from emulator.motion.contact import Contact, Response, solve, without
 from emulator.motion.faults import MotionFault, near_singularity, off_the_path
@@ -27,6 +29,7 @@ from urproto.vectors import (
     ZERO6,
     Axes,
     Vector3,
+    add,
     all_finite,
     as_six,
     cross,
@@ -94,8 +97,7 @@ class Task:
         return cls(frame or ZERO6, free, ZERO6, kind, _FREEDRIVE_LIMITS, freedrive=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Pushing:
+class Pushing(NamedTuple):
     """What acts on the tool at its TCP, base frame [N, Nm]; the present forces of ``contacts`` are part of it."""
 
     wrench: Joints = ZERO6
@@ -111,11 +113,13 @@ class _Loop:
     decay: Joints
     gain: float
 
-    @classmethod
-    def of(cls, dt: float, damping: float, gain: float) -> "_Loop":
+    @staticmethod
+    @lru_cache(maxsize=8)  # nearly every period has those of the one before
+    def of(dt: float, damping: float, gain: float) -> "_Loop":
+        """The loop for a period of dt seconds; ``damping`` from 0 to 1."""
         linear, turning = _FRICTION[0] + _FRICTION[1] * damping, _TURN_FRICTION[0] + _TURN_FRICTION[1] * damping
         moving, spinning = exp(-dt * linear / _MASS), exp(-dt * turning / _INERTIA)
-        return cls(dt, (linear,) * 3 + (turning,) * 3, (moving,) * 3 + (spinning,) * 3, gain)
+        return _Loop(dt, (linear,) * 3 + (turning,) * 3, (moving,) * 3 + (spinning,) * 3, gain)
 
 
 class Compliance:
@@ -132,6 +136,7 @@ class Compliance:
         self._moved = moved
         self._heading: Vector3 | None = None  # x axis of a frame along the motion
         self._next = (self._pose, ZERO6, ZERO6)
+        self._path = (q, self._pose)  # the nominal arm's last place, as joints and as a pose
 
     def standing(self) -> bool:
         """No motion of its own."""
@@ -175,13 +180,14 @@ class Compliance:
         Raises MotionFault where the arm cannot go.
         """
         before, after = nominal
-        shift = ZERO6 if before == after else pose_sub(self.reach.pose(after), self.reach.pose(before))
+        shift = ZERO6 if before == after else self._shift(before, after)
         axes = self._axes(shift)
         wanted = into6(axes, shift)
         compliant = self._compliant
         loop, given = _Loop.of(dt, damping, gain), scaled(wanted, 1.0 / dt)
         own = self._accelerated(loop, self._handed_over(given), axes, external, given)
-        moved = as_six((0.0 if compliant[i] else wanted[i]) + own[i] * dt for i in range(6))
+        followed = as_six([0.0 if gives_way else way for gives_way, way in zip(compliant, wanted, strict=True)])
+        moved = lerp(followed, own, dt)
         self._next = (self._pose, own, ZERO6)
         if moved == ZERO6:
             return q
@@ -191,6 +197,13 @@ class Compliance:
             target, pose, own = self._yielded(dt, axes, (pose, own), q, touching=bool(external.contacts))
         self._next = (pose, own, sub(target, q))
         return target
+
+    def _shift(self, before: Joints, after: Joints) -> Joints:
+        """The way of the nominal arm's tool, in the base frame."""
+        known, pose = self._path
+        start = pose if before == known else self.reach.pose(before)
+        self._path = (after, self.reach.pose(after))
+        return pose_sub(self._path[1], start)
 
     def _exact(self, dt: float, pose: Pose, q: Joints, *, alone: bool, touching: bool) -> Joints | None:
         """The joints for this pose. With no movement beside, None when they cannot get there, or only by a jerk."""
@@ -214,7 +227,7 @@ class Compliance:
     def _hardest(self, step: Joints) -> float:
         """How suddenly the joints would change their speed: of the hardest one, as a share of its limit, times dt2."""
         changes = zip(step, self._moved, self.reach.model.qdd_max, strict=True)
-        return max(abs(now - last) / most for now, last, most in changes)
+        return max([abs(now - last) / most for now, last, most in changes])
 
     def _yielded(
         self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints, *, touching: bool
@@ -261,8 +274,9 @@ class Compliance:
         ``before``: the own speed now, ``given``: speed of the movement in progress, both in the task frame.
         """
         compliant = self._compliant
-        push = into6(axes, external.wrench)
-        net = as_six(wish + force for wish, force in zip(self.task.wrench, push, strict=True))
+        net = self.task.wrench
+        if external.wrench != ZERO6:
+            net = add(net, into6(axes, external.wrench))
         free = self._unhindered(loop, before, net)
         if not external.contacts or compliant == _STIFF:
             return free
@@ -280,10 +294,11 @@ class Compliance:
     def _unhindered(self, loop: _Loop, before: Joints, net: Joints) -> Joints:
         """Exact response of mass and friction to a force that stays, bounded by the task's speed limits."""
         speeds = []
-        for i, flag in enumerate(self._compliant):
-            final, bound = loop.gain * net[i] / loop.friction[i] if flag else 0.0, abs(self.task.limits[i])
-            final = max(-bound, min(bound, final))
-            now = final + (before[i] - final) * loop.decay[i]
+        directions = zip(self._compliant, self.task.limits, net, before, loop.friction, loop.decay, strict=True)
+        for gives_way, limit, force, speed, friction, decay in directions:
+            bound = abs(limit)
+            final = max(-bound, min(bound, loop.gain * force / friction)) if gives_way else 0.0
+            now = final + (speed - final) * decay
             speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
         return as_six(speeds)
 

@@ -152,7 +152,7 @@ class Motion:
 
     def limit_positions(self, low: Joints, high: Joints) -> None:
         """Where the joints may go from now on [rad]."""
-        self._limits.low, self._limits.high = low, high
+        self._limits.use(low, high)
 
     def set_position(self, q: Joints) -> None:
         """Put the arm elsewhere. Raises ValueError while it moves, or outside the position limits."""

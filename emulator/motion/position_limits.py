@@ -1,11 +1,11 @@
 """Where the joints may go, and whether they could still stop before the end of that."""
 
-from math import inf
+from math import dist, inf
 
 from emulator.motion.faults import MotionFault, joint_limit
 from emulator.motion.stops import JointStop, StopOrigin
 from urproto.robots.model import Joints, RobotModel
-from urproto.vectors import as_six
+from urproto.vectors import as_six, sub, within
 
 _TOLERANCE_RAD = 1e-9
 
@@ -14,15 +14,29 @@ class PositionLimits:
     """low, high: of each joint [rad], those of the model until others are used."""
 
     def __init__(self, model: RobotModel, period_s: float) -> None:
-        self.low, self.high = model.position_limits
+        self.use(*model.position_limits)
         self._qdd_max = model.qdd_max
         # braking distance of a joint over the square of its move in one period
         self._braking = as_six(1.0 / (2.0 * a * period_s**2) for a in model.qdd_max)
+        self._longest_braking = max(self._braking)
+
+    def use(self, low: Joints, high: Joints) -> None:
+        """Other limits are in force."""
+        self.low, self.high = low, high
+        # Far from the limits is far for a while: no joint reaches one before it is this far [rad] from here.
+        self._here, self._room = low, 0.0
 
     def check(self, target: Joints, before: Joints) -> None:
         """Raise MotionFault when a joint that moves like this in a period could not stop before its limit."""
         if target == before:
             return
+        move = dist(target, before)
+        if dist(target, self._here) + move * move * self._longest_braking < self._room:
+            return
+        self._check_closely(target, before)
+        self._here, self._room = target, min(*sub(self.high, target), *sub(target, self.low))
+
+    def _check_closely(self, target: Joints, before: Joints) -> None:
         for i, (now, was, low, high, braking) in enumerate(
             zip(target, before, self.low, self.high, self._braking, strict=True)
         ):
@@ -39,6 +53,8 @@ class PositionLimits:
 
     def outside(self, q: Joints) -> MotionFault | None:
         """What is wrong with standing here; None if nothing is."""
+        if within(self.low, q, self.high):
+            return None
         for i, (position, low, high) in enumerate(zip(q, self.low, self.high, strict=True)):
             if not low - _TOLERANCE_RAD <= position <= high + _TOLERANCE_RAD:
                 return joint_limit(i, position, low, high)

@@ -74,47 +74,35 @@ class JointServo:
 
     def propose(self, h: float, q: Joints) -> Joints:
         self._next_h = h
-        model, decay = self._model, exp(-self._omega * h)
+        model, omega, decay = self._model, self._omega, exp(-self._omega * h)
         target_qd = ZERO6 if self.ready else self._target_qd  # without a new command it stands
-        moved = [
-            self._joint(h, decay, now, qd, target, towards, most, acceleration)
-            for now, qd, target, towards, most, acceleration in zip(
-                q, self._qd, self._target, target_qd, model.qd_max, model.qdd_max, strict=True
-            )
-        ]
-        self._next = as_six([qd for _, qd in moved])
-        self._next_at = as_six([position for position, _ in moved])
+        positions, speeds = [], []
+        for now, qd, target, towards, most, acceleration in zip(
+            q, self._qd, self._target, target_qd, model.qd_max, model.qdd_max, strict=True
+        ):
+            # the exact step of the critically damped follower unless a limit says less
+            error = now - target
+            slope = qd + omega * error
+            speed = (qd - omega * slope * h) * decay
+            position = target + (error + slope * h) * decay
+            # at the end of this step the joint must still be able to brake to the target
+            change = acceleration * h
+            slowing = 0.5 * _BRAKE_SHARE * change
+            left = abs(error) - 0.5 * h * (-qd if error > 0.0 else qd)
+            braking = 0.0
+            if left > 0.0:
+                braking = sqrt(slowing * slowing + 2.0 * _BRAKE_SHARE * acceleration * left) - slowing
+            highest = min(most, braking + towards if towards > 0.0 else braking)
+            lowest = -min(most, braking - towards if towards < 0.0 else braking)
+            if not (lowest <= speed <= highest and qd - change <= speed <= qd + change):
+                speed = max(qd - change, min(qd + change, max(lowest, min(highest, speed))))
+                position = now + 0.5 * (qd + speed) * h
+            positions.append(position)
+            speeds.append(speed)
+        self._next_at, self._next = as_six(positions), as_six(speeds)
         if self._settled(self._next_at, self._next):
             self._next, self._next_at = ZERO6, self._target
         return self._next_at
-
-    def _joint(
-        self,
-        h: float,
-        decay: float,
-        q: float,
-        qd: float,
-        target: float,
-        target_qd: float,
-        most: float,
-        acceleration: float,
-    ) -> tuple[float, float]:
-        """Position and speed after h: the exact step of the critically damped follower unless a limit says less."""
-        error = q - target
-        slope = qd + self._omega * error
-        free = (qd - self._omega * slope * h) * decay
-        change = acceleration * h
-        # the speed at the end of this step from which the joint can still brake to the target
-        slowing = 0.5 * _BRAKE_SHARE * change
-        left = abs(error) - 0.5 * h * (-qd if error > 0.0 else qd)
-        braking = sqrt(slowing * slowing + 2.0 * _BRAKE_SHARE * acceleration * max(0.0, left)) - slowing
-        highest = min(most, braking + max(0.0, target_qd))
-        lowest = -min(most, braking - min(0.0, target_qd))
-        if lowest <= free <= highest and qd - change <= free <= qd + change:
-            return target + (error + slope * h) * decay, free
-        speed = max(lowest, min(highest, free))
-        speed = max(qd - change, min(qd + change, speed))
-        return q + 0.5 * (qd + speed) * h, speed
 
     def _settled(self, q: Joints, qd: Joints) -> bool:
         return largest(sub(q, self._target)) < _ARRIVED_RAD and largest(qd) < _ARRIVED_RAD_S

@@ -5,5 +5,6 @@ nothing before that.
 """
 
 from emulator.physics.file import SCENE_FILES, open_cameras, read_physics
+from emulator.physics.plan import PhysicsPlan
 
-__all__ = ["SCENE_FILES", "open_cameras", "read_physics"]
+__all__ = ["SCENE_FILES", "PhysicsPlan", "open_cameras", "read_physics"]

@@ -11,7 +11,7 @@ get in a period, whatever it meets. docs/physics.md says what else was tried.
 Shapes are the capsules of `urproto.robots.shapes`; links touch things, never each other.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import sqrt
 from typing import TYPE_CHECKING, Any, Final
 
@@ -122,13 +122,14 @@ class Skeleton:
             offset, tilt = [a, 0.0, d], quaternion((alpha, 0.0, 0.0))
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
+        own = slice(1, len(LINKS) + 1)
+        self._frames = self._data.xpos[own], self._data.xquat[own]
 
-    def frames(self, q: Sequence[float]) -> Iterator[tuple[Any, Any]]:
-        """Position and quaternion of the links' frames, shoulder to wrist 2, each turned with its joint."""
+    def frames(self, q: Sequence[float]) -> tuple[Any, Any]:
+        """Positions and quaternions of the links' frames, shoulder to wrist 2, each turned with its joint."""
         self._data.qpos[:] = q
         mujoco.mj_kinematics(self._model, self._data)
-        for i in range(1, len(LINKS) + 1):
-            yield self._data.xpos[i], self._data.xquat[i]
+        return self._frames
 
 
 class DrivenArm:
@@ -146,10 +147,13 @@ class DrivenArm:
         self._speed = np.zeros((count, 6))
         self._turn = np.zeros(3)
         self._placed = False
+        self._where: tuple[Sequence[float], ...] = ()  # as of the last period
+        self._stands = False  # since then
 
     def place(self, data: Any, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
         """Put the bodies where an arm is, at rest. Poses in the base frame."""
-        self._locate(q, flange, tcp)
+        self._where, self._stands = (q, flange, tcp), False
+        self._locate(*self._where)
         self._speed[:] = 0.0
         self._placed = True
         data.qpos[self._qpos] = self._now.ravel()
@@ -157,20 +161,26 @@ class DrivenArm:
 
     def begin(self, data: Any, arm: "Arm", period_s: float) -> None:
         """A period in which the arm came to where it is."""
-        self._before, self._now = self._now, self._before
         where = arm.q, arm.flange_pose, arm.tcp_pose
+        if where == self._where and self._placed:
+            if not self._stands:
+                self._before[:] = self._now
+                self._speed[:] = 0.0
+                self._stands = True
+            data.qpos[self._qpos] = self._now.ravel()
+            return
+        self._where, self._stands = where, False
+        self._before, self._now = self._now, self._before
         self._locate(*where)
         shift = self._now[:, :3] - self._before[:, :3]
         if not self._placed or np.abs(shift).max() > _JUMP_M:
             self.place(data, *where)
             return
-        if not np.array_equal(self._now, self._before):
-            self._speed[:, :3] = shift / period_s
-            for i in range(len(BODIES)):
-                mujoco.mju_subQuat(self._turn, self._now[i, 3:], self._before[i, 3:])
-                self._speed[i, 3:] = self._turn / period_s
-        else:
-            self._speed[:] = 0.0
+        self._speed[:, :3] = shift
+        for i in range(len(BODIES)):
+            mujoco.mju_subQuat(self._turn, self._now[i, 3:], self._before[i, 3:])
+            self._speed[i, 3:] = self._turn
+        self._speed /= period_s
         data.qpos[self._qpos] = self._before.ravel()
 
     def drive(self, data: Any) -> None:
@@ -183,8 +193,7 @@ class DrivenArm:
 
     def _locate(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
         now = self._now
-        for i, (position, turn) in enumerate(self._skeleton.frames(q)):
-            now[i, :3], now[i, 3:] = position, turn
+        now[: len(LINKS), :3], now[: len(LINKS), 3:] = self._skeleton.frames(q)
         for name, pose in ((FLANGE, flange), (TOOL, tcp)):
             i = BODIES.index(name)
             now[i, :3], now[i, 3:] = pose[:3], quaternion(pose[3:])

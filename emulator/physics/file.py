@@ -51,8 +51,11 @@ class ScenePlan(PhysicsPlan):
 
 def open_cameras(world: World | None) -> "Cameras":
     """The cameras of a robot's world, to be closed after use. Raises CameraError where nothing draws, or is none."""
-    from emulator.physics.cameras import Cameras
+    from emulator.physics.cameras import CameraError, Cameras
+    from emulator.physics.world import PhysicsWorld
 
+    if not isinstance(world, PhysicsWorld):
+        raise CameraError("only a world with physics has cameras: start with --physics")
     return Cameras(world)
 
 

@@ -1,9 +1,9 @@
 """Two fingers in a scene: how they are built, and the motor that closes them until something stops them."""
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import mujoco
-import numpy as np
 
 from emulator.physics.arm_bodies import PREFIX, quaternion
 from emulator.physics.contacts import Kind, touching
@@ -91,6 +91,15 @@ class Fingers:
     def stopped(self) -> bool:
         return self._stopped_s >= _STOPPED_S
 
+    def save(self) -> list[float]:
+        """What the motors remember, for `restore`."""
+        return [self._setpoint, self._force, self._stopped_s, self.width]
+
+    def restore(self, values: Sequence[float]) -> None:
+        """Take over what `save` gave."""
+        self._setpoint, self._force, self._stopped_s, self.width = values
+        self._model.actuator_forcerange[self._motors] = (-self._force, self._force)
+
     def move(self, data: Any, goal: float | None, speed: float, force: float, period_s: float) -> None:
         """For one period: towards a width [m] at a speed of the opening [m/s]; None holds the fingers where they are.
 
@@ -113,9 +122,9 @@ class Fingers:
 
     def look(self, data: Any, goal: float | None, period_s: float) -> None:
         """After the steps of a period: where the fingers are, and whether something stops them."""
-        self.width = max(0.0, float(data.qpos[self._qpos].sum()))
-        speed = float(np.abs(data.qvel[self._dofs]).max())
-        load = float(np.abs(data.actuator_force[self._motors]).max())
+        self.width = max(0.0, sum(data.qpos[self._qpos].tolist()))
+        speed = max(map(abs, data.qvel[self._dofs].tolist()))
+        load = max(map(abs, data.actuator_force[self._motors].tolist()))
         there = goal is not None and abs(self.width - goal) < 2.0 * _LEAD_M
         held = goal is not None and not there and speed < _STILL_M_S and load > _LOAD_SHARE * self._force
         self._stopped_s = self._stopped_s + period_s if held else 0.0

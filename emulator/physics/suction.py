@@ -3,7 +3,7 @@
 There is a weld, of those that the solver may break at any time, between each cup and each body that moves.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
@@ -74,6 +74,23 @@ class SuctionCup:
     def release(self, data: Any) -> None:
         """Hold nothing."""
         self.act(data, sucking=False)
+
+    def save(self) -> list[float]:
+        """What it holds and how, for `restore`; that its weld is active is part of the scene's state."""
+        return [self.holds, self._welded, *self._how.ravel().tolist()]
+
+    def restore(self, values: Sequence[float]) -> None:
+        """Take over what `save` gave. Raises ValueError."""
+        holds, welded, *how = values
+        if not (0 <= holds < self._model.nbody and 0 <= welded < max(1, self._model.neq)):
+            raise ValueError(f"a cup cannot hold body {holds:g} by weld {welded:g}: there is no such thing")
+        self.holds, self._welded = int(holds), int(welded)
+        self._how[:] = how
+
+    @property
+    def _how(self) -> Any:
+        """The numbers of the weld; none where nothing moves that it could hold."""
+        return self._model.eq_data[self._welded : self._welded + 1]
 
     def _torn_off(self, data: Any) -> bool:
         rows = np.flatnonzero(

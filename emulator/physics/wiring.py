@@ -3,6 +3,7 @@
 Once a period, before the scene's steps, outputs act on it; after them, inputs say what became of it.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
@@ -92,6 +93,8 @@ class Wires:
         self.cups = {name: SuctionCup(name, cup, model) for name, cup in plan.cups.items()}
         self._jaws = [Jaw(Fingers(hand, model), hand.parallel) for hand in plan.hands.values() if hand.parallel]
         self._fingers = None if plan.gripper is None or gripper is None else Fingers(plan.gripper, model)
+        fingers = [*(jaw.fingers for jaw in self._jaws), *([] if self._fingers is None else [self._fingers])]
+        self._keeping: list[Fingers | SuctionCup] = [*fingers, *self.cups.values()]
         self._barriers = list(plan.barriers.values())
         joints = {name: moving.joint for name, moving in plan.moving.items() if moving.joint is not None}
         self._buttons = [
@@ -104,6 +107,18 @@ class Wires:
             for name, lamp in lamps.items()
             for geom in (model.geom(name).id,)
         ]
+
+    def save(self) -> list[float]:
+        """What grippers and cups remember beside the scene's own state, for `restore`."""
+        return [value for part in self._keeping for value in part.save()]
+
+    def restore(self, values: Sequence[float]) -> None:
+        """Take over what `save` gave."""
+        left = list(values)
+        for part in self._keeping:
+            count = len(part.save())
+            part.restore(left[:count])
+            del left[:count]
 
     def act(self, data: Any, period_s: float) -> None:
         """Outputs act on the scene."""

@@ -4,7 +4,8 @@ The scene follows the arm by one control period: it steps to where the arm was p
 looks where the arm is. What it does to the tool is the mean of the steps' forces, so that no impulse is lost.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
@@ -13,6 +14,8 @@ import numpy as np
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
 from emulator.physics.arm_bodies import BODIES, COMPLIANCE_N_M, FLANGE, PREFIX, TOOL, DrivenArm, quaternion
+from emulator.physics.description import Camera
+from emulator.physics.disturbances import SceneDisturbances
 from emulator.physics.scene import Scene
 from emulator.physics.wiring import Wires
 from emulator.robot.installation import Payload
@@ -35,39 +38,55 @@ _FASTEST_M_S: Final = 1e3  # nothing in a cell moves like that
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _LEAST_N: Final = 1e-6
 _DAMPING_N_S_M: Final = 200.0  # of contacts, as force control should expect it (guess)
+_PLAIN: Final = Camera(pose=(0.0,) * 6)  # what a scene file does not say of its cameras: their size
 _FIXED: Final = "things of a world with physics are those of its file: "
 
 
 class PhysicsWorld(World):
-    """The scene of one arm. ``failure``: why it stands still, "" while it moves."""
+    """The scene of one arm. ``failure``: why it stands still, "" while it moves.
+
+    cameras: by name, those of a scene file among them. covered: names of those before whose lens something is.
+    """
 
     def __init__(self, plan: "PhysicsPlan", robot: RobotModel, scene: Scene) -> None:
         super().__init__(POINT)
         self.plan, self.scene = plan, scene
         self.model, self.data = scene.model, mujoco.MjData(scene.model)
         self.failure = ""
+        names = [scene.model.camera(i).name for i in range(scene.model.ncam)]
+        self.cameras: Mapping[str, Camera] = {name: plan.cameras.get(name, _PLAIN) for name in names if name}
+        self.covered: set[str] = set()
         self._arm = DrivenArm(robot, scene.model)
         self._links = [(self._arm.bodies[name], i + 1) for i, name in enumerate(BODIES) if name not in (FLANGE, TOOL)]
+        self._link_bodies = [body for body, _ in self._links]
         self._tools = [body for name in (FLANGE, TOOL) for body in _subtree(scene.model, self._arm.bodies[name])]
         self._is_tool = np.isin(np.arange(scene.model.nbody), self._tools)
         bodies = [(scene.model.body(i).name, i) for i in range(1, scene.model.nbody)]
         self._names = {name: i for name, i in bodies if not name.startswith(PREFIX)}
         self._forces = np.zeros_like(self.data.cfrc_ext)
+        self._roots = [i for i in self._names.values() if scene.model.body_parentid[i] == 0]  # which `move` may move
         self._wires: Wires | None = None
-        self._started = False
+        self._started = self._restored = False
         mujoco.mj_forward(self.model, self.data)
-        self._first = self._saved()
-        self._good = self._first
+        self._first = self._good = np.zeros(0)
         self.payload = _payload(plan)
 
     # what World has
 
     def wire(self, wiring: Wiring) -> None:
         self._wires = Wires(self.plan, self.scene, wiring.signals, wiring.encoders, wiring.gripper)
+        self._first = self._good = self._saved()
+        self.disturbances = SceneDisturbances(
+            self.model, self.data, self._names, self._wires, self.cameras.keys(), self.covered
+        )
 
     def act(self, arm: "Arm", motion: Motion, wrench: Vector6, period_s: float) -> Vector6:
         wrench = lerp(wrench, self._pushed(arm, period_s), 1.0)
         if self.failure or not arm.known:
+            return wrench
+        if self._restored:
+            self._restored = False
+            self._let_go(arm, motion)
             return wrench
         if not self._started:
             self._arm.place(self.data, arm.q, arm.flange_pose, arm.tcp_pose)
@@ -76,9 +95,7 @@ class PhysicsWorld(World):
                 arm.mounted = self.payload
         self._step(arm, period_s)
         if self.failure:
-            self.contacts = ()
-            motion.force_control.contacts = ()
-            arm.link_torque = ZERO6
+            self._let_go(arm, motion)
             return wrench
         self.contacts = tuple(self._touching(arm))
         motion.force_control.contacts = self.contacts
@@ -114,24 +131,25 @@ class PhysicsWorld(World):
             self.model.body_pos[body], self.model.body_quat[body] = pose_base[:3], quaternion(pose_base[3:])
         else:
             raise WorldError(f"{name!r} is part of another body, and moves with it")
+        mujoco.mj_kinematics(self.model, self.data)  # `pose` says so at once
 
     def save(self) -> list[float]:
         values: list[float] = self._saved().tolist()
         return values
 
     def restore(self, state: Sequence[float] | None) -> None:
-        """Also after a failure; the arm is where the controller's is."""
-        values = self._first if state is None else np.array(state, dtype=float)
-        if values.shape != self._first.shape or not np.isfinite(values).all():
-            raise WorldError(f"the state of this scene is {len(self._first)} finite numbers")
-        mujoco.mj_setState(self.model, self.data, values, _STATE)
-        mujoco.mj_forward(self.model, self.data)
-        self._good = self._saved()
-        self.failure, self._started = "", False
-        self.data.warning.number[:] = 0
-        for cup in self.wires.cups.values():
-            cup.holds = 0
-            cup.release(self.data)
+        """Also after a failure; the arm is where the controller's is.
+
+        That may have been put elsewhere too, as of the next period: until then the scene waits, so that nothing is
+        swept away by an arm on its way.
+        """
+        first = self._first
+        values = first if state is None else np.array(state, dtype=float)
+        if values.shape != first.shape or not np.isfinite(values).all():
+            raise WorldError(f"the state of this scene is {len(first)} finite numbers")
+        self._take(values)
+        self._good = values
+        self.failure, self._started, self._restored = "", False, True
 
     # what a scene has beside
 
@@ -176,36 +194,57 @@ class PhysicsWorld(World):
 
     def _problem(self) -> str:
         data = self.data
-        if any(data.warning.number[kind] for kind in _EXPLODED) or not np.isfinite(self._forces).all():
+        warned = data.warning.number
+        if any(warned[kind] for kind in _EXPLODED) or not isfinite(self._forces.sum()):
             return "forces and speeds grew without end"
-        fastest = int(np.argmax(np.abs(data.qvel))) if self.model.nv else 0
-        if self.model.nv and abs(data.qvel[fastest]) > _FASTEST_M_S:
+        if data.qvel @ data.qvel < _FASTEST_M_S**2:
+            return ""
+        fastest = int(np.argmax(np.abs(data.qvel)))
+        if abs(data.qvel[fastest]) > _FASTEST_M_S:
             body = self.model.body(int(self.model.dof_bodyid[fastest])).name
             return f"{body} moves at {abs(data.qvel[fastest]):.3g} m/s"
         return ""
 
     def _stand_still(self, problem: str) -> None:
         """Nothing of what came of it is left: the scene stands as it began."""
-        mujoco.mj_setState(self.model, self.data, self._good, _STATE)
-        self.data.warning.number[:] = 0
-        mujoco.mj_forward(self.model, self.data)
+        self._take(self._good)
         self.failure = f"the physics of {self.plan.source.name} exploded ({problem}): it stands still until reset_world"
 
     def _saved(self) -> Any:
+        """MuJoCo's state, where things stand that nothing but `move` moves, and what grippers remember."""
         values = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, values, _STATE)
-        return values
+        places = self.model.body_pos[self._roots], self.model.body_quat[self._roots]
+        return np.concatenate([values, *(place.ravel() for place in places), self.wires.save()])
+
+    def _take(self, values: Any) -> None:
+        """Be as `_saved` said. Raises ValueError."""
+        count = len(self._roots)
+        own, positions, turns, rest = np.split(
+            values, np.cumsum([mujoco.mj_stateSize(self.model, _STATE), 3 * count, 4 * count])
+        )
+        self.wires.restore(rest.tolist())
+        self.model.body_pos[self._roots] = positions.reshape(count, 3)
+        self.model.body_quat[self._roots] = turns.reshape(count, 4)
+        mujoco.mj_setState(self.model, self.data, own, _STATE)
+        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, own, _STATE)  # again: the solver's warm start is part of it
+        self.data.warning.number[:] = 0
 
     # what it does to the arm
 
-    def _wrench_at(self, bodies: Sequence[int], tcp: Sequence[float]) -> Vector6:
+    def _let_go(self, arm: "Arm", motion: Motion) -> None:
+        self.contacts = motion.force_control.contacts = ()
+        arm.link_torque = ZERO6
+
+    def _wrench_at(self, bodies: list[int], tcp: Sequence[float]) -> Vector6:
         """The forces on these bodies at a point, base frame [N, Nm].
 
         MuJoCo has them at the centre of mass of a body's tree.
         """
         total = ZERO6
-        for body in bodies:
-            tx, ty, tz, fx, fy, fz = self._forces[body].tolist()
+        for body, force in zip(bodies, self._forces[bodies].tolist(), strict=True):
+            tx, ty, tz, fx, fy, fz = force
             if fx or fy or fz or tx or ty or tz:
                 centre = self.data.subtree_com[self.model.body_rootid[body]].tolist()
                 mx, my, mz = cross(sub3(centre, tcp), (fx, fy, fz))
@@ -214,11 +253,13 @@ class PhysicsWorld(World):
 
     def _link_torque(self, arm: "Arm") -> Vector6:
         total = ZERO6
+        if not self._forces[self._link_bodies].any():
+            return total
         for body, carrying in self._links:
             if not self._forces[body].any():
                 continue
             point = tuple(self.data.subtree_com[body].tolist())
-            wrench = self._wrench_at((body,), point)
+            wrench = self._wrench_at([body], point)
             rows = arm.kinematics.jacobian_at(arm.q, (*point, 0.0, 0.0, 0.0))
             torques = [sum(row[i] * part for row, part in zip(rows, wrench, strict=True)) for i in range(carrying)]
             total = add(total, (*torques, *ZERO6)[:6])

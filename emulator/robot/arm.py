@@ -13,7 +13,6 @@ and its model of friction to ``target_current``. Its constants and its noise are
 """
 
 import math
-from collections.abc import Sequence
 from operator import truediv
 from typing import TYPE_CHECKING, Final
 
@@ -23,12 +22,13 @@ from emulator.robot.sensors import Sensors
 from emulator.robot.staticfriction import StaticFriction
 from emulator.snapshot import Snapshot
 from urproto.robots import RobotModel, kinematics_of
-from urproto.robots.kinematics import Jacobian, Kinematics
+from urproto.robots.kinematics import Kinematics
 from urproto.robots.measured import drivetrain_of
-from urproto.robots.pose import Pose, pose_trans, rotvec_to_matrix
+from urproto.robots.pose import Pose, matrix_to_rotvec, pose_trans
 from urproto.vectors import (
     ZERO3,
     ZERO6,
+    Matrix3,
     Vector3,
     Vector6,
     add,
@@ -53,23 +53,23 @@ class ToolState:
     def __init__(self, kinematics: Kinematics) -> None:
         self._kinematics = kinematics
         self.flange_pose: Pose = ZERO6
+        self.flange_axes: Matrix3 = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
         self.pose: Pose = ZERO6
         self.speed: Vector6 = ZERO6
         self.acceleration: Vector6 = ZERO6
         self.elbow_position: Vector3 = ZERO3
         self.elbow_velocity: Vector3 = ZERO3
 
-    def update(self, q: Vector6, qd: Vector6, tcp_offset: Pose, period_s: float, *, started: bool) -> Jacobian:
-        """One period later; the Jacobian at the TCP. ``started``: nothing was known before."""
-        self.flange_pose = self._kinematics.forward(q)
-        self.pose = self.flange_pose if tcp_offset == ZERO6 else pose_trans(self.flange_pose, tcp_offset)
-        jacobian = self._kinematics.jacobian_at(q, self.pose)
-        speed = times6(jacobian, qd) if qd != ZERO6 else ZERO6
+    def update(self, q: Vector6, qd: Vector6, tcp_offset: Pose, period_s: float, *, started: bool) -> None:
+        """One period later. ``started``: nothing was known before."""
+        (x, y, z), self.flange_axes = self._kinematics.flange_axes(q)
+        self.flange_pose = flange = (x, y, z, *matrix_to_rotvec(self.flange_axes))
+        self.pose = flange if tcp_offset == ZERO6 else pose_trans(flange, tcp_offset)
+        speed = self._kinematics.twist_at(q, qd, self.pose) if qd != ZERO6 else ZERO6
         changing = speed != self.speed and not started
         self.acceleration = rate(speed, self.speed, period_s) if changing else ZERO6
         self.speed = speed
         self._update_elbow(q, period_s, moving=qd != ZERO6 and not started)
-        return jacobian
 
     def _update_elbow(self, q: Vector6, period_s: float, *, moving: bool) -> None:
         position = self._kinematics.elbow_position(q)
@@ -116,7 +116,6 @@ class Arm:
         self.tcp_offset: Pose = ZERO6
         self._tool = ToolState(self.kinematics)
         self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics)
-        self._jacobian: Sequence[Vector6] = ()
         self.mounted: Payload | None = None  # what really hangs on the flange; None: what the program says
         self.wrench: Vector6 = ZERO6  # external, before zeroing
         self.tcp_force: Vector6 = ZERO6
@@ -258,7 +257,7 @@ class Arm:
             self._drive(self.drives, torque, period_s, started=started)
             if news:
                 self._target_tool.update(self.target_q, self.target_qd, self.tcp_offset, period_s, started=started)
-        self._jacobian = self._tool.update(self.q, self.qd, self.tcp_offset, period_s, started=started)
+        self._tool.update(self.q, self.qd, self.tcp_offset, period_s, started=started)
         self._update_sensors(installation)
         self._update_torques()
         return True
@@ -366,8 +365,10 @@ class Arm:
         self.friction_W = ZERO6 if body.standing else body.friction_power
 
     def _pressed(self, wrench: Vector6) -> Vector6:
-        """Joint torques that a wrench at the TCP exerts."""
-        return ZERO6 if wrench == ZERO6 else times6(tuple(zip(*self._jacobian, strict=True)), wrench)
+        """Joint torques that a wrench at the TCP exerts on the arm where it was last seen."""
+        if wrench == ZERO6:
+            return ZERO6
+        return times6(tuple(zip(*self.kinematics.jacobian_at(self.q, self.tcp_pose), strict=True)), wrench)
 
     def _bearable(self, torque: Vector6) -> Vector6:
         """Within what a body of rigid links can be asked to take without leaving all bounds."""
@@ -379,7 +380,7 @@ class Arm:
     def _update_sensors(self, installation: Installation) -> None:
         """Force/torque sensor and accelerometer; both sit in the flange and share its axes."""
         payload, gravity = self._mounted or installation.payload, self._felt
-        axes = rotvec_to_matrix(*self.flange_pose[3:])
+        axes = self._tool.flange_axes
         self.tool_acceleration = rotate_back(axes, add3(self.tcp_acceleration, gravity))
         if self.drives is not None:
             self.tool_acceleration = self._sensors.accelerometer(self.tool_acceleration)
@@ -419,21 +420,22 @@ class Arm:
         return (wrench[0], wrench[1], wrench[2], *torque)
 
     def _update_torques(self) -> None:
-        self.momentum = self.dynamics.linear_momentum(self.q, self.qd) if self.qd != ZERO6 else 0.0
         self.collision_ratio = 0.0
         if self.base_wrench_wanted:
             self.base_wrench = self.dynamics.base_wrench(self.target_q, self.target_qd, self.target_qdd)
-        if not self._driven:
+        if self._driven and self.drives is None:
+            self._ideal_currents()  # and the momentum with them
+            return
+        self.momentum = self.dynamics.linear_momentum(self.q, self.qd) if self.qd != ZERO6 else 0.0
+        if self._driven and self.drives is not None:
+            self._measured_currents(self.drives)
+        else:
             self.target_torque = self.actual_torque = self.own_torque = ZERO6
             self.target_current = self.actual_current = self.control_output = ZERO6
-        elif self.drives is None:
-            self._ideal_currents()
-        else:
-            self._measured_currents(self.drives)
 
     def _ideal_currents(self) -> None:
         """The motors hold what the model says, and what the outside adds."""
-        self.own_torque = self.dynamics.inverse_dynamics(self.q, self.qd, self.qdd)
+        self.own_torque, self.momentum = self.dynamics.torques_and_momentum(self.q, self.qd, self.qdd)
         self.target_torque = self.actual_torque = self.own_torque
         self.target_current = self.actual_current = self._currents(self.target_torque)
         outside = self.wrench if self._mounted is None else add(self.wrench, self._misjudged)

@@ -36,6 +36,7 @@ from emulator.servers.http import (
     Response,
     check_host,
     check_type,
+    is_local,
 )
 from emulator.servers.port import PortServer, ServedController
 from urproto.robotapi import BASE, MOST_UPLOAD, OPENAPI, URCAPS
@@ -93,7 +94,7 @@ class _RobotApiConnection(HttpConnection):
         return ApiError(text)
 
     def answer(self, request: Request) -> Response | None:
-        check_host(request, also=_is_local)
+        check_host(request, also=is_local)
         _check_origin(request)
         if request.path == URCAPS:
             return _urcaps(request)
@@ -185,11 +186,6 @@ def _urcaps(request: Request) -> Response:
 def _check_method(request: Request, method: str) -> None:
     if request.method != method:
         raise Refused(NOT_ALLOWED, f"{request.method} is not possible here, {method} is", {"Allow": method})
-
-
-def _is_local(name: str) -> bool:
-    """Names that nobody else can own: a page cannot come from them."""
-    return bool(name) and ("." not in name or name.endswith(".local"))
 
 
 def _check_origin(request: Request) -> None:

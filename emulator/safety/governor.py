@@ -11,7 +11,7 @@ from typing import Final
 
 from emulator.robot.arm import Arm
 from urproto.robots.model import Joints, RobotModel
-from urproto.vectors import as_six
+from urproto.vectors import as_six, largest, lerp
 from urscript.polyscope.safety_configuration import LimitSet
 
 TRANSITION_S: Final = 0.5  # hardware manuals: for so long both sets of limits are accepted
@@ -36,8 +36,8 @@ class Governor:
         self._period = period_s
         self._deceleration = min(model.qdd_max)
         self._mass = sum(link.mass_kg for link in model.links) + model.payload_max_kg
-        self._limits = operational(limits)
-        self._radii = _radii(model)
+        self._levers = sum(_radii(model))
+        self.use(limits)
 
     def watch(self, arm: Arm) -> None:
         """Another arm is the one that moves."""
@@ -46,22 +46,20 @@ class Governor:
     def use(self, limits: LimitSet) -> None:
         """Other limits are in force; the pacer slows the path down to them as quickly as the joints may."""
         self._limits = operational(limits)
+        self._slowest = min(self._limits.joint_speed)
 
     def excess(self, q: Joints, step: Joints) -> float:
-        """The largest share of a limit that the step takes; 1 and less is allowed."""
+        """The largest share of a limit that the step takes; 1 and less is allowed, and perhaps less than that."""
         limits, arm, period = self._limits, self._arm, self._period
-        share = fastest = change = 0.0
-        tool = hypot(*arm.tcp_offset[:3])
-        for move, before, radius, most in zip(step, arm.qd, self._radii, limits.joint_speed, strict=True):
-            qd = move / period
-            speed = abs(qd)
-            change += abs(qd - before) * (radius + tool)
-            if speed > fastest:
-                fastest = speed
-            if speed > share * most:
-                share = speed / most
+        fastest = largest(step) / period
         time = fastest / self._deceleration  # that a stop takes
-        share = max(share, time / limits.stopping_time)
+        share = time / limits.stopping_time
+        if fastest > self._slowest:
+            speeds = [abs(move) / period for move in step]
+            share = max(share, *(speed / most for speed, most in zip(speeds, limits.joint_speed, strict=True)))
+        x, y, z, *_ = arm.tcp_offset
+        levers = self._levers + len(step) * sqrt(x * x + y * y + z * z)
+        change = levers * largest(lerp(step, arm.qd, -period)) / period
         if self._near_a_limit(change, time):
             share = max(share, self._exact(q, step, time))
         return share

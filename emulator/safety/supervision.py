@@ -18,6 +18,7 @@ from emulator.safety.causes import Cause
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
+from urproto.vectors import largest, within
 from urproto.versions import Series
 from urscript.polyscope.safety_configuration import LimitSet
 
@@ -106,14 +107,12 @@ class Supervision:
 
     def _well_within(self, arm: Arm, limits: LimitSet) -> bool:
         """The quick look of nearly every period: nothing exceeds a limit, even without the tolerance."""
-        bounds = zip(arm.q, arm.qd, limits.joint_min, limits.joint_max, limits.joint_speed, strict=True)
-        for q, qd, low, high, most in bounds:
-            if not (low <= q <= high and -most <= qd <= most):
-                return False
         u, v, w, *_ = arm.tcp_speed
         x, y, z = arm.elbow_velocity
         return (
-            u * u + v * v + w * w <= limits.tcp_speed * limits.tcp_speed
+            within(limits.joint_min, arm.q, limits.joint_max)
+            and largest(arm.qd) <= min(limits.joint_speed)
+            and u * u + v * v + w * w <= limits.tcp_speed * limits.tcp_speed
             and x * x + y * y + z * z <= limits.elbow_speed * limits.elbow_speed
             and arm.momentum <= limits.momentum
             and not any(arm.wrench)

@@ -1,4 +1,4 @@
-"""HTTP for servers of this package: requests in, JSON out, one after the other on each connection.
+"""HTTP for servers of this package: requests in, JSON out, or bytes in parts, one after the other on each connection.
 
 A server says what a request is answered with; what h11 finds wrong with a request, and bodies that are too large, are
 answered here. ``check_host`` and ``check_type`` keep pages of web browsers out: a page's own name, which somebody made
@@ -22,7 +22,7 @@ from urproto.text import from_bytes, readable_in
 JSON: Final = "application/json"
 CONTINUE, OK, TEMPORARY_REDIRECT = 100, 200, 307
 BAD, UNAUTHORIZED, FORBIDDEN, NOT_FOUND, NOT_ALLOWED, CONFLICT = 400, 401, 403, 404, 405, 409
-TOO_LARGE, WRONG_TYPE, INVALID, FAILED, TIMED_OUT = 413, 415, 422, 500, 504
+TOO_LARGE, WRONG_TYPE, INVALID, FAILED, UNAVAILABLE, TIMED_OUT = 413, 415, 422, 500, 503, 504
 
 _logger = logging.getLogger(__name__)
 
@@ -84,6 +84,21 @@ class HttpConnection(Connection):
         """Answer the request that waits, and go on with the next."""
         self._waiting = False
         self._send(response)
+        self._proceed()
+
+    def begin(self, status: int, headers: Mapping[str, str]) -> None:
+        """Begin to answer the request that waits; ``part`` goes on with it, and ``end`` ends it."""
+        self.send(self._http.send(h11.Response(status_code=status, headers=list(headers.items()))) or b"")
+
+    def part(self, content: bytes) -> None:
+        """More of the answer."""
+        self.send(self._http.send(h11.Data(data=content)) or b"")
+
+    def end(self) -> None:
+        """That was the answer; go on with the next request."""
+        self.send(self._http.send(h11.EndOfMessage()) or b"")
+        self._waiting = False
+        self._next_cycle()
         self._proceed()
 
     def refuse(self, error: Refused) -> Response:
@@ -156,13 +171,16 @@ class HttpConnection(Connection):
             return
         raw = isinstance(response.content, bytes)
         body = response.content if raw else as_json(response.content)
-        headers = [("Content-Type", JSON), ("Content-Length", str(len(body))), *response.headers.items()]
+        headers = {"Content-Type": JSON, "Content-Length": str(len(body)), **response.headers}
         events = (
-            h11.Response(status_code=response.status, headers=headers),
+            h11.Response(status_code=response.status, headers=list(headers.items())),
             h11.Data(data=body),
             h11.EndOfMessage(),
         )
         self.send(b"".join(self._http.send(event) or b"" for event in events))
+        self._next_cycle()
+
+    def _next_cycle(self) -> None:
         try:
             self._http.start_next_cycle()
         except h11.LocalProtocolError:  # the request was broken, or the client wants the connection closed
@@ -189,10 +207,21 @@ def check_host(request: Request, *, also: Callable[[str], bool] = lambda _: Fals
         raise Refused(FORBIDDEN, f"ask for an address, not for {host!r}")
 
 
+def check_site(request: Request) -> None:
+    """No page of another site. Browsers say it of every request to this machine. Raises Refused."""
+    if request.headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+        raise Refused(FORBIDDEN, "not for pages of other sites")
+
+
 def check_type(request: Request, wanted: str) -> None:
     """A page may send other types of content without being asked. Raises Refused."""
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != wanted:
         raise Refused(WRONG_TYPE, f"send the header Content-Type: {wanted}")
+
+
+def is_local(name: str) -> bool:
+    """Names that nobody else can own: a page cannot come from them."""
+    return bool(name) and ("." not in name or name.endswith(".local"))
 
 
 def is_address(text: str) -> bool:

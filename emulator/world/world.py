@@ -16,6 +16,7 @@ from emulator.io.encoders import Encoders
 from emulator.io.signals import Signals
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
+from emulator.world.disturbances import Disturbances
 from emulator.world.shapes import Plane, Push, Sphere, WorldObject, contacts
 from urproto.robots import RobotModel
 from urproto.vectors import ZERO6, Vector6, lerp
@@ -53,6 +54,9 @@ class World:
     contacts: tuple[Contact, ...] = field(default=(), init=False)
     _things: dict[str, WorldObject] = field(default_factory=dict, init=False)
     _pushes: dict[str, Push] = field(default_factory=dict, init=False)
+
+    disturbances: Disturbances | None = field(default=None, init=False)
+    """What can go wrong in it on purpose; None for a world of springs."""
 
     failure = ""
     """Why it stands still, "" while all is well: a world of springs cannot fail."""

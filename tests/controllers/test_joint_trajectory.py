@@ -206,6 +206,22 @@ def test_cancel_holds_at_once_or_brakes():
         assert bench.joints.states["elbow_joint/velocity"] == 0.0
 
 
+def test_braking_has_nothing_to_do_with_the_speed_of_a_path_that_no_arm_follows():
+    joints = {joint: {"trajectory": 0.2, "max_deceleration_on_cancel": 1.0} for joint in JOINTS}
+    for canceled in (False, True):
+        bench, jtc = started(constraints={"decelerate_on_cancel": True} | joints)
+        bench.joints.stuck.update(JOINTS)
+        handle = jtc.send_goal(trajectory(point(1.0, 0.0, 0.0), point(1.05, -1.0, 1.0)))
+        if canceled:
+            bench.run(1.01)
+            jtc.cancel()
+        else:
+            assert bench.until(handle).error_code is ErrorCode.PATH_TOLERANCE_VIOLATED
+        bench.run(5.0)
+        sent = bench.joints.commands.lend([f"{joint}/position" for joint in JOINTS]).get()
+        assert sent == pytest.approx(bench.q, abs=0.5 if canceled else 1e-9)
+
+
 def test_braking_lasts_as_long_when_the_robot_is_slow():
     constraints = {"decelerate_on_cancel": True} | {joint: {"max_deceleration_on_cancel": 1.0} for joint in JOINTS}
     bench, scaled = started("scaled", constraints=constraints)
@@ -395,6 +411,16 @@ def test_an_inactive_controller_takes_no_goals_and_deactivation_aborts():
         ({"joints": []}, "each joint once"),
         ({"interpolation_method": "cubic"}, "splines or none"),
         ({"constraints": {"decelerate_on_cancel": True}}, "max_deceleration_on_cancel"),
+        (
+            {
+                "state_interfaces": ["position"],
+                "constraints": {
+                    "decelerate_on_cancel": True,
+                    **{joint: {"max_deceleration_on_cancel": 1.0} for joint in JOINTS},
+                },
+            },
+            "the state interface velocity",
+        ),
         ({"constraints": {"wrist_joint": {"goal": 0.1}}}, "wrist_joint"),
         ({"constraints": {"goal_time": "soon"}}, "constraints.goal_time is a number"),
         ({"joints": "elbow_joint"}, "joints is a list"),

@@ -178,9 +178,4 @@ async def test_the_robot_goes_and_comes_back():
             with pytest.raises(ControllerError, match="the hardware component ur3 is unconfigured: activate it first"):
                 await manager.ask("switch_controller", activate=[SCALED])
             await manager.ask("set_hardware_component_state", name="ur3", state="active")
-            await until(lambda: _program_runs(manager))
-            await manager.ask("switch_controller", activate=[SCALED])
-
-
-async def _program_runs(manager):
-    return (await manager.ask("robot_state"))["program_running"]
+            await until(lambda: _is(manager, SCALED, "active"))

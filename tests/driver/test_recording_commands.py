@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from emulator_process import EmulatorProcess
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from typer.testing import CliRunner, Result
 
 from client import Robot
@@ -116,6 +118,29 @@ def test_what_is_asked_for_is_recorded(emulator, tmp_path: Path) -> None:
     assert list(recording.values) == ["timestamp", "actual_q", "robot_mode", "payload"]
     assert len(recording) == 21
     assert isinstance(call("record", str(file), "--robot-ip", emulator.host).exception, RecordingError)  # it is there
+
+
+def test_what_is_around_the_arm_is_drawn(emulator, tmp_path: Path) -> None:
+    pytest.importorskip("ompl")
+    world, file = tmp_path / "cell.yaml", tmp_path / "run.mcap"
+    world.write_text("tool: {sphere: 0.01}\nobjects: {post: {box: [0.1, 0.1, 1.0], pose: [-0.5, 0, 0.5]}}\n")
+    order = ("--scene", str(world), "--frequency", "20", "--robot-ip", emulator.host)
+    result = call("record", str(file), *order, "--duration", "1.5")
+    assert result.exit_code == 0, result.output
+    with file.open("rb") as stream:
+        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/planning_scene"])
+        drawn = [[(marker.ns, marker.header.frame_id) for marker in message.markers] for *_, message in messages]
+    assert len(drawn) == len(read(file))
+    assert [[name for name, _ in markers] for markers in drawn].count(["post", "tool"]) == 2  # once a second
+    assert drawn[1] == [("tool", "base")]
+    for wrong, words in (
+        (("record", str(tmp_path / "run.csv"), *order), "--scene is for .mcap files"),
+        (("stream", "--plotjuggler", "udp://127.0.0.1:9", *order), "--scene is for --foxglove"),
+    ):
+        assert words in " ".join(call(*wrong).output.split())
+    refused = call("record", str(tmp_path / "other.mcap"), *order, "--fields", "robot_mode").exception
+    assert isinstance(refused, RecordingError)
+    assert "actual_q" in str(refused)
 
 
 # Records at the robot's rate in real time: a recorder that a busy machine holds up misses states, and a path with holes

@@ -25,7 +25,7 @@ from emulator.lifecycle.power import PowerEvent, PowerState
 from emulator.lifecycle.safety import SafetyEvent
 from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError, RobotRefused
-from urproto.modes import RobotMode, SafetyMode
+from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
 E_SERIES = pytest.mark.parametrize("robot", ["ur5e"], indirect=True)
 FAST = {"speed_rad_s": 2.0, "acceleration_rad_s2": 5.0}
@@ -557,10 +557,22 @@ async def test_entering_leaves_the_running_program_alone(enter, robot):
 @E_SERIES
 async def test_local_control_is_the_reason(enter, monkeypatch):
     """A robot in local control ignores the program; that the emulator does not, so another program stands in."""
-    monkeypatch.setattr("client.driver.control_program._template", lambda: "sleep(0.1)\n")
+    monkeypatch.setattr("client.driver.control_program._template", lambda: "sync()\n")
     async with enter(start_timeout_s=0.3) as lab:
         with pytest.raises(RobotRefused, match=r"local control.*Remote Control"):
             await lab.arm.move_j(HOME)
+
+
+@E_SERIES
+async def test_a_robot_that_plays_the_program_is_not_in_local_control(enter, monkeypatch):
+    """It cannot reach the driver, or the machine is too busy."""
+    endless = "while True:\n  sync()\nend\n"
+    monkeypatch.setattr("client.driver.control_program._template", lambda: endless)
+    async with enter(start_timeout_s=0.3) as lab:
+        lab.robot.controller.programs.submit(f"def other():\n{endless}end\n")
+        await lab.arm.wait_for(lambda state: state.runtime_state == RuntimeState.PLAYING, PATIENCE_S)
+        with pytest.raises(ProgramNotRunningError, match="must be able to reach"):
+            await lab.arm.make_ready()
 
 
 @pytest.mark.parametrize("robot", ["ur3"], indirect=True)

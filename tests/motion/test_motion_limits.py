@@ -139,3 +139,33 @@ def test_a_joint_has_to_be_able_to_stop_before_either_of_its_limits(way):
     look(needed + 0.001)
     with pytest.raises(MotionFault):
         look(needed - 0.01)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_an_arm_that_was_far_from_its_limits_finds_the_first_step_that_is_too_far(way):
+    """Far from its limits it is not looked at closely; no step of the way back is missed for that."""
+    model, step = load_model("ur5e"), 0.003
+    limits = PositionLimits(model, 0.002)
+    edge = limits.high[3] if way > 0.0 else limits.low[3]
+    braking = (step / 0.002) ** 2 / (2.0 * model.qdd_max[3])
+
+    def pass_by(at):
+        there = at + way * step
+        limits.check((*START[:3], there, *START[4:]), (*START[:3], at, *START[4:]))
+        return there
+
+    at = edge - way * 1.0
+    while abs(edge - at) > braking + 2.0 * step:
+        at = pass_by(at)
+    with pytest.raises(MotionFault):
+        pass_by(pass_by(pass_by(at)))
+
+
+def test_narrower_limits_count_from_the_next_step_on():
+    limits = PositionLimits(load_model("ur5e"), 0.002)
+    near = (START[0] + 0.001, *START[1:])
+    limits.check(near, START)
+    limits.check(START, near)
+    limits.use((-1.0,) * 6, (0.25, *limits.high[1:]))
+    with pytest.raises(MotionFault):
+        limits.check(near, START)

@@ -49,7 +49,8 @@ def test_every_screen_keeps_to_the_policy(open_page: Open) -> None:
     page = open_page("initialize")  # which fails at what the policy forbids
     refused = page.evaluate_handle(REFUSED)
     for screen in SCREENS:
-        page.get_by_test_id(f"tab-{screen.name}").click()
+        tab = page.get_by_test_id(f"tab-{screen.name}")
+        tab.evaluate("element => element.click()")  # also those that this robot has no use for
         expect(page.locator(".screen")).to_be_visible()
     page.get_by_label("Dark or light").click()
     assert refused.json_value() == []

@@ -55,10 +55,11 @@ def test_a_camera_on_the_flange_goes_along(scene):
 
 
 def test_a_covered_camera_sees_nothing(scene):
-    _, cameras = scene
-    cameras.cover("above")
+    here, cameras = scene
+    here.world.covered.add("above")
     assert not cameras.rgb("above").any()
-    cameras.cover("above", covered=False)
+    assert not cameras.depth("above").any()
+    here.world.covered.clear()
     assert cameras.rgb("above").any()
     with pytest.raises(CameraError, match="there is no camera 'none'; there are: above, wrist"):
         cameras.rgb("none")

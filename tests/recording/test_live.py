@@ -100,6 +100,9 @@ def test_what_is_no_address_is_told(text: str) -> None:
         address_of(text, "udp", 9870)
 
 
+POST = [{"ns": "post", "type": 1, "scale": {"x": 0.1, "y": 0.1, "z": 0.5}}]
+
+
 async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) -> None:
     server = FoxgloveServer(tuple(states[0]), "127.0.0.1", 0, "<robot name='ur5e'/>")
     try:
@@ -108,13 +111,16 @@ async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) 
             channels = await _channels(client)
             server.write(states[0], BEGAN_NS)
             channels |= await _channels(client)  # the description's, with its first message
-            topics = ("/joint_states", "/robot_description")
+            server.write_markers("/planning_scene", POST, BEGAN_NS)
+            channels |= await _channels(client)
+            topics = ("/joint_states", "/robot_description", "/planning_scene")
             await _subscribe(client, [channels[topic]["id"] for topic in topics])
             got = {}
             number = 0
             while len(got) < len(topics):  # subscriptions are not answered
                 number += 1
                 server.write(states[300], BEGAN_NS + number * 10**9)
+                server.write_markers("/planning_scene", POST, BEGAN_NS + number * 10**9)
                 got |= await _messages(client)
     finally:
         server.close()
@@ -122,6 +128,8 @@ async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) 
     joints = _decoded(channels["/joint_states"], by_topic["/joint_states"])
     assert tuple(joints.position) == states[300]["actual_q"]
     assert _decoded(channels["/robot_description"], by_topic["/robot_description"]).data == "<robot name='ur5e'/>"
+    (post,) = _decoded(channels["/planning_scene"], by_topic["/planning_scene"]).markers
+    assert (post.ns, post.type, post.scale.z) == ("post", 1, 0.5)
 
 
 async def _channels(client) -> dict[str, dict]:

@@ -120,6 +120,16 @@ def test_plain_python_computes_what_pinocchio_does(name: str, calibrated: bool) 
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max()))
 
 
+@pytest.mark.parametrize("kind", [Dynamics, PlainDynamics])
+def test_torques_and_momentum_together_are_those_of_the_two(name: str, kind: type) -> None:
+    dynamics = kind(load_model(name))
+    dynamics.set_payload(2.0, (0.01, -0.02, 0.05))
+    for q, qd, qdd in states(10, 12):
+        torques, momentum = dynamics.torques_and_momentum(q, qd, qdd)
+        assert torques == dynamics.inverse_dynamics(q, qd, qdd)
+        assert momentum == pytest.approx(dynamics.linear_momentum(q, qd), rel=1e-12)
+
+
 def test_both_kinds_have_the_same_methods() -> None:
     named = {kind: {name for name in vars(kind) if not name.startswith("_")} for kind in (Dynamics, PlainDynamics)}
     of_recordings = {"inverse_dynamics_along", "last_link_regressor", "payload_of"}  # identification asks Pinocchio

@@ -113,6 +113,15 @@ def test_jacobian_is_the_rate_of_the_pose(kinematics: Kinematics, tcp: Pose | No
             assert [row[joint] for row in rows] == pytest.approx(rate, abs=1e-8)
 
 
+@pytest.mark.parametrize("tcp", [None, TOOL])
+def test_the_twist_is_the_jacobian_times_the_joint_speeds(kinematics: Kinematics, tcp: Pose | None) -> None:
+    source = random.Random(9)
+    for q in (*configurations(20, 7), *singular_configurations(20, 8)):
+        qd = tuple(source.uniform(-3.0, 3.0) for _ in range(6))
+        expected = np.array(kinematics.jacobian(q, tcp)) @ qd
+        assert kinematics.twist_at(q, qd, kinematics.forward(q, tcp)) == pytest.approx(expected, abs=1e-12)
+
+
 # inverse
 
 

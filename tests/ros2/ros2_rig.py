@@ -6,10 +6,13 @@ import os
 import socket
 import sys
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import ExitStack, asynccontextmanager, contextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any
+from unittest import mock
+
+from driver_rig import PatientClock
 
 from client.ros2 import message_packages
 from client.ros2.driver import DriverOptions, Ros2Driver
@@ -105,8 +108,14 @@ class Lab:
 async def laboratory(
     robot: Emulator, options: dict[str, Any], host: str = HOST, **of_driver: Any
 ) -> AsyncIterator[Lab]:
-    """A driver for a robot that has been entered, and a peer in its domain. options: of the robot's driver."""
-    with free_domain() as domain:
+    """A driver for a robot that has been entered, and a peer in its domain. options: of the robot's driver.
+
+    With a patient clock the driver is late by that only: who is late since the machine is busy is not the subject.
+    """
+    with ExitStack() as stack:
+        domain = stack.enter_context(free_domain())
+        if isinstance(robot.clock, PatientClock):
+            stack.enter_context(mock.patch("client.driver.endpoint.time", robot.clock))
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         async with (
             peer(domain) as other,

@@ -26,6 +26,7 @@ SUCCESS = 1
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 BOX, SPHERE, CYLINDER, CONE = 1, 2, 3, 4
 START = (-0.6, -1.2, 1.4, -1.7, -1.5, 0.0)
+SLOW = 0.02  # of full speed: whatever a busy machine does meanwhile, the arm is still under way
 GOAL = (0.6, -1.2, 1.4, -1.7, -1.5, 0.0)
 PILZ = "pilz_industrial_motion_planner"
 ARM = kinematics_of(load_model("ur5e"))
@@ -575,6 +576,13 @@ async def move(lab: Lab, wait: bool = True, **more: Any) -> dict[str, Any]:
     return await lab.peer.ask(result="/move_action") if wait else {}
 
 
+async def moves(lab: Lab) -> None:
+    """The base turns towards GOAL."""
+    async with timeout(30.0):
+        while lab.driver.robot.driver.state["actual_qd"][0] < 0.01:
+            await lab.driver.robot.driver.robot.next_state()
+
+
 async def test_the_arm_moves_around_what_is_in_the_way(lab: Lab) -> None:
     assert (await move(lab, goal=joint_goal(START)))["status"] == SUCCEEDED
     assert await put(lab, "post", (0.5, 0.0, 0.5))
@@ -612,8 +620,9 @@ async def test_a_plan_is_executed_later_and_stopped(lab: Lab) -> None:
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -4)
     assert "plan again" in answer["result"]["error_code"]["message"].replace("\n", " ")
 
-    slow = await plan(lab, start=stands(lab), max_velocity_scaling_factor=0.05)
+    slow = await plan(lab, start=stands(lab), max_velocity_scaling_factor=SLOW)
     assert (await lab.peer.ask(**order, request={"trajectory": slow["trajectory"]}))["accepted"]
+    await moves(lab)
     await lab.peer.ask(publish="/trajectory_execution_event", type="std_msgs/msg/String", message={"data": "stop"})
     answer = await lab.peer.ask(result="/execute_trajectory")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -7)
@@ -621,7 +630,7 @@ async def test_a_plan_is_executed_later_and_stopped(lab: Lab) -> None:
 
 
 async def test_a_motion_is_canceled(lab: Lab) -> None:
-    await move(lab, wait=False, max_velocity_scaling_factor=0.05, goal=joint_goal(START))
+    await move(lab, wait=False, max_velocity_scaling_factor=SLOW, goal=joint_goal(START))
     assert len((await lab.peer.ask(cancel="/move_action"))["goals_canceling"]) == 1
     answer = await lab.peer.ask(result="/move_action")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (CANCELED, -7)
@@ -629,9 +638,8 @@ async def test_a_motion_is_canceled(lab: Lab) -> None:
 
 async def test_a_motion_ends_when_its_way_is_blocked(lab: Lab) -> None:
     assert (await move(lab, goal=joint_goal(START)))["status"] == SUCCEEDED
-    await move(lab, wait=False, max_velocity_scaling_factor=0.1)
-    while lab.driver.robot.driver.state["actual_qd"][0] < 0.05:
-        await lab.driver.robot.driver.robot.next_state()
+    await move(lab, wait=False, max_velocity_scaling_factor=SLOW)
+    await moves(lab)
     assert await put(lab, "post", (0.5, 0.0, 0.5))
     answer = await lab.peer.ask(result="/move_action")
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (ABORTED, -3), answer["result"]["error_code"]

@@ -1,13 +1,14 @@
 """The controller manager and the services of controllers, for a plain rclpy program in another process."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 from driver_rig import HOME
 from ros2_rig import HOST, SCALED, Lab
-from ros2_talk import BEST_EFFORT, STRICT, SWITCH, TRIGGER, begin, only, q, states
+from ros2_talk import BEST_EFFORT, STRICT, SWITCH, TRIGGER, begin, only, q, states, until
 
 from client.controllers.remote import RemoteManager
 from urproto.compat_asyncio import timeout
@@ -142,15 +143,24 @@ async def test_the_hardware_component(lab: Lab) -> None:
             target_state={"id": number},
         )
 
-    active = [name for name, state in (await states(lab)).items() if state == "active"]
+    async def set_io(state: float) -> bool:
+        asked = await lab.peer.call("/io_and_status_controller/set_io", "ur_msgs/srv/SetIO", fun=1, pin=3, state=state)
+        return bool(asked["success"])
+
+    await only(lab, SCALED)
+    before = await states(lab)
     assert (await go_to(2))["ok"]
-    assert (await states(lab))[SCALED] == "inactive"
+    assert await states(lab) == {**before, SCALED: "inactive"}
+    assert not await set_io(1.0)
     assert (await go_to(1))["state"]["label"] == "unconfigured"
+    assert not lab.driver.robot.driver.program_running
     (component,) = (await lab.peer.call("/controller_manager/list_hardware_components", listing))["component"]
     assert not any(one["is_available"] for one in component["state_interfaces"])
     assert not (await go_to(77))["ok"]
     assert (await go_to(3))["ok"]
-    await only(lab, *active)  # its controllers have ended with it
+    await until(lab, lambda now: now == before)  # what moved the arm is back with it
+    assert not lab.robot.controller.snapshot.actual_digital_output_bits
+    assert await set_io(0.0)
 
 
 async def test_inputs_and_outputs(lab: Lab) -> None:
@@ -162,7 +172,9 @@ async def test_inputs_and_outputs(lab: Lab) -> None:
     assert (await lab.peer.call(f"{io}/set_io", "ur_msgs/srv/SetIO", fun=4, state=24.0))["success"]
     analog = {"pin": 1, "domain": 1, "state": 0.5}
     assert (await lab.peer.call(f"{io}/set_analog_output", "ur_msgs/srv/SetAnalogOutput", data=analog))["success"]
-    for bad in ({"fun": 1, "pin": 99}, {"fun": 2, "pin": 0}, {"fun": 4, "state": 7.0}, {"fun": 3, "state": 1e30}):
+    for bad in ({"fun": 1, "pin": 99}, {"fun": 2, "pin": 0}, {"fun": 4, "state": 7.0}, {"fun": 3, "state": 1e30},
+                *({"fun": fun, "pin": 1, "state": math.nan} for fun in (1, 3, 4)), {"fun": 4, "state": math.inf},
+                {"fun": 4, "state": 12.5}):  # fmt: skip
         assert not (await lab.peer.call(f"{io}/set_io", "ur_msgs/srv/SetIO", **bad))["success"], bad
     slider = "ur_msgs/srv/SetSpeedSliderFraction"
     assert (await lab.peer.call(f"{io}/set_speed_slider", slider, speed_slider_fraction=0.5))["success"]
@@ -172,7 +184,8 @@ async def test_inputs_and_outputs(lab: Lab) -> None:
     load = {"mass": 1.5, "center_of_gravity": {"x": 0.0, "y": 0.0, "z": 0.05}}
     assert (await lab.peer.call(f"{io}/set_payload", "ur_msgs/srv/SetPayload", **load))["success"]
     assert lab.robot.controller.snapshot.payload == pytest.approx(1.5)
-    assert not (await lab.peer.call(f"{io}/set_payload", "ur_msgs/srv/SetPayload", mass=-1.0))["success"]
+    for mass in (-1.0, math.nan):
+        assert not (await lab.peer.call(f"{io}/set_payload", "ur_msgs/srv/SetPayload", mass=mass))["success"]
     assert (await lab.peer.call(f"{io}/zero_ftsensor", TRIGGER))["success"]
     version = await lab.peer.call(
         "/ur_configuration_controller/get_robot_software_version", "ur_msgs/srv/GetRobotSoftwareVersion"
@@ -199,6 +212,7 @@ async def test_force_mode(lab: Lab) -> None:
     for bad in (
         {"type": 4},
         {"damping_factor": 2.0},
+        {"wrench": {"force": {"z": math.inf}}},
         {"task_frame": {"header": {"frame_id": "moon"}, "pose": {"orientation": {"w": 1.0}}}},
         {"task_frame": {"pose": {"orientation": {"w": 0.0}}}},
     ):

@@ -99,7 +99,7 @@ async def test_a_robot_that_goes_and_comes_back_finds_the_driver_where_it_was() 
     free = dict.fromkeys(("reverse_port", "sender_port", "trajectory_port", "command_port"), 0)
     async with AsyncExitStack() as first:
         robot = await first.enter_async_context(Emulator(config))
-        async with laboratory(robot, {**free, "silence_s": 1.0}, host=address) as lab:
+        async with laboratory(robot, {**free, "silence_s": 3.0}, host=address) as lab:
             await until(lab, lambda now: now[SCALED] == "active")
             await first.aclose()
             await until(lab, lambda now: now[SCALED] == "inactive")

@@ -14,8 +14,8 @@ from typing import Final
 from urproto.robots.calibration import chain_of
 from urproto.robots.kinematics import Jacobian, Kinematics, unwind, wrap
 from urproto.robots.model import DH, Joints, RobotModel
-from urproto.robots.pose import Pose, matrix_to_rotvec, pose_trans, rotvec_to_matrix
-from urproto.vectors import Matrix3, Vector3
+from urproto.robots.pose import matrix_to_rotvec, rotvec_to_matrix
+from urproto.vectors import Matrix3, Vector3, times6
 
 _ARRIVED: Final = 1e-10  # m and rad
 _STEPS: Final = 12  # from a start that is near, two or three are enough; at singular arms more
@@ -48,11 +48,9 @@ class CalibratedKinematics(Kinematics):
         self._chain = chain_of(calibrated)
         self._height = nominal.d[0]
 
-    def forward(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Pose:
+    def flange_axes(self, q_rad: Sequence[float]) -> tuple[Vector3, Matrix3]:
         """As of a nominal arm."""
-        place, axes = self._spots(q_rad)[-1]
-        flange = (*place, *matrix_to_rotvec(axes))
-        return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
+        return self._spots(q_rad)[-1]
 
     def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
         """Where joint 3 begins, in the base frame [m]."""
@@ -67,6 +65,10 @@ class CalibratedKinematics(Kinematics):
     def jacobian_at(self, q_rad: Sequence[float], pose_base_tcp: Sequence[float]) -> Jacobian:
         """As of a nominal arm."""
         return _jacobian(self._spots(q_rad), pose_base_tcp)
+
+    def twist_at(self, q_rad: Sequence[float], qd: Sequence[float], pose_base_tcp: Sequence[float]) -> Joints:
+        """As of a nominal arm."""
+        return times6(self.jacobian_at(q_rad, pose_base_tcp), qd)
 
     def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
         """As of a nominal arm; at a singular one, one of the solutions there are."""

@@ -26,7 +26,7 @@ from typing import Final
 
 from urproto.robots.model import DH, Joints
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_trans, rotvec_to_matrix
-from urproto.vectors import Matrix3, Vector3, cross
+from urproto.vectors import Matrix3, Vector3, cross, largest, sub, within
 
 Jacobian = tuple[Joints, Joints, Joints, Joints, Joints, Joints]
 """Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column a joint."""
@@ -58,6 +58,12 @@ class Kinematics:
 
     def forward(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Pose:
         """Flange in the base frame for joint angles (6,), or the TCP that ``tcp_offset`` puts on the flange."""
+        position, axes = self.flange_axes(q_rad)
+        flange = (*position, *matrix_to_rotvec(axes))
+        return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
+
+    def flange_axes(self, q_rad: Sequence[float]) -> tuple[Vector3, Matrix3]:
+        """Position [m] and rotation matrix, row by row, of the flange in the base frame."""
         q1, q2, q3, q4, q5, q6 = q_rad
         s1, c1, s5, c5, s6, c6 = sin(q1), cos(q1), sin(q5), cos(q5), sin(q6), cos(q6)
         q23, q234 = q2 + q3, q2 + q3 + q4
@@ -70,13 +76,17 @@ class Kinematics:
         reach = self._a2 * cos(q2) + self._a3 * cos(q23) + self._d5 * s + self._d6 * z6x
         aside = self._d4 + self._d6 * z6y
         height = self._d1 + self._a2 * sin(q2) + self._a3 * sin(q23) - self._d5 * c + self._d6 * z6z
-        axes = (
-            *(c1 * xx + s1 * xy, c1 * yx + s1 * yy, c1 * z6x + s1 * z6y),
-            *(s1 * xx - c1 * xy, s1 * yx - c1 * yy, s1 * z6x - c1 * z6y),
-            *(xz, yz, z6z),
+        return (c1 * reach + s1 * aside, s1 * reach - c1 * aside, height), (
+            c1 * xx + s1 * xy,
+            c1 * yx + s1 * yy,
+            c1 * z6x + s1 * z6y,
+            s1 * xx - c1 * xy,
+            s1 * yx - c1 * yy,
+            s1 * z6x - c1 * z6y,
+            xz,
+            yz,
+            z6z,
         )
-        flange = (c1 * reach + s1 * aside, s1 * reach - c1 * aside, height, *matrix_to_rotvec(axes))
-        return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
 
     def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
         """Where the axis of joint 3 crosses the arm's plane, in the base frame [m].
@@ -124,6 +134,35 @@ class Kinematics:
             (1.0, 0.0, 0.0, 0.0, z4[2], z5[2]),
         )
 
+    def twist_at(self, q_rad: Sequence[float], qd: Sequence[float], pose_base_tcp: Sequence[float]) -> Joints:
+        """Velocity of the TCP, whose pose is known, in base axes [m/s, rad/s]: `jacobian_at` times ``qd``."""
+        px, py, pz, *_ = pose_base_tcp
+        q1, q2, q3, q4, q5, _ = q_rad
+        v1, v2, v3, v4, v5, v6 = qd
+        s1, c1, s5, c5 = sin(q1), cos(q1), sin(q5), cos(q5)
+        q23, q234, v23, v234 = q2 + q3, q2 + q3 + q4, v2 + v3, v2 + v3 + v4
+        s, c = sin(q234), cos(q234)
+        # joints 2 to 4 turn about z1: the tool point along x1 and up, out of what each link adds
+        xx, xz, yx, yz = self._a2 * cos(q2), self._a2 * sin(q2), self._a3 * cos(q23), self._a3 * sin(q23)
+        dx, dy, dz = px - s1 * self._d4, py + c1 * self._d4, pz - self._d1
+        along, up = c1 * dx + s1 * dy - xx - yx, dz - xz - yz
+        outward = -v2 * xz - v23 * yz - v234 * up
+        rising = v2 * xx + v23 * yx + v234 * along
+        # joints 5 and 6, about z4 and z5
+        ux, uy, uz = v5 * c1 * s, v5 * s1 * s, -v5 * c
+        wx, wy, wz = v6 * (s1 * c5 - c1 * c * s5), -v6 * (c1 * c5 + s1 * c * s5), -v6 * s * s5
+        ax, ay, az = dx - c1 * (xx + yx), dy - s1 * (xx + yx), up
+        d5 = self._d5
+        bx, by, bz = ax - d5 * c1 * s, ay - d5 * s1 * s, az + d5 * c
+        return (
+            c1 * outward - v1 * py + (uy * az - uz * ay) + (wy * bz - wz * by),
+            s1 * outward + v1 * px + (uz * ax - ux * az) + (wz * bx - wx * bz),
+            rising + (ux * ay - uy * ax) + (wx * by - wy * bx),
+            s1 * v234 + ux + wx,
+            -c1 * v234 + uy + wy,
+            v1 + uz + wz,
+        )
+
     def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
         """Every joint configuration (up to 8) that puts the flange there; empty when out of reach.
 
@@ -132,7 +171,13 @@ class Kinematics:
         that far, the nearest that it does reach.
         """
         q6_free = 0.0 if q_near is None else wrap(q_near[5])
-        return [solution for branch in self._branches(pose_base_flange, q6_free) for solution in self._arms(*branch)]
+        axes, p5 = self._wrist_centre(pose_base_flange)
+        return [
+            solution
+            for q1 in _shoulders(p5[0], p5[1], self._d4)
+            for branch in self._branches(q1, axes, p5, q6_free)
+            for solution in self._arms(*branch)
+        ]
 
     def inverse_near(
         self,
@@ -145,46 +190,51 @@ class Kinematics:
 
         Whole turns are added where that is nearer. None when nothing within the limits reaches there.
         """
-        n1, n5, n6 = q_near[0], q_near[4], q_near[5]
-        ranked = [
-            (
-                hypot(remainder(branch[0] - n1, tau), remainder(branch[1] - n5, tau), remainder(branch[2] - n6, tau)),
-                branch,
-            )
-            for branch in self._branches(pose_base_flange, wrap(n6))
-        ]
+        # Nearest first: shoulders, wrists and elbows whose own joints are further away than all of a solution are left
+        # out. Along a path that is every one but the arm's own.
+        n1, _, n3, _, n5, n6 = q_near
+        axes, p5 = self._wrist_centre(pose_base_flange)
         best, least = None, inf
-        for apart, branch in sorted(ranked):
+        for apart, q1 in sorted([(abs(remainder(q1 - n1, tau)), q1) for q1 in _shoulders(p5[0], p5[1], self._d4)]):
             if apart >= least:
-                break  # joints 1, 5 and 6 alone are further away
-            for solution in self._arms(*branch):
-                unwound = unwind(solution, q_near, q_min, q_max)
-                distance = dist(unwound, q_near)
-                if distance < least:
-                    best, least = unwound, distance
+                break
+            ranked = [
+                (hypot(apart, remainder(branch[1] - n5, tau), remainder(branch[2] - n6, tau)), branch)
+                for branch in self._branches(q1, axes, p5, wrap(n6))
+            ]
+            for far, branch in sorted(ranked):
+                if far >= least:
+                    break
+                elbows = self._arms(*branch)
+                for solution in elbows if n3 > 0.0 else reversed(elbows):
+                    if abs(remainder(solution[2] - n3, tau)) >= least:
+                        continue
+                    unwound = unwind(solution, q_near, q_min, q_max)
+                    distance = dist(unwound, q_near)
+                    if distance < least:
+                        best, least = unwound, distance
         return best
 
-    def _branches(self, pose_base_flange: Sequence[float], q6_free: float) -> list[_Branch]:
-        """Shoulders and wrists; that the arm reaches p5 is known only where the wrist is singular."""
+    def _wrist_centre(self, pose_base_flange: Sequence[float]) -> tuple[Matrix3, Vector3]:
+        """The flange's axes, and p5 as seen from joint 2's height, both in the base frame."""
         px, py, pz, rx, ry, rz = pose_base_flange
         axes = rotvec_to_matrix(rx, ry, rz)
-        x5, y5 = px - self._d6 * axes[2], py - self._d6 * axes[5]
-        z = pz - self._d6 * axes[8] - self._d1
-        branches: list[_Branch] = []
-        for q1 in _shoulders(x5, y5, self._d4):
-            s1, c1 = sin(q1), cos(q1)
-            x = c1 * x5 + s1 * y5
-            # the flange's x and y axes in the plane of the arm
-            flange = (c1 * axes[0] + s1 * axes[3], axes[6], c1 * axes[1] + s1 * axes[4], axes[7])
-            wrists = _wrists(axes, s1, c1)
-            if wrists is not None:
-                branches += [(q1, q5, q6, flange, x, z) for q5, q6 in wrists]
-                continue
-            q5 = 0.0 if s1 * axes[2] > c1 * axes[5] else pi
-            q6 = q6_free if self._arms(q1, q5, q6_free, flange, x, z) else self._reachable_q6(flange, x, z, q6_free)
-            if q6 is not None:
-                branches.append((q1, q5, q6, flange, x, z))
-        return branches
+        d6 = self._d6
+        return axes, (px - d6 * axes[2], py - d6 * axes[5], pz - d6 * axes[8] - self._d1)
+
+    def _branches(self, q1: float, axes: Matrix3, p5: Vector3, q6_free: float) -> list[_Branch]:
+        """The wrists of a shoulder; that the arm reaches p5 is known only where the wrist is singular."""
+        x5, y5, z = p5
+        s1, c1 = sin(q1), cos(q1)
+        x = c1 * x5 + s1 * y5
+        # the flange's x and y axes in the plane of the arm
+        flange = (c1 * axes[0] + s1 * axes[3], axes[6], c1 * axes[1] + s1 * axes[4], axes[7])
+        wrists = _wrists(axes, s1, c1)
+        if wrists is not None:
+            return [(q1, q5, q6, flange, x, z) for q5, q6 in wrists]
+        q5 = 0.0 if s1 * axes[2] > c1 * axes[5] else pi
+        q6 = q6_free if self._arms(q1, q5, q6_free, flange, x, z) else self._reachable_q6(flange, x, z, q6_free)
+        return [] if q6 is None else [(q1, q5, q6, flange, x, z)]
 
     def _arms(self, q1: float, q5: float, q6: float, flange: _FlangeInPlane, x: float, z: float) -> tuple[Joints, ...]:
         """The solutions of one branch: the triangle of upper arm and forearm bends either way, or is flat."""
@@ -278,9 +328,10 @@ def wrap(angle: float) -> float:
 
 def unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints:
     """Each angle moved by whole turns to the nearest to ``q_near`` that the limits allow; infinite if there is none."""
+    if within(q_min, q, q_max) and largest(sub(q_near, q)) <= pi:
+        return q
     a, b, c, d, e, f = [
-        angle if -pi <= near - angle <= pi and low <= angle <= high else _turned(angle, near, low, high)
-        for angle, near, low, high in zip(q, q_near, q_min, q_max, strict=True)
+        _turned(angle, near, low, high) for angle, near, low, high in zip(q, q_near, q_min, q_max, strict=True)
     ]
     return (a, b, c, d, e, f)
 

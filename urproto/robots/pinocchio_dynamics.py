@@ -8,6 +8,7 @@ the inertia of the motors unless it is given (``urproto.robots.measured`` has nu
 
 from collections.abc import Sequence
 from math import cos, hypot, sin
+from struct import Struct
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from urproto.vectors import ZERO6
 
 _NO_INERTIA: Final = ZERO6
 _Vector = npt.NDArray[np.float64]
+_MOTION: Final = Struct("=18d")
 
 
 class Dynamics:
@@ -36,6 +38,9 @@ class Dynamics:
         self._wrist_3 = pin.Inertia(self._pin.inertias[6])
         self._tcp = self._pin.addFrame(pin.Frame("tcp", 6, 0, self._flange, pin.FrameType.OP_FRAME))
         self._data = self._pin.createData()
+        # a control period puts its numbers here at once: three new arrays take as long as the torques of them
+        self._motion = bytearray(_MOTION.size)
+        self._q, self._qd, self._qdd = np.frombuffer(self._motion).reshape(3, 6)
         self.set_gravity(UPRIGHT_GRAVITY)
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = _NO_INERTIA) -> None:
@@ -63,6 +68,13 @@ class Dynamics:
     def inverse_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
         """Torques that give the accelerations ``qdd``."""
         return _joints(pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd)))
+
+    def torques_and_momentum(self, q_rad: Joints, qd: Joints, qdd: Joints) -> tuple[Joints, float]:
+        """`inverse_dynamics` and `linear_momentum` of one motion, for less than the two: once a control period."""
+        _MOTION.pack_into(self._motion, 0, *q_rad, *qd, *qdd)
+        torques = pin.rnea(self._pin, self._data, self._q, self._qd, self._qdd)
+        momentum = pin.computeCentroidalMomentum(self._pin, self._data)  # of the velocities that are known from it
+        return _joints(torques), hypot(*momentum.linear.tolist())
 
     def inverse_dynamics_along(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
         """`inverse_dynamics` of each row of a motion: all (n, 6)."""

@@ -111,6 +111,10 @@ class PlainDynamics:
         """Torques that give the accelerations ``qdd``."""
         return self._torques(q_rad, qd, qdd, self._gravity)
 
+    def torques_and_momentum(self, q_rad: Joints, qd: Joints, qdd: Joints) -> tuple[Joints, float]:
+        """`inverse_dynamics` and `linear_momentum` of one motion."""
+        return self.inverse_dynamics(q_rad, qd, qdd), self.linear_momentum(q_rad, qd)
+
     def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
         """What arm and payload do to the base (6,): force [N], torque [Nm] about its origin, base axes.
 

@@ -6,6 +6,7 @@ from typing import Final
 
 from client.pendant.page import Page
 from client.pendant.screens import (
+    cameras,
     controllers,
     graph,
     initialize,
@@ -17,19 +18,20 @@ from client.pendant.screens import (
     run,
     simulation,
 )
+from client.pendant.station import Station
 
 __all__ = ["SCREENS", "Screen"]
 
 
 @dataclass(frozen=True, slots=True)
 class Screen:
-    """name: also the path of its address. build: puts it on a page. only_emulated: a robot has no use for it."""
+    """name: also the path of its address. build: puts it on a page. shown: for which robots, if not for all."""
 
     name: str
     title: str
     icon: str
     build: Callable[[Page], None]
-    only_emulated: bool = False
+    shown: Callable[[Station], bool] = lambda station: True
 
 
 SCREENS: Final = (
@@ -42,5 +44,6 @@ SCREENS: Final = (
     Screen("graph", "Graph", "show_chart", graph.build),
     Screen("controllers", "Controllers", "linear_scale", controllers.build),
     Screen("installation", "Installation", "tune", installation.build),
-    Screen("simulation", "Simulation", "science", simulation.build, only_emulated=True),
+    Screen("cameras", "Cameras", "videocam", cameras.build, lambda station: bool(station.cameras.found)),
+    Screen("simulation", "Simulation", "science", simulation.build, lambda station: station.emulator.expected),
 )

@@ -175,6 +175,7 @@ class _PlanAndMove(_Action):
         plan_only = goal.planning_options.plan_only
         if not plan_only and self._first(goal).start_state.joint_state.name:
             self._node.get_logger().warning(f"{self.NAME}: it starts where the arm stands, whatever start_state says")
+        seen = self._monitor.state
         plan = await self._planned(goal, plan_only=plan_only)
         self._note(result, plan, executed=False)
         self._show(plan)
@@ -182,7 +183,8 @@ class _PlanAndMove(_Action):
         if plan_only or not plan.timed.duration_s:  # it is there
             return
         self._tell(handle, "MONITOR")
-        await self._watched(self._follow(handle, self._monitor.arm.trajectory_message(plan.timed)), plan.timed)
+        seen = await self._looked_at(seen, plan.timed)  # it may have changed while the way was planned
+        await self._watched(self._follow(handle, self._monitor.arm.trajectory_message(plan.timed)), plan.timed, seen)
         self._note(result, plan, executed=True)
 
     async def _planned(self, goal: Any, *, plan_only: bool) -> Planned:
@@ -194,23 +196,35 @@ class _PlanAndMove(_Action):
             self._first(goal).start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
         return await asyncio.to_thread(self._plan, state, goal, q)
 
-    async def _watched(self, following: Awaitable[None], timed: TimedPath) -> None:
-        """Follow, and look at the rest of the way each time the scene has changed."""
+    async def _looked_at(self, seen: SceneState, timed: TimedPath) -> SceneState:
+        """The scene as it is now. Raises RefusedError where it is not the one that was seen, and blocks the way."""
+        now = self._monitor.state
+        if now is not seen:
+            q = self._monitor.stands()
+            blocked = await asyncio.to_thread(lambda: in_the_way(CollisionChecker(now.scene()), timed, q))
+            if blocked:
+                raise RefusedError("MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE", blocked)
+        return now
+
+    async def _watched(self, following: Awaitable[None], timed: TimedPath, seen: SceneState) -> None:
+        """Follow, and look at the rest of the way whenever the scene is no longer the one that was seen."""
         follow = asyncio.ensure_future(following)
         try:
             while not follow.done():
-                change = asyncio.ensure_future(self._monitor.change())
-                await asyncio.wait({follow, change}, return_when=asyncio.FIRST_COMPLETED)
-                change.cancel()
-                if follow.done():
-                    break
-                checker = CollisionChecker(self._monitor.state.scene())
-                blocked = await asyncio.to_thread(in_the_way, checker, timed, self._monitor.stands())
-                if blocked and not follow.done():
+                if self._monitor.state is seen:
+                    change = asyncio.ensure_future(self._monitor.change())
+                    await asyncio.wait({follow, change}, return_when=asyncio.FIRST_COMPLETED)
+                    change.cancel()
+                    continue
+                try:
+                    seen = await self._looked_at(seen, timed)
+                except RefusedError:
+                    if follow.done():  # it got past
+                        break
                     self._execution.stop()
                     await asyncio.wait({follow})
                     follow.exception()
-                    raise RefusedError("MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE", blocked)
+                    raise
             await follow
         finally:
             follow.cancel()

@@ -1,0 +1,213 @@
+"""Getting pictures: one at a time, or again and again in a thread of its own."""
+
+import http.client
+import io
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from types import TracebackType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from client.errors import CameraError
+from urproto.cameras import CAMERAS, POSE_HEADER, TIME_HEADER, CameraDescription, picture_path, pose_of
+from urproto.compat import Self
+from urproto.ports import CAMERA_PORT
+from urproto.robots.pose import Pose
+
+ALL_CAMERAS: Final = "all"
+"""As the name of a camera on a command line: all there are."""
+
+_TIMEOUT_S: Final = 30.0  # the first picture waits for a process to start (guess)
+_MOST_BYTES: Final = 64 * 1024 * 1024  # of an answer: colours and depth of 1920 x 1920 pixels have 26 MB
+_AGAIN_S: Final = 1.0  # after pictures were lost (guess)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture. data: in its form, one of `urproto.cameras.FORMS`. time_s: the robot's, as RTDE's ``timestamp``.
+
+    pose: of the camera's optical frame then, in the base frame.
+    """
+
+    camera: CameraDescription
+    form: str
+    data: bytes
+    time_s: float
+    pose: Pose
+
+    @cached_property
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """Of the forms that are numpy's: rgb (height, width, 3), depth and segmentation (height, width).
+
+        Raises CameraError for other forms, and for data that is not what it should be.
+        """
+        kind, _, suffix = self.form.partition(".")
+        if suffix not in ("npy", "npz"):
+            raise CameraError(f"{self.form} is not an array: get {kind}.npy")
+        try:
+            loaded = np.load(io.BytesIO(self.data), allow_pickle=False)
+            arrays = dict(loaded.items()) if suffix == "npz" else {kind: loaded}
+        except Exception as error:  # numpy and zipfile have many
+            raise CameraError(f"{self.camera.name}: its {self.form} cannot be read: {error}") from error
+        for name, array in arrays.items():
+            if array.shape[:2] != (self.camera.height, self.camera.width):
+                raise CameraError(f"{self.camera.name}: its {name} is {array.shape}, not as large as its pictures")
+        return arrays
+
+
+class CameraClient:
+    """The cameras at one address; one thread's. Close it after use. port: of an emulator."""
+
+    def __init__(self, host: str = "127.0.0.1", port: int = CAMERA_PORT, timeout_s: float = _TIMEOUT_S) -> None:
+        self.address = f"http://{host}:{port}"
+        self._http = http.client.HTTPConnection(host, port, timeout=timeout_s)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the connection; the next question opens another."""
+        self._http.close()
+
+    def interrupt(self) -> None:
+        """Let a question fail that waits in another thread."""
+        if (waiting := self._http.sock) is not None:
+            waiting.shutdown(socket.SHUT_RDWR)
+
+    def cameras(self) -> list[CameraDescription]:
+        """All there are. Raises CameraError."""
+        _, content = self._get(CAMERAS)
+        try:
+            return [CameraDescription.from_json(entry) for entry in json.loads(content)["cameras"]]
+        except (ValueError, TypeError, KeyError) as error:
+            raise CameraError(f"{self.address} is not a server of cameras: {error}") from error
+
+    def chosen(self, names: Sequence[str]) -> list[CameraDescription]:
+        """Those of these names, all with `ALL_CAMERAS` among them. Raises CameraError for one that is not there."""
+        there = {camera.name: camera for camera in self.cameras()}
+        if not there:
+            raise CameraError(f"the scene at {self.address} has no cameras: name some in its world file")
+        for name in names:
+            if name not in there and name != ALL_CAMERAS:
+                raise CameraError(f"there is no camera {name!r}; there are: {', '.join(there)}")
+        return list(there.values()) if ALL_CAMERAS in names else [there[name] for name in names]
+
+    def shot(self, camera: CameraDescription, form: str) -> Shot:
+        """A picture that is taken now. form: one of `urproto.cameras.FORMS`. Raises CameraError."""
+        headers, content = self._get(picture_path(camera.name, form))
+        try:
+            time_s, pose = float(headers[TIME_HEADER]), pose_of(headers[POSE_HEADER])
+        except (KeyError, ValueError) as error:
+            raise CameraError(f"{self.address} does not say when and where a picture was taken: {error}") from error
+        return Shot(camera, form, content, time_s, pose)
+
+    def _get(self, path: str) -> tuple[Mapping[str, str], bytes]:
+        try:
+            self._http.request("GET", path)
+            response = self._http.getresponse()
+            content = response.read(_MOST_BYTES + 1)
+        except (OSError, http.client.HTTPException) as error:
+            self._http.close()
+            raise CameraError(
+                f"no cameras at {self.address} ({error or type(error).__name__}): an emulator has them with "
+                "--world FILE --physics"
+            ) from error
+        if len(content) > _MOST_BYTES:
+            self._http.close()
+            raise CameraError(f"{self.address}{path} has more than {_MOST_BYTES} bytes: too much for a picture")
+        if response.status != http.client.OK:
+            raise CameraError(_reason(content) or f"{self.address}{path} answers with status {response.status}")
+        return {name.lower(): value for name, value in response.getheaders()}, content
+
+
+def _reason(content: bytes) -> str:
+    try:
+        return str(json.loads(content)["error"])
+    except (ValueError, TypeError, KeyError):
+        return ""
+
+
+Wanted = tuple[CameraDescription, str]
+"""A camera, and the form of its pictures."""
+
+
+class CameraFollower:
+    """Takes pictures in a thread, until it is closed; use it with ``with``.
+
+    wanted: asked before each round. take: given each picture, in that thread. tell: told once why there are none, and
+    when there are again.
+    """
+
+    def __init__(
+        self,
+        client: CameraClient,
+        wanted: Callable[[], Iterable[Wanted]],
+        rate_hz: float,
+        take: Callable[[Shot], object],
+        tell: Callable[[str], object],
+    ) -> None:
+        self._client = client
+        self._wanted = wanted
+        self._every_s = 1.0 / rate_hz
+        self._take = take
+        self._tell = tell
+        self._problem = ""
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._follow, name="cameras", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread, without waiting for a picture that is being drawn."""
+        self._over.set()
+        with suppress(OSError):
+            self._client.interrupt()
+        self._thread.join()
+        self._client.close()
+
+    def _follow(self) -> None:
+        next_s = time.monotonic()
+        while not self._over.is_set():
+            wait_s = self._every_s if self._round() else _AGAIN_S
+            next_s = max(next_s + wait_s, time.monotonic())
+            self._over.wait(next_s - time.monotonic())
+
+    def _round(self) -> bool:
+        """One of each; whether all are there."""
+        try:
+            for camera, form in self._wanted():
+                shot = self._client.shot(camera, form)
+                if self._over.is_set():
+                    return True
+                self._take(shot)
+                self._is("")
+        except CameraError as error:
+            if not self._over.is_set():
+                self._is(str(error))
+            return False
+        return True
+
+    def _is(self, problem: str) -> None:
+        if problem != self._problem:
+            self._problem = problem
+            self._tell(problem or "there are pictures of the cameras again")

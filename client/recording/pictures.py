@@ -1,0 +1,93 @@
+"""Pictures of cameras as messages of a recording: JPEG and depth, what describes a camera, and its frames.
+
+Colours are told as ``sensor_msgs/CompressedImage``, as they come: raw ones take thirty times as much. Depth is raw.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from client.cameras import Shot
+from client.cameras.messages import (
+    COMPRESSED,
+    IMAGE,
+    INFO,
+    Transform,
+    camera_info,
+    compressed,
+    fixed_frames,
+    image,
+    moving_frames,
+    optical_frame,
+    ros_name,
+)
+from client.recording.cdr import MessageType
+from client.recording.definitions import message_type
+from client.recording.timestamps import header
+from urproto.robots.pose import rotvec_to_quaternion
+
+JPEG, DEPTH = "rgb.jpg", "depth.npy"
+"""The forms of pictures that are recorded."""
+
+_FRAMES: Final = "tf2_msgs/msg/TFMessage"
+_AGAIN_NS: Final = 1_000_000_000  # what does not change is told once a second, for those who come late; guess
+
+
+@dataclass(frozen=True, slots=True)
+class PictureTopic:
+    """A topic of a camera."""
+
+    name: str
+    type: MessageType
+
+
+class Pictures:
+    """The messages of one recording's pictures."""
+
+    def __init__(self) -> None:
+        self._told_ns: dict[str, int] = {}
+
+    def encoded(self, shot: Shot, time_ns: int) -> Iterator[tuple[PictureTopic, bytes]]:
+        """Of one picture, `JPEG` or `DEPTH`, taken at that time since 1970. Raises CameraError."""
+        name = f"/{ros_name(shot.camera)}"
+        stamp = {"header": header(time_ns, optical_frame(shot.camera))}
+        yield from self._frames(shot, time_ns)
+        if shot.form == JPEG:
+            yield _message(f"{name}/image_raw/compressed", COMPRESSED, stamp | compressed(shot.data))
+        else:
+            name += "/depth"
+            yield _message(f"{name}/image_raw", IMAGE, stamp | image(shot.arrays["depth"]))
+        yield _message(f"{name}/camera_info", INFO, stamp | camera_info(shot.camera))
+
+    def _frames(self, shot: Shot, time_ns: int) -> Iterator[tuple[PictureTopic, bytes]]:
+        name = shot.camera.name
+        if not 0 <= time_ns - self._told_ns.get(name, -_AGAIN_NS) < _AGAIN_NS:
+            self._told_ns[name] = time_ns
+            yield _message("/tf_static", _FRAMES, _transforms(fixed_frames(shot.camera), time_ns))
+        if moving := moving_frames(shot):
+            yield _message("/tf", _FRAMES, _transforms(moving, time_ns))
+
+
+def _message(name: str, kind: str, values: dict[str, Any]) -> tuple[PictureTopic, bytes]:
+    topic = PictureTopic(name, message_type(kind))
+    return topic, topic.type.encode(values)
+
+
+def _transforms(frames: Iterable[Transform], time_ns: int) -> dict[str, Any]:
+    return {
+        "transforms": [
+            {
+                "header": header(time_ns, frame.parent),
+                "child_frame_id": frame.child,
+                "transform": {
+                    "translation": _named("xyz", frame.pose[:3]),
+                    "rotation": _named("xyzw", rotvec_to_quaternion(*frame.pose[3:])),
+                },
+            }
+            for frame in frames
+        ]
+    }
+
+
+def _named(names: str, values: Sequence[float]) -> dict[str, float]:
+    return dict(zip(names, values, strict=True))

@@ -1,0 +1,163 @@
+"""The node ``cameras``: pictures of the cameras of an emulator's scene, as drivers of cameras publish them.
+
+Only what somebody subscribes to is drawn. A picture takes milliseconds to be made a message: so it is published from
+the thread that gets it, and not from the event loop, whose setpoints would wait.
+"""
+
+import array
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+
+from client.cameras import CameraClient, CameraFollower, Shot
+from client.cameras.messages import (
+    COMPRESSED,
+    IMAGE,
+    INFO,
+    Transform,
+    camera_info,
+    compressed,
+    fixed_frames,
+    image,
+    moving_frames,
+    optical_frame,
+    ros_name,
+)
+from client.ros2.frames import set_transform
+from client.ros2.host import LATCHED, NodeHost, interface, stamp
+from urproto.cameras import CameraDescription
+from urproto.robots.pose import rotvec_to_quaternion
+
+_QUALITY: Final = QoSProfile(depth=2)  # reliable, as Gazebo's: who takes the best effort gets them too
+_FRAMES: Final = "tf2_msgs/msg/TFMessage"
+_NS: Final = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class _Topics:
+    """Publishers of one camera."""
+
+    image: Publisher
+    compressed: Publisher
+    info: Publisher
+    depth: Publisher
+    depth_info: Publisher
+
+
+class CameraNode:
+    """Publishes cameras; creation spins its node. rate_hz: of each camera. prefix: of frames.
+
+    Tell it the robot's time by ``see``: stamps are when a picture was taken.
+    """
+
+    def __init__(
+        self,
+        host: NodeHost,
+        client: CameraClient,
+        cameras: Sequence[CameraDescription],
+        rate_hz: float,
+        prefix: str = "",
+    ) -> None:
+        self._host = host
+        self._prefix = prefix
+        self._seen = (0.0, 0)  # the robot's time, and this machine's then [ns since 1970]
+        self.node = host.node("cameras")
+        self._topics = {camera: _publishers(self.node, ros_name(camera)) for camera in cameras}
+        fixed = [frame for camera in cameras for frame in fixed_frames(camera, prefix)]
+        self._static = self.node.create_publisher(interface(_FRAMES), "/tf_static", LATCHED)
+        self._static.publish(_transforms(fixed, time.time_ns()))
+        self._moving = self.node.create_publisher(interface(_FRAMES), "/tf", QoSProfile(depth=100))
+        self._takers: Mapping[str, Callable[[Shot, int], None]] = {
+            "rgb.npy": self._rgb,
+            "rgb.jpg": self._jpeg,
+            "depth.npy": self._depth,
+            "rgbd.npz": self._rgbd,
+        }
+        host.spin(self.node)
+        warn = self.node.get_logger().warning
+        self._follower = CameraFollower(client, lambda: self._wanted(), rate_hz, self._take, warn)
+        self._follower.__enter__()
+
+    def see(self, time_s: float) -> None:
+        """The robot's time is this now."""
+        self._seen = time_s, time.time_ns()
+
+    def close(self) -> None:
+        """End it."""
+        self._follower.close()
+        self._host.close(self.node)
+
+    def _wanted(self) -> Iterator[tuple[CameraDescription, str]]:
+        """The fewest pictures that have all that is subscribed to; colours and depth are of one moment."""
+        for camera, topics in self._topics.items():
+            rgb, depth = _heard(topics.image), _heard(topics.depth) or _heard(topics.depth_info)
+            if rgb or depth:
+                yield camera, "rgbd.npz" if rgb and depth else "rgb.npy" if rgb else "depth.npy"
+            if _heard(topics.compressed) or (_heard(topics.info) and not rgb):
+                yield camera, "rgb.jpg"
+
+    def _take(self, shot: Shot) -> None:
+        robot_s, seen_ns = self._seen
+        time_ns = seen_ns - round(max(0.0, robot_s - shot.time_s) * _NS) if seen_ns else time.time_ns()
+        if moving := moving_frames(shot, self._prefix):
+            self._moving.publish(_transforms(moving, time_ns))
+        self._takers[shot.form](shot, time_ns)
+
+    def _rgbd(self, shot: Shot, time_ns: int) -> None:
+        self._rgb(shot, time_ns)
+        self._depth(shot, time_ns)
+
+    def _rgb(self, shot: Shot, time_ns: int) -> None:
+        topics = self._topics[shot.camera]
+        self._publish(topics.image, IMAGE, image(shot.arrays["rgb"]), shot, time_ns)
+        self._publish(topics.info, INFO, camera_info(shot.camera), shot, time_ns)
+
+    def _depth(self, shot: Shot, time_ns: int) -> None:
+        topics = self._topics[shot.camera]
+        self._publish(topics.depth, IMAGE, image(shot.arrays["depth"]), shot, time_ns)
+        self._publish(topics.depth_info, INFO, camera_info(shot.camera), shot, time_ns)
+
+    def _jpeg(self, shot: Shot, time_ns: int) -> None:
+        topics = self._topics[shot.camera]
+        self._publish(topics.compressed, COMPRESSED, compressed(shot.data), shot, time_ns)
+        self._publish(topics.info, INFO, camera_info(shot.camera), shot, time_ns)
+
+    def _publish(self, publisher: Publisher, kind: str, values: Mapping[str, Any], shot: Shot, time_ns: int) -> None:
+        message = interface(kind)()
+        stamp(message.header.stamp, time_ns)
+        message.header.frame_id = optical_frame(shot.camera, self._prefix)
+        for name, value in values.items():
+            setattr(message, name, array.array("B", value) if isinstance(value, bytes) else value)
+        publisher.publish(message)
+
+
+def _publishers(node: Node, name: str) -> _Topics:
+    create = partial(node.create_publisher, qos_profile=_QUALITY)
+    return _Topics(
+        create(interface(IMAGE), f"{name}/image_raw"),
+        create(interface(COMPRESSED), f"{name}/image_raw/compressed"),
+        create(interface(INFO), f"{name}/camera_info"),
+        create(interface(IMAGE), f"{name}/depth/image_raw"),
+        create(interface(INFO), f"{name}/depth/camera_info"),
+    )
+
+
+def _heard(publisher: Publisher) -> bool:
+    return bool(publisher.get_subscription_count())
+
+
+def _transforms(frames: Sequence[Transform], time_ns: int) -> Any:
+    message = interface(_FRAMES)()
+    for frame in frames:
+        transform = interface("geometry_msgs/msg/TransformStamped")()
+        stamp(transform.header.stamp, time_ns)
+        transform.header.frame_id = frame.parent
+        set_transform(transform, frame.child, frame.pose[:3], rotvec_to_quaternion(*frame.pose[3:]))
+        message.transforms.append(transform)
+    return message

@@ -1,0 +1,23 @@
+"""Tasks for robot learning: an emulated robot and its scene as a Gymnasium environment (the extra ``learning``).
+
+Importing this registers ``ur_emulator/PickAndPlace-v0``; `RobotEnv` is the base of tasks of one's own. Gymnasium 1.0
+took away the plug-ins by which packages registered without being imported, so one of these is needed:
+
+    import emulator.learning
+    gymnasium.make("ur_emulator/PickAndPlace-v0")
+
+    gymnasium.make("emulator.learning:ur_emulator/PickAndPlace-v0")
+"""
+
+import gymnasium
+
+from emulator.learning.environment import RobotEnv, TaskError
+from emulator.learning.pick_and_place import LONGEST, PickAndPlaceEnv
+
+__all__ = ["PickAndPlaceEnv", "RobotEnv", "TaskError"]
+
+gymnasium.register(
+    "ur_emulator/PickAndPlace-v0",
+    entry_point="emulator.learning.pick_and_place:PickAndPlaceEnv",
+    max_episode_steps=LONGEST,
+)

@@ -1,0 +1,170 @@
+"""Pictures drawn by a process of its own, so that a robot that keeps up with the clock is not held up.
+
+Reading a picture from OpenGL keeps Python's interpreter locked, 30 ms and more for a large one, and a control period
+has 2 or 8 ms. So the process gets the model once, and for each picture what changes of it and of its state, some
+kilobytes. It waits for others of the machine (nice), and ends when its standard input does.
+
+`first_message`, `request` and `pose_of_picture` are for the robot's side; `work` is the process.
+"""
+
+import io
+import json
+import os
+import pickle
+import struct
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from emulator.physics.cameras import CameraError, Cameras, Scenery, extrinsics
+from emulator.physics.description import Camera
+from urproto.cameras import FORMS
+from urproto.compat import module_command
+from urproto.robots.pose import Pose
+
+HEADER: Final = struct.Struct("<II")
+"""Before each message of the process: lengths of its JSON and of the picture."""
+
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+_LOOKS: Final = ("body_pos", "body_quat", "geom_rgba")  # of the model: what a running robot changes
+_JPEG_QUALITY: Final = 85  # guess: edges of parts stay sharp, 320 x 240 pixels take some 10 kB
+_NICE: Final = 5  # a third of the share of others (guess): the robot is among them
+_MOST_MM: Final = 65535.0
+
+
+@dataclass
+class Sketch:
+    """A scene in another process: `Scenery` with a state of its own."""
+
+    model: Any
+    cameras: Mapping[str, Camera]
+    covered: frozenset[str] = frozenset()
+    data: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.data = mujoco.MjData(self.model)
+
+    def take(self, appearance: tuple[NDArray[np.float64], tuple[NDArray[Any], ...], frozenset[str]]) -> None:
+        """Look as that scene did when it made a `request`."""
+        state, looks, self.covered = appearance
+        for name, value in zip(_LOOKS, looks, strict=True):
+            getattr(self.model, name)[:] = value
+        mujoco.mj_setState(self.model, self.data, state, _STATE)
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+        mujoco.mj_flex(self.model, self.data)
+        mujoco.mj_tendon(self.model, self.data)
+
+
+def command() -> list[str]:
+    """What starts the process. It is sent `first_message`, then `request`s."""
+    return module_command("emulator.physics.drawing")
+
+
+def first_message(scenery: Scenery) -> bytes:
+    """The scene. Its model is copied, which takes as long as it is large."""
+    return pickle.dumps((scenery.model, dict(scenery.cameras)), pickle.HIGHEST_PROTOCOL)
+
+
+def request(scenery: Scenery, name: str, form: str) -> bytes:
+    """A picture of the scene as it is now. form: one of `urproto.cameras.FORMS`."""
+    state = np.zeros(mujoco.mj_stateSize(scenery.model, _STATE))
+    mujoco.mj_getState(scenery.model, scenery.data, state, _STATE)
+    appearance = state, tuple(getattr(scenery.model, look) for look in _LOOKS), frozenset(scenery.covered)
+    return pickle.dumps((name, form, appearance), pickle.HIGHEST_PROTOCOL)
+
+
+def pose_of_picture(message: Mapping[str, Any]) -> Pose:
+    """Where the camera was. Raises CameraError with what the process says instead of a picture."""
+    if "error" in message:
+        raise CameraError(message["error"])
+    x, y, z, rx, ry, rz = message["pose"]
+    return (x, y, z, rx, ry, rz)
+
+
+# the process
+
+
+def work(orders: BinaryIO, pictures: BinaryIO) -> None:
+    """Draw until nothing more is wanted."""
+    sketch = Sketch(*pickle.load(orders))
+    try:
+        cameras = Cameras(sketch)
+    except CameraError as error:
+        _tell(pictures, {"error": str(error)})
+        return
+    with cameras:
+        while True:
+            try:
+                name, form, appearance = pickle.load(orders)
+            except (EOFError, pickle.UnpicklingError):  # the robot has gone, perhaps in the middle of a word
+                return
+            sketch.take(appearance)
+            picture = _FORMS[form](cameras, name)
+            _tell(pictures, {"pose": extrinsics(sketch, name)}, picture)
+
+
+def _tell(pictures: BinaryIO, message: Mapping[str, Any], picture: bytes = b"") -> None:
+    text = json.dumps(message).encode()
+    pictures.write(HEADER.pack(len(text), len(picture)) + text)
+    pictures.write(picture)
+    pictures.flush()
+
+
+def _image(picture: NDArray[Any], kind: str, **options: Any) -> bytes:
+    from PIL import Image
+
+    written = io.BytesIO()
+    Image.fromarray(picture).save(written, kind, **options)
+    return written.getvalue()
+
+
+def _numpy(picture: NDArray[Any]) -> bytes:
+    written = io.BytesIO()
+    np.save(written, picture, allow_pickle=False)
+    return written.getvalue()
+
+
+def _rgbd(cameras: Cameras, name: str) -> bytes:
+    rgb, depth = cameras.rgbd(name)
+    written = io.BytesIO()
+    np.savez(written, rgb=rgb, depth=depth)
+    return written.getvalue()
+
+
+def _millimetres(metres: NDArray[np.float32]) -> NDArray[np.uint16]:
+    mm = np.rint(1e3 * metres.astype(np.float64))
+    return np.where(mm > _MOST_MM, 0.0, mm).astype(np.uint16)
+
+
+_FORMS: Final[Mapping[str, Callable[[Cameras, str], bytes]]] = {
+    "rgb.jpg": lambda cameras, name: _image(cameras.rgb(name), "JPEG", quality=_JPEG_QUALITY),
+    "rgb.npy": lambda cameras, name: _numpy(cameras.rgb(name)),
+    "depth.npy": lambda cameras, name: _numpy(cameras.depth(name)),
+    "depth.png": lambda cameras, name: _image(_millimetres(cameras.depth(name)), "PNG", compress_level=1),
+    "rgbd.npz": _rgbd,
+    "segmentation.npy": lambda cameras, name: _numpy(cameras.segmentation(name)),
+}
+assert _FORMS.keys() == FORMS.keys()
+
+
+def _main() -> None:
+    """Whatever a library prints must not get between the pictures."""
+    pictures = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    if hasattr(os, "nice"):
+        os.nice(_NICE)
+    try:
+        work(sys.stdin.buffer, pictures)
+    except (BrokenPipeError, KeyboardInterrupt):  # the robot has gone, or goes by Ctrl-C too
+        return
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,188 @@
+"""Tasks for Gymnasium: its own checks and wrappers, equal runs from equal seeds, and a task that can be done."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco", reason="the extra physics")  # not packaged for Python 3.10
+
+import gymnasium
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordEpisodeStatistics
+
+from emulator.control.verbs import NotPossible
+from emulator.learning import PickAndPlaceEnv, RobotEnv, TaskError
+from emulator.learning.pick_and_place import HIGH, LOW
+
+ROOT = Path(__file__).resolve().parents[2]
+NAME = "ur_emulator/PickAndPlace-v0"
+GOAL = -1.4  # rad
+
+
+@pytest.fixture(scope="module")
+def env():
+    made = gymnasium.make("emulator.learning:" + NAME)
+    yield made
+    made.close()
+
+
+def play(env, seed, steps=20):
+    """Observations and rewards of random actions, and the scene's whole state after them."""
+    seen, _ = env.reset(seed=seed)
+    chance, run = np.random.default_rng(seed), [seen]
+    for _ in range(steps):
+        seen, reward, *_ = env.step(chance.uniform(-1.0, 1.0, 4).astype(np.float32))
+        run += [seen, [reward]]
+    return np.concatenate(run).tobytes(), env.unwrapped.scene.save()
+
+
+def test_gymnasiums_own_checks_pass(env):
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_equal_seeds_give_equal_runs_to_the_last_bit(env):
+    first = play(env, 1)
+    other = play(env, 2)
+    assert play(env, 1) == first
+    assert play(PickAndPlaceEnv(), 1) == first
+    assert other != first
+
+
+def test_an_episode_begins_alike_after_a_protective_stop_too(env):
+    before = play(env, 5)
+    env.reset(seed=3)
+    env.unwrapped.robot.protective_stop()
+    *_, ended, _, info = env.step(np.zeros(4, np.float32))
+    assert ended
+    assert info["stopped"] == "PROTECTIVE_STOP"
+    assert play(env, 5) == before
+
+
+def test_a_robot_that_cannot_come_to_rest_is_replaced(env):
+    before = play(env, 6)
+    old = env.unwrapped.robot
+    old.press_emergency_stop()
+    assert play(env, 6) == before
+    assert env.unwrapped.robot is not old
+    with pytest.raises(NotPossible):
+        old.save()
+
+
+def test_a_step_is_robot_time():
+    env = PickAndPlaceEnv(step_s=0.1)
+    env.reset(seed=0)
+    before = env.state.timestamp
+    env.step(np.zeros(4, np.float32))
+    assert env.step_s == pytest.approx(0.096)  # whole periods of 8 ms
+    assert env.state.timestamp - before == pytest.approx(env.step_s)
+
+
+def test_the_tool_stays_in_its_box(env):
+    env.reset(seed=0)
+    for way in ((1, 1, 1), (-1, -1, -1)):
+        for _ in range(90):
+            _, _, ended, _, info = env.step(np.array([*way, -1], np.float32))
+            assert not ended, info
+            place = np.array(env.unwrapped.state.actual_TCP_pose[:3])
+            assert (place > np.array(LOW) - 0.005).all()
+            assert (place < np.array(HIGH) + 0.005).all()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_rules_do_the_task(env, seed):
+    policy = runpy.run_path(str(ROOT / "examples/learning/scripted_policy.py"))["ScriptedPolicy"]()
+    counted = RecordEpisodeStatistics(env)
+    seen, _ = counted.reset(seed=seed)
+    ended = late = False
+    while not (ended or late):
+        seen, _, ended, late, info = counted.step(policy(seen))
+    assert info["success"]
+    assert ended
+    assert not late
+    assert np.linalg.norm(seen[8:10] - seen[11:13]) < 0.03
+    assert info["episode"]["l"] < 150
+
+
+def test_a_fault_of_the_scene_reaches_an_episode(env):
+    """Whatever ``inject_fault`` has, an episode can have."""
+    env.reset(seed=0)
+    robot = env.unwrapped.robot
+    fault = robot.inject_fault("missing_part", part="part")
+    seen, _, ended, *_ = env.step(np.zeros(4, np.float32))
+    assert seen[10] < 0
+    assert ended
+    robot.clear_fault(fault)
+    assert play(env, 0)
+
+
+def test_environments_step_side_by_side():
+    """Gymnasium's vector environment resets each at its own end."""
+    envs = gymnasium.make_vec("emulator.learning:" + NAME, num_envs=2, vectorization_mode="sync")
+    envs.action_space.seed(4)
+    seen, _ = envs.reset(seed=[1, 2])
+    assert seen.shape == (2, 14)
+    assert not np.array_equal(seen[0], seen[1])
+    for _ in range(3):
+        seen, rewards, *_ = envs.step(envs.action_space.sample())
+    assert rewards.shape == (2,)
+    envs.close()
+
+
+def test_an_action_that_is_not_a_number_is_refused(env):
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="finite numbers"):
+        env.unwrapped.step(np.full(4, np.nan, np.float32))
+
+
+def test_bad_tasks_are_one_line():
+    with pytest.raises(TaskError, match="reward is dense or sparse"):
+        PickAndPlaceEnv(reward="much")
+    with pytest.raises(TaskError, match="render_mode"):
+        PickAndPlaceEnv(render_mode="human")
+
+    class Broken(PickAndPlaceEnv):
+        program = "def broken(:\nend\n"
+
+    with pytest.raises(TaskError, match="Broken: its program does not start"):
+        Broken()
+
+
+class Reach(RobotEnv):
+    """A task of somebody else's: turn the base to an angle, with one number."""
+
+    world = PickAndPlaceEnv.world
+    program = """def reach():
+  while True:
+    speedj([read_input_float_register(24), 0, 0, 0, 0, 0], 2.0, {step_s})
+  end
+end
+"""
+
+    def __init__(self, **options):
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,))
+        self.observation_space = gymnasium.spaces.Box(-10.0, 10.0, (1,))
+        super().__init__(**options)
+
+    def arrange(self, options):
+        pass
+
+    def act(self, action):
+        self.write(float(action[0]))
+
+    def observe(self):
+        return np.array([self.state.actual_q[0]], np.float32)
+
+    def judge(self):
+        return -abs(self.state.actual_q[0] - GOAL), False, {}
+
+
+def test_a_task_of_ones_own_with_another_arm():
+    env = Reach(model="ur5e")
+    check_env(env, skip_render_check=True)
+    seen, _ = env.reset(seed=0)
+    for _ in range(40):
+        seen, reward, *_ = env.step(np.clip(4.0 * (GOAL - seen), -1.0, 1.0).astype(np.float32))
+    assert seen[0] == pytest.approx(GOAL, abs=0.01)
+    assert reward > -0.01

@@ -1,0 +1,88 @@
+"""The screen that shows what cameras see: only of a robot that has some, by a picture and in words."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Page, expect
+
+from tests.pendant.conftest import SIZE, Rig, eventually
+from tests.pendant.pendants import pendant
+from tests.pendant.test_browser_access import CUT_OFF, lasting, violations
+from tests.served_cameras import HEIGHT, WIDTH, Served, served_cameras
+
+PORT = 6083
+STREAM, STILL, SEEN = (f"/cameras/over%20all/{form}" for form in ("rgb.mjpeg", "rgb.jpg", "segmentation.npy"))
+
+
+def jpeg() -> bytes:
+    written = io.BytesIO()
+    Image.new("RGB", (WIDTH, HEIGHT), (200, 30, 30)).save(written, "JPEG")
+    return written.getvalue()
+
+
+def serve_pictures(served: Served) -> None:
+    picture, bodies = jpeg(), io.BytesIO()
+    np.save(bodies, np.array([[1] * WIDTH] * 3 + [[0] * WIDTH] * 2 + [[-1] * (WIDTH - 2) + [2, 3]], np.int32))
+    part = b"--p\r\nContent-Type: image/jpeg\r\n\r\n" + picture + b"\r\n--p--\r\n"
+    served.answers[STREAM] = (200, {"Content-Type": "multipart/x-mixed-replace; boundary=p"}, part)
+    served.answers[STILL] = (200, {}, picture)
+    served.answers[SEEN] = (200, {}, bodies.getvalue())
+    index = {
+        "cameras": [one.as_json() for one in served.cameras],
+        "bodies": ["world", "red part", "ur/jaws", "ur/tool"],
+    }
+    served.answers["/cameras"] = (200, {}, json.dumps(index).encode())
+
+
+def shown(page: Page) -> None:
+    """A picture that the browser could read."""
+    drawn = "() => document.querySelector('[data-testid=camera-picture]')?.naturalWidth > 0"
+    eventually(lambda: page.evaluate(drawn))
+
+
+def test_a_picture_is_shown_and_told_in_words(rig: Rig, browser: Browser) -> None:
+    options = ("--port", str(PORT), "--control-port", "0")
+    context = browser.new_context(viewport=SIZE)
+    try:
+        with served_cameras(rig.host) as served, pendant(rig.host, *options, "--camera-port", str(served.port)):
+            serve_pictures(served)
+            page = context.new_page()
+            page.goto(f"http://{rig.host}:{PORT}/initialize")
+            page.get_by_test_id("tab-cameras").click()
+            shown(page)
+            picture = page.get_by_test_id("camera-picture")
+            assert picture.get_attribute("alt") == "Picture of the camera over all, live; below it stands what it sees"
+            said = "It sees: red part (50.0 %), the arm (4.2 %)."
+            expect(page.get_by_test_id("camera-seen")).to_have_text(said)
+            assert not lasting("cameras: ", lambda: violations(page, "html"))
+            assert page.evaluate(CUT_OFF) == []
+            page.get_by_test_id("camera-pause").click()  # what moves by itself can be stopped: WCAG 2.2.2
+            expect(picture).to_have_attribute(
+                "alt", "Picture of the camera over all, stopped; below it stands what it sees"
+            )
+            shown(page)
+            assert STILL in served.asked
+            page.get_by_test_id("tab-log").click()
+            expect(page.get_by_test_id("camera-picture")).to_have_count(0)
+            served.answers["/cameras"] = (200, {}, b'{"cameras": [], "bodies": []}')
+            expect(page.get_by_test_id("tab-cameras")).to_be_hidden()
+    finally:
+        context.close()
+
+
+@pytest.mark.parametrize("path", ["/camera/wrist/stream", "/camera/wrist/still"])
+def test_a_robot_without_cameras_has_no_pictures(rig: Rig, browser: Browser, path: str) -> None:
+    page = browser.new_page()
+    try:
+        answer = page.goto(rig.url + path)
+        assert answer is not None
+        assert answer.status == 502
+        assert "no cameras at" in answer.text()
+        page.goto(f"{rig.url}/initialize")
+        expect(page.locator(".robot-name")).to_contain_text("UR3")
+        expect(page.get_by_test_id("tab-cameras")).to_be_hidden()
+    finally:
+        page.close()
