@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Final, Literal
 
 from fastapi import WebSocket, WebSocketDisconnect
@@ -130,6 +131,7 @@ class Live:
         for stream in self._streams:
             stream.fresh = True
         sending = asyncio.create_task(self._send_frames(socket))
+        sending.add_done_callback(partial(_tell_of, nonsense))
         try:
             while True:
                 self._hear(json.loads(await socket.receive_text()))
@@ -193,3 +195,10 @@ class Live:
                 if (value := stream.take(fresh)) is not None:
                     changed.append((stream.target, stream.kind, value))
         return changed
+
+
+def _tell_of(nonsense: Nonsense, sending: "asyncio.Task[None]") -> None:
+    """A page that nothing reaches any more is not left without a word."""
+    error = None if sending.cancelled() else sending.exception()
+    if error is not None and not isinstance(error, RuntimeError | WebSocketDisconnect):  # else the browser has gone
+        nonsense.tell_error(error)

@@ -3,6 +3,7 @@
 import pytest
 
 from client.pendant.fault_form import FaultField, FaultKind, arguments_of, fault_kinds
+from client.pendant.screens.simulation_faults import SUBJECTS
 from emulator.faults.catalogue import kinds, make_fault
 
 PORTS = ["dashboard", "rtde", "control"]
@@ -60,3 +61,7 @@ def test_the_default_port_is_all_of_them_and_the_control_api_is_none(forms) -> N
 def test_what_is_missing_or_wrong_is_told(forms, kind, shown, complaint) -> None:
     with pytest.raises(ValueError, match=complaint):
         arguments_of(forms[kind], shown)
+
+
+def test_every_fault_of_an_emulator_has_its_place_in_the_list():
+    assert {kind["subject"] for kind in kinds()} == SUBJECTS.keys()

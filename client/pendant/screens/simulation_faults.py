@@ -10,14 +10,17 @@ from nicegui import ui
 from client.pendant.fault_form import FaultField, FaultKind, arguments_of, fault_kinds
 from client.pendant.page import Page
 
-_SUBJECTS: Final = {
+SUBJECTS: Final = {
     "network": "Connections and ports",
     "line": "Bytes on their way",
     "rtde": "RTDE and shown state",
     "arm": "Arm",
     "program": "Programs",
     "machine": "Controller",
+    "scene": "Scene",
 }
+"""What the emulator calls what its faults are about, as the list has it."""
+
 _SHOWN_OVER: Final = 20
 
 
@@ -47,9 +50,9 @@ class _Form:
     def know(self, catalogue: Mapping[str, Any]) -> None:
         """What kinds there are."""
         self._kinds = fault_kinds(catalogue.get("fault_kinds", ()), list(catalogue.get("ports", ())))
-        ordered = sorted(self._kinds.values(), key=lambda kind: list(_SUBJECTS).index(kind.subject))
+        ordered = sorted(self._kinds.values(), key=lambda kind: list(SUBJECTS).index(kind.subject))
         options = {
-            kind.name: f"{_SUBJECTS[subject]}: {kind.title}"
+            kind.name: f"{SUBJECTS[subject]}: {kind.title}"
             for subject, group in groupby(ordered, key=lambda kind: kind.subject)
             for kind in group
         }
