@@ -34,7 +34,11 @@ def page(robot: Rig, browser: Browser) -> Iterator[Page]:
 
 def test_every_screen_opens_and_a_program_is_played_as_a_script(robot: Rig, page: Page) -> None:
     for screen in SCREENS:
-        page.get_by_test_id(f"tab-{screen.name}").click()
+        tab = page.get_by_test_id(f"tab-{screen.name}")
+        if not tab.is_visible():
+            assert screen.name == "cameras"  # of a scene, which this robot has not
+            continue
+        tab.click()
         page.wait_for_function(f"() => location.pathname === '/{screen.name}'")
         expect(page.locator(".screen")).to_be_visible()
     page.get_by_test_id("tab-program").click()
