@@ -208,30 +208,28 @@ async def _gripper(stream: _Stream) -> str:
 
 
 async def _control(stream: _Stream) -> str:
-    """Its start page needs no token."""
-    stream.send(b"GET /health HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-    answer = await stream.read()
-    if not answer.startswith(b"HTTP/1.1 200 "):
-        raise NotReady(f"the answer to GET /health is {answer[:40]!r}")
+    """Its health needs no token."""
+    await _get(stream, "/health")
     return "this is an emulator"
 
 
 async def _cameras(stream: _Stream) -> str:
     """Their list: no picture is drawn for it."""
-    stream.send(b"GET /cameras HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-    answer = await stream.read()
-    if not answer.startswith(b"HTTP/1.1 200 "):
-        raise NotReady(f"the answer to GET /cameras is {answer[:40]!r}")
+    await _get(stream, "/cameras")
     return "answers"
 
 
 async def _robot_api(stream: _Stream) -> str:
     """What start scripts ask; software before 10.11 has no more."""
-    stream.send(f"GET {URCAPS} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
+    await _get(stream, URCAPS)
+    return "answers"
+
+
+async def _get(stream: _Stream, path: str) -> None:
+    stream.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
     answer = await stream.read()
     if not answer.startswith(b"HTTP/1.1 200 "):
-        raise NotReady(f"the answer to GET {URCAPS} is {answer[:40]!r}")
-    return "answers"
+        raise NotReady(f"the answer to GET {path} is {answer[:40]!r}")
 
 
 _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
