@@ -87,11 +87,12 @@ def test_ctrl_c_stops_the_arm_softly_and_finishes_the_recording(emulator, tmp_pa
     with Robot(emulator.host) as robot:
         robot.make_ready()
         robot.move_j(HOME, speed_rad_s=1.0)
-    positions = ("--positions", "1.6,-1.4,1.5,-1.7,-1.5,0.1", "--time", "6")
+    # so slowly that the arm is not half way on a busy machine either
+    positions = ("--positions", "1.6,-1.4,1.5,-1.7,-1.5,0.1", "--time", "20")
     command = (sys.executable, "-c", "from client.cli import main; main()", "goal", *positions)
     process = subprocess.Popen([*command, "--record", str(file), "--robot-ip", emulator.host], stderr=subprocess.PIPE)
     try:
-        emulator.control.run_until("actual_qd[0] > 0.15", PATIENCE_S)
+        emulator.control.run_until("actual_qd[0] > 0.04", PATIENCE_S)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=PATIENCE_S)
     finally:
@@ -102,7 +103,7 @@ def test_ctrl_c_stops_the_arm_softly_and_finishes_the_recording(emulator, tmp_pa
     found = read(file)
     assert "cut_off" not in found.info
     speeds = found["target_qd"][:, 0]
-    assert 0.15 < max(speeds) < 0.4
+    assert 0.04 < max(speeds) < 0.12
     assert speeds[-1] == pytest.approx(0.0, abs=1e-6)  # it came to rest before the recording ended
     assert found["actual_q"][-1][0] < 1.5
     braking = -np.diff(speeds) / np.diff(found["timestamp"])
