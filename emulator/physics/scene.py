@@ -1,5 +1,6 @@
 """Scenes: what a plan says, as a MuJoCo model with the arm in it."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +35,11 @@ _TYPES: Final = {
 }
 _STAYING: Final = (0.55, 0.6, 0.65, 1.0)
 _MOVING: Final = (0.85, 0.45, 0.2, 1.0)
+
+
+# Without this MuJoCo keeps a file MUJOCO_LOG.TXT in the folder from which the emulator was started.
+if mujoco.get_mju_user_warning() is None:
+    mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
 
 
 class SceneError(ValueError):
