@@ -1,10 +1,12 @@
 """What ur_rtde sees of faults that are injected over the control API."""
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing
 
 import pytest
-from rig import START_Q, Rig, disconnecting
+from rig import PATIENCE_S, START_Q, Rig, disconnecting
 from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
@@ -12,6 +14,25 @@ from rtde_receive import RTDEReceiveInterface
 from emulator.control.remote import RemoteControl
 
 BESIDE_Q = [START_Q[0] + 0.3, *START_Q[1:]]
+ATTEMPTS = 4  # ur_rtde 1.6.5: about one in ten ends with a signal
+LOSES_ITS_CONNECTION = """
+import sys, time
+from rtde_control import RTDEControlInterface
+control = RTDEControlInterface(sys.argv[1])
+print("connected", flush=True)
+while control.isConnected():
+    time.sleep(0.01)
+connected = False
+while not connected:
+    time.sleep(0.1)
+    try:
+        connected = control.reconnect()
+    except RuntimeError:
+        pass  # nobody listens yet
+moved = control.moveJ([float(q) for q in sys.argv[2:]], 2.0, 8.0)
+control.disconnect()
+sys.exit(not moved)
+"""
 
 
 @pytest.fixture
@@ -40,14 +61,18 @@ def test_a_dropped_connection_is_noticed_and_had_again(
     assert receive.getActualQ() == pytest.approx(START_Q)
 
 
-def test_a_program_survives_the_loss_of_the_connection_to_it(
-    rig: Rig, faults: RemoteControl, control: RTDEControlInterface
-) -> None:
-    faults.inject_fault("restart_port", port="rtde", outage_s=0.3)
-    until(faults, lambda: not control.isConnected())
-    until(faults, lambda: faults.faults()[-1]["state"] == "over")
-    until(faults, control.reconnect)
-    assert control.moveJ(BESIDE_Q, 2.0, 8.0)
+def test_a_program_survives_the_loss_of_the_connection_to_it(rig: Rig, faults: RemoteControl) -> None:
+    """In a process of its own: the thread in which ur_rtde reconnects sometimes takes its process along."""
+    for _ in range(ATTEMPTS):
+        command = [sys.executable, "-c", LOSES_ITS_CONNECTION, rig.host, *map(str, BESIDE_Q)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+            assert child.stdout is not None
+            assert child.stdout.readline() == "connected\n"
+            faults.inject_fault("restart_port", port="rtde", outage_s=0.3)
+            said, _ = child.communicate(timeout=PATIENCE_S)
+        if child.returncode >= 0:
+            break
+    assert child.returncode == 0, said
 
 
 def test_stale_data_has_a_running_time_stamp(rig: Rig, faults: RemoteControl, receive: RTDEReceiveInterface) -> None:
