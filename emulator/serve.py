@@ -29,6 +29,7 @@ from emulator.realtime import RealTime, claim_real_time, give_way_under_overload
 from urproto.commandline import console
 from urproto.compat import Self, module_command
 from urproto.compat_asyncio import timeout
+from urproto.dashboard import COMMANDS
 from urproto.robotapi import AVAILABLE as ROBOT_API
 from urproto.robotapi import BASE, GET_PROGRAM_STATE, PUT_STATE
 
@@ -128,8 +129,12 @@ def _first_steps(emulator: Emulator) -> Text:
         return Text(
             f"{steps}  ur_rtde knows the usual ports only: for several robots give each its own --host 127.0.0.x"
         )
+    controller = emulator.controller
+    asks = _REMOTE_CONTROL.covers(controller.version) and "dashboard" in emulator.ports and host not in _NOT_ASKED
+    asks = asks and not controller.remote_control
+    remote = "  ur_rtde asks for remote control at such an address: start with --remote-control\n" if asks else ""
     return Text(
-        f"{steps}"
+        f"{steps}{remote}"
         "  pip install ur-rtde    # then in Python, once the brakes are released:\n"
         "    from rtde_control import RTDEControlInterface\n"
         f'    robot = RTDEControlInterface("{host}")\n'
@@ -138,6 +143,8 @@ def _first_steps(emulator: Emulator) -> Text:
 
 
 _ANY: Final = "0.0.0.0"
+_REMOTE_CONTROL: Final = COMMANDS["is in remote control"].available
+_NOT_ASKED: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # where ur_rtde takes the robot for a simulator
 _MISSING: Final = (
     "No teach pendant: its packages are not installed. In the folder of ur-emulator, pip install '.[pendant]' brings "
     "them; --no-pendant leaves this line out."

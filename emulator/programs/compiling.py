@@ -29,6 +29,8 @@ About a third of a period on an idle machine; the official control script (48 kB
 its driver expects the program to call back within 0.5 s.
 """
 
+_MANY_VARIABLES: Final = 1000
+
 ResultT = TypeVar("ResultT")
 
 
@@ -179,7 +181,10 @@ _resting = 0  # jobs on their way, of all controllers of this process
 
 def _work(submission: Submission) -> Steps[CompiledProgram]:
     with uncollected():
-        return (yield from _compile(submission))
+        program = yield from _compile(submission)
+    if len(program.global_names) > _MANY_VARIABLES:
+        yield len(program.global_names)  # a start gives each of them its place: not in the period of the collector
+    return program
 
 
 def _compile(submission: Submission) -> Steps[CompiledProgram]:

@@ -7,6 +7,7 @@ import socket
 import struct
 from collections.abc import AsyncIterator
 from contextlib import suppress
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -104,6 +105,26 @@ async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:
             await check_ready(host, emulator.ports)
     async with Emulator(wanted) as emulator:
         assert (emulator.ports["modbus"], emulator.moved) == (20_502, {})
+
+
+@pytest.mark.parametrize(
+    ("model", "host", "remote_control", "asked"),
+    [
+        ("ur5e", "127.94.7.1", False, True),
+        ("ur5e", "127.94.7.1", True, False),
+        ("ur5e", "127.0.0.1", False, False),  # where ur_rtde takes a robot for a simulator
+        ("ur3", "127.94.7.1", False, False),
+    ],
+)
+async def test_who_starts_is_told_what_ur_rtde_asks_for(
+    model: str, host: str, remote_control: bool, asked: bool
+) -> None:
+    controller = ControllerConfig(model=load_model(model), remote_control=remote_control)
+    async with Emulator(EmulatorConfig(controller=controller, host=host, ephemeral_ports=True)) as emulator:
+        emulator.config = replace(emulator.config, ephemeral_ports=False)
+        console = Console(record=True, width=160, file=io.StringIO())
+        console.print(first_screen(emulator))
+    assert ("start with --remote-control" in console.export_text()) is asked
 
 
 async def test_an_address_of_another_machine() -> None:
