@@ -25,6 +25,8 @@ FLAGS = ["--no-sandbox", "--disable-background-networking", "--use-gl=angle", "-
 DARK = ("graph", "simulation")
 SETTLE_MS = 2500
 START = (0.6, -1.3, 1.4, -1.7, -1.57, 0.3)
+TABLE = {"box": [0.8, 0.5, 0.04], "pose": [0.0, -0.55, -0.02, 0.0, 0.0, 0.0]}
+POST = {"box": [0.08, 0.08, 0.6], "pose": [-0.24, -0.62, 0.3, 0.0, 0.0, 0.6]}
 GOAL_DEG = (115.0, -74.0, 80.0, -97.0, -90.0, 17.0)  # the post is between
 PROGRAM = """def pick_and_place():
   picks = 0
@@ -49,9 +51,9 @@ def main() -> None:
         with EmulatorProcess(["--model", "ur5e", "--running", "--programs", folder]) as robot:
             robot.dashboard("load pick_and_place.script")
             robot.dashboard("play")
-            robot.add_object("table", {"box": [0.8, 0.5, 0.04], "pose": [0.0, -0.55, -0.02, 0.0, 0.0, 0.0]})
+            robot.add_object("table", TABLE)
             _make_program(Path(folder), robot)
-            with _pendant(robot, folder) as url, sync_playwright() as playwright:
+            with pendant(robot, folder) as url, sync_playwright() as playwright:
                 browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
 
                 def look(screen: str, name: str = "", act: Callable[[Page], object] = lambda page: None) -> None:
@@ -72,8 +74,8 @@ def main() -> None:
                     look(screen)
                 robot.dashboard("stop")
                 robot.set_joints(START)
-                robot.add_object("post", {"box": [0.08, 0.08, 0.6], "pose": [-0.24, -0.62, 0.3, 0.0, 0.0, 0.6]})
-                look("move", "plan", _plan)
+                robot.add_object("post", POST)
+                look("move", "plan", plan)
                 with _manager(robot):
                     look("controllers", act=lambda page: page.get_by_test_id("sliders-enable").click())
                 browser.close()
@@ -109,7 +111,7 @@ def _teach(draft: ProgramDraft, name: str, q: tuple[float, ...]) -> None:
     draft.teach(node, "position", q, pose, (0.0,) * 6)
 
 
-def _plan(page: Page) -> None:
+def plan(page: Page) -> None:
     """A way around the post, to a target that is typed."""
     for i, angle in enumerate(GOAL_DEG):
         page.get_by_test_id(f"target-joint-{i}").fill(f"{angle:.1f}")
@@ -131,7 +133,8 @@ def _look(page: Page, url: str, screen: str, name: str, act: Callable[[Page], ob
 
 
 @contextmanager
-def _pendant(robot: EmulatorProcess, folder: str) -> Iterator[str]:
+def pendant(robot: EmulatorProcess, folder: str) -> Iterator[str]:
+    """The address of a pendant for the robot, which keeps its files in the folder."""
     words = ["--robot-ip", robot.host, "--host", robot.host, "--modbus-port", str(robot.ports["modbus"])]
     words += ["--poses", f"{folder}/poses.json", "--tools", f"{folder}/tools.json", "--drafts", folder, "--with-parent"]
     process = Popen([sys.executable, "-u", "-m", "client", "pendant", *words], stdin=PIPE, stdout=PIPE, text=True)

@@ -47,7 +47,12 @@ def test_example_of_the_thesis(rig: Rig, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("text", PROGRAMS, ids=range(len(PROGRAMS)))
+def paced(text: str) -> object:
+    """At a robot that has patience with a busy machine, if setpoints are streamed to it."""
+    return pytest.param(text, marks=pytest.mark.robot_speed(0.5) if "servo" in text else ())
+
+
+@pytest.mark.parametrize("text", [paced(text) for text in PROGRAMS], ids=range(len(PROGRAMS)))
 def test_program_of_the_client_page(rig: Rig, text: str, tmp_path: Path) -> None:
     assert PAGE_HOST in text
     here = text.replace(f"URDriver({PAGE_HOST}", f"URDriver({PAGE_HOST}, {FREE_PORTS}")
