@@ -377,7 +377,9 @@ class Arm:
             self.measured_tcp_pose, self.measured_tcp_speed = self.tcp_pose, self.tcp_speed
             return
         self.measured_q, self.measured_qd = q, qd = self._sensors.told(self.q, self.qd)
-        self.measured_tcp_pose = pose = self.kinematics.forward(q, self.tcp_offset)
+        self.measured_tcp_pose = pose = self.kinematics.forward(
+            q, None if self.tcp_offset == ZERO6 else self.tcp_offset
+        )
         self.measured_tcp_speed = self.kinematics.twist_at(q, qd, pose)
 
     def _pressed(self, wrench: Vector6) -> Vector6:

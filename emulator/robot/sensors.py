@@ -5,10 +5,9 @@ what is told, and not of the loops: recordings show the same time for each joint
 of 8 ms and on one of 2 ms, while deviations that the loops leave differ by joint.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import pi
-from random import Random
-from typing import Final
+from typing import Any, Final
 
 from emulator.robot.body import Body
 from urproto.robots import RobotModel
@@ -17,8 +16,29 @@ from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 
 _GEAR: Final = 101
 _CREEP_RAD_S: Final = 0.005  # slower than this is as noisy as standing (guess)
+_DRAWN: Final = 1024  # random numbers at a time
 _ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
 _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
+
+
+class _Normals:
+    """Standard normal numbers by a seed, drawn by the thousand: one by one they would be a tenth of a period's work."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._stock: list[float] = []
+        self._draw: Callable[[int], Any] | None = None
+
+    def take(self, count: int) -> list[float]:
+        if len(self._stock) < count:
+            if self._draw is None:
+                import numpy as np  # an ideal arm needs none of this
+
+                self._draw = np.random.default_rng(self._seed % 2**64).standard_normal
+            self._stock = self._draw(_DRAWN).tolist()
+        taken = self._stock[-count:]
+        del self._stock[-count:]
+        return taken
 
 
 class Sensors:
@@ -26,7 +46,7 @@ class Sensors:
 
     def __init__(self, model: RobotModel, seed: int) -> None:
         drives = drivetrain_of(model)
-        self._chance = Random(seed)
+        self._chance = _Normals(seed)
         self._rest_A, self._motion_A = drives.rest_noise_A, drives.motion_noise_A
         self._wrench = wrench_noise_of(model)
         self._accelerometer = accelerometer_noise_of(model)
@@ -43,45 +63,51 @@ class Sensors:
         )
 
     def joints(self, body: Body, period_s: float) -> tuple[Vector6, Vector6]:
-        """Angles and speeds as the encoders tell them."""
+        """Angles and speeds to the encoders' step."""
         return _stepped(body.q, _ANGLE_STEP), _stepped(body.qd, _MOTOR_STEP / period_s)
 
     def told(self, q: Vector6, qd: Vector6) -> tuple[Vector6, Vector6]:
         """Angles and speeds as a controller tells them: late, and with the noise of each joint that moves."""
         if qd == ZERO6:
             return q, qd
-        gauss, delay = self._chance.gauss, self._delay_s
+        delay, chance = self._delay_s, self._chance.take(12)
         angles, speeds = [], []
-        for angle, speed, (rest, growth, slow, share) in zip(q, qd, self._noise, strict=True):
-            angle -= delay * speed
+        for angle, speed, (rest, growth, slow, share), one, other in zip(
+            q, qd, self._noise, chance[:6], chance[6:], strict=True
+        ):
             pace = abs(speed)
-            if pace > _CREEP_RAD_S:
-                angle += gauss(0.0, rest + growth * pace)
-                speed += gauss(0.0, slow + share * pace)
-            angles.append(angle)
-            speeds.append(speed)
+            if pace < _CREEP_RAD_S:
+                angles.append(angle - delay * speed)
+                speeds.append(speed)
+            else:
+                angles.append(angle - delay * speed + one * (rest + growth * pace))
+                speeds.append(speed + other * (slow + share * pace))
         return as_six(angles), as_six(speeds)
 
     def currents(self, current: Vector6, qd: Vector6) -> Vector6:
         """Joint currents [A] with noise, which is larger in a joint that moves."""
-        gauss = self._chance.gauss
         a, b, c, d, e, f = [
-            value + gauss(0.0, resting if -_CREEP_RAD_S < speed < _CREEP_RAD_S else moving)
-            for value, speed, resting, moving in zip(current, qd, self._rest_A, self._motion_A, strict=True)
+            value + chance * (resting if -_CREEP_RAD_S < speed < _CREEP_RAD_S else moving)
+            for value, speed, resting, moving, chance in zip(
+                current, qd, self._rest_A, self._motion_A, self._chance.take(6), strict=True
+            )
         ]
         return (a, b, c, d, e, f)
 
     def wrench(self, wrench: Sequence[float]) -> Vector6:
         """A wrench [N, Nm] with noise."""
-        gauss = self._chance.gauss
-        a, b, c, d, e, f = (value + gauss(0.0, size) for value, size in zip(wrench, self._wrench, strict=True))
+        chances = self._chance.take(6)
+        a, b, c, d, e, f = (
+            value + chance * size for value, size, chance in zip(wrench, self._wrench, chances, strict=True)
+        )
         return (a, b, c, d, e, f)
 
     def accelerometer(self, acceleration: Vector3) -> Vector3:
         """An acceleration at the tool [m/s2] with noise."""
-        gauss, size = self._chance.gauss, self._accelerometer
+        size = self._accelerometer
+        u, v, w = self._chance.take(3)
         x, y, z = acceleration
-        return (x + gauss(0.0, size), y + gauss(0.0, size), z + gauss(0.0, size))
+        return (x + u * size, y + v * size, z + w * size)
 
 
 def _stepped(values: Vector6, step: float) -> Vector6:
