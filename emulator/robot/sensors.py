@@ -5,9 +5,10 @@ what is told, and not of the loops: recordings show the same time for each joint
 of 8 ms and on one of 2 ms, while deviations that the loops leave differ by joint.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import pi
-from typing import Any, Final
+from random import Random
+from typing import Final
 
 from emulator.robot.body import Body
 from urproto.robots import RobotModel
@@ -16,29 +17,28 @@ from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 
 _GEAR: Final = 101
 _CREEP_RAD_S: Final = 0.005  # slower than this is as noisy as standing (guess)
-_DRAWN: Final = 1024  # random numbers at a time
+_DRAWN: Final = 4096
+_MOST_TAKEN: Final = 12
 _ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
 _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
 
 
 class _Normals:
-    """Standard normal numbers by a seed, drawn by the thousand: one by one they would be a tenth of a period's work."""
+    """Standard normal numbers by a seed, from a table at places that chance picks.
+
+    Drawn one by one they would be a tenth of a dynamic arm's period.
+    """
 
     def __init__(self, seed: int) -> None:
-        self._seed = seed
-        self._stock: list[float] = []
-        self._draw: Callable[[int], Any] | None = None
+        self._chance = Random(seed)
+        self._table: list[float] = []  # an ideal arm needs none
 
     def take(self, count: int) -> list[float]:
-        if len(self._stock) < count:
-            if self._draw is None:
-                import numpy as np  # an ideal arm needs none of this
-
-                self._draw = np.random.default_rng(self._seed % 2**64).standard_normal
-            self._stock = self._draw(_DRAWN).tolist()
-        taken = self._stock[-count:]
-        del self._stock[-count:]
-        return taken
+        """Some of them, at most ``_MOST_TAKEN``."""
+        if not self._table:
+            self._table = [self._chance.gauss(0.0, 1.0) for _ in range(_DRAWN + _MOST_TAKEN)]
+        place = int(_DRAWN * self._chance.random())
+        return self._table[place : place + count]
 
 
 class Sensors:

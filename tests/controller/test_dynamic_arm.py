@@ -331,7 +331,8 @@ def test_the_pose_that_is_told_is_that_of_the_angles_that_are_told(still):
     still.seconds(0.5)
     assert max(map(abs, still.now.actual_qd)) > 0.3
     arm = still.controller.arm
-    assert still.now.actual_TCP_pose == arm.kinematics.forward(still.now.actual_q, arm.tcp_offset)
+    pose = arm.kinematics.forward(still.now.actual_q, arm.tcp_offset)
+    assert still.now.actual_TCP_pose == pytest.approx(pose, abs=1e-12)
     assert still.now.actual_TCP_pose != arm.tcp_pose
 
 
