@@ -12,7 +12,14 @@ from typing import Final
 
 import numpy as np
 from fidelity_following import following, pushed
-from fidelity_moves import Compared, movej_by_angles, movej_by_targets, movel_with_its_program, tool_spread
+from fidelity_moves import (
+    Compared,
+    movej_by_angles,
+    movej_by_targets,
+    movej_without_rests,
+    movel_with_its_program,
+    tool_spread,
+)
 from fidelity_rest import at_rest
 
 from client.errors import RecordingError
@@ -163,6 +170,11 @@ def _movements(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
     for file in _found(folder, _PTP, left_out):
         found = movej_by_angles(read(file, _UR10E), load_model("ur10e"))
         yield _movement("`movej`, angles", _name(folder, file), "UR10e", found)
+    for file in _found(folder, _UR5E_MOVEJ, left_out):
+        found = movej_without_rests(
+            _by_a_computer(file), load_model("ur5e"), float(np.radians(60.0)), float(np.radians(80.0))
+        )
+        yield _movement("`movej`, targets", _name(folder, file), "UR5e", found)
     for file in _found(folder, _UR3_MOVEL, left_out):
         recording, model = read(file), load_model("ur3")
         first = int(np.argmax((np.abs(recording["target_qd"]) > 1e-9).any(axis=1))) - 1
