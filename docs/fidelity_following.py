@@ -1,7 +1,7 @@
-"""The table of docs/fidelity.md on angles: how real arms and the emulator's follow their targets. See fidelity_table.py.
+"""The tables of docs/fidelity.md on angles: how real arms and the emulator's follow targets. See fidelity_table.py.
 
-The dynamic arm is given the recorded targets, and is pushed as the recorded one was while it stood: by what its currents
-had beyond the target currents.
+The dynamic arm is given the recorded targets, and is pushed as the recorded one was while it stood: by what its
+currents had beyond the target currents.
 """
 
 from collections.abc import Iterator
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from client.recording.recording import Recording
 from emulator.robot.arm import Arm
 from emulator.robot.installation import Installation
+from urproto.joints import JOINT_LABELS
 from urproto.robots import RobotModel
 from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, as_six
@@ -47,12 +48,12 @@ def following(recording: Recording, model: RobotModel) -> Iterator[tuple[str, st
             values = [[arm[j][column] for j in joints] for arm in both]
             if not np.isfinite(values).any():
                 continue
-            cells.append(" / ".join(f"{scale * float(np.nanmean(value)):.2g}" for value in values) + f" {unit}")
+            cells.append(" / ".join(_short(scale * float(np.nanmean(value))) for value in values) + f" {unit}")
         yield what, "; ".join(cells)
 
 
 def pushed(recording: Recording, model: RobotModel) -> Iterator[tuple[str, float, float, float]]:
-    """Of joints that were pushed while the arm stood: number, push [Nm], largest deviations of both [mrad], smoothed."""
+    """Of joints that were pushed while the arm stood: name, push [Nm], largest deviations of both, smoothed [mrad]."""
     constants = np.array(drivetrain_of(model).torque_constants_Nm_A)
     push = (recording["actual_current"] - recording["target_current"]) * constants
     push = -(push - np.median(push, axis=0))
@@ -65,7 +66,11 @@ def pushed(recording: Recording, model: RobotModel) -> Iterator[tuple[str, float
             1e3 * float(np.percentile(np.abs(_smooth((recording["target_q"] - angles)[begun:, joint])), 99.9))
             for angles in (recording["actual_q"], q)
         ]
-        yield str(joint), float(np.ptp(push[:, joint])), found[0], found[1]
+        yield JOINT_LABELS[joint], float(np.ptp(push[:, joint])), found[0], found[1]
+
+
+def _short(value: float) -> str:
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _joint(target: Array, speed: Array, q: Array, qd: Array) -> tuple[float, float, float, float]:

@@ -120,6 +120,18 @@ def test_put_elsewhere_it_holds_at_once_what_it_carries(still):
     assert peak_error_rad(still, 0.5) < STEP
 
 
+def test_drives_that_brakes_relieved_begin_anew(still):
+    still.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
+    still.seconds(1.0)
+    still.ask("power off")
+    still.seconds(0.5)
+    assert still.controller.arm.drives.torque == ZERO6
+    still.ask("power on")
+    still.ask("brake release")
+    assert 1e-4 < peak_error_rad(still, 1.5) < 5e-3
+    assert error_rad(still) < 1e-4
+
+
 def test_an_ideal_arm_feels_a_payload_that_nobody_told_without_moving(make):
     rig = make("ur5e", running=True, initial_q=BENT)
     free = rig.tick().actual_current
