@@ -12,6 +12,8 @@ from emulator.commands.requests import MountPayload
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.robot.body import Body
 from emulator.robot.installation import Payload
+from emulator.world.file import WorldPlan
+from emulator.world.shapes import Plane, WorldObject
 from tests.budget import some
 from urproto.modes import ControlMode
 from urproto.robots import MODELS
@@ -130,6 +132,19 @@ def test_drives_that_brakes_relieved_begin_anew(still):
     still.ask("brake release")
     assert 1e-4 < peak_error_rad(still, 1.5) < 5e-3
     assert error_rad(still) < 1e-4
+
+
+def test_stopped_at_a_wall_it_presses_hardly_harder(make):
+    wall = WorldObject(Plane(), (0.0, 0.0, 0.25, 0.0, 0.0, 0.0), stiffness=200_000.0)
+    world = WorldPlan({"table": wall})
+    rig = make("ur5e", running=True, dynamic=True, initial_q=(0.0, -1.5, 1.5, -1.6, -1.57, 0.0), world=world)
+    rig.script("movel(pose_add(get_actual_tcp_pose(), p[0, 0, -0.4, 0, 0, 0]), a=0.5, v=0.1)")
+    rig.until(lambda snapshot: rig.controller.safety.stopped)
+    assert any("something holds joint" in message.text for message in rig.messages)
+    force = rig.controller.arm.wrench[2]
+    assert force > 50.0
+    rig.seconds(2.0)
+    assert 0.5 * force < rig.controller.arm.wrench[2] < 1.5 * force
 
 
 def test_an_ideal_arm_feels_a_payload_that_nobody_told_without_moving(make):
