@@ -79,7 +79,7 @@ class Drives:
         position = [k / d for k, d in zip(gains.stiffness_1_s2, gains.damping_1_s, strict=True)]
         damping = [gain * inertia for gain, inertia in zip(gains.damping_1_s, heaviest, strict=True)]
         self._integral = [STEP_S * gain * inertia for gain, inertia in zip(gains.integral_1_s3, heaviest, strict=True)]
-        self._hold = [
+        self._integral_at_rest = [
             STEP_S * max(usual * inertia, _STIFFEST * (damping + friction) * stiffness)
             for usual, inertia, damping, friction, stiffness in zip(
                 gains.integral_1_s3, heaviest, damping, self.body.creep_damping, gains.stiffness_1_s2, strict=True
@@ -87,8 +87,8 @@ class Drives:
         ]
         spare = [_SPARE * torque / inertia for torque, inertia in zip(model.torque_max, heaviest, strict=True)]
         near = [rate / gain**2 for rate, gain in zip(spare, position, strict=True)]
-        self._most_held = [a * k for a, k in zip(_MOST_HELD_A, drivetrain.torque_constants_Nm_A, strict=True)]
-        self._gains = (position, damping, near, model.qd_max, model.torque_max, self._most_held)
+        most_held = [a * k for a, k in zip(_MOST_HELD_A, drivetrain.torque_constants_Nm_A, strict=True)]
+        self._gains = (position, damping, near, model.qd_max, model.torque_max, most_held)
         self._held = [0.0] * 6  # torques that the integral parts have come to
         self._put = False  # somewhere, where they have yet to be found
         self._placed_rad_s = _PLACED * max(model.qd_max)
@@ -200,14 +200,13 @@ class Drives:
         standing = change == before == ZERO6
         held_still = standing and max(map(abs, at_rest)) < _STILL_RAD_S
         usual = self._integral
-        loops = list(
-            zip(start, before, change, expected, *self._gains, usual, self._hold if held_still else usual, strict=True)
-        )
+        integrals = (usual, self._integral_at_rest if held_still else usual)
+        joints = list(zip(start, before, change, expected, *self._gains, *integrals, strict=True))
         for k in range(steps):
             t, u = k * STEP_S, k / steps
             torque, held = [], []
             for (p, w, dw, known, gain, damping, near, most, limit, bound, growth, hold), q, qd, sum_ in zip(
-                loops, body.q, body.qd, self._held, strict=True
+                joints, body.q, body.qd, self._held, strict=True
             ):
                 speed, grown = w + (u + 0.5) * dw, sum_
                 error = p + t * (w + 0.5 * (u + 1.0) * dw) - q

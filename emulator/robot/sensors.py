@@ -1,7 +1,7 @@
-"""What a dynamic arm's sensors make of the truth: steps of encoders, noise, and what a controller tells of it how late.
+"""What a dynamic arm's sensors make of the truth: steps of encoders, noise, and delay.
 
 A controller's angles are those of half a millisecond before the targets that it tells with them. That is a property of
-what is told, and not of the loops: recordings show the same time for each joint at all speeds, on an arm with periods
+what is told, and not of the loops: recordings show the same time for all joints at all speeds, on an arm with periods
 of 8 ms and on one of 2 ms, while deviations that the loops leave differ by joint.
 """
 
