@@ -29,15 +29,15 @@ from urproto.vectors import ZERO6, Vector6, add, rate, sub
 # of the friction that direct torque makes up for: defaults of the official drivers' friction model parameters
 VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
 COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
-# An arm that is to stand, and all but does, is held by integral parts as large as friction allows. Measured on a UR5
-# that is pushed while it stands: 2 MNm/(rad s) in base, shoulder and elbow, ten times what they have in motion, and 0.3
-# to 0.9 in wrists; here 0.7, 0.6, 1.2 and 0.8 to 1.4
-_STILL_RAD_S: Final = 0.005
-_SLIGHT_RAD: Final = 3e-4  # beyond this the usual ones do (guess)
-_STIFFEST: Final = 0.35  # of the integral part that would make a joint with its largest inertia swing
 # An integral part comes to this much at the most. Measured on the same UR5: currents of base and shoulder stay within
 # 4 A of their targets, however far these are or whoever pushes. Wrists: guess
 _MOST_HELD_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)
+# An arm that is to stand, and all but does, is held by integral parts as large as friction allows. Measured on a UR5
+# that is pushed while it stands: 2 MNm/(rad s) in base, shoulder and elbow, ten times what they have in motion, and 0.3
+# to 0.9 in wrists; here 0.7, 0.6, 1.2 and 0.8 to 1.4
+_STILL_RAD_S: Final = 0.005  # guess
+_SLIGHT_RAD: Final = 3e-4  # beyond this the usual ones do (guess)
+_STIFFEST: Final = 0.35  # of the integral part that would make a joint with its largest inertia swing (guess)
 _SPARE: Final = 0.25  # of the torque limit that a joint with its largest inertia has left to brake (guess)
 _PLACED: Final = 2.0  # times the highest speed: no target moves like that, the arm was put elsewhere
 _FULL_PAYLOAD_COG: Final = (0.0, 0.0, 0.1)  # m, for the gains (guess)
