@@ -29,8 +29,8 @@ from urproto.vectors import ZERO6, Vector6, add, rate, sub
 # of the friction that direct torque makes up for: defaults of the official drivers' friction model parameters
 VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
 COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
-# An integral part comes to this much at the most. Measured on the same UR5: currents of base and shoulder stay within
-# 4 A of their targets, however far these are or whoever pushes. Wrists: guess
+# An integral part comes to this much at the most. Measured on a UR5 (below): currents of base and shoulder stay within
+# 4 A of their targets, however far these are or whoever pushes. Elbow: as those; wrists: guess
 _MOST_HELD_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)
 # An arm that is to stand, and all but does, is held by integral parts as large as friction allows. Measured on a UR5
 # that is pushed while it stands: 2 MNm/(rad s) in base, shoulder and elbow, ten times what they have in motion, and 0.3
