@@ -6,6 +6,7 @@ highest speed and its acceleration. What it does with them is then compared peri
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 _SYNCHRONOUS_RAD_S: Final = 1e-3  # joints of a movej keep step
 _SHORTEST_PERIODS: Final = 20
 _LONGEST_PERIODS: Final = 5000
+_PHASES: Final = 81
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,36 @@ def movej_by_angles(recording: Recording, model: RobotModel) -> Compared | None:
         ours = (len(_movej(model, model.series.period_s, start, goal, top, float(rate))) - 1) * model.series.period_s
         durations.append(abs(ours / (last - first) - 1.0))
     return Compared(len(durations), max(durations), float("nan"), "") if durations else None
+
+
+def movej_without_rests(recording: Recording, model: RobotModel, speed: float, rate: float) -> Compared | None:
+    """movej that follow each other at once: what lies between two periods in which the arm all but stands.
+
+    When in its control period the arm was seen is not known: of all times, the best counts.
+    """
+    period_s = float(np.median(np.diff(recording["timestamp"])))
+    q, qd = recording["target_q"], recording["target_qd"]
+    pace = np.abs(qd).max(axis=1)
+    lows = [k for k in range(1, len(pace) - 1) if pace[k - 1] >= pace[k] < pace[k + 1] and pace[k] < rate * period_s]
+    durations, places = [], []
+    for begin, end in pairwise(lows):
+        start, goal = _rest_by(q, qd, begin, rate), _rest_by(q, qd, end, rate)
+        path = _movej(model, model.series.period_s, start, goal, speed, rate)
+        theirs, times = q[begin + 1 : end], model.series.period_s * np.arange(len(path))
+        errors = []
+        for late in np.linspace(0.0, 2.0 * period_s, _PHASES):
+            seen = late + period_s * np.arange(len(theirs))
+            errors.append(max(float(np.abs(np.interp(seen, times, path[:, j]) - theirs[:, j]).max()) for j in range(6)))
+        places.append(min(errors))
+        durations.append(abs(len(path) * model.series.period_s / ((end - begin) * period_s) - 1.0))
+    return Compared(len(places), max(durations), 1e3 * max(places), "mrad") if places else None
+
+
+def _rest_by(q: Array, qd: Array, k: int, rate: float) -> Array:
+    """Where the arm stands beside state k, in which it hardly moves: by its deceleration, or acceleration."""
+    fastest = float(np.abs(qd[k]).max())
+    way = 0.5 * qd[k] * fastest / rate
+    return q[k] + way if np.abs(qd[k - 1]).max() > np.abs(qd[k + 1]).max() else q[k] - way
 
 
 def movel_with_its_program(

@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from fidelity_moves import Compared, movej_by_angles, movej_by_targets, movel_with_its_program, tool_spread
+from fidelity_following import following, pushed
+from fidelity_moves import (
+    Compared,
+    movej_by_angles,
+    movej_by_targets,
+    movej_without_rests,
+    movel_with_its_program,
+    tool_spread,
+)
 from fidelity_rest import at_rest
 
 from client.errors import RecordingError
@@ -41,6 +49,7 @@ _UR5_FILES: Final = {
     "target_current": "i_target",
     "actual_current": "i_actual",
     "actual_q": "q_actual",
+    "actual_qd": "qd_actual",
     "actual_TCP_pose": "tool_vector",
 }
 _PTP: Final = "dynamic_calibration/dataset_ur10e/validation_data/ur-20_01_17-ptp_10_points.csv"
@@ -48,6 +57,8 @@ _UR3_MOVEL: Final = "Robotik/Modularbeit/Aufgabe4/Aufnahme_Lennard_Messung.csv" 
 _UR5_MOVEL: Final = "Robotik/*/Modularbeit Code/A2_movel.csv"  # a=0.8, v=0.1, 50 mm back along x
 _UR5_MOVEL_FROM: Final = 5  # the period of its first line, by its place on the way
 _UR5E_POSES: Final = "bachelorproject/Testdaten/*/robot*.csv"  # a UR5e by its lengths
+_UR5E_MOVEJ: Final = "Universal-Robots-Notts/UR5e_motion_full.csv"  # three movej at 60 degrees/s and 80 degrees/s2
+_UR5E_PERIOD_S: Final = 0.008  # of its computer, which took 8.0 s for 1001 states
 _AT_REST: Final = ("RTDE_PYTHON_CLIENT_LIB_EXPANDED/", "TSSP-2024/", "RTDE_Python_Client_Library_Zhizhuo/")
 
 
@@ -106,6 +117,18 @@ def main(folder: Path) -> None:
         "| --- | --- | --- |",
         *_poses(folder, left_out),
         "",
+        "How arms follow their targets, recording / emulator; base to elbow; wrists. Deviations: 99th percentiles:",
+        "",
+        "| recording | arm | data | lag | deviation beyond 0.5 ms | noise of angles | noise of speeds |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        *_following(folder, left_out),
+        "",
+        "Pushed by hand while they stand; the emulator by what the recorded currents had to hold:",
+        "",
+        "| recording | arm | joint | push | largest deviation |",
+        "| --- | --- | --- | --- | --- |",
+        *_pushes(folder, left_out),
+        "",
         "At rest, recording / emulator. Of vectors the mean size of their numbers, of accelerations the length:",
         "",
         "| recording | field | mean | noise | unit |",
@@ -147,6 +170,11 @@ def _movements(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
     for file in _found(folder, _PTP, left_out):
         found = movej_by_angles(read(file, _UR10E), load_model("ur10e"))
         yield _movement("`movej`, angles", _name(folder, file), "UR10e", found)
+    for file in _found(folder, _UR5E_MOVEJ, left_out):
+        found = movej_without_rests(
+            _by_a_computer(file), load_model("ur5e"), float(np.radians(60.0)), float(np.radians(80.0))
+        )
+        yield _movement("`movej`, targets", _name(folder, file), "UR5e", found)
     for file in _found(folder, _UR3_MOVEL, left_out):
         recording, model = read(file), load_model("ur3")
         first = int(np.argmax((np.abs(recording["target_qd"]) > 1e-9).any(axis=1))) - 1
@@ -197,6 +225,43 @@ def _posed(file: Path) -> Recording:
     return Recording({"timestamp": np.arange(len(numbers)), **values})
 
 
+def _following(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
+    for source in SOURCES:
+        for file in _found(folder, source.pattern, left_out) if source.model == "ur5" else ():
+            recording = _recording(file)
+            if not _even(recording):
+                left_out.append((_name(folder, file), "for angles: has gaps"))
+            elif (np.abs(recording["target_qd"]) > 0.0).any() and not _loaded(file):
+                cells = [cell for _, cell in following(recording, load_model("ur5"))]
+                yield f"| {_name(folder, file)} | UR5 | {source.role} | {' | '.join(cells)} |"
+    for file in _found(folder, _UR5E_MOVEJ, left_out):
+        cells = [cell for _, cell in following(_by_a_computer(file), load_model("ur5e"))]
+        yield f"| {_name(folder, file)} | UR5e | noise fitted | {' | '.join(cells)} |"
+
+
+def _pushes(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
+    for file in _found(folder, f"{_UR5}/Movement_No10*", left_out):
+        for joint, push, theirs, ours in pushed(_recording(file), load_model("ur5")):
+            yield f"| {_name(folder, file)} | UR5 | {joint} | {push:.0f} Nm | {theirs:.2f} / {ours:.2f} mrad |"
+
+
+def _even(recording: Recording) -> bool:
+    return float(np.ptp(np.diff(recording["timestamp"]))) < 1e-3
+
+
+def _by_a_computer(file: Path) -> Recording:
+    """Of one that a computer took state by state, without the controller's time; what it took twice counts once."""
+    table = np.genfromtxt(file, delimiter=",", names=True)
+    vectors = {
+        name: np.stack([table[f"{short}_{joint}"] for joint in range(6)], axis=-1)
+        for name, short in (("actual_q", "q"), ("actual_qd", "qd"), ("target_q", "tq"), ("target_qd", "tqd"))
+    }
+    new = np.append(True, np.diff(vectors["target_q"], axis=0).any(axis=1))
+    vectors = {name: values[new] for name, values in vectors.items()}
+    vectors["target_qdd"] = np.gradient(vectors["target_qd"], _UR5E_PERIOD_S, axis=0)
+    return Recording({"timestamp": _UR5E_PERIOD_S * np.arange(np.count_nonzero(new)), **vectors})
+
+
 def _rests(folder: Path, left_out: list[tuple[str, str]]) -> Iterator[str]:
     for source in SOURCES:
         if not source.pattern.startswith(_AT_REST):
@@ -230,7 +295,7 @@ def _name(folder: Path, file: Path) -> str:
 
 def _row(folder: Path, file: Path, source: Source) -> str:
     result = fidelity(_recording(file, source.columns), load_model(source.model))
-    loaded = any(word in file.stem and f"un{word}" not in file.stem for word in LOADED)
+    loaded = _loaded(file)
     cells = [_share(result, name) for name in FIELDS]
     if loaded:
         cells[2] = "loaded" if "oad" in file.stem else "pushed"
@@ -238,6 +303,10 @@ def _row(folder: Path, file: Path, source: Source) -> str:
     rest = f"{max(rests):.3f} Nm" if rests else ""
     title = load_model(source.model).title
     return f"| {_name(folder, file)} | {title} | {source.role} | {' | '.join(cells)} | {rest} |"
+
+
+def _loaded(file: Path) -> bool:
+    return any(word in file.stem and f"un{word}" not in file.stem for word in LOADED)
 
 
 def _share(result: Fidelity, name: str) -> str:

@@ -145,7 +145,7 @@ class ProgramHost:
     @property
     def actual_q(self) -> Joints:
         """Where the arm is as the program goes on [rad]."""
-        measured, target, now = self.arm.q, self.motion.program_q, self.motion.q
+        measured, target, now = self.arm.measured_q, self.motion.program_q, self.motion.q
         return measured if target == now else as_six(q + a - b for q, a, b in zip(measured, target, now, strict=True))
 
     def on_label(self, number: int, text: str, option: str, thread: ScriptThread) -> bool:

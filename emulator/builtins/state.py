@@ -37,7 +37,7 @@ def get_actual_joint_positions_history(host: ProgramHost, steps: Int = 0) -> lis
 @LIBRARY.builtin()
 def get_actual_joint_speeds(host: ProgramHost) -> list[float]:
     """Measured joint speeds [rad/s]."""
-    return list(host.arm.qd)
+    return list(host.arm.measured_qd)
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
@@ -73,7 +73,7 @@ def get_actual_tcp_pose(host: ProgramHost) -> Pose:
 @LIBRARY.builtin(work=300)
 def get_actual_tcp_speed(host: ProgramHost) -> list[float]:
     """Measured TCP velocity in the base frame [m/s, rad/s]."""
-    return list(twist_of(host, host.arm.q, host.arm.qd))
+    return list(twist_of(host, host.arm.measured_q, host.arm.measured_qd))
 
 
 @LIBRARY.builtin(work=130)

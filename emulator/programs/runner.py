@@ -336,7 +336,7 @@ class Programs:
         """Run every program for one control period."""
         machine = self._machine
         # What programs ask about comes first: the state that the last period ended with, and answers of Modbus units.
-        self.history.record(machine.arm.q, machine.arm.tcp_force)
+        self.history.record(machine.arm.measured_q, machine.arm.tcp_force)
         self.modbus.step(machine.step_count)
         # A watchdog stops the old program, never one that starts in this period.
         self._feed_watchdogs()

@@ -90,7 +90,8 @@ class Arm:
     """State of the arm after the latest ``update``; ``publish`` writes it to a snapshot.
 
     Torques [Nm], currents [A]; poses, speeds and wrenches in the base frame at the TCP. ``seed``: of a dynamic arm's
-    noise; None for an ideal arm. q, qd, qdd, tcp_* are the actual ones.
+    noise; None for an ideal arm. q, qd, qdd, tcp_* are the actual ones; measured_* are what the controller tells of
+    them, late and with noise while a dynamic arm moves.
     """
 
     def __init__(self, model: RobotModel, *, seed: int | None = None) -> None:
@@ -113,6 +114,10 @@ class Arm:
         self.q: Vector6 = ZERO6
         self.qd: Vector6 = ZERO6
         self.qdd: Vector6 = ZERO6
+        self.measured_q: Vector6 = ZERO6
+        self.measured_qd: Vector6 = ZERO6
+        self.measured_tcp_pose: Pose = ZERO6
+        self.measured_tcp_speed: Vector6 = ZERO6
         self.tcp_offset: Pose = ZERO6
         self._tool = ToolState(self.kinematics)
         self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics)
@@ -258,14 +263,15 @@ class Arm:
             if news:
                 self._target_tool.update(self.target_q, self.target_qd, self.tcp_offset, period_s, started=started)
         self._tool.update(self.q, self.qd, self.tcp_offset, period_s, started=started)
+        self._measure()
         self._update_sensors(installation)
         self._update_torques()
         return True
 
     def recover(self, q: Vector6) -> None:
         """Stand at q without power, whatever was computed before: the next ``update`` begins anew."""
-        self.target_q = self.q = q
-        self.target_qd = self.target_qdd = self.qd = self.qdd = ZERO6
+        self.target_q = self.q = self.measured_q = q
+        self.target_qd = self.target_qdd = self.qd = self.qdd = self.measured_qd = ZERO6
         self.wrench = self.link_torque = self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
         self.target_torque = self.actual_torque = self.own_torque = self.base_wrench = ZERO6
         self.target_current = self.actual_current = self.control_output = self.friction_W = ZERO6
@@ -278,11 +284,11 @@ class Arm:
     def publish(self, snapshot: Snapshot) -> None:
         """Write what ``update`` found to a snapshot."""
         actual, target = self._tool, self._target_tool
-        snapshot.target_q, snapshot.actual_q = self.target_q, self.q
-        snapshot.target_qd, snapshot.actual_qd = self.target_qd, self.qd
+        snapshot.target_q, snapshot.actual_q = self.target_q, self.measured_q
+        snapshot.target_qd, snapshot.actual_qd = self.target_qd, self.measured_qd
         snapshot.target_qdd = self.target_qdd
-        snapshot.target_TCP_pose, snapshot.actual_TCP_pose = target.pose, actual.pose
-        snapshot.target_TCP_speed, snapshot.actual_TCP_speed = target.speed, actual.speed
+        snapshot.target_TCP_pose, snapshot.actual_TCP_pose = target.pose, self.measured_tcp_pose
+        snapshot.target_TCP_speed, snapshot.actual_TCP_speed = target.speed, self.measured_tcp_speed
         snapshot.target_TCP_acceleration = target.acceleration
         snapshot.actual_TCP_acceleration = actual.acceleration
         snapshot.tcp_offset = self.tcp_offset
@@ -363,6 +369,18 @@ class Arm:
         self.q, self.qd = self._sensors.joints(body, period_s)
         self.qdd = ZERO6 if before == body.qd else rate(body.qd, before, period_s)
         self.friction_W = ZERO6 if body.standing else body.friction_power
+
+    def _measure(self) -> None:
+        """What the controller tells of angles and speeds, and of the TCP by them."""
+        if self.drives is None or self.qd == ZERO6:
+            self.measured_q, self.measured_qd = self.q, self.qd
+            self.measured_tcp_pose, self.measured_tcp_speed = self.tcp_pose, self.tcp_speed
+            return
+        self.measured_q, self.measured_qd = q, qd = self._sensors.told(self.q, self.qd)
+        self.measured_tcp_pose = pose = self.kinematics.forward(
+            q, None if self.tcp_offset == ZERO6 else self.tcp_offset
+        )
+        self.measured_tcp_speed = self.kinematics.twist_at(q, qd, pose)
 
     def _pressed(self, wrench: Vector6) -> Vector6:
         """Joint torques that a wrench at the TCP exerts on the arm where it was last seen."""

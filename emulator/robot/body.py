@@ -47,6 +47,11 @@ class Body:
         self._brake_gain = as_six([rotor / STEP_S for rotor in drives.rotor_kg_m2])
 
     @property
+    def creep_damping(self) -> Vector6:
+        """What Coulomb friction adds to viscous friction in joints that hardly move [Nm s/rad]."""
+        return as_six([dry / band for dry, band in zip(self.coulomb, self._bands, strict=True)])
+
+    @property
     def standing(self) -> bool:
         return self.qd == ZERO6
 

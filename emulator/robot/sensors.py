@@ -1,4 +1,9 @@
-"""What a dynamic arm's sensors make of the truth: steps of encoders, noise of currents, forces and accelerations."""
+"""What a dynamic arm's sensors make of the truth: steps of encoders, noise, and delay.
+
+A controller's angles are those of half a millisecond before the targets that it tells with them. That is a property of
+what is told, and not of the loops: recordings show the same time for all joints at all speeds, on an arm with periods
+of 8 ms and on one of 2 ms, while deviations that the loops leave differ by joint.
+"""
 
 from collections.abc import Sequence
 from math import pi
@@ -7,13 +12,33 @@ from typing import Final
 
 from emulator.robot.body import Body
 from urproto.robots import RobotModel
-from urproto.robots.measured import accelerometer_noise_of, drivetrain_of, wrench_noise_of
-from urproto.vectors import Vector3, Vector6
+from urproto.robots.measured import accelerometer_noise_of, drivetrain_of, encoders_of, wrench_noise_of
+from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 
 _GEAR: Final = 101
 _CREEP_RAD_S: Final = 0.005  # slower than this is as noisy as standing (guess)
+_DRAWN: Final = 4096
+_MOST_TAKEN: Final = 12
 _ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
 _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
+
+
+class _Normals:
+    """Standard normal numbers by a seed, from a table at places that chance picks.
+
+    Drawn one by one they would be a tenth of a dynamic arm's period.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._chance = Random(seed)
+        self._table: list[float] = []  # an ideal arm needs none
+
+    def take(self, count: int) -> list[float]:
+        """Some of them, at most ``_MOST_TAKEN``."""
+        if not self._table:
+            self._table = [self._chance.gauss(0.0, 1.0) for _ in range(_DRAWN + _MOST_TAKEN)]
+        place = int(_DRAWN * self._chance.random())
+        return self._table[place : place + count]
 
 
 class Sensors:
@@ -21,35 +46,68 @@ class Sensors:
 
     def __init__(self, model: RobotModel, seed: int) -> None:
         drives = drivetrain_of(model)
-        self._chance = Random(seed)
+        self._chance = _Normals(seed)
         self._rest_A, self._motion_A = drives.rest_noise_A, drives.motion_noise_A
         self._wrench = wrench_noise_of(model)
         self._accelerometer = accelerometer_noise_of(model)
+        encoders = encoders_of(model)
+        self._delay_s = encoders.delay_s
+        self._noise = tuple(
+            zip(
+                encoders.angle_noise_rad,
+                encoders.angle_noise_s,
+                encoders.speed_noise_rad_s,
+                encoders.speed_noise,
+                strict=True,
+            )
+        )
 
     def joints(self, body: Body, period_s: float) -> tuple[Vector6, Vector6]:
-        """Angles and speeds as the encoders tell them."""
+        """Angles and speeds to the encoders' step."""
         return _stepped(body.q, _ANGLE_STEP), _stepped(body.qd, _MOTOR_STEP / period_s)
+
+    def told(self, q: Vector6, qd: Vector6) -> tuple[Vector6, Vector6]:
+        """Angles and speeds as a controller tells them: late, and with the noise of each joint that moves."""
+        if qd == ZERO6:
+            return q, qd
+        delay, chance = self._delay_s, self._chance.take(12)
+        angles, speeds = [], []
+        for angle, speed, (rest, growth, slow, share), one, other in zip(
+            q, qd, self._noise, chance[:6], chance[6:], strict=True
+        ):
+            pace = abs(speed)
+            if pace < _CREEP_RAD_S:
+                angles.append(angle - delay * speed)
+                speeds.append(speed)
+            else:
+                angles.append(angle - delay * speed + one * (rest + growth * pace))
+                speeds.append(speed + other * (slow + share * pace))
+        return as_six(angles), as_six(speeds)
 
     def currents(self, current: Vector6, qd: Vector6) -> Vector6:
         """Joint currents [A] with noise, which is larger in a joint that moves."""
-        gauss = self._chance.gauss
         a, b, c, d, e, f = [
-            value + gauss(0.0, resting if -_CREEP_RAD_S < speed < _CREEP_RAD_S else moving)
-            for value, speed, resting, moving in zip(current, qd, self._rest_A, self._motion_A, strict=True)
+            value + chance * (resting if -_CREEP_RAD_S < speed < _CREEP_RAD_S else moving)
+            for value, speed, resting, moving, chance in zip(
+                current, qd, self._rest_A, self._motion_A, self._chance.take(6), strict=True
+            )
         ]
         return (a, b, c, d, e, f)
 
     def wrench(self, wrench: Sequence[float]) -> Vector6:
         """A wrench [N, Nm] with noise."""
-        gauss = self._chance.gauss
-        a, b, c, d, e, f = (value + gauss(0.0, size) for value, size in zip(wrench, self._wrench, strict=True))
+        chances = self._chance.take(6)
+        a, b, c, d, e, f = (
+            value + chance * size for value, size, chance in zip(wrench, self._wrench, chances, strict=True)
+        )
         return (a, b, c, d, e, f)
 
     def accelerometer(self, acceleration: Vector3) -> Vector3:
         """An acceleration at the tool [m/s2] with noise."""
-        gauss, size = self._chance.gauss, self._accelerometer
+        size = self._accelerometer
+        u, v, w = self._chance.take(3)
         x, y, z = acceleration
-        return (x + gauss(0.0, size), y + gauss(0.0, size), z + gauss(0.0, size))
+        return (x + u * size, y + v * size, z + w * size)
 
 
 def _stepped(values: Vector6, step: float) -> Vector6:

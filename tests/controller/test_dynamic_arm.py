@@ -12,6 +12,8 @@ from emulator.commands.requests import MountPayload
 from emulator.lifecycle.safety import SafetyEvent
 from emulator.robot.body import Body
 from emulator.robot.installation import Payload
+from emulator.world.file import WorldPlan
+from emulator.world.shapes import Plane, WorldObject
 from tests.budget import some
 from urproto.modes import ControlMode
 from urproto.robots import MODELS
@@ -74,31 +76,33 @@ def test_a_standing_arm_stays_where_it_is(still):
     assert still.now.target_q == BENT
 
 
-def test_a_push_bends_the_arm_like_a_spring_and_is_forgotten(still):
+def test_a_push_bends_the_arm_at_first_and_is_then_held(still):
+    """kkufieta/ur5_modeling_force_estimate, Movement_No10: pushed by hand, a real UR5 is back within milliseconds."""
     still.seconds(0.1)
     sags = []
-    for newton in (20.0, 40.0):
+    for newton in (15.0, 30.0):
         still.controller.external_wrench = (0.0, 0.0, -newton, 0.0, 0.0, 0.0)
-        still.seconds(3.0)
-        sags.append(still.now.target_TCP_pose[2] - still.now.actual_TCP_pose[2])
+        sags.append(peak_error_rad(still, 0.1))
+        still.seconds(1.0)
+        assert error_rad(still) < 5e-5
         jacobian = still.controller.arm.kinematics.jacobian(still.now.actual_q)
         pressed = [-newton * z for z in jacobian[2]]
         told = [a - b for a, b in zip(still.now.joint_control_output, still.now.target_current, strict=True)]
         held = [a * k for a, k in zip(told, still.controller.arm.torque_constants, strict=True)]
         assert held == pytest.approx([-torque for torque in pressed], abs=0.1)
-    assert 1e-4 < sags[0] < 0.02
-    assert sags[1] == pytest.approx(2.0 * sags[0], rel=0.05)
+    assert 1e-4 < sags[0] < 2e-3
     still.controller.external_wrench = ZERO6
     still.seconds(3.0)
     assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
 
 
-def test_a_payload_that_nobody_told_sags_and_shows_in_force_and_current(still):
+def test_a_payload_that_nobody_told_shows_in_force_and_current_and_is_held(still):
     still.seconds(0.5)
     before = still.now
     still.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
+    assert 1e-4 < peak_error_rad(still, 0.1) < 5e-3
     still.seconds(3.0)
-    assert 5e-4 < before.actual_TCP_pose[2] - still.now.actual_TCP_pose[2] < 0.02
+    assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
     assert still.now.actual_TCP_force[2] == pytest.approx(-3.0 * 9.82, abs=1.0)
     assert abs(still.now.actual_current[1] - before.actual_current[1]) > 0.3
     assert still.now.target_current[1] == pytest.approx(before.target_current[1], abs=1e-3)
@@ -109,6 +113,38 @@ def test_a_payload_that_nobody_told_sags_and_shows_in_force_and_current(still):
     still.controller.post(MountPayload(None))
     still.seconds(1.0)
     assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
+
+
+def test_put_elsewhere_it_holds_at_once_what_it_carries(still):
+    still.controller.post(MountPayload(Payload.of(5.0, (0.0, 0.0, 0.05))))
+    still.seconds(0.5)
+    still.controller.motion.set_position((0.0, -1.2, 1.0, -1.0, 0.5, 1.0))
+    assert peak_error_rad(still, 0.5) < STEP
+
+
+def test_drives_that_brakes_relieved_begin_anew(still):
+    still.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
+    still.seconds(1.0)
+    still.ask("power off")
+    still.seconds(0.5)
+    assert still.controller.arm.drives.torque == ZERO6
+    still.ask("power on")
+    still.ask("brake release")
+    assert 1e-4 < peak_error_rad(still, 1.5) < 5e-3
+    assert error_rad(still) < 1e-4
+
+
+def test_stopped_at_a_wall_it_presses_hardly_harder(make):
+    wall = WorldObject(Plane(), (0.0, 0.0, 0.25, 0.0, 0.0, 0.0), stiffness=200_000.0)
+    world = WorldPlan({"table": wall})
+    rig = make("ur5e", running=True, dynamic=True, initial_q=(0.0, -1.5, 1.5, -1.6, -1.57, 0.0), world=world)
+    rig.script("movel(pose_add(get_actual_tcp_pose(), p[0, 0, -0.4, 0, 0, 0]), a=0.5, v=0.1)")
+    rig.until(lambda snapshot: rig.controller.safety.stopped)
+    assert "something holds joint" in str(rig.messages)
+    force = rig.controller.arm.wrench[2]
+    assert force > 50.0
+    rig.seconds(2.0)
+    assert 0.5 * force < rig.controller.arm.wrench[2] < 1.5 * force
 
 
 def test_an_ideal_arm_feels_a_payload_that_nobody_told_without_moving(make):
@@ -196,7 +232,7 @@ def test_measured_torque_is_that_of_the_measured_motion(make):
                 torque = snapshot.joint_control_output[i] * drives.torque_constants_Nm_A[i]  # before noise
                 assert torque == pytest.approx(needed[i] + friction, abs=2.0)
                 assert snapshot.actual_current_as_torque[i] == pytest.approx(needed[i] + friction, abs=8.0)
-                assert body.qd[i] == pytest.approx(snapshot.actual_qd[i], abs=3e-4)
+                assert body.qd[i] == pytest.approx(snapshot.actual_qd[i], abs=0.03)
                 checked += 1
     assert checked > 800
 
@@ -245,13 +281,13 @@ def test_a_sine_is_followed_with_a_bounded_lag(make, name):
 
 
 def test_a_step_settles_without_swinging(make):
-    """A target that jumps by 5 mrad: critically damped loops do not overshoot by more than a tenth."""
+    """A target that jumps by 5 mrad is overshot by no more than a fourth: a recorded UR5's base does by a third."""
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     rig.seconds(0.1)
     rig.controller.motion.set_position((BENT[0] + 0.005, *BENT[1:]))
     angles = [rig.tick().actual_q[0] for _ in range(1500)]
     assert angles[1] < BENT[0] + 0.004
-    assert max(angles) < BENT[0] + 0.0055
+    assert max(angles) < BENT[0] + 0.00625
     assert angles[-1] == pytest.approx(BENT[0] + 0.005, abs=2e-4)
 
 
@@ -267,46 +303,64 @@ def test_put_elsewhere_it_is_there_at_once(make):
 
 
 def test_programs_read_actual_and_target_apart(still):
-    still.controller.external_wrench = (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)
-    still.seconds(3.0)
     still.script(
         """def read():
+          speedj([0, 0.5, 0, 0, 0, 0], 2, 0.5)
           actual = get_actual_joint_positions()
           target = get_target_joint_positions()
-          torques = get_joint_torques()
           deep = get_target_tcp_pose()[2] - get_actual_tcp_pose()[2]
-          write_output_float_register(0, actual[1])
-          write_output_float_register(1, target[1])
-          write_output_float_register(2, torques[1])
-          write_output_float_register(3, deep)
+          write_output_float_register(0, target[1] - actual[1])
+          write_output_float_register(1, deep)
+          write_output_float_register(2, get_actual_joint_speeds()[1])
         end
         """
     )
+    still.seconds(0.7)
+    late, deep, speed = still.now.output_double_registers[:3]
+    assert 1e-4 < late < 5e-4, "half a millisecond at 0.5 rad/s, and noise"
+    lever = still.controller.arm.kinematics.jacobian(BENT)[2][1]
+    assert 0.0 < deep / lever < 1e-3
+    assert speed == pytest.approx(0.5, abs=0.01)
+    assert speed != 0.5
+
+
+def test_programs_read_what_a_push_takes(still):
+    still.controller.external_wrench = (0.0, 0.0, -30.0, 0.0, 0.0, 0.0)
+    still.seconds(1.0)
+    still.script("def read():\n  write_output_float_register(0, get_joint_torques()[1])\nend\n")
     still.seconds(0.3)
-    actual, target, torque, deep = still.now.output_double_registers[:4]
-    assert target == BENT[1]
-    assert abs(target - actual) > 1e-4
     lever = still.controller.arm.kinematics.jacobian(BENT)[2][1]
     held = 0.8 * drivetrain_of(still.controller.model).coulomb_Nm[1]  # by static friction, at the most
-    assert torque == pytest.approx(50.0 * lever, abs=1.5 + held)
-    assert 1e-3 < deep < 0.02
-    assert still.now.actual_TCP_pose[2] == pytest.approx(still.now.target_TCP_pose[2] - deep, abs=1e-5)
+    assert still.now.output_double_registers[0] == pytest.approx(30.0 * lever, abs=1.5 + held)
 
 
 def test_encoders_have_steps_and_the_seed_decides_the_noise(make):
     def run(**config):
         rig = make("ur5e", running=True, dynamic=True, initial_q=BENT, **config)
         rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=2, v=1)")
-        return [
-            (s.actual_q, s.actual_qd, s.actual_current, s.actual_TCP_force) for s in (rig.tick() for _ in range(400))
-        ]
+        arm, states = rig.controller.arm, []
+        for _ in range(400):
+            s = rig.tick()
+            told = (s.actual_q, s.actual_qd, s.actual_TCP_pose, s.actual_current, s.actual_TCP_force)
+            states.append((told, (arm.drives.body.q, arm.drives.body.qd, arm.q, arm.tcp_pose)))
+        return states
 
     first, again, other = run(seed=7), run(seed=7), run(seed=8)
     assert first == again
-    assert [state[2:] for state in first] != [state[2:] for state in other]
-    assert [state[:2] for state in first] == [state[:2] for state in other], "noise is of the sensors, not of the arm"
-    for state in first:
-        assert all(abs(q / STEP - round(q / STEP)) < 1e-6 for q in state[0])
+    assert [told for told, _ in first] != [told for told, _ in other]
+    assert [true for _, true in first] == [true for _, true in other], "noise is of the sensors, not of the arm"
+    for _, (_, _, q, _) in first:
+        assert all(abs(angle / STEP - round(angle / STEP)) < 1e-6 for angle in q)
+
+
+def test_the_pose_that_is_told_is_that_of_the_angles_that_are_told(still):
+    still.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=2, v=1)")
+    still.seconds(0.5)
+    assert max(map(abs, still.now.actual_qd)) > 0.3
+    arm = still.controller.arm
+    pose = arm.kinematics.forward(still.now.actual_q, arm.tcp_offset)
+    assert still.now.actual_TCP_pose == pytest.approx(pose, abs=1e-12)
+    assert still.now.actual_TCP_pose != arm.tcp_pose
 
 
 def test_deviation_is_told_and_an_ideal_arm_has_none(make):
@@ -315,9 +369,11 @@ def test_deviation_is_told_and_an_ideal_arm_has_none(make):
         rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=5, v=2)")
         rig.seconds(0.5)
     assert ideal.controller.arm.following_error == ZERO6
-    told = tuple(map(sub, dynamic.now.target_q, dynamic.now.actual_q))
-    assert dynamic.controller.arm.following_error == pytest.approx(told, abs=1e-12)
-    assert max(map(abs, told)) > 1e-4
+    assert ideal.now.actual_q == ideal.now.target_q
+    arm = dynamic.controller.arm
+    apart = tuple(map(sub, dynamic.now.target_q, arm.drives.body.q))
+    assert arm.following_error == pytest.approx(apart, abs=STEP)
+    assert max(map(abs, arm.following_error)) > 1e-5
 
 
 # brakes

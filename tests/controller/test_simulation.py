@@ -43,7 +43,7 @@ def test_a_program_moves_the_shown_arm_and_not_the_real_one(make, model, dynamic
     assert rig.now.target_q == pytest.approx(before, abs=1e-4)
     assert enabled(rig)
     assert play(rig).actual_q == pytest.approx(TARGET, abs=1e-2)
-    assert rig.controller.simulation.real.q == rig.now.actual_q
+    assert rig.controller.simulation.real.measured_q == rig.now.actual_q
     assert rig.now.safety_mode is SafetyMode.NORMAL
 
 

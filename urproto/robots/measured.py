@@ -50,6 +50,42 @@ def accelerometer_noise_of(model: RobotModel) -> float:
 
 
 @dataclass(frozen=True, slots=True)
+class Encoders:
+    """What a controller tells of joint angles and speeds: how late, and with which noise while a joint moves.
+
+    The standard deviation of an angle is ``angle_noise_rad`` + ``angle_noise_s`` * speed, that of a speed alike.
+    """
+
+    delay_s: float
+    angle_noise_rad: Vector6
+    angle_noise_s: Vector6
+    speed_noise_rad_s: Vector6
+    speed_noise: Vector6
+
+
+def encoders_of(model: RobotModel) -> Encoders:
+    """Of the model's series."""
+    table = _table()["encoders"]
+    rows = table[model.series.value]
+    names = ("angle_noise_rad", "angle_noise_s", "speed_noise_rad_s", "speed_noise")
+    return Encoders(table["delay_s"], *(as_six(rows[name]) for name in names))
+
+
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """What a drive adds to its joint's torque for each rad, rad/s and rad s of deviation, over its largest inertia."""
+
+    stiffness_1_s2: Vector6
+    damping_1_s: Vector6
+    integral_1_s3: Vector6
+
+
+def loops() -> Loops:
+    """Of every arm's drives: they were measured on one."""
+    return Loops(**{name: as_six(values) for name, values in _table()["loops"].items()})
+
+
+@dataclass(frozen=True, slots=True)
 class Supply:
     """What a real controller's supply shows at rest: means of voltages, and standard deviations [V, A]."""
 
