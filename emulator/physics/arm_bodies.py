@@ -185,7 +185,7 @@ class DrivenArm:
         self._before, self._now = self._now, self._before
         self._locate(*where)
         mujoco.mj_differentiatePos(self._free, self._speed, 1.0, self._before.flat, self._now.flat)
-        if not self._placed or abs(self._way).max() > _JUMP_M:
+        if not self._placed or (self._speed @ self._speed > _JUMP_M**2 and abs(self._way).max() > _JUMP_M):
             self.place(*where)
             return
         self._speed /= period_s

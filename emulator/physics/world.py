@@ -29,11 +29,8 @@ if TYPE_CHECKING:
     from emulator.physics.plan import PhysicsPlan
     from emulator.robot.arm import Arm
 
-_EXPLODED: Final = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+_EXPLODED: Final = slice(mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQACC + 1)
+assert mujoco.mjtWarning.mjWARN_BADQVEL in range(_EXPLODED.start, _EXPLODED.stop)
 _FASTEST_M_S: Final = 1e3  # nothing in a cell moves like that
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _LEAST_N: Final = 1e-6
@@ -64,6 +61,9 @@ class PhysicsWorld(World):
         self._names = {name: i for name, i in bodies if not name.startswith(PREFIX)}
         self._step_forces = self.data.cfrc_ext  # as of the last step: torque and force of each body, about its tree
         self._forces = np.zeros_like(self._step_forces)
+        self._all_forces, self._speeds = self._forces.reshape(-1), self.data.qvel
+        self._warnings = self.data.warning.number[_EXPLODED]
+        self._gravity: Vector3 | None = None  # as of the last period
         self._on_links, self._on_tool = self._forces[self._link : self._tool], self._forces[self._tool :]
         self._roots = [i for i in self._names.values() if scene.model.body_parentid[i] == 0]  # which `move` may move
         self._wires: Wires | None = None
@@ -175,8 +175,9 @@ class PhysicsWorld(World):
 
     def _step(self, arm: "Arm", period_s: float) -> None:
         model, data, wires = self.model, self.data, self.wires
-        x, y, z = arm.felt_gravity
-        model.opt.gravity[:] = (-x, -y, -z)
+        if arm.felt_gravity is not self._gravity:
+            x, y, z = self._gravity = arm.felt_gravity
+            model.opt.gravity[:] = (-x, -y, -z)
         wires.act(data, period_s)
         driven, forces, step_forces = self._arm, self._forces, self._step_forces
         driven.begin(arm, period_s)
@@ -195,11 +196,10 @@ class PhysicsWorld(World):
         wires.look(data, period_s)
 
     def _problem(self) -> str:
-        data = self.data
-        warned = data.warning.number
-        if any(warned[kind] for kind in _EXPLODED) or not isfinite(self._forces.sum()):
+        data, forces, speeds = self.data, self._all_forces, self._speeds
+        if np.count_nonzero(self._warnings) or not isfinite(forces @ forces):
             return "forces and speeds grew without end"
-        if data.qvel @ data.qvel < _FASTEST_M_S**2:
+        if speeds @ speeds < _FASTEST_M_S**2:
             return ""
         fastest = int(np.argmax(np.abs(data.qvel)))
         if abs(data.qvel[fastest]) > _FASTEST_M_S:
