@@ -73,8 +73,6 @@ REPORTS: Final[dict[PowerState, PowerReport]] = {
     PowerState.RUNNING: PowerReport(RobotMode.RUNNING, JointMode.RUNNING, ToolMode.RUNNING, True),
 }
 
-_EACH_JOINT: Final = {mode: (mode,) * 6 for mode in JointMode}
-
 POWER_TABLE: Final[dict[tuple[PowerState, PowerEvent], PowerState]] = {
     (PowerState.CONTROLLER_BOOTING, PowerEvent.TIMEOUT): PowerState.OFF,
     (PowerState.OFF, PowerEvent.POWER_ON): PowerState.BOOTING,
@@ -145,7 +143,7 @@ class Power:
         """Write what robot, joints and tool report to a snapshot."""
         report = self.report
         snapshot.robot_mode, snapshot.tool_mode = report.robot_mode, report.tool_mode
-        snapshot.joint_mode = _EACH_JOINT[report.joint_mode]
+        snapshot.joint_mode = (report.joint_mode,) * 6
         snapshot.switched_on = self.switched_on
 
     def _enter(self, state: PowerState) -> None:

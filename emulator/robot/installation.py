@@ -38,6 +38,10 @@ class Payload:
         """A payload; without an inertia it is taken for a sphere of water."""
         return cls(mass, cog, inertia if inertia is not None else _sphere_inertia(mass))
 
+    def weighs_as(self, other: "Payload") -> bool:
+        """At rest nobody could tell the two apart."""
+        return self.mass == other.mass and self.cog == other.cog
+
     def towards(self, target: "Payload", alpha: float) -> "Payload":
         """Linear mixture: 0 is this payload, 1 the target."""
         return Payload(
