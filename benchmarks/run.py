@@ -15,6 +15,7 @@ import idle
 import jitter
 import latency
 import pendant
+import physics
 import planning
 import ros2_driver
 import rtde_codec
@@ -54,6 +55,9 @@ def main() -> None:
         ros2_driver.latency(),
         tick_rate.measure(),
         tick_rate.measure_dynamics(),
+        physics.measure(),
+        physics.measure_learning(),
+        physics.measure_real_time(),
         rtde_codec.measure(),
         urscript_speed.measure_compiling(),
         urscript_speed.measure(),

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from emulator.devices.robotiq import MODELS, GripperModel
-from emulator.faults.catalogue import parse_fault
-from emulator.faults.fault import Fault, FaultError
 from emulator.machine import ControllerConfig
 from emulator.physics import SCENE_FILES, PhysicsPlan, read_physics
 from emulator.ports import PORTS
@@ -38,6 +36,9 @@ from urproto.worldfile import WorldFileError
 from urproto.yamltext import NotYaml, load_yaml
 from urscript.polyscope.safety_configuration import SafetyConfiguration, factory_configuration
 from urscript.polyscope.safety_section import SafetySettingsError
+
+if TYPE_CHECKING:
+    from emulator.faults.fault import Fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +116,7 @@ class EmulatorConfig:
     control_host: str = ""
     control_token: str = ""
     client_limits: ClientLimits = field(default_factory=ClientLimits)
-    faults: tuple[Fault, ...] = ()
+    faults: tuple["Fault", ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed < math.inf:
@@ -460,8 +461,11 @@ def need_coal(option: str) -> None:
         )
 
 
-def read_faults(texts: Sequence[str]) -> tuple[Fault, ...]:
+def read_faults(texts: Sequence[str]) -> tuple["Fault", ...]:
     """Faults as on the command line. Raises ConfigError."""
+    from emulator.faults.catalogue import parse_fault  # for which `urscript run` without faults does not wait
+    from emulator.faults.fault import FaultError
+
     try:
         return tuple(map(parse_fault, texts))
     except FaultError as error:

@@ -139,8 +139,8 @@ class Controller(Machine):
         self._subscribers: list[Callable[[Snapshot], None]] = []
         self._own_sensor = self.model.series is Series.E
         self._power_seen = PowerState.OFF
+        self._publishing = False  # when a period begins: the last one failed at it
         self._arm_changed = False
-        self._hooks_ran = False
         self._fault: MotionFault | None = None
         self._stages: tuple[tuple[str, Callable[[], None]], ...] = (
             ("letting faults act", self._call_hooks),
@@ -152,7 +152,7 @@ class Controller(Machine):
             ("advancing the tool", self._advance_tool),
             ("judging safety", self._judge),
         )
-        self.snapshot = Snapshot(target_execution_time=1000.0 * self.period_s)
+        self.snapshot = self._unaltered = Snapshot(target_execution_time=1000.0 * self.period_s)
         self._move_arm()
         self._publish()
 
@@ -417,10 +417,13 @@ class Controller(Machine):
         self.snapshot = snapshot
 
     def _publish(self) -> None:
-        snapshot = self.snapshot.successor()
+        failed, self._publishing = self._publishing, True
+        if failed:  # what parts wrote to the last snapshot is lost
+            for part in (self.electrics, self.installation, self.signals, *self.registers.banks):
+                part.mark()
+        snapshot = self._unaltered.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
-        # An arm at rest is in the copy already, unless a hook changed what the copy says of it.
-        if self._arm_changed or self._hooks_ran or self.snapshot_hooks:
+        if self._arm_changed or failed:  # at rest, it is in the copy already
             self.arm.publish(snapshot)
         powered = self.power.report.powered
         self.electrics.publish(snapshot, powered=powered)
@@ -440,8 +443,10 @@ class Controller(Machine):
         status = (_POWER_ON if powered else 0) | (_PROGRAM_RUNNING if snapshot.program_running else 0)
         snapshot.robot_status_bits = status | self.safety_board.robot_status_bits()
         snapshot.simulation = self.simulation.on
-        self._hooks_ran = bool(self.snapshot_hooks)
-        for hook in self.snapshot_hooks:
-            hook(snapshot)
+        self._unaltered = snapshot
+        if self.snapshot_hooks:
+            snapshot = snapshot.successor()
+            for hook in self.snapshot_hooks:
+                hook(snapshot)
         snapshot.messages = self.messages.take()
-        self.snapshot = snapshot
+        self.snapshot, self._publishing = snapshot, False

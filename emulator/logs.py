@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Final, TextIO, cast
 
-from urproto.commandline import console
 from urproto.compat import StrEnum
 from urproto.text import show_anything
 
@@ -104,7 +103,9 @@ def log_to_stderr(level: LogLevel) -> None:
     """Log of this process, from this level on: in columns on a terminal, else a line a record."""
     handler: logging.Handler
     if ERROR.isatty():
-        from rich.logging import RichHandler  # a look at the options does not wait for it
+        from rich.logging import RichHandler  # neither a look at the options nor `urscript run` waits for these
+
+        from urproto.commandline import console
 
         handler = RichHandler(console=console(cast(TextIO, ERROR)), show_path=False, rich_tracebacks=False)
         form = "%(message)s"

@@ -47,6 +47,8 @@ class Mailbox:
 
     def carry_out(self) -> None:
         """One control period: what takes longer goes on, then what was posted since the last period."""
+        if not (self._waiting or self._posted):
+            return
         waiting, self._waiting = self._waiting, []
         for frames, command, reply in waiting:
             self._continue(frames, command, reply)

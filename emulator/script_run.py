@@ -7,15 +7,12 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from emulator.batch import Batch, Stimulus
 from emulator.clock import Clock, FastClock, RealClock
 from emulator.config import choose_arm, controller_config
 from emulator.controller import Controller
-from emulator.faults.catalogue import parse_fault
-from emulator.faults.fault import FaultImpossible
-from emulator.faults.injector import FaultInjector
 from emulator.programs.compiling import LIBRARY_SET
 from emulator.script_peers import Peers, StubPeers, read_peers
 from emulator.servers.script_sockets import NetworkSockets, ScriptPort
@@ -26,6 +23,9 @@ from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 from urscript.commands import SUCCESS, TROUBLE, USAGE_ERROR
 from urscript.errors import CompileError
 from urscript.files import ScriptFile
+
+if TYPE_CHECKING:
+    from emulator.faults.injector import FaultInjector
 
 Setter: TypeAlias = Callable[[Controller, int, float], Any]
 
@@ -67,7 +67,7 @@ def execute(options: Namespace, say: Callable[[str], None]) -> Outcome:
         asyncio.run(_drive(batch, controller, options.speed, ScriptNetwork(options.script_network), peers))
     except KeyboardInterrupt:
         batch.stop("interrupted")
-    for entry in faults.listing():
+    for entry in faults.listing() if faults is not None else ():
         if entry["problem"]:
             batch.stop(f"the fault {entry['kind']} could not happen: {entry['problem']}")
     say(_final_state(batch, controller))
@@ -105,8 +105,14 @@ def _prepared(options: Namespace) -> tuple[Controller, list[Stimulus], Peers, Sc
     return controller, stimuli, peers, file
 
 
-def _injected(options: Namespace, controller: Controller) -> FaultInjector:
-    """The faults that shall happen; those without a seed get that of the run. Raises ValueError."""
+def _injected(options: Namespace, controller: Controller) -> "FaultInjector | None":
+    """The faults that shall happen, if any; those without a seed get that of the run. Raises ValueError."""
+    if not options.fault:
+        return None  # nor wait for the catalogue of them, a tenth of the start
+    from emulator.faults.catalogue import parse_fault
+    from emulator.faults.fault import FaultImpossible
+    from emulator.faults.injector import FaultInjector
+
     injector = FaultInjector(controller)
     for text in options.fault:
         fault = parse_fault(text)

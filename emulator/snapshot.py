@@ -5,12 +5,12 @@ names of the RTDE output fields, so that the RTDE field table needs no getter of
 the row's name is the attribute. Vectors are tuples of floats in the field's units.
 
 Each period's snapshot starts as a shallow copy of the one before (``successor``) and only
-what changed is written to it; at rest a snapshot costs a few microseconds.
+what changed is written to it (`Marked`); at rest a snapshot costs a few microseconds.
 """
 
 from dataclasses import dataclass
 from math import hypot
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 from emulator.devices.tool_line import AS_DELIVERED, SerialSettings
 from urproto.compat import Self
@@ -171,3 +171,40 @@ class Snapshot:
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)
         return copy
+
+
+class Marked:
+    """A part of the machine that notices when it is changed, so that its snapshot is written anew only then.
+
+    Every assignment to an attribute counts, and to an item of a list in one: nobody has to remember to say so.
+    """
+
+    if not TYPE_CHECKING:  # type checkers would let any name be assigned to
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            own = vars(self)
+            own[name] = _MarkedList(value, own) if isinstance(value, list) else value
+            own["_changed"] = True
+
+    def take_change(self) -> bool:
+        """Whether anything was changed since this was asked the last time."""
+        own = vars(self)
+        changed: bool = own["_changed"]
+        own["_changed"] = False
+        return changed
+
+    def mark(self) -> None:
+        """Count as changed."""
+        vars(self)["_changed"] = True
+
+
+class _MarkedList(list[Any]):
+    """Of a fixed length."""
+
+    def __init__(self, values: list[Any], owner: dict[str, Any]) -> None:
+        super().__init__(values)
+        self._owner = owner
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        super().__setitem__(index, value)
+        self._owner["_changed"] = True

@@ -1,9 +1,8 @@
 """YAML that a person or another program wrote: plain data, or one error that says why not."""
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, Final
-
-import yaml
 
 _MOST_BYTES: Final = 500_000  # a guess: ten times the longest settings. PyYAML takes some ten seconds for as many
 _MOST_VALUES: Final = 1_000_000  # with aliases written out; a guess: no settings have so many
@@ -16,19 +15,27 @@ class NotYaml(ValueError):  # noqa: N818 - what the text is
     """The text is not YAML, or its aliases stand for more than any settings hold; one line says where and why."""
 
 
-class _Loader(yaml.SafeLoader):
-    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
-        if self.flow_level >= _MOST_NESTED:
-            raise NotYaml("it is nested too deeply")
-        super().fetch_flow_collection_start(TokenClass)
+@cache
+def _loader() -> Any:
+    import yaml  # a robot starts without a file of that kind more often than with one
+
+    class Loader(yaml.SafeLoader):
+        def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+            if self.flow_level >= _MOST_NESTED:
+                raise NotYaml("it is nested too deeply")
+            super().fetch_flow_collection_start(TokenClass)
+
+    return Loader
 
 
 def load_yaml(text: bytes | str) -> Any:
     """The content of a document. Raises NotYaml; bytes are UTF-8."""
+    import yaml
+
     if len(text) > _MOST_BYTES:
         raise NotYaml(f"it is longer than {_MOST_BYTES} bytes, which no settings are")
     try:
-        content = yaml.load(text if isinstance(text, str) else text.decode("utf-8"), _Loader)
+        content = yaml.load(text if isinstance(text, str) else text.decode("utf-8"), _loader())
         size = _size(content, {})
     except NotYaml:
         raise

@@ -229,8 +229,10 @@ class Runtime:
             return
         self.parked = None
         budget = self._budget
-        threads = self._threads.values()
-        self._waiting = deque(sorted(threads, key=lambda thread: (thread is not self._holder, thread.id == 0)))
+        self._waiting = deque(self._threads.values())
+        if len(self._waiting) > 1:
+            order = sorted(self._waiting, key=lambda thread: (thread is not self._holder, thread.id == 0))
+            self._waiting = deque(order)
         while self._waiting:
             thread = self._waiting.popleft()
             share = max(budget // (len(self._waiting) + 1), MIN_SHARE)

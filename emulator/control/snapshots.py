@@ -133,7 +133,8 @@ def _like(present: Any, value: Any) -> Any:
     if isinstance(present, list | tuple):
         if len(value) != len(present):
             raise ValueError(f"{len(value)} values where {len(present)} belong")
-        return type(present)(_like(own, new) for own, new in zip(present, value, strict=True))
+        values = [_like(own, new) for own, new in zip(present, value, strict=True)]
+        return values if isinstance(present, list) else tuple(values)
     kind = type(present)
     if isinstance(present, bool) is not isinstance(value, bool):
         raise TypeError(f"{value!r} is not a {kind.__name__}")

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-from emulator.snapshot import Snapshot
+from emulator.snapshot import Marked, Snapshot
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolOutputMode
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.signals import DigitalGroup
@@ -25,7 +25,7 @@ _INT32_MIN: Final = -(2**31)
 _INT32_MAX: Final = 2**31 - 1
 
 
-class RegisterBank:
+class RegisterBank(Marked):
     """One direction: booleans packed into an integer, int32 values, doubles.
 
     The tuples handed out stay the same object until a value changes.
@@ -78,14 +78,17 @@ class Registers:
     def __init__(self) -> None:
         self.input = RegisterBank()
         self.output = RegisterBank()
+        self.banks = self.input, self.output
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write all of them to a snapshot."""
+        """Write to a snapshot what was changed since the last one."""
         given, made = self.input, self.output
-        snapshot.input_bit_registers = given.bits
-        snapshot.input_int_registers, snapshot.input_double_registers = given.ints, given.doubles
-        snapshot.output_bit_registers = made.bits
-        snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles
+        if given.take_change():
+            snapshot.input_bit_registers = given.bits
+            snapshot.input_int_registers, snapshot.input_double_registers = given.ints, given.doubles
+        if made.take_change():
+            snapshot.output_bit_registers = made.bits
+            snapshot.output_int_registers, snapshot.output_double_registers = made.ints, made.doubles
 
 
 MODBUS_GENERAL_PURPOSE: Final = range(128, 256)
@@ -158,7 +161,7 @@ _VOLTAGE_HIGH_V: Final = 10.0
 _TOOL_VOLTAGES: Final = (0, 12, 24)  # V
 
 
-class Signals:
+class Signals(Marked):
     """State of all signals. Inputs are set from outside the robot, outputs by programs and clients.
 
     early_simulator: analog inputs of the box measure currents to begin with, as in a recording of one; in captures of
@@ -235,7 +238,9 @@ class Signals:
         return first | second << 1
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write inputs and outputs to a snapshot."""
+        """Write inputs and outputs to a snapshot, if any was changed since the last one."""
+        if not self.take_change():
+            return
         snapshot.actual_digital_input_bits = self.digital_inputs
         snapshot.actual_digital_output_bits = self.digital_outputs
         snapshot.actual_configurable_digital_input_bits = self.digital_inputs >> 8 & 0xFF

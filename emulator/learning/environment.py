@@ -16,6 +16,7 @@ from emulator.control.verbs import BadArguments, NotPossible
 from emulator.physics import open_cameras
 from urproto.modes import RuntimeState, SafetyMode
 from urproto.testing.virtual import virtual_robot
+from urproto.vectors import all_finite
 
 if TYPE_CHECKING:
     from emulator.control.control import VirtualRobot
@@ -107,7 +108,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
 
     @property
     def scene(self) -> "World":
-        """What stands around the arm: ``poses()``, ``move()``."""
+        """What stands around the arm: ``pose()``, ``poses()``, ``move()``."""
         world = self.robot.controller.world
         assert world is not None
         return world
@@ -121,7 +122,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
 
     def write(self, *values: float) -> None:
         """Write double input registers, from `FIRST_REGISTER` on. Raises ValueError for what is not a number."""
-        if not np.isfinite(values).all():
+        if not all_finite(values):
             raise ValueError(f"an action must be finite numbers, not {list(values)}")
         registers = self.robot.controller.registers.input
         for i, value in enumerate(values):

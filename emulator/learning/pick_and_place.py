@@ -1,6 +1,6 @@
 """Pick a part up and put it down elsewhere: ``ur_emulator/PickAndPlace-v0``."""
 
-from math import hypot, pi
+from math import dist, hypot, pi
 from pathlib import Path
 from typing import Any, Final
 
@@ -65,7 +65,7 @@ end
         self.observation_space = spaces.Box(-_FAR, _FAR, (14,), np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
         self._dense = reward == "dense"
-        self._goal = np.zeros(3)
+        self._goal = (0.0, 0.0, 0.0)
         self._closing = False
         super().__init__(**{"initial_q": HOME, **options})
 
@@ -78,7 +78,7 @@ end
             part = self._somewhere()
         while goal is None or ("goal" not in options and hypot(*(goal - part)) < _APART_M):
             goal = self._somewhere()
-        self._goal = np.array([*goal, _RESTING_M])
+        self._goal = (float(goal[0]), float(goal[1]), _RESTING_M)
         self._closing = False
         self.scene.move(PART, (float(part[0]), float(part[1]), _RESTING_M + 1e-4, 0.0, 0.0, 0.0))
 
@@ -86,27 +86,32 @@ end
         return np.array([self.np_random.uniform(*along) for along in _TABLE])
 
     def act(self, action: NDArray[np.float32]) -> None:
-        place = np.array(self.state.actual_TCP_pose[:3])
-        speed = SPEED_M_S * np.clip(np.asarray(action[:3], float), -1.0, 1.0)
-        self.write(*np.clip(speed, (np.array(LOW) - place) / _BRAKING_S, (np.array(HIGH) - place) / _BRAKING_S))
-        self._closing = bool(action[3] > 0.0)
+        *along, closing = np.asarray(action, float).tolist()
+        place = self.state.actual_TCP_pose[:3]
+        self.write(
+            *(
+                _within((low - at) / _BRAKING_S, SPEED_M_S * _within(-1.0, share, 1.0), (high - at) / _BRAKING_S)
+                for share, at, low, high in zip(along, place, LOW, HIGH, strict=True)
+            )
+        )
+        self._closing = closing > 0.0
         self.switch(self._closing)
 
     def observe(self) -> NDArray[np.float32]:
         state = self.state
         values = (*state.actual_TCP_pose[:3], *state.actual_TCP_speed[:3], self._closing, self._holding, *self._part)
-        return np.clip(np.array((*values, *self._goal), np.float32), -_FAR, _FAR)
+        return np.array((*values, *self._goal), np.float32).clip(-_FAR, _FAR)
 
     def judge(self) -> tuple[float, bool, dict[str, Any]]:
-        part = np.array(self._part)
-        away = float(np.linalg.norm(part - self._goal))
-        there = hypot(*(part - self._goal)[:2]) < _NEAR_M and part[2] < _RESTING_M + _LIFTED_M
+        part, goal = self._part, self._goal
+        away = dist(part, goal)
+        there = dist(part[:2], goal[:2]) < _NEAR_M and part[2] < _RESTING_M + _LIFTED_M
         success = there and not self._closing and not self._holding
         reward = _DONE_REWARD if success else 0.0
         if self._dense:
-            reach = float(np.linalg.norm(part - np.array(self.state.actual_TCP_pose[:3])))
+            reach = dist(part, self.state.actual_TCP_pose[:3])
             reward += _GRASP_REWARD * self._holding - reach - away
-        return reward, success or bool(part[2] < _FALLEN_M), {"success": success, "distance_m": away}
+        return reward, success or part[2] < _FALLEN_M, {"success": success, "distance_m": away}
 
     @property
     def _holding(self) -> bool:
@@ -114,7 +119,11 @@ end
 
     @property
     def _part(self) -> tuple[float, ...]:
-        return self.scene.poses()[PART][:3]
+        return self.scene.pose(PART)[:3]
+
+
+def _within(low: float, value: float, high: float) -> float:
+    return min(max(value, low), high)
 
 
 def _place(options: dict[str, Any], name: str) -> NDArray[np.float64] | None:

@@ -360,7 +360,8 @@ class ForceControl:
     @property
     def frame(self) -> Pose:
         """The task frame in the base frame; zero without force mode."""
-        return self._compliance.task.frame if self.mode is ControlMode.FORCE and self._compliance else ZERO6
+        compliance = self._compliance
+        return compliance.task.frame if compliance is not None and self.mode is ControlMode.FORCE else ZERO6
 
     def feel(self, external_wrench: Joints, actual_q: Joints | None = None) -> None:
         """What pushes the tool at its TCP, base frame [N, Nm], and where the arm is when not at its target [rad]."""

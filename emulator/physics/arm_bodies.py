@@ -33,7 +33,7 @@ LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2")
 FLANGE: Final = "flange"
 TOOL: Final = "tool"
 """What the world file calls the tool: it is where the TCP is."""
-BODIES: Final = (*LINKS, FLANGE, TOOL)
+_BODIES: Final = (*LINKS, FLANGE, TOOL)  # the last one only where something is fixed to it
 PREFIX: Final = "ur/"
 COMPLIANCE_N_M: Final = 1e5  # of the flange's spring; arms of this size have stiffnesses like that (guess)
 _COMPLIANCE_NM_RAD: Final = 2000.0  # guess
@@ -53,11 +53,13 @@ def quaternion(rotvec: Sequence[float]) -> list[float]:
     return [w, x, y, z]
 
 
-def add_arm(spec: Any, model: RobotModel) -> None:
-    """Put the driven bodies into a scene, behind everything else in it."""
+def add_arm(spec: Any, model: RobotModel, *, tool: bool) -> None:
+    """Put the driven bodies into a scene, behind everything else in it. ``tool``: also the one where the TCP is."""
     foot, *links = capsules(model)
     _add_capsule(spec.worldbody, foot, Kind.BASE)
-    for name, capsule, along in zip(BODIES, [*links, None], [*model.dh.d[:5], 0.0, 0.0], strict=True):
+    for name, capsule, along in zip(_BODIES, [*links, None], [*model.dh.d[:5], 0.0, 0.0], strict=True):
+        if name == TOOL and not tool:
+            continue
         body = spec.worldbody.add_body(name=PREFIX + name)
         body.add_freejoint(name=PREFIX + name)
         _weightless(body, MASS_KG, MASS_KG)
@@ -132,68 +134,102 @@ class Skeleton:
         return self._frames
 
 
-class DrivenArm:
-    """The driven bodies of a compiled scene. ``bodies``: their numbers, by name without the prefix."""
+class _Places:
+    """Positions and quaternions of the driven bodies, one row each: as numbers in a row, and in parts."""
 
-    def __init__(self, model: RobotModel, scene: Any) -> None:
+    def __init__(self, count: int) -> None:
+        self.flat = np.zeros(7 * count)
+        rows = self.flat.reshape(-1, 7)
+        self.links = rows[: len(LINKS), :3], rows[: len(LINKS), 3:]
+        self.others = rows[len(LINKS) :]
+
+
+class DrivenArm:
+    """The driven bodies of a compiled scene in one state. ``bodies``: their numbers, by name without the prefix."""
+
+    def __init__(self, model: RobotModel, scene: Any, data: Any) -> None:
         self._skeleton = Skeleton(model)
-        self.bodies = {name: scene.body(PREFIX + name).id for name in BODIES}
-        count = len(BODIES)
-        joints = [scene.joint(PREFIX + name) for name in BODIES]
-        self._qpos = np.concatenate([np.arange(7) + int(joint.qposadr[0]) for joint in joints])
-        self._qvel = np.concatenate([np.arange(6) + int(joint.dofadr[0]) for joint in joints])
-        self._before = np.zeros((count, 7))
-        self._now = np.zeros((count, 7))
-        self._speed = np.zeros((count, 6))
-        self._turn = np.zeros(3)
+        ids = {name: mujoco.mj_name2id(scene, mujoco.mjtObj.mjOBJ_BODY, PREFIX + name) for name in _BODIES}
+        self.bodies = {name: number for name, number in ids.items() if number >= 0}
+        self._free = _free_bodies(len(self.bodies))
+        joints = [scene.joint(PREFIX + name) for name in self.bodies]
+        self._qpos = _runs(data.qpos, [int(joint.qposadr[0]) for joint in joints], 7)
+        self._qvel = _runs(data.qvel, [int(joint.dofadr[0]) for joint in joints], 6)
+        self._before, self._now = _Places(len(self.bodies)), _Places(len(self.bodies))
+        self._speed = np.zeros(6 * len(self.bodies))
+        self._way = self._speed.reshape(-1, 6)[:, :3]
         self._placed = False
         self._where: tuple[Sequence[float], ...] = ()  # as of the last period
         self._stands = False  # since then
 
-    def place(self, data: Any, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
+    def place(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
         """Put the bodies where an arm is, at rest. Poses in the base frame."""
         self._where, self._stands = (q, flange, tcp), False
         self._locate(*self._where)
         self._speed[:] = 0.0
         self._placed = True
-        data.qpos[self._qpos] = self._now.ravel()
-        data.qvel[self._qvel] = 0.0
+        _put(self._now.flat, self._qpos)
+        _put(self._speed, self._qvel)
 
-    def begin(self, data: Any, arm: "Arm", period_s: float) -> None:
+    def begin(self, arm: "Arm", period_s: float) -> None:
         """A period in which the arm came to where it is."""
         where = arm.q, arm.flange_pose, arm.tcp_pose
         if where == self._where and self._placed:
             if not self._stands:
-                self._before[:] = self._now
+                self._before.flat[:] = self._now.flat
                 self._speed[:] = 0.0
                 self._stands = True
-            data.qpos[self._qpos] = self._now.ravel()
+            _put(self._now.flat, self._qpos)
             return
         self._where, self._stands = where, False
         self._before, self._now = self._now, self._before
         self._locate(*where)
-        shift = self._now[:, :3] - self._before[:, :3]
-        if not self._placed or np.abs(shift).max() > _JUMP_M:
-            self.place(data, *where)
+        mujoco.mj_differentiatePos(self._free, self._speed, 1.0, self._before.flat, self._now.flat)
+        if not self._placed or (self._speed @ self._speed > _JUMP_M**2 and abs(self._way).max() > _JUMP_M):
+            self.place(*where)
             return
-        self._speed[:, :3] = shift
-        for i in range(len(BODIES)):
-            mujoco.mju_subQuat(self._turn, self._now[i, 3:], self._before[i, 3:])
-            self._speed[i, 3:] = self._turn
         self._speed /= period_s
-        data.qpos[self._qpos] = self._before.ravel()
+        _put(self._before.flat, self._qpos)
 
-    def drive(self, data: Any) -> None:
+    def drive(self) -> None:
         """Before each step: whatever the last one did to the bodies' velocities."""
-        data.qvel[self._qvel] = self._speed.ravel()
+        _put(self._speed, self._qvel)
 
-    def end(self, data: Any) -> None:
+    def end(self) -> None:
         """After the last step of a period: the bodies are where the arm is, to the last digit."""
-        data.qpos[self._qpos] = self._now.ravel()
+        _put(self._now.flat, self._qpos)
 
     def _locate(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
-        now = self._now
-        now[: len(LINKS), :3], now[: len(LINKS), 3:] = self._skeleton.frames(q)
-        for name, pose in ((FLANGE, flange), (TOOL, tcp)):
-            i = BODIES.index(name)
-            now[i, :3], now[i, 3:] = pose[:3], quaternion(pose[3:])
+        positions, turns = self._now.links
+        positions[:], turns[:] = self._skeleton.frames(q)
+        for row, pose in zip(self._now.others, (flange, tcp), strict=False):
+            row[:] = *pose[:3], *quaternion(pose[3:])
+
+
+def _free_bodies(count: int) -> Any:
+    """A model of nothing else: what lies between two places of them is one call of MuJoCo's."""
+    spec = mujoco.MjSpec()
+    for _ in range(count):
+        body = spec.worldbody.add_body()
+        body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0] * 3
+        body.add_freejoint()
+    return spec.compile()
+
+
+def _runs(values: Any, addresses: Sequence[int], width: int) -> list[tuple[Any, slice]]:
+    """Parts of a vector of MuJoCo's, ``width`` numbers at each address: where they are, and whose numbers they take.
+
+    Neighbours are one part.
+    """
+    runs: list[tuple[int, int, int]] = []
+    for i, address in enumerate(addresses):
+        if runs and runs[-1][1] == address:
+            runs[-1] = runs[-1][0], address + width, runs[-1][2]
+        else:
+            runs.append((address, address + width, i * width))
+    return [(values[start:end], slice(first, first + end - start)) for start, end, first in runs]
+
+
+def _put(numbers: Any, runs: Sequence[tuple[Any, slice]]) -> None:
+    for part, whose in runs:
+        part[:] = numbers[whose]

@@ -77,11 +77,12 @@ class Fingers:
 
     def __init__(self, shape: HandShape, model: Any) -> None:
         self.shape = shape
-        names = [f"{PREFIX}{shape.name}/{side}" for side, _ in _SIDES]
+        first = f"{PREFIX}{shape.name}/{_SIDES[0][0]}"
         self._model = model
-        self._motors = [model.actuator(name).id for name in names]
-        self._qpos = [int(model.joint(name).qposadr[0]) for name in names]
-        self._dofs = [int(model.joint(name).dofadr[0]) for name in names]
+        # the second finger is behind the first one everywhere
+        self._motors = _both(model.actuator(first).id)
+        self._qpos = _both(int(model.joint(first).qposadr[0]))
+        self._dofs = _both(int(model.joint(first).dofadr[0]))
         self._setpoint = 0.5 * shape.stroke  # of each finger
         self._force = shape.force[1]
         self._stopped_s = 0.0
@@ -128,3 +129,7 @@ class Fingers:
         there = goal is not None and abs(self.width - goal) < 2.0 * _LEAD_M
         held = goal is not None and not there and speed < _STILL_M_S and load > _LOAD_SHARE * self._force
         self._stopped_s = self._stopped_s + period_s if held else 0.0
+
+
+def _both(first: int) -> slice:
+    return slice(first, first + len(_SIDES))

@@ -62,7 +62,7 @@ def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
         _prepare(spec)
         for name, thing in plan.things.items():
             _add_thing(spec, name, thing, plan.moving[name])
-        add_arm(spec, arm)
+        add_arm(spec, arm, tool=plan.tool is not None)
         _add_mounted(spec, plan)
         for name, camera in plan.cameras.items():
             _add_camera(spec, name, camera)
@@ -84,7 +84,7 @@ def check_start(scene: Scene, arm: RobotModel, q: Sequence[float]) -> None:
     """Raise SceneError when things are in each other at the start, or the arm, which stands at q [rad], in one."""
     model, data = scene.model, mujoco.MjData(scene.model)
     flange = kinematics_of(arm).forward(q)
-    DrivenArm(arm, model).place(data, q, flange, flange)
+    DrivenArm(arm, model, data).place(q, flange, flange)
     mujoco.mj_forward(model, data)
     if not np.isfinite(data.qacc).all():
         raise SceneError("masses or places of its things are not finite numbers")
@@ -115,6 +115,8 @@ def _prepare(spec: Any) -> None:
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # friction is the same in all directions
     spec.option.impratio = 10.0  # held things do not creep out of the fingers
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    if spec.option.jacobian == mujoco.mjtJacobian.mjJAC_AUTO:  # whose choice would turn on what is mounted
+        spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what explodes is reported
     for body in spec.bodies:
         if body.name.startswith(PREFIX):
@@ -204,10 +206,10 @@ def _driven(moving: Moving) -> bool:
 
 
 def _add_mounted(spec: Any, plan: PhysicsPlan) -> None:
-    flange, tool = spec.body(PREFIX + FLANGE + MOUNTING), spec.body(PREFIX + TOOL + MOUNTING)
+    flange = spec.body(PREFIX + FLANGE + MOUNTING)
     movable = [body.name for body in spec.bodies if body.joints and not body.name.startswith(PREFIX)]
     if plan.tool is not None:
-        _add_bolted(spec, tool, "tool", plan.tool, MountedShape(0.0))
+        _add_bolted(spec, spec.body(PREFIX + TOOL + MOUNTING), "tool", plan.tool, MountedShape(0.0))
     if plan.gripper is not None:
         add_fingers(spec, flange, plan.gripper)
     for name, (thing, shape) in plan.bolted.items():

@@ -13,7 +13,7 @@ import numpy as np
 
 from emulator.motion import Motion
 from emulator.motion.contact import Contact
-from emulator.physics.arm_bodies import BODIES, COMPLIANCE_N_M, FLANGE, PREFIX, TOOL, DrivenArm, quaternion
+from emulator.physics.arm_bodies import COMPLIANCE_N_M, FLANGE, LINKS, PREFIX, DrivenArm, quaternion
 from emulator.physics.description import Camera
 from emulator.physics.disturbances import SceneDisturbances
 from emulator.physics.scene import Scene
@@ -29,11 +29,8 @@ if TYPE_CHECKING:
     from emulator.physics.plan import PhysicsPlan
     from emulator.robot.arm import Arm
 
-_EXPLODED: Final = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+_EXPLODED: Final = slice(mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQACC + 1)
+assert mujoco.mjtWarning.mjWARN_BADQVEL in range(_EXPLODED.start, _EXPLODED.stop)
 _FASTEST_M_S: Final = 1e3  # nothing in a cell moves like that
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _LEAST_N: Final = 1e-6
@@ -56,14 +53,18 @@ class PhysicsWorld(World):
         names = [scene.model.camera(i).name for i in range(scene.model.ncam)]
         self.cameras: Mapping[str, Camera] = {name: plan.cameras.get(name, _PLAIN) for name in names if name}
         self.covered: set[str] = set()
-        self._arm = DrivenArm(robot, scene.model)
-        self._links = [(self._arm.bodies[name], i + 1) for i, name in enumerate(BODIES) if name not in (FLANGE, TOOL)]
-        self._link_bodies = [body for body, _ in self._links]
-        self._tools = [body for name in (FLANGE, TOOL) for body in _subtree(scene.model, self._arm.bodies[name])]
-        self._is_tool = np.isin(np.arange(scene.model.nbody), self._tools)
+        self._arm = DrivenArm(robot, scene.model, self.data)
+        # The arm is behind everything else: its links, then flange and tool with what is mounted on them.
+        self._link, self._tool = self._arm.bodies[LINKS[0]], self._arm.bodies[FLANGE]
+        self._is_tool = np.arange(scene.model.nbody) >= self._tool
         bodies = [(scene.model.body(i).name, i) for i in range(1, scene.model.nbody)]
         self._names = {name: i for name, i in bodies if not name.startswith(PREFIX)}
-        self._forces = np.zeros_like(self.data.cfrc_ext)
+        self._step_forces = self.data.cfrc_ext  # as of the last step: torque and force of each body, about its tree
+        self._forces = np.zeros_like(self._step_forces)
+        self._all_forces, self._speeds = self._forces.reshape(-1), self.data.qvel
+        self._warnings = self.data.warning.number[_EXPLODED]
+        self._gravity: Vector3 | None = None  # as of the last period
+        self._on_links, self._on_tool = self._forces[self._link : self._tool], self._forces[self._tool :]
         self._roots = [i for i in self._names.values() if scene.model.body_parentid[i] == 0]  # which `move` may move
         self._wires: Wires | None = None
         self._started = self._restored = False
@@ -89,7 +90,7 @@ class PhysicsWorld(World):
             self._let_go(arm, motion)
             return wrench
         if not self._started:
-            self._arm.place(self.data, arm.q, arm.flange_pose, arm.tcp_pose)
+            self._arm.place(arm.q, arm.flange_pose, arm.tcp_pose)
             self._started = True
             if self.payload is not None and arm.mounted is None:
                 arm.mounted = self.payload
@@ -97,10 +98,10 @@ class PhysicsWorld(World):
         if self.failure:
             self._let_go(arm, motion)
             return wrench
-        self.contacts = tuple(self._touching(arm))
-        motion.force_control.contacts = self.contacts
+        force_control = motion.force_control
+        self.contacts = force_control.contacts = tuple(self._touching(arm)) if force_control.active else ()
         arm.link_torque = self._link_torque(arm)
-        return add(wrench, self._wrench_at(self._tools, arm.tcp_pose))
+        return add(wrench, self._wrench_at(self._tool, self._on_tool, arm.tcp_pose))
 
     def names(self) -> list[str]:
         return list(self._names)
@@ -174,30 +175,31 @@ class PhysicsWorld(World):
 
     def _step(self, arm: "Arm", period_s: float) -> None:
         model, data, wires = self.model, self.data, self.wires
-        x, y, z = arm.felt_gravity
-        model.opt.gravity[:] = (-x, -y, -z)
+        if arm.felt_gravity is not self._gravity:
+            x, y, z = self._gravity = arm.felt_gravity
+            model.opt.gravity[:] = (-x, -y, -z)
         wires.act(data, period_s)
-        self._arm.begin(data, arm, period_s)
-        self._forces[:] = 0.0
+        driven, forces, step_forces = self._arm, self._forces, self._step_forces
+        driven.begin(arm, period_s)
+        forces[:] = 0.0
         for _ in range(self.scene.steps):
-            self._arm.drive(data)
+            driven.drive()
             mujoco.mj_step(model, data)
             mujoco.mj_rnePostConstraint(model, data)
-            self._forces += data.cfrc_ext
+            forces += step_forces
             wires.step(data)
-        self._arm.end(data)
-        self._forces /= self.scene.steps
+        driven.end()
+        forces /= self.scene.steps
         if problem := self._problem():
             self._stand_still(problem)
             return
         wires.look(data, period_s)
 
     def _problem(self) -> str:
-        data = self.data
-        warned = data.warning.number
-        if any(warned[kind] for kind in _EXPLODED) or not isfinite(self._forces.sum()):
+        data, forces, speeds = self.data, self._all_forces, self._speeds
+        if np.count_nonzero(self._warnings) or not isfinite(forces @ forces):
             return "forces and speeds grew without end"
-        if data.qvel @ data.qvel < _FASTEST_M_S**2:
+        if speeds @ speeds < _FASTEST_M_S**2:
             return ""
         fastest = int(np.argmax(np.abs(data.qvel)))
         if abs(data.qvel[fastest]) > _FASTEST_M_S:
@@ -237,13 +239,15 @@ class PhysicsWorld(World):
         self.contacts = motion.force_control.contacts = ()
         arm.link_torque = ZERO6
 
-    def _wrench_at(self, bodies: list[int], tcp: Sequence[float]) -> Vector6:
-        """The forces on these bodies at a point, base frame [N, Nm].
+    def _wrench_at(self, first: int, forces: Any, tcp: Sequence[float]) -> Vector6:
+        """The forces on bodies, from the first on, at a point, base frame [N, Nm].
 
         MuJoCo has them at the centre of mass of a body's tree.
         """
         total = ZERO6
-        for body, force in zip(bodies, self._forces[bodies].tolist(), strict=True):
+        if not np.count_nonzero(forces):
+            return total
+        for body, force in enumerate(forces.tolist(), first):
             tx, ty, tz, fx, fy, fz = force
             if fx or fy or fz or tx or ty or tz:
                 centre = self.data.subtree_com[self.model.body_rootid[body]].tolist()
@@ -253,15 +257,14 @@ class PhysicsWorld(World):
 
     def _link_torque(self, arm: "Arm") -> Vector6:
         total = ZERO6
-        if not self._forces[self._link_bodies].any():
+        if not np.count_nonzero(self._on_links):
             return total
-        for body, carrying in self._links:
-            if not self._forces[body].any():
-                continue
+        for i in np.flatnonzero(self._on_links.any(axis=1)).tolist():
+            body, carrying = self._link + i, i + 1
             point = tuple(self.data.subtree_com[body].tolist())
-            wrench = self._wrench_at([body], point)
+            wrench = self._wrench_at(body, self._on_links[i : i + 1], point)
             rows = arm.kinematics.jacobian_at(arm.q, (*point, 0.0, 0.0, 0.0))
-            torques = [sum(row[i] * part for row, part in zip(rows, wrench, strict=True)) for i in range(carrying)]
+            torques = [sum(row[n] * part for row, part in zip(rows, wrench, strict=True)) for n in range(carrying)]
             total = add(total, (*torques, *ZERO6)[:6])
         return total
 
@@ -301,10 +304,6 @@ class PhysicsWorld(World):
             there = ", ".join(self._names) or "none"
             raise WorldError(f"there is no object {name!r}; there are: {there}")
         return self._names[name]
-
-
-def _subtree(model: Any, root: int) -> list[int]:
-    return [body for body in range(model.nbody) if model.body_rootid[body] == root]
 
 
 def _payload(plan: "PhysicsPlan") -> Payload | None:

@@ -40,6 +40,8 @@ _SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; th
 # How long RESUMING lasts. Which controller takes how long is not public; drivers that act on it get ten states a second
 # at the slowest, and must see it (guess).
 _RESUMING_S: Final = 0.1
+_PAUSED: Final = (RuntimeState.PAUSING, RuntimeState.PAUSED)
+_RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
 _FLAGS: Final = 32  # Script Manual, set_flag
 _MOST_WARNINGS: Final = 100  # of one program, in the log
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
@@ -358,7 +360,7 @@ class Programs:
     @property
     def paused(self) -> bool:
         """The main program is being paused, or is."""
-        return self.state in (RuntimeState.PAUSING, RuntimeState.PAUSED)
+        return self.state in _PAUSED
 
     def publish(self, snapshot: Snapshot) -> None:
         """Write the main program's state to a snapshot."""
@@ -366,8 +368,8 @@ class Programs:
         snapshot.runtime_state = state
         snapshot.program_name = self.name
         snapshot.script_control_line = self.line
-        snapshot.program_running = state in (RuntimeState.PLAYING, RuntimeState.RESUMING)
-        snapshot.program_paused = self.paused
+        snapshot.program_running = state in _RUNNING
+        snapshot.program_paused = state in _PAUSED
 
     def _feed_watchdogs(self) -> None:
         if self.state is not RuntimeState.PLAYING:

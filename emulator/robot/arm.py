@@ -403,11 +403,10 @@ class Arm:
         if self.drives is not None:
             self.tool_acceleration = self._sensors.accelerometer(self.tool_acceleration)
         felt = self.wrench
-        if self._mounted is not None:
+        self._misjudged = ZERO6
+        if self._mounted is not None and not self._mounted.weighs_as(installation.payload):
             self._misjudged = self._beyond(axes, self._mounted, installation.payload)
             felt = add(felt, self._misjudged)
-        else:
-            self._misjudged = ZERO6
         if self.drives is not None and self._driven:
             felt = self._sensors.wrench(felt)
         if felt == self._force_bias == ZERO6 and not payload.mass:

@@ -116,6 +116,10 @@ class Electrics:
         if self.thermals.advance(arm.actual_current, period_s, powered=powered, friction_W=arm.friction_W):
             self._news = True
 
+    def mark(self) -> None:
+        """Write everything to the next snapshot."""
+        self._news = True
+
     def publish(self, snapshot: Snapshot, *, powered: bool) -> None:
         """Write to a snapshot what changed since the last one."""
         snapshot.actual_robot_energy_consumed = self.energy_J

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from emulator.snapshot import Snapshot, plausible
+from emulator.snapshot import Marked, Snapshot, plausible
 from urproto.robots.model import UPRIGHT_GRAVITY
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
@@ -38,6 +38,10 @@ class Payload:
         """A payload; without an inertia it is taken for a sphere of water."""
         return cls(mass, cog, inertia if inertia is not None else _sphere_inertia(mass))
 
+    def weighs_as(self, other: "Payload") -> bool:
+        """At rest nobody could tell the two apart."""
+        return self.mass == other.mass and self.cog == other.cog
+
     def towards(self, target: "Payload", alpha: float) -> "Payload":
         """Linear mixture: 0 is this payload, 1 the target."""
         return Payload(
@@ -56,7 +60,7 @@ class _Transition:
 
 
 @dataclass
-class Installation:
+class Installation(Marked):
     """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
     base frame, upright (0, 0, 9.82) [m/s2]. ``base_acceleration``: of a moving base, base frame [m/s2].
     ``file``: what programs take from the installation file. ``path``: where it is, None before one was loaded."""
@@ -135,7 +139,9 @@ class Installation:
             self.set_payload(Payload.of(payload.mass, payload.cog, payload.inertia))
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write what the arm carries, and how it stands, to a snapshot."""
+        """Write what the arm carries, and how it stands, to a snapshot, if that was changed since the last one."""
+        if not self.take_change():
+            return
         payload = self.payload
         snapshot.payload, snapshot.payload_cog, snapshot.payload_inertia = payload.mass, payload.cog, payload.inertia
         snapshot.target_gravity = self.gravity

@@ -18,7 +18,7 @@ from emulator.safety.causes import Cause
 from emulator.safety.geometry import CLAMPING_M, Boundaries, clamping_distance, tool_deviation
 from urproto.modes import SafetyMode
 from urproto.robots.model import RobotModel
-from urproto.vectors import largest, within
+from urproto.vectors import ZERO6, largest, within
 from urproto.versions import Series
 from urscript.polyscope.safety_configuration import LimitSet
 
@@ -109,13 +109,18 @@ class Supervision:
         """The quick look of nearly every period: nothing exceeds a limit, even without the tolerance."""
         u, v, w, *_ = arm.tcp_speed
         x, y, z = arm.elbow_velocity
+        speed, force = u * u + v * v + w * w, 0.0
+        if arm.wrench != ZERO6:
+            f, g, h, *_ = arm.wrench
+            force = f * f + g * g + h * h
         return (
             within(limits.joint_min, arm.q, limits.joint_max)
             and largest(arm.qd) <= min(limits.joint_speed)
-            and u * u + v * v + w * w <= limits.tcp_speed * limits.tcp_speed
+            and speed <= limits.tcp_speed * limits.tcp_speed
             and x * x + y * y + z * z <= limits.elbow_speed * limits.elbow_speed
             and arm.momentum <= limits.momentum
-            and not any(arm.wrench)
+            and force <= limits.force * limits.force
+            and speed * force <= limits.power * limits.power  # the most that a force can do at this speed
         )
 
     def _exceeded(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Iterator[Finding]:

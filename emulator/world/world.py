@@ -75,6 +75,10 @@ class World:
         """Where everything is, by name, in the base frame."""
         return {name: thing.pose for name, thing in self._things.items()}
 
+    def pose(self, name: str) -> Vector6:
+        """Where one thing is, in the base frame. Raises WorldError for an unknown name."""
+        return self._known(name).pose
+
     def save(self) -> list[float] | None:
         """The state of what moves in it, for `restore`; None for a world in which nothing does."""
         return None

@@ -120,6 +120,25 @@ def test_the_same_is_the_same_to_the_last_bit_and_a_saved_state_goes_on_alike(ce
     assert other.world.poses() == later
 
 
+def test_the_arm_is_behind_everything_else(cell):
+    """Links, flange, what is mounted on it: forces on them are found by their place."""
+    mounted = "mounted: {jaws: {parallel: {output: 0, stroke: 0.06}}, probe: {sphere: 0.01, pose: [0, 0, 0.1]}}\n"
+    here = cell(TABLE, PART, more=mounted)
+    model = here.world.model
+    names = [model.body(i).name for i in range(model.nbody)]
+    first = names.index("ur/shoulder")
+    assert [name for name in names if name.startswith("ur/")] == names[first:]
+    assert names[first : first + 6] == [
+        "ur/shoulder",
+        "ur/upper_arm",
+        "ur/forearm",
+        "ur/wrist_1",
+        "ur/wrist_2",
+        "ur/flange",
+    ]
+    assert all(model.body_rootid[i] == first + 5 for i in range(first + 5, model.nbody))
+
+
 def test_an_arm_passes_no_force_on_where_nothing_touches_it(cell):
     here = cell(TABLE, PART)
     here.program("movel(p[-0.3, -0.4, 0.3, 0, 3.14159, 0], v=0.5)")
