@@ -1,12 +1,19 @@
 """Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
 
+import re
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
 from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from client.cameras import Shot
+from client.cameras.messages import COMPRESSED
 from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import ros_name
@@ -29,6 +36,7 @@ _MOST_IN_CHUNK: Final = 1 << 30  # bytes, unpacked; guess: what says more is dam
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
 _CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
+_PICTURES: Final = re.compile(r"/(\w+)/image_raw/compressed")
 _RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
 
 
@@ -127,6 +135,68 @@ def read_mcap(path: Path) -> Recording:
             content.take([*channels, *_records(file, damage)])
     content.info |= damage.remarks(content.unreadable)
     return content.recording(path)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedPictures:
+    """What a camera saw: JPEG, in the order of times_ns (n,), when each was taken, since 1970."""
+
+    times_ns: NDArray[np.int64]
+    data: tuple[bytes, ...]
+
+
+def read_pictures(path: Path) -> dict[str, RecordedPictures]:
+    """The pictures of a file of `McapWriter`, or of a ROS 2 bag in MCAP, by the cameras' names.
+
+    They are those of topics ``/NAME/image_raw/compressed``. What is around damage is read, as `read_mcap` does. Raises
+    RecordingError for a message that is none.
+    """
+    with path.open("rb") as file:
+        content = _PictureContent()
+        content.take(_records(file, _Damage()))
+    return content.pictures()
+
+
+class _PictureContent:
+    """The pictures that have been read of a file."""
+
+    def __init__(self) -> None:
+        self._schemas: dict[int, Schema] = {}
+        self._cameras: dict[int, tuple[str, MessageType]] = {}  # by channel
+        self._taken: dict[str, list[tuple[int, bytes]]] = {}
+
+    def take(self, records: Iterable[object]) -> None:
+        with extra("record", _WHAT):
+            from mcap.records import Channel, Message, Schema
+        for record in records:
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._take_channel(record)
+            elif isinstance(record, Message) and record.channel_id in self._cameras:
+                camera, kind = self._cameras[record.channel_id]
+                message = kind.decode(record.data)
+                try:
+                    self._taken.setdefault(camera, []).append(
+                        (_stamp_ns(message, record.log_time), bytes(message["data"]))
+                    )
+                except (KeyError, ValueError, TypeError) as error:
+                    raise RecordingError(f"a message of {kind.name} has other fields than usual: {error}") from error
+
+    def _take_channel(self, channel: "Channel") -> None:
+        schema, match = self._schemas.get(channel.schema_id), _PICTURES.fullmatch(channel.topic)
+        if match is None or schema is None or schema.name != COMPRESSED:
+            return
+        if (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg"):
+            self._cameras[channel.id] = match[1], MessageType(schema.name, schema.data.decode("utf-8", "replace"))
+
+    def pictures(self) -> dict[str, RecordedPictures]:
+        found = {}
+        for camera, taken in self._taken.items():
+            taken.sort(key=itemgetter(0))
+            times, data = zip(*taken, strict=True)
+            found[camera] = RecordedPictures(np.array(times, np.int64), data)
+        return found
 
 
 class _Damage:
@@ -297,11 +367,15 @@ def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
     }
 
 
-def _stamp_s(message: Mapping[str, Any], time_ns: int) -> float:
+def _stamp_ns(message: Mapping[str, Any], time_ns: int) -> int:
     """A message's own time, else when it was written."""
     stamp = message["header"]["stamp"]
-    stamp_s: float = stamp["sec"] + stamp["nanosec"] * 1e-9
-    return stamp_s or time_ns * 1e-9
+    stamp_ns: int = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
+    return stamp_ns or time_ns
+
+
+def _stamp_s(message: Mapping[str, Any], time_ns: int) -> float:
+    return _stamp_ns(message, time_ns) * 1e-9
 
 
 def _controller_of(topic: str) -> str:

@@ -34,6 +34,10 @@ MJCF = """<mujoco><worldbody>
         ("barriers: {b: {from: [0, 0, 0], to: [0, 0, 1], input: 18}}", "Expected int <= 17"),
         ("scene: other.xml", "cannot read"),
         ("mounted: {m: {}}", "m must have exactly one of"),
+        (f"objects: {{a: {{{PART}, coupling: [0, 0, 0]}}}}", "what a tool changer takes is free to move"),
+        ("mounted: {m: {suction: {output: 0}, on: a}}", "m: on is 'a', not a thing with a coupling: none"),
+        ("mounted: {m: {changer: {output: 0}, on: a}}", "m: a tool changer is on the flange: leave on out"),
+        ("mounted: {m: {changer: {output: 0}, suction: {output: 1}}}", "give parallel, suction or changer"),
         ("cameras: {c: {pose: [0, 0, 1], at: [0, 0, 1]}}", "at is where the camera is"),
     ],
 )
