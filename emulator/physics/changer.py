@@ -50,7 +50,7 @@ def add_changer(spec: Any, flange: Any, name: str, plate: "Plate", tools: Mappin
             name2=tool,
             active=False,
             # a point of the tool, where it is on the changer, how the tool is turned there, and that this counts too
-            data=[*place[:3], 0.0, 0.0, 0.0, *turned_back, 1.0],
+            data=[*place[:3], 0.0, 0.0, 0.0, *turned_back, 1.0, 0.0],
             solref=list(_STIFF),
         )
 

@@ -191,20 +191,20 @@ class Changer(_Part, frozen=True):
 class Mounted(_Part, frozen=True):
     """A gripper or a tool changer on the flange; pose of its middle, its cup's lip or its face, in the flange's frame.
 
-    on: a thing with a coupling that the gripper is on instead; the pose is in that thing's frame.
+    tool: a thing with a coupling that the gripper is on instead; the pose is in that thing's frame.
     """
 
     parallel: Parallel | None = None
     suction: Suction | None = None
     changer: Changer | None = None
     pose: Pose = (0.0, 0.0, 0.0)
-    on: str = ""
+    tool: str = ""
 
     def __post_init__(self) -> None:
         if sum(kind is not None for kind in (self.parallel, self.suction, self.changer)) != 1:
             raise ValueError("give parallel, suction or changer, or one shape")
-        if self.changer is not None and self.on:
-            raise ValueError("a tool changer is on the flange: leave on out")
+        if self.changer is not None and self.tool:
+            raise ValueError("a tool changer is on the flange: leave tool out")
 
 
 def read(name: str, given: Any, kind: type[_T]) -> _T:

@@ -129,14 +129,14 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, dict[str
     for name, what in given.items():
         if isinstance(what, dict) and any(kind in what for kind in _GRIPPERS):
             mounted = read(str(name), what, Mounted)
-            if mounted.on and mounted.on not in tools:
+            if mounted.tool and mounted.tool not in tools:
                 raise ValueError(
-                    f"{name}: on is {mounted.on!r}, not a thing with a coupling: {', '.join(tools) or 'none'}"
+                    f"{name}: tool is {mounted.tool!r}, not a thing with a coupling: {', '.join(tools) or 'none'}"
                 )
             if mounted.suction is not None:
-                cups[str(name)] = Cup(mounted.suction, mounted.pose, mounted.on)
+                cups[str(name)] = Cup(mounted.suction, mounted.pose, mounted.tool)
             elif mounted.parallel is not None:
-                hands[str(name)] = parallel_hand(str(name), mounted.parallel, mounted.pose, mounted.on)
+                hands[str(name)] = parallel_hand(str(name), mounted.parallel, mounted.pose, mounted.tool)
             elif mounted.changer is not None:
                 changers[str(name)] = Plate(mounted.changer, mounted.pose)
             continue

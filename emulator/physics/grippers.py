@@ -18,7 +18,7 @@ class HandShape:
 
     pose: of the palm in the flange's frame, fingers along z. stroke: between the open pads [m]. palm: radius and
     length; pad: its thickness, width and length along z [m]. mass [kg] with all its parts. force: least and greatest of
-    one finger [N]. parallel: what it is wired to, None for one with a port of its own. on: a thing that it is on, in
+    one finger [N]. parallel: what it is wired to, None for one with a port of its own. tool: the thing that it is on, in
     whose frame its pose is; "" for the flange.
     """
 
@@ -30,7 +30,7 @@ class HandShape:
     mass: float
     force: tuple[float, float]
     parallel: Parallel | None = None
-    on: str = ""
+    tool: str = ""
 
     @property
     def tip(self) -> float:
@@ -62,7 +62,7 @@ def robotiq_hand(model: GripperModel) -> HandShape:
     )
 
 
-def parallel_hand(name: str, parallel: Parallel, pose: Sequence[float], on: str = "") -> HandShape:
+def parallel_hand(name: str, parallel: Parallel, pose: Sequence[float], tool: str = "") -> HandShape:
     """The shape of a gripper on an output."""
     return HandShape(
         name=name,
@@ -73,5 +73,5 @@ def parallel_hand(name: str, parallel: Parallel, pose: Sequence[float], on: str 
         mass=_JAW_KG,
         force=(parallel.force, parallel.force),
         parallel=parallel,
-        on=on,
+        tool=tool,
     )

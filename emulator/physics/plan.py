@@ -20,11 +20,11 @@ class MountedShape:
 
 @dataclass(frozen=True)
 class Cup:
-    """A suction gripper and where it is in the flange's frame, or in that of the thing that it is ``on``."""
+    """A suction gripper and where it is in the flange's frame, or in that of the ``tool`` that it is on."""
 
     suction: Suction
     pose: tuple[float, ...]
-    on: str = ""
+    tool: str = ""
 
 
 @dataclass(frozen=True)

@@ -208,9 +208,11 @@ def _add_mounted(spec: Any, plan: PhysicsPlan) -> None:
     for name, (thing, shape) in plan.bolted.items():
         _add_bolted(spec, flange, name, thing, shape)
     for name, cup in plan.cups.items():
-        add_suction(spec, spec.body(cup.on) if cup.on else flange, name, cup, [one for one in movable if one != cup.on])
+        add_suction(
+            spec, spec.body(cup.tool) if cup.tool else flange, name, cup, [one for one in movable if one != cup.tool]
+        )
     for hand in plan.hands.values():
-        add_fingers(spec, spec.body(hand.on) if hand.on else flange, hand)
+        add_fingers(spec, spec.body(hand.tool) if hand.tool else flange, hand)
     for name, plate in plan.changers.items():
         add_changer(spec, flange, name, plate, plan.couplings)
 

@@ -16,13 +16,14 @@ HEAD = (
 )
 PART = "part: {box: [0.05, 0.05, 0.03], pose: [-0.3, -0.35, 0.0151], mass: 0.3}"
 CHANGER = "mounted:\n  changer: {changer: {output: 4, locked: 5}, pose: [0, 0, 0.05]}\n"
-CUP = "  cup: {suction: {output: 0, vacuum: 2}, pose: [0, 0, -0.06, 0, 3.14159265, 0], on: head}\n"
+CUP = "  cup: {suction: {output: 0, vacuum: 2}, pose: [0, 0, -0.06, 0, 3.14159265, 0], tool: head}\n"
 TOP = 0.1001  # of the probe where it stands [m]
 
 
 def go(here, x, y, z):
     """The changer's face to a place, pointing down."""
     here.program("set_tcp(p[0, 0, 0.05, 0, 0, 0])", f"movel(p[{x}, {y}, {z}, {DOWN}], v=0.5)")
+    here.seconds(0.2)  # the spring of the flange comes to rest
 
 
 def take(here, x, y, top):
