@@ -29,6 +29,7 @@ from client.lerobot.episodes import Episode, episode, usual_rate_hz
 from client.lerobot.features import DEFAULT_ACTION, DEFAULT_STATE, Numbers
 from client.recording import read
 from client.recording.extras import extra
+from client.recording.files import remarks
 from client.recording.mcapfile import RecordedPictures, read_pictures
 
 if TYPE_CHECKING:
@@ -91,28 +92,31 @@ def write_dataset(
     if fps is not None and fps < 1:
         raise RecordingError(f"a dataset has at least one frame a second, not {fps}")
     each = list(tasks) * len(files) if len(tasks) == 1 else list(tasks)
-    with extra("lerobot", _WHAT):
-        import_module("pyarrow.parquet")  # before anything is read
+    with extra("lerobot", _WHAT):  # before anything is read
+        import_module("pyarrow.parquet")
+        import_module("PIL.Image")
     notes: list[str] = []
     with _folder(path) as folder:
         writer: _Writer | None = None
         numbers = Numbers(state), Numbers(action)
         for file, task in zip(files, each, strict=True):
             recording = read(file)
-            pictures = _pictures(file)
-            notes += [f"{file}: {recording.info[key]}" for key in ("cut_off", "left_out") if key in recording.info]
-            if writer is None:
-                rate_hz = usual_rate_hz(pictures)
-                chosen = fps or (max(1, round(rate_hz)) if rate_hz else USUAL_FPS)
-                writer = _Writer(folder, chosen, *numbers, robot_type)
-            writer.add(file, episode(file, recording, pictures, task, writer.fps, numbers))
+            notes += [f"{file}: {remark}" for remark in remarks(recording.info)]
+            try:
+                pictures = read_pictures(file) if file.suffix.lower() == ".mcap" else {}
+                writer = writer or _Writer(folder, fps or _usual_fps(pictures), *numbers, robot_type)
+                writer.add(episode(recording, pictures, task, writer.fps, numbers))
+            except RecordingError as error:
+                raise RecordingError(f"{file}: {error}") from error
         assert writer is not None
         writer.close()
     return Dataset(path, writer.fps, len(files), writer.frames, writer.cameras, writer.late_s, tuple(notes))
 
 
-def _pictures(file: Path) -> dict[str, RecordedPictures]:
-    return read_pictures(file) if file.suffix.lower() == ".mcap" else {}
+def _usual_fps(pictures: Mapping[str, RecordedPictures]) -> int:
+    """As often as the camera that was slowest gave a picture."""
+    rate_hz = usual_rate_hz(pictures)
+    return max(1, round(rate_hz)) if rate_hz else USUAL_FPS
 
 
 @contextmanager
@@ -158,9 +162,9 @@ class _Writer:
         self._data: Any = None  # the ParquetWriter of the newest file
         self._place = (0, 0)  # its chunk and its number there
 
-    def add(self, file: Path, made: Episode) -> None:
-        """Write an episode; file: the recording that it is from."""
-        self._check_pictures(file, made)
+    def add(self, made: Episode) -> None:
+        """Write an episode. Raises RecordingError for pictures that cannot be read, or are not as those before."""
+        self._check_pictures(made)
         number, task = len(self._rows), self._tasks.setdefault(made.task, len(self._tasks))
         frames = np.arange(len(made))
         counted = {
@@ -171,9 +175,10 @@ class _Writer:
         }
         times = (frames / self.fps).astype(np.float32)
         self._write(self._table(made, times, counted))
-        found: dict[str, stats.Statistics] = {
-            name: stats.of_numbers(values.astype(np.float64).reshape(len(made), -1))
-            for name, values in ((_STATE, made.state), (_ACTION, made.action), ("timestamp", times), *counted.items())
+        numbers: dict[str, NDArray[Any]] = {_STATE: made.state, _ACTION: made.action, "timestamp": times, **counted}
+        found = {
+            name: stats.of_numbers(np.asarray(values, np.float64).reshape(len(made), -1))
+            for name, values in numbers.items()
         }
         for camera, pictures in made.pictures.items():
             found[_PICTURES + camera] = stats.of_pictures(pictures)
@@ -215,18 +220,14 @@ class _Writer:
         self._write_json("stats.json", {name: {k: v.tolist() for k, v in part.items()} for name, part in every.items()})
         self._write_json("info.json", self._info())
 
-    def _check_pictures(self, file: Path, made: Episode) -> None:
+    def _check_pictures(self, made: Episode) -> None:
         """Every episode has the same cameras, whose pictures are of one size."""
-        try:
-            sizes = {camera: stats.decoded(pictures[0]).shape[:2] for camera, pictures in made.pictures.items()}
-        except RecordingError as error:
-            raise RecordingError(f"{file}: {error}") from error
+        shapes = {camera: stats.decoded(pictures[0]).shape for camera, pictures in made.pictures.items()}
+        sizes = {camera: (shape[0], shape[1]) for camera, shape in shapes.items()}
         if not self._rows:
-            self._sizes, self.cameras = {name: (size[0], size[1]) for name, size in sizes.items()}, tuple(sizes)
+            self._sizes, self.cameras = sizes, tuple(sizes)
         elif sizes != self._sizes:
-            raise RecordingError(
-                f"{file} has pictures of {_sized(sizes)}, the recordings before of {_sized(self._sizes)}"
-            )
+            raise RecordingError(f"it has pictures of {_sized(sizes)}, the recordings before of {_sized(self._sizes)}")
 
     def _table(self, made: Episode, times: NDArray[np.float32], counted: Mapping[str, NDArray[np.int64]]) -> "pa.Table":
         import pyarrow as pa
@@ -321,5 +322,5 @@ def _tasks_table(tasks: Mapping[str, int]) -> "pa.Table":
     return table.replace_schema_metadata({"pandas": json.dumps(described)})
 
 
-def _sized(sizes: Mapping[str, Sequence[int]]) -> str:
+def _sized(sizes: Mapping[str, tuple[int, int]]) -> str:
     return ", ".join(f"{camera} ({size[1]}x{size[0]})" for camera, size in sizes.items()) or "no camera"

@@ -8,7 +8,6 @@ episode's.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -27,7 +26,7 @@ _STALE_S: Final = 0.5  # from a frame to the nearest picture (guess)
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """state (n, k), action (n, m): float32. pictures: of each camera n, JPEG. late_s: of the farthest from its frame."""
+    """state (n, k), action (n, m): float32. pictures: of each camera n, JPEG. late_s: the farthest from its frame."""
 
     task: str
     state: NDArray[np.float32]
@@ -39,8 +38,13 @@ class Episode:
         return len(self.state)
 
 
+def usual_rate_hz(pictures: Mapping[str, RecordedPictures]) -> float | None:
+    """How often the camera that was slowest gave a picture; None without one."""
+    steps = [float(np.median(np.diff(taken.times_ns))) for taken in pictures.values() if len(taken.times_ns) > 1]
+    return _NS / max(steps) if steps and max(steps) > 0.0 else None
+
+
 def episode(
-    path: Path,
     recording: Recording,
     pictures: Mapping[str, RecordedPictures],
     task: str,
@@ -49,27 +53,8 @@ def episode(
 ) -> Episode:
     """What a recording shows, ``fps`` times a second. numbers: of observations and of actions.
 
-    Raises RecordingError that names the file.
+    Raises RecordingError where it does not show that.
     """
-    try:
-        return _episode(recording, pictures, task, fps, numbers)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
-
-
-def usual_rate_hz(pictures: Mapping[str, RecordedPictures]) -> float | None:
-    """How often the camera that was slowest gave a picture; None without one."""
-    steps = [float(np.median(np.diff(taken.times_ns))) for taken in pictures.values() if len(taken.times_ns) > 1]
-    return _NS / max(steps) if steps and max(steps) > 0.0 else None
-
-
-def _episode(
-    recording: Recording,
-    pictures: Mapping[str, RecordedPictures],
-    task: str,
-    fps: int,
-    numbers: tuple[Numbers, Numbers],
-) -> Episode:
     if (np.diff(recording["timestamp"]) < 0.0).any():  # pictures would be at other times than states
         raise RecordingError("the robot's clock began anew in it: record it again")
     times = np.array(recording.times_ns, np.int64)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from client.errors import RecordingError
-from client.recording.extras import extra
 
 Array = NDArray[np.float64]
 Statistics = Mapping[str, NDArray[Any]]
@@ -45,8 +44,8 @@ def of_pictures(pictures: Sequence[bytes]) -> Statistics:
 
 def decoded(jpeg: bytes) -> NDArray[np.uint8]:
     """A picture (height, width, 3). Raises RecordingError for what is not a JPEG."""
-    with extra("lerobot", "a dataset with pictures"):
-        from PIL import Image, UnidentifiedImageError
+    from PIL import Image, UnidentifiedImageError
+
     try:
         with Image.open(io.BytesIO(jpeg), formats=["JPEG"]) as picture:
             return np.asarray(picture.convert("RGB"))

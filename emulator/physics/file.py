@@ -118,7 +118,7 @@ def _beside(path: Path, thing: Thing) -> Thing:
     return replace(thing, mesh=str(mesh.resolve()))
 
 
-def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, dict[str, Any]]:
+def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
     """What is mounted, by the names that a plan has for its kinds. tools: names of things with couplings."""
     if not isinstance(given, dict):
         raise ValueError("mounted must be a mapping of names")

@@ -18,8 +18,8 @@ class HandShape:
 
     pose: of the palm in the flange's frame, fingers along z. stroke: between the open pads [m]. palm: radius and
     length; pad: its thickness, width and length along z [m]. mass [kg] with all its parts. force: least and greatest of
-    one finger [N]. parallel: what it is wired to, None for one with a port of its own. tool: the thing that it is on, in
-    whose frame its pose is; "" for the flange.
+    one finger [N]. parallel: what it is wired to, None for one with a port of its own. tool: the thing that it is on
+    and in whose frame its pose is, "" for the flange.
     """
 
     name: str

@@ -204,10 +204,11 @@ def test_cameras_have_to_be_the_same_in_all_recordings(states, tmp_path: Path) -
     one = filmed(tmp_path / "one.mcap", states, range(0, 200, 10))
     other = filmed(tmp_path / "other.mcap", states, range(0, 200, 10), size=(16, 6))
     with pytest.raises(
-        RecordingError, match=r"has pictures of over_all \(16x6\), the recordings before of over_all \(8x6\)"
+        RecordingError,
+        match=r"other\.mcap: it has pictures of over_all \(16x6\), the recordings before of over_all \(8x6\)",
     ):
         write_dataset(tmp_path / "set", [one, other], ["go"])
-    with pytest.raises(RecordingError, match="has pictures of no camera, the recordings before"):
+    with pytest.raises(RecordingError, match=r"plain\.mcap: it has pictures of no camera, the recordings before"):
         write_dataset(tmp_path / "set", [one, record(tmp_path / "plain.mcap", states)], ["go"])
     gone = filmed(tmp_path / "gone.mcap", states, [10, 20], period_s=1.6)
     with pytest.raises(RecordingError, match=r"over_all has no picture within 0.5 s of 0\.8\d s"):
