@@ -210,9 +210,21 @@ class Mounted(_Part, frozen=True):
 def read(name: str, given: Any, kind: type[_T]) -> _T:
     """``given`` as one of the classes above. Raises ValueError that names the place."""
     try:
-        return msgspec.convert(given, kind)
+        found = msgspec.convert(given, kind)
     except msgspec.ValidationError as error:
         raise ValueError(f"{name}: {str(error).replace('`', '')}") from None
+    if not _finite(given):
+        raise ValueError(f"{name}: its numbers must be finite")
+    return found
+
+
+def _finite(given: Any) -> bool:
+    """Whether every number in it is: bounds let those pass that are none."""
+    if isinstance(given, dict):
+        return all(map(_finite, given.values()))
+    if isinstance(given, list | tuple):
+        return all(map(_finite, given))
+    return not isinstance(given, float) or isfinite(given)
 
 
 def moving_of(name: str, thing: Thing) -> Moving:

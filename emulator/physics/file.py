@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,6 +23,7 @@ SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 SCENE_FILES: Final = (".xml", ".urdf")
 _GRIPPERS: Final = ("parallel", "suction", "changer")
 _OF_MOUNTED: Final = {"mass", "colour"}
+_MOST_FRICTION: Final = 10.0  # as of a world of springs
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,12 @@ def _read_world(path: Path) -> ScenePlan:
 
 
 def _solid(name: str, thing: Thing) -> Thing:
+    if not name:
+        raise ValueError("a thing must have a name")
+    if not all(map(isfinite, thing.pose)):
+        raise ValueError(f"{name}: its pose must be finite numbers, not {list(thing.pose)}")
+    if not 0.0 <= thing.material.get("friction", 0.0) <= _MOST_FRICTION:
+        raise ValueError(f"{name}: its friction must be from 0 to {_MOST_FRICTION:g}, not {thing.material['friction']}")
     if not all(0.0 < size < 1e3 for size in thing.sizes):
         raise ValueError(f"{name}: its {thing.shape} must have lengths greater than 0, not {list(thing.sizes)}")
     return thing

@@ -21,6 +21,12 @@ MJCF = """<mujoco><worldbody>
         (f"objects: {{a: {{{PART}, mass: 0}}}}", "a: Expected float > 0.0 - at $.mass"),
         (f"objects: {{a: {{{PART}, mass: heavy}}}}", "a: Expected float | null, got str"),
         ("objects: {a: {torus: 1}}", "a has 'torus'"),
+        (f"objects: {{a: {{{PART}, mass: 1, friction: .nan}}}}", "a: its friction must be from 0 to 10, not nan"),
+        ("objects: {a: {box: [1, 1, 1], pose: [.inf, 0, 0]}}", "a: its pose must be finite numbers"),
+        (f"objects: {{'': {{{PART}}}}}", "a thing must have a name"),
+        (f"objects: {{a: {{{PART}, conveyor: {{speed: .nan}}}}}}", "a: its numbers must be finite"),
+        ("barriers: {b: {from: [.nan, 0, 0], to: [0, 0, 1], input: 1}}", "b: its numbers must be finite"),
+        ("cameras: {c: {pose: [0, .nan, 1]}}", "c: its numbers must be finite"),
         ("objects: {a: {box: [0.1, 0, 0.1]}}", "lengths greater than 0"),
         (
             f"objects: {{a: {{{PART}, mass: 1}}, b: {{{PART}, mass: 1}}}}",
