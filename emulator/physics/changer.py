@@ -13,6 +13,7 @@ import numpy as np
 
 from emulator.physics.arm_bodies import PREFIX, quaternion
 from emulator.physics.contacts import Kind, touching
+from emulator.physics.welds import add_weld, weld_name
 
 if TYPE_CHECKING:
     from emulator.physics.plan import Plate
@@ -42,21 +43,8 @@ def add_changer(spec: Any, flange: Any, name: str, plate: "Plate", tools: Mappin
         place = (*coupling, 0.0, 0.0, 0.0)[:6]
         w, *axis = quaternion(place[3:])
         turned_back = [w, *(-part for part in axis)]
-        spec.add_equality(
-            name=_weld(name, tool),
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1=PREFIX + name,
-            name2=tool,
-            active=False,
-            # a point of the tool, where it is on the changer, how the tool is turned there, and that this counts too
-            data=[*place[:3], 0.0, 0.0, 0.0, *turned_back, 1.0, 0.0],
-            solref=list(_STIFF),
-        )
-
-
-def _weld(changer: str, tool: str) -> str:
-    return f"{PREFIX}{changer}:{tool}"
+        # a point of the tool, where it is on the changer, how the tool is turned there, and that this counts too
+        add_weld(spec, name, tool, _STIFF, [*place[:3], 0.0, 0.0, 0.0, *turned_back, 1.0, 0.0])
 
 
 class ToolChanger:
@@ -66,7 +54,7 @@ class ToolChanger:
         self.changer = plate.changer
         self._model = model
         self._body = model.body(PREFIX + name).id
-        self._tools = {model.body(tool).id: model.equality(_weld(name, tool)).id for tool in tools}
+        self._tools = {model.body(tool).id: model.equality(weld_name(name, tool)).id for tool in tools}
         self._locking = False
 
     def holds(self, data: Any) -> int:
