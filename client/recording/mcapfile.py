@@ -36,7 +36,7 @@ _MOST_IN_CHUNK: Final = 1 << 30  # bytes, unpacked; guess: what says more is dam
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
 _CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
-_PICTURES: Final = re.compile(r"/(\w+)/image_raw/compressed")
+_PICTURES: Final = re.compile(r"/([\w/]+)/image_raw/compressed")
 _RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
 
 
@@ -148,8 +148,8 @@ class RecordedPictures:
 def read_pictures(path: Path) -> dict[str, RecordedPictures]:
     """The pictures of a file of `McapWriter`, or of a ROS 2 bag in MCAP, by the cameras' names.
 
-    They are those of topics ``/NAME/image_raw/compressed``. What is around damage is read, as `read_mcap` does. Raises
-    RecordingError for a message that is none.
+    They are those of topics ``/NAME/image_raw/compressed``; ``/`` in a name becomes ``_``. What is around damage is
+    read, as `read_mcap` does. Raises RecordingError for a message that is none.
     """
     with path.open("rb") as file:
         content = _PictureContent()
@@ -177,18 +177,19 @@ class _PictureContent:
                 camera, kind = self._cameras[record.channel_id]
                 message = kind.decode(record.data)
                 try:
-                    self._taken.setdefault(camera, []).append(
-                        (_stamp_ns(message, record.log_time), bytes(message["data"]))
-                    )
-                except (KeyError, ValueError, TypeError) as error:
+                    taken_ns = int(np.int64(_stamp_ns(message, record.log_time)))
+                    picture = bytes([*message["data"]])  # not of a number, which would be its length
+                except (KeyError, ValueError, TypeError, OverflowError) as error:
                     raise RecordingError(f"a message of {kind.name} has other fields than usual: {error}") from error
+                self._taken.setdefault(camera, []).append((taken_ns, picture))
 
     def _take_channel(self, channel: "Channel") -> None:
         schema, match = self._schemas.get(channel.schema_id), _PICTURES.fullmatch(channel.topic)
         if match is None or schema is None or schema.name != COMPRESSED:
             return
         if (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg"):
-            self._cameras[channel.id] = match[1], MessageType(schema.name, schema.data.decode("utf-8", "replace"))
+            kind = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
+            self._cameras[channel.id] = match[1].replace("/", "_"), kind
 
     def pictures(self) -> dict[str, RecordedPictures]:
         found = {}
