@@ -14,7 +14,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -96,7 +96,7 @@ def write_dataset(
         import_module("pyarrow.parquet")
         import_module("PIL.Image")
     notes: list[str] = []
-    with _folder(path) as folder:
+    with _folder(path) as folder, ExitStack() as opened:
         writer: _Writer | None = None
         numbers = Numbers(state), Numbers(action)
         for file, task in zip(files, each, strict=True):
@@ -104,12 +104,14 @@ def write_dataset(
             notes += [f"{file}: {remark}" for remark in remarks(recording.info)]
             try:
                 pictures = read_pictures(file) if file.suffix.lower() == ".mcap" else {}
-                writer = writer or _Writer(folder, fps or _usual_fps(pictures), *numbers, robot_type)
+                if writer is None:
+                    writer = _Writer(folder, fps or _usual_fps(pictures), *numbers, robot_type)
+                    opened.callback(writer.end_file)
                 writer.add(episode(recording, pictures, task, writer.fps, numbers))
             except RecordingError as error:
                 raise RecordingError(f"{file}: {error}") from error
         assert writer is not None
-        writer.close()
+        writer.finish()
     return Dataset(path, writer.fps, len(files), writer.frames, writer.cameras, writer.late_s, tuple(notes))
 
 
@@ -205,12 +207,12 @@ class _Writer:
         self.frames += len(made)
         self.late_s = max(self.late_s, made.late_s)
 
-    def close(self) -> None:
+    def finish(self) -> None:
         """Write what describes the episodes."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        self._data.close()
+        self.end_file()
         episodes = self._folder / _EPISODES.format(chunk_index=0, file_index=0)
         episodes.parent.mkdir(parents=True)
         pq.write_table(pa.Table.from_pylist(self._rows), episodes)
@@ -219,6 +221,12 @@ class _Writer:
         every = {name: stats.together([found[name] for found in self._stats]) for name in features}
         self._write_json("stats.json", {name: {k: v.tolist() for k, v in part.items()} for name, part in every.items()})
         self._write_json("info.json", self._info())
+
+    def end_file(self) -> None:
+        """Write no more into the newest file of frames; twice does no harm."""
+        if self._data is not None:
+            self._data.close()
+            self._data = None
 
     def _check_pictures(self, made: Episode) -> None:
         """Every episode has the same cameras, whose pictures are of one size."""
@@ -245,8 +253,7 @@ class _Writer:
         import pyarrow.parquet as pq
 
         if self._data is not None and self._size_mb() + table.nbytes / 2**20 > _DATA_MB:
-            self._data.close()
-            self._data = None
+            self.end_file()
             chunk, place = self._place
             self._place = (chunk, place + 1) if place + 1 < _IN_CHUNK else (chunk + 1, 0)
         if self._data is None:

@@ -14,7 +14,8 @@ Statistics = Mapping[str, NDArray[Any]]
 """min, max, mean, std, count and quantiles of one feature."""
 
 _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-_PIXELS: Final = 255.0
+_SHADES: Final = 256
+_ROUNDED: Final = 1e-12
 # how many pictures of an episode count, and which of their pixels: as LeRobot's own statistics take them
 _FEWEST, _MOST, _POWER = 100, 10_000, 0.75
 _LARGE, _SMALL = 300, 150
@@ -34,12 +35,34 @@ def of_numbers(values: Array) -> Statistics:
 
 
 def of_pictures(pictures: Sequence[bytes]) -> Statistics:
-    """Of the colours of an episode's pictures, 0 to 1, each (3, 1, 1). Raises RecordingError for what is not a JPEG."""
+    """Of the colours of an episode's pictures, 0 to 1, each (3, 1, 1).
+
+    Raises RecordingError for what is not a JPEG, and for pictures of several sizes.
+    """
     count = min(len(pictures), max(_FEWEST, min(int(len(pictures) ** _POWER), _MOST)))
     places = np.round(np.linspace(0, len(pictures) - 1, count)).astype(int)
-    pixels = np.concatenate([_fewer(decoded(pictures[place])).reshape(-1, 3) for place in places.tolist()])
-    found = {name: values.reshape(-1, 1, 1) / _PIXELS for name, values in of_numbers(pixels).items() if name != "count"}
-    return found | {"count": np.array([count])}
+    shades, sizes = np.zeros((3, _SHADES)), set()
+    for place in places.tolist():
+        picture = decoded(pictures[place])
+        sizes.add(picture.shape)
+        for colour, counted in enumerate(shades):
+            counted += np.bincount(_fewer(picture)[..., colour].ravel(), minlength=_SHADES)
+    if len(sizes) > 1:
+        raise RecordingError(f"pictures of one camera are of {len(sizes)} sizes")
+    return {name: values.reshape(3, 1, 1) for name, values in _of_shades(shades).items()} | {"count": np.array([count])}
+
+
+def _of_shades(counts: Array) -> dict[str, Array]:
+    """Of how often each shade occurs, (colours, shades)."""
+    values, shares = np.arange(_SHADES) / (_SHADES - 1), counts / counts.sum(axis=1, keepdims=True)
+    mean, below = shares @ values, np.cumsum(shares, axis=1)
+    return {
+        "min": values[np.argmax(counts > 0, axis=1)],
+        "max": values[_SHADES - 1 - np.argmax(counts[:, ::-1] > 0, axis=1)],
+        "mean": mean,
+        "std": np.sqrt(np.maximum(shares @ values**2 - mean**2, 0.0)),
+        **{name: values[np.argmax(below >= share - _ROUNDED, axis=1)] for name, share in _QUANTILES.items()},
+    }
 
 
 def decoded(jpeg: bytes) -> NDArray[np.uint8]:
@@ -49,7 +72,7 @@ def decoded(jpeg: bytes) -> NDArray[np.uint8]:
     try:
         with Image.open(io.BytesIO(jpeg), formats=["JPEG"]) as picture:
             return np.asarray(picture.convert("RGB"))
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
         raise RecordingError(f"a picture of it is not a JPEG that can be read: {error}") from error
 
 

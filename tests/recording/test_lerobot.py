@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from client.cameras import Shot
 from client.cli import app
 from client.errors import MissingExtraError, RecordingError
-from client.lerobot import write_dataset
+from client.lerobot import stats, write_dataset
 from client.recording import Recorder
 from tests.served_cameras import OVERVIEW, POSE, WRIST
 from urproto.joints import JOINT_NAMES
@@ -154,6 +154,28 @@ def test_pictures_are_those_that_were_recorded(states, tmp_path: Path) -> None:
     write_dataset(tmp_path / "slow", [tmp_path / "run.mcap"], ["look"], fps=5)
     slow = loaded(tmp_path / "slow").frames["observation.images.wrist"]
     assert [picture["bytes"] for picture in slow] == [jpeg(red) for red in reds[: 2 * len(slow) : 2]]
+
+
+def test_statistics_of_pictures_are_those_of_their_pixels() -> None:
+    shades = np.random.default_rng(1).integers(0, 256, (5, 6, 8, 3), np.uint8)
+    pictures = []
+    for picture in shades:
+        written = io.BytesIO()
+        Image.fromarray(picture).save(written, "JPEG")
+        pictures.append(written.getvalue())
+    pixels = np.concatenate([stats.decoded(picture).reshape(-1, 3) for picture in pictures]) / 255
+    found = {name: np.ravel(values) for name, values in stats.of_pictures(pictures).items()}
+    for name, value in (
+        ("min", pixels.min(0)),
+        ("max", pixels.max(0)),
+        ("mean", pixels.mean(0)),
+        ("std", pixels.std(0)),
+    ):
+        assert found[name] == pytest.approx(value, abs=1e-12), name
+    for name, share in (("q01", 0.01), ("q50", 0.5), ("q99", 0.99)):
+        assert found[name] == pytest.approx(np.quantile(pixels, share, axis=0, method="inverted_cdf")), name
+    with pytest.raises(RecordingError, match="pictures of one camera are of 2 sizes"):
+        stats.of_pictures([jpeg(1), jpeg(1, (16, 6))])
 
 
 def test_a_dataset_is_split_into_files_that_are_not_too_large(states, tmp_path: Path, monkeypatch) -> None:
