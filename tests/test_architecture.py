@@ -59,7 +59,7 @@ THIRD_PARTY = {
     "foxglove": ("client.recording.live",),
     "websockets": ("client.recording.live",),
     "matplotlib": ("client.recording.plots", "client.identification.plots"),
-    "mcap": ("client.recording.mcapfile",),
+    "mcap": ("client.recording.mcapfile", "client.recording.recorded_pictures"),
     "numpy": (
         "emulator.physics",
         "emulator.learning",

@@ -30,7 +30,7 @@ from client.lerobot.features import DEFAULT_ACTION, DEFAULT_STATE, Numbers
 from client.recording import read
 from client.recording.extras import extra
 from client.recording.files import remarks
-from client.recording.mcapfile import RecordedPictures, read_pictures
+from client.recording.recorded_pictures import RecordedPictures, read_pictures
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from client.errors import RecordingError
 from client.lerobot.features import Numbers
 from client.recording import Recording
-from client.recording.mcapfile import RecordedPictures
+from client.recording.recorded_pictures import RecordedPictures
 
 _NS: Final = 1e9
 _SAME_NS: Final = 1000  # a robot's clock is a double: what is so near is the same moment

@@ -1,19 +1,12 @@
 """Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
 
-import re
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from operator import itemgetter
 from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from client.cameras import Shot
-from client.cameras.messages import COMPRESSED
 from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import ros_name
@@ -36,7 +29,6 @@ _MOST_IN_CHUNK: Final = 1 << 30  # bytes, unpacked; guess: what says more is dam
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
 _CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
-_PICTURES: Final = re.compile(r"/([\w/]+)/image_raw/compressed")
 _RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
 
 
@@ -127,80 +119,17 @@ def read_mcap(path: Path) -> Recording:
     """
     content = _Content()
     with path.open("rb") as file:
-        damage = _Damage()
-        content.take(_records(file, damage))
+        damage = Damage()
+        content.take(records_of(file, damage))
         if damage.chunks:  # they may have had the channels of others, which the file's end has once more
             file.seek(0)
-            channels, content, damage = content.channels, _Content(), _Damage()
-            content.take([*channels, *_records(file, damage)])
+            channels, content, damage = content.channels, _Content(), Damage()
+            content.take([*channels, *records_of(file, damage)])
     content.info |= damage.remarks(content.unreadable)
     return content.recording(path)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedPictures:
-    """What a camera saw: JPEG, in the order of times_ns (n,), when each was taken, since 1970."""
-
-    times_ns: NDArray[np.int64]
-    data: tuple[bytes, ...]
-
-
-def read_pictures(path: Path) -> dict[str, RecordedPictures]:
-    """The pictures of a file of `McapWriter`, or of a ROS 2 bag in MCAP, by the cameras' names.
-
-    They are those of topics ``/NAME/image_raw/compressed``; ``/`` in a name becomes ``_``. What is around damage is
-    read, as `read_mcap` does. Raises RecordingError for a message that is none.
-    """
-    with path.open("rb") as file:
-        content = _PictureContent()
-        content.take(_records(file, _Damage()))
-    return content.pictures()
-
-
-class _PictureContent:
-    """The pictures that have been read of a file."""
-
-    def __init__(self) -> None:
-        self._schemas: dict[int, Schema] = {}
-        self._cameras: dict[int, tuple[str, MessageType]] = {}  # by channel
-        self._taken: dict[str, list[tuple[int, bytes]]] = {}
-
-    def take(self, records: Iterable[object]) -> None:
-        with extra("record", _WHAT):
-            from mcap.records import Channel, Message, Schema
-        for record in records:
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._take_channel(record)
-            elif isinstance(record, Message) and record.channel_id in self._cameras:
-                camera, kind = self._cameras[record.channel_id]
-                message = kind.decode(record.data)
-                try:
-                    taken_ns = int(np.int64(_stamp_ns(message, record.log_time)))
-                    picture = bytes([*message["data"]])  # not of a number, which would be its length
-                except (KeyError, ValueError, TypeError, OverflowError) as error:
-                    raise RecordingError(f"a message of {kind.name} has other fields than usual: {error}") from error
-                self._taken.setdefault(camera, []).append((taken_ns, picture))
-
-    def _take_channel(self, channel: "Channel") -> None:
-        schema, match = self._schemas.get(channel.schema_id), _PICTURES.fullmatch(channel.topic)
-        if match is None or schema is None or schema.name != COMPRESSED:
-            return
-        if (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg"):
-            kind = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
-            self._cameras[channel.id] = match[1].replace("/", "_"), kind
-
-    def pictures(self) -> dict[str, RecordedPictures]:
-        found = {}
-        for camera, taken in self._taken.items():
-            taken.sort(key=itemgetter(0))
-            times, data = zip(*taken, strict=True)
-            found[camera] = RecordedPictures(np.array(times, np.int64), data)
-        return found
-
-
-class _Damage:
+class Damage:
     """What of a file could not be read."""
 
     def __init__(self) -> None:
@@ -216,7 +145,7 @@ class _Damage:
         return left_out | ({"cut_off": self.cut_off} if self.cut_off else {})
 
 
-def _records(file: BinaryIO, damage: _Damage) -> Iterator[object]:
+def records_of(file: BinaryIO, damage: Damage) -> Iterator[object]:
     """The records of a file up to the first that cannot be read; damaged chunks are passed over."""
     with extra("record", _WHAT):
         from mcap.records import Chunk
@@ -368,15 +297,15 @@ def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
     }
 
 
-def _stamp_ns(message: Mapping[str, Any], time_ns: int) -> int:
+def stamp_ns(message: Mapping[str, Any], time_ns: int) -> int:
     """A message's own time, else when it was written."""
     stamp = message["header"]["stamp"]
-    stamp_ns: int = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
-    return stamp_ns or time_ns
+    own_ns: int = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
+    return own_ns or time_ns
 
 
 def _stamp_s(message: Mapping[str, Any], time_ns: int) -> float:
-    return _stamp_ns(message, time_ns) * 1e-9
+    return stamp_ns(message, time_ns) * 1e-9
 
 
 def _controller_of(topic: str) -> str:
