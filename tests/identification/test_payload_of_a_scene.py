@@ -29,7 +29,7 @@ def bolted() -> str:
     return f"mounted: {{part: {{box: [0.12, 0.12, 0.06], pose: {list(COG)}, mass: {KG}}}}}\n"
 
 
-@pytest.mark.parametrize("scene", [carried, bolted])
+@pytest.mark.parametrize("scene", [carried, pytest.param(bolted, marks=pytest.mark.long)])
 def test_a_body_that_the_arm_carries_has_its_mass_and_its_centre(tmp_path, scene):
     (file := tmp_path / "cell.yaml").write_text(scene())
     robot = virtual_robot("ur10", world=file, physics=True, running=True, arm="dynamic", initial_q=START)
