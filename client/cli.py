@@ -39,6 +39,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C.",
     ),
     "convert": ("record:convert_command", "Write a recording in another format."),
+    "dataset": ("dataset:dataset_command", "Make a LeRobot dataset (v3.0) of recordings, with the pictures in them."),
     "plot": (
         "record:plot_command",
         "Draw desired and actual positions and speeds, their differences and the speed scaling of a recording.",

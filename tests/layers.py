@@ -73,6 +73,9 @@ CLIENT_LAYERS: dict[str, Layer] = {
         ("client.identification",),
         ("ports", "recording"),
     ),
+    "lerobot": Layer(
+        "recordings as datasets that policies are trained on", ("client.lerobot",), ("ports", "recording")
+    ),
     "programs": Layer("program trees: opened, checked, saved", ("client.programs",), ("ports",)),
     "decoding": Layer("traffic: captured bytes shown to people", ("client.decoding",)),
     "traffic": Layer("traffic: recorded, replayed, compared", ("client.traffic",), ("ports", "decoding")),
@@ -97,6 +100,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "robot",
             "recording",
             "identification",
+            "lerobot",
             "decoding",
             "traffic",
             "controllers",

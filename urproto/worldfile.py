@@ -28,7 +28,7 @@ from urproto.text import quoted
 from urproto.yamltext import NotYaml, load_yaml
 
 MATERIAL: Final = ("stiffness", "damping", "friction")
-MOVING: Final = ("mass", "slide", "hinge", "conveyor", "lamp", "colour")
+MOVING: Final = ("mass", "slide", "hinge", "conveyor", "lamp", "colour", "coupling")
 SECTIONS: Final = ("scene", "mounted", "barriers", "cameras")
 
 

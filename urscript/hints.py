@@ -87,7 +87,46 @@ VARIABLES: Final[Mapping[str, str]] = {
 }
 """Constants of other languages."""
 
+_OF_ROBOTIQ: Final = (
+    "it is defined by Robotiq's URCap, in the preamble that PolyScope puts before programs of its own and not before "
+    "scripts that are sent: put the preamble of a saved .script before yours, or ask port 63352 by sockets"
+)
+_ROBOTIQ: Final = (  # as a preamble that the URCap wrote defines them
+    *(
+        "rq_activate",
+        "rq_activate_and_wait",
+        "rq_activate_all_grippers",
+        "rq_reset",
+        "rq_reset_and_activate",
+        "rq_stop",
+    ),
+    *(
+        "rq_open",
+        "rq_open_and_wait",
+        "rq_close",
+        "rq_close_and_wait",
+        "rq_wait",
+        "rq_go_to",
+        "rq_set_pos",
+        "rq_set_sid",
+    ),
+    *("rq_move", "rq_move_norm", "rq_move_mm", "rq_move_and_wait", "rq_move_and_wait_norm", "rq_move_and_wait_mm"),
+    *(
+        "rq_set_force",
+        "rq_set_force_norm",
+        "rq_set_speed",
+        "rq_set_speed_norm",
+        "rq_set_pos_norm",
+        "rq_set_pos_spd_for",
+    ),
+    *("rq_current_pos", "rq_current_pos_norm", "rq_current_pos_mm", "rq_motor_current", "rq_get_var", "rq_set_var"),
+    *("rq_is_object_detected", "rq_is_motion_complete", "rq_is_gripper_activated", "rq_is_gripper_connected"),
+    *("rq_wait_for_object_detected", "rq_auto_release_open_and_wait", "rq_auto_release_close_and_wait"),
+    *("rq_init_connection", "rq_vacuum_grip", "rq_vacuum_release", "rq_print_gripper_fault_code"),
+)
+
 FUNCTIONS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(_ROBOTIQ, _OF_ROBOTIQ),
     **dict.fromkeys(["print", "printf", "println", "echo", "log_message", "textMsg", "disp"], _LOG),
     **dict.fromkeys(["len", "size_of", "sizeof", "count"], "length(list) gives the number of elements"),
     **dict.fromkeys(["abs", "fabs"], "norm(number) gives the absolute value"),
@@ -105,7 +144,7 @@ FUNCTIONS: Final[Mapping[str, str]] = {
     **dict.fromkeys(["input", "raw_input"], "request_string_from_primary_client(text) asks the operator"),
     **dict.fromkeys(["mod", "fmod"], "write a % b"),
 }
-"""Functions of other languages."""
+"""Functions of other languages, and of what is installed on other controllers."""
 
 
 def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:

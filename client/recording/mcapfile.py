@@ -119,17 +119,17 @@ def read_mcap(path: Path) -> Recording:
     """
     content = _Content()
     with path.open("rb") as file:
-        damage = _Damage()
-        content.take(_records(file, damage))
+        damage = Damage()
+        content.take(records_of(file, damage))
         if damage.chunks:  # they may have had the channels of others, which the file's end has once more
             file.seek(0)
-            channels, content, damage = content.channels, _Content(), _Damage()
-            content.take([*channels, *_records(file, damage)])
+            channels, content, damage = content.channels, _Content(), Damage()
+            content.take([*channels, *records_of(file, damage)])
     content.info |= damage.remarks(content.unreadable)
     return content.recording(path)
 
 
-class _Damage:
+class Damage:
     """What of a file could not be read."""
 
     def __init__(self) -> None:
@@ -145,7 +145,7 @@ class _Damage:
         return left_out | ({"cut_off": self.cut_off} if self.cut_off else {})
 
 
-def _records(file: BinaryIO, damage: _Damage) -> Iterator[object]:
+def records_of(file: BinaryIO, damage: Damage) -> Iterator[object]:
     """The records of a file up to the first that cannot be read; damaged chunks are passed over."""
     with extra("record", _WHAT):
         from mcap.records import Chunk
@@ -297,11 +297,15 @@ def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
     }
 
 
-def _stamp_s(message: Mapping[str, Any], time_ns: int) -> float:
+def stamp_ns(message: Mapping[str, Any], time_ns: int) -> int:
     """A message's own time, else when it was written."""
     stamp = message["header"]["stamp"]
-    stamp_s: float = stamp["sec"] + stamp["nanosec"] * 1e-9
-    return stamp_s or time_ns * 1e-9
+    own_ns: int = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
+    return own_ns or time_ns
+
+
+def _stamp_s(message: Mapping[str, Any], time_ns: int) -> float:
+    return stamp_ns(message, time_ns) * 1e-9
 
 
 def _controller_of(topic: str) -> str:

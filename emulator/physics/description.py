@@ -81,7 +81,7 @@ class Conveyor(_Part, frozen=True):
 
 class Moving(_Part, frozen=True):
     """The keys of one thing. mass: free to move, or of what a joint moves; without either, it stays. lamp: lit while
-    that output is high."""
+    that output is high. coupling: where a tool changer takes it, in its own frame."""
 
     mass: Positive | None = None
     slide: Joint | None = None
@@ -89,6 +89,7 @@ class Moving(_Part, frozen=True):
     conveyor: Conveyor | None = None
     lamp: Signal | None = None
     colour: Colour | None = None
+    coupling: Pose | None = None
 
     def __post_init__(self) -> None:
         if self.slide is not None and self.hinge is not None:
@@ -97,6 +98,8 @@ class Moving(_Part, frozen=True):
             raise ValueError("what a joint moves needs a mass")
         if self.conveyor is not None and self.mass is not None:
             raise ValueError("a conveyor stays where it is: leave its mass out")
+        if self.coupling is not None and (self.mass is None or self.joint is not None):
+            raise ValueError("what a tool changer takes is free to move: give it a mass, and no joint")
 
     @property
     def joint(self) -> Joint | None:
@@ -174,24 +177,54 @@ class Suction(_Part, frozen=True):
     radius: Positive = 0.015
 
 
+class Changer(_Part, frozen=True):
+    """The half of a tool changer that is on the flange, its face at its pose.
+
+    When ``output`` goes high it takes the tool whose coupling is right there, and when it goes low it gives it back.
+    locked: an input, high while it has one.
+    """
+
+    output: Signal
+    locked: Signal | None = None
+
+
 class Mounted(_Part, frozen=True):
-    """A gripper on the flange; pose of its middle, or its cup's lip, in the flange's frame."""
+    """A gripper or a tool changer on the flange; pose of its middle, its cup's lip or its face, in the flange's frame.
+
+    tool: a thing with a coupling that the gripper is on instead; the pose is in that thing's frame.
+    """
 
     parallel: Parallel | None = None
     suction: Suction | None = None
+    changer: Changer | None = None
     pose: Pose = (0.0, 0.0, 0.0)
+    tool: str = ""
 
     def __post_init__(self) -> None:
-        if (self.parallel is None) is (self.suction is None):
-            raise ValueError("give parallel or suction, or one shape")
+        if sum(kind is not None for kind in (self.parallel, self.suction, self.changer)) != 1:
+            raise ValueError("give parallel, suction or changer, or one shape")
+        if self.changer is not None and self.tool:
+            raise ValueError("a tool changer is on the flange: leave tool out")
 
 
 def read(name: str, given: Any, kind: type[_T]) -> _T:
     """``given`` as one of the classes above. Raises ValueError that names the place."""
     try:
-        return msgspec.convert(given, kind)
+        found = msgspec.convert(given, kind)
     except msgspec.ValidationError as error:
         raise ValueError(f"{name}: {str(error).replace('`', '')}") from None
+    if not _finite(given):
+        raise ValueError(f"{name}: its numbers must be finite")
+    return found
+
+
+def _finite(given: Any) -> bool:
+    """Whether every number in it is: bounds let those pass that are none."""
+    if isinstance(given, dict):
+        return all(map(_finite, given.values()))
+    if isinstance(given, list | tuple):
+        return all(map(_finite, given))
+    return not isinstance(given, float) or isfinite(given)
 
 
 def moving_of(name: str, thing: Thing) -> Moving:

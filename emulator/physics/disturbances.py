@@ -47,6 +47,9 @@ class SceneDisturbances:
         for cup in self._wires.cups.values():
             if cup.holds == body:
                 cup.release(self._data)
+        for changer in self._wires.changers:
+            if changer.holds(self._data) == body:
+                changer.release(self._data)
         place[:], speed[:] = _NOWHERE, 0.0
 
     def bring_back(self, part: str) -> None:

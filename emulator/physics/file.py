@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from emulator.devices.robotiq import GripperModel
 from emulator.physics.description import Barrier, Camera, Mounted, moving_of, read, section
 from emulator.physics.grippers import HandShape, parallel_hand, robotiq_hand
-from emulator.physics.plan import Cup, MountedShape, PhysicsPlan
+from emulator.physics.plan import Cup, MountedShape, PhysicsPlan, Plate
 from emulator.world.world import World, WorldError
 from urproto.robots import RobotModel
 from urproto.worldfile import Thing, WorldFileError, read_description, read_world_file
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
 
 SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 SCENE_FILES: Final = (".xml", ".urdf")
-_GRIPPERS: Final = ("parallel", "suction")
+_GRIPPERS: Final = ("parallel", "suction", "changer")
 _OF_MOUNTED: Final = {"mass", "colour"}
+_MOST_FRICTION: Final = 10.0  # as of a world of springs
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def _read_world(path: Path) -> ScenePlan:
     for name, thing in things.items():
         if thing.shape == "plane" and moving[name].mass is not None:
             raise ValueError(f"{name}: a plane has no end: leave its mass out, or make it a box")
-    bolted, cups, hands = _mounted(path, world.sections.get("mounted") or {})
+    tools = [name for name, one in moving.items() if one.coupling is not None]
     scene = world.sections.get("scene")
     if scene is not None and not (isinstance(scene, str) and Path(scene).suffix.lower() in SCENE_FILES):
         raise ValueError(f"scene must be the name of a MuJoCo or URDF file, {' or '.join(SCENE_FILES)}")
@@ -96,15 +98,19 @@ def _read_world(path: Path) -> ScenePlan:
         things=things,
         moving=moving,
         tool=None if world.tool is None else _beside(path, _solid("tool", world.tool)),
-        bolted=bolted,
-        cups=cups,
-        hands=hands,
+        **_mounted(path, world.sections.get("mounted") or {}, tools),
         barriers=section(world.sections, "barriers", Barrier),
         cameras=section(world.sections, "cameras", Camera),
     )
 
 
 def _solid(name: str, thing: Thing) -> Thing:
+    if not name:
+        raise ValueError("a thing must have a name")
+    if not all(map(isfinite, thing.pose)):
+        raise ValueError(f"{name}: its pose must be finite numbers, not {list(thing.pose)}")
+    if not 0.0 <= thing.material.get("friction", 0.0) <= _MOST_FRICTION:
+        raise ValueError(f"{name}: its friction must be from 0 to {_MOST_FRICTION:g}, not {thing.material['friction']}")
     if not all(0.0 < size < 1e3 for size in thing.sizes):
         raise ValueError(f"{name}: its {thing.shape} must have lengths greater than 0, not {list(thing.sizes)}")
     return thing
@@ -120,25 +126,31 @@ def _beside(path: Path, thing: Thing) -> Thing:
     return replace(thing, mesh=str(mesh.resolve()))
 
 
-def _mounted(
-    path: Path, given: Any
-) -> tuple[dict[str, tuple[Thing, MountedShape]], dict[str, Cup], dict[str, HandShape]]:
+def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
+    """What is mounted, by the names that a plan has for its kinds. tools: names of things with couplings."""
     if not isinstance(given, dict):
         raise ValueError("mounted must be a mapping of names")
     bolted: dict[str, tuple[Thing, MountedShape]] = {}
     cups: dict[str, Cup] = {}
     hands: dict[str, HandShape] = {}
+    changers: dict[str, Plate] = {}
     for name, what in given.items():
         if isinstance(what, dict) and any(kind in what for kind in _GRIPPERS):
             mounted = read(str(name), what, Mounted)
+            if mounted.tool and mounted.tool not in tools:
+                raise ValueError(
+                    f"{name}: tool is {mounted.tool!r}, not a thing with a coupling: {', '.join(tools) or 'none'}"
+                )
             if mounted.suction is not None:
-                cups[str(name)] = Cup(mounted.suction, mounted.pose)
+                cups[str(name)] = Cup(mounted.suction, mounted.pose, mounted.tool)
             elif mounted.parallel is not None:
-                hands[str(name)] = parallel_hand(str(name), mounted.parallel, mounted.pose)
+                hands[str(name)] = parallel_hand(str(name), mounted.parallel, mounted.pose, mounted.tool)
+            elif mounted.changer is not None:
+                changers[str(name)] = Plate(mounted.changer, mounted.pose)
             continue
         thing = _beside(path, _solid(str(name), read_description(str(name), what, SHAPES)))
         if strange := set(thing.moving) - _OF_MOUNTED:
             raise ValueError(f"{name}: what is mounted on the flange has no {min(strange)}")
         moving = moving_of(str(name), thing)
         bolted[str(name)] = thing, MountedShape(moving.mass or 0.0, thing.material.get("friction", 0.5), moving.colour)
-    return bolted, cups, hands
+    return {"bolted": bolted, "cups": cups, "hands": hands, "changers": changers}

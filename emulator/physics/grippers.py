@@ -18,7 +18,8 @@ class HandShape:
 
     pose: of the palm in the flange's frame, fingers along z. stroke: between the open pads [m]. palm: radius and
     length; pad: its thickness, width and length along z [m]. mass [kg] with all its parts. force: least and greatest of
-    one finger [N]. parallel: what it is wired to, None for one with a port of its own.
+    one finger [N]. parallel: what it is wired to, None for one with a port of its own. tool: the thing that it is on
+    and in whose frame its pose is, "" for the flange.
     """
 
     name: str
@@ -29,6 +30,7 @@ class HandShape:
     mass: float
     force: tuple[float, float]
     parallel: Parallel | None = None
+    tool: str = ""
 
     @property
     def tip(self) -> float:
@@ -60,7 +62,7 @@ def robotiq_hand(model: GripperModel) -> HandShape:
     )
 
 
-def parallel_hand(name: str, parallel: Parallel, pose: Sequence[float]) -> HandShape:
+def parallel_hand(name: str, parallel: Parallel, pose: Sequence[float], tool: str = "") -> HandShape:
     """The shape of a gripper on an output."""
     return HandShape(
         name=name,
@@ -71,4 +73,5 @@ def parallel_hand(name: str, parallel: Parallel, pose: Sequence[float]) -> HandS
         mass=_JAW_KG,
         force=(parallel.force, parallel.force),
         parallel=parallel,
+        tool=tool,
     )

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from emulator.physics.description import Barrier, Camera, Colour, Moving, Suction
+from emulator.physics.description import Barrier, Camera, Changer, Colour, Moving, Suction
 from emulator.physics.grippers import HandShape
 from urproto.worldfile import Thing
 
@@ -20,9 +20,18 @@ class MountedShape:
 
 @dataclass(frozen=True)
 class Cup:
-    """A suction gripper and where it is in the flange's frame."""
+    """A suction gripper and where it is in the flange's frame, or in that of the ``tool`` that it is on."""
 
     suction: Suction
+    pose: tuple[float, ...]
+    tool: str = ""
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A tool changer and where its face is in the flange's frame."""
+
+    changer: Changer
     pose: tuple[float, ...]
 
 
@@ -41,8 +50,14 @@ class PhysicsPlan:
     bolted: Mapping[str, tuple[Thing, MountedShape]] = field(default_factory=dict)
     cups: Mapping[str, Cup] = field(default_factory=dict)
     hands: Mapping[str, HandShape] = field(default_factory=dict)
+    changers: Mapping[str, Plate] = field(default_factory=dict)
     gripper: HandShape | None = None
     barriers: Mapping[str, Barrier] = field(default_factory=dict)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 
     links: bool = True  # those of the arm touch, by MuJoCo's own search
+
+    @property
+    def couplings(self) -> dict[str, tuple[float, ...]]:
+        """Of the things that tool changers take: poses in their frames."""
+        return {name: moving.coupling for name, moving in self.moving.items() if moving.coupling is not None}

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from emulator.physics.arm_bodies import FLANGE, MOUNTING, PREFIX, TOOL, DrivenArm, add_arm, quaternion
+from emulator.physics.changer import add_changer
 from emulator.physics.contacts import Kind, classify, touching
 from emulator.physics.description import Camera, Joint, Moving
 from emulator.physics.fingers import add_fingers
@@ -215,9 +216,13 @@ def _add_mounted(spec: Any, plan: PhysicsPlan) -> None:
     for name, (thing, shape) in plan.bolted.items():
         _add_bolted(spec, flange, name, thing, shape)
     for name, cup in plan.cups.items():
-        add_suction(spec, flange, name, cup, movable)
+        add_suction(
+            spec, spec.body(cup.tool) if cup.tool else flange, name, cup, [one for one in movable if one != cup.tool]
+        )
     for hand in plan.hands.values():
-        add_fingers(spec, flange, hand)
+        add_fingers(spec, spec.body(hand.tool) if hand.tool else flange, hand)
+    for name, plate in plan.changers.items():
+        add_changer(spec, flange, name, plate, plan.couplings)
 
 
 def _add_bolted(spec: Any, parent: Any, name: str, thing: Thing, shape: MountedShape) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from emulator.physics.arm_bodies import PREFIX, quaternion
 from emulator.physics.contacts import Kind, touching
+from emulator.physics.welds import add_weld, weld_name
 
 if TYPE_CHECKING:
     from emulator.physics.plan import Cup
@@ -37,19 +38,7 @@ def add_suction(spec: Any, flange: Any, name: str, cup: "Cup", movable: Iterable
     )
     body.add_site(name=PREFIX + name)
     for other in movable:
-        spec.add_equality(
-            name=_weld(name, other),
-            type=mujoco.mjtEq.mjEQ_WELD,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1=PREFIX + name,
-            name2=other,
-            active=False,
-            solref=list(_SOFT),
-        )
-
-
-def _weld(cup: str, body: str) -> str:
-    return f"{PREFIX}{cup}:{body}"
+        add_weld(spec, name, other, _SOFT)
 
 
 class SuctionCup:
@@ -115,7 +104,7 @@ class SuctionCup:
         body = int(model.body_weldid[model.geom_bodyid[hit[0]]])
         if not body:
             return
-        self._welded = model.equality(_weld(self._name, model.body(body).name)).id
+        self._welded = model.equality(weld_name(self._name, model.body(body).name)).id
         frame = data.xmat[body].reshape(3, 3)
         inverse, turned = np.zeros(4), np.zeros(4)
         mujoco.mju_negQuat(inverse, data.xquat[self._body])

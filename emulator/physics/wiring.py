@@ -1,4 +1,4 @@
-"""What is wired between the robot's signals and a scene: conveyors, barriers, buttons, cylinders, lamps, grippers.
+"""What is wired between the robot's signals and a scene: conveyors, barriers, buttons, cylinders, lamps, its tools.
 
 Once a period, before the scene's steps, outputs act on it; after them, inputs say what became of it.
 """
@@ -12,6 +12,7 @@ import numpy as np
 from emulator.devices.robotiq import Gripper
 from emulator.io.encoders import Encoders
 from emulator.io.signals import Signals
+from emulator.physics.changer import ToolChanger
 from emulator.physics.description import Barrier, Conveyor, Parallel
 from emulator.physics.fingers import Fingers
 from emulator.physics.suction import SuctionCup
@@ -91,10 +92,11 @@ class Wires:
             if moving.conveyor is not None
         }
         self.cups = {name: SuctionCup(name, cup, model) for name, cup in plan.cups.items()}
+        self.changers = [ToolChanger(name, plate, plan.couplings, model) for name, plate in plan.changers.items()]
         self._jaws = [Jaw(Fingers(hand, model), hand.parallel) for hand in plan.hands.values() if hand.parallel]
         self._fingers = None if plan.gripper is None or gripper is None else Fingers(plan.gripper, model)
         fingers = [*(jaw.fingers for jaw in self._jaws), *([] if self._fingers is None else [self._fingers])]
-        self._keeping: list[Fingers | SuctionCup] = [*fingers, *self.cups.values()]
+        self._keeping: list[Fingers | SuctionCup | ToolChanger] = [*fingers, *self.cups.values(), *self.changers]
         self._barriers = list(plan.barriers.values())
         joints = {name: moving.joint for name, moving in plan.moving.items() if moving.joint is not None}
         self._buttons = [
@@ -109,7 +111,7 @@ class Wires:
         ]
 
     def save(self) -> list[float]:
-        """What grippers and cups remember beside the scene's own state, for `restore`."""
+        """What grippers, cups and changers remember beside the scene's own state, for `restore`."""
         return [value for part in self._keeping for value in part.save()]
 
     def restore(self, values: Sequence[float]) -> None:
@@ -129,6 +131,8 @@ class Wires:
             data.ctrl[actuator] = joint.far if level(signals, _number(joint.output)) else 0.0
         for geom, lamp, colour in self._lamps:
             self._model.geom_rgba[geom, :3] = colour[:3] * (1.0 if level(signals, lamp) else _DARK)
+        for changer in self.changers:
+            changer.act(data, locking=level(signals, changer.changer.output))
         for jaw in self._jaws:
             jaw.act(data, signals, period_s)
         if self._fingers is not None and self._gripper is not None:
@@ -154,6 +158,9 @@ class Wires:
         for cup in self.cups.values():
             if cup.suction.vacuum is not None:
                 _set(signals, cup.suction.vacuum, bool(cup.holds))
+        for changer in self.changers:
+            if changer.changer.locked is not None:
+                _set(signals, changer.changer.locked, bool(changer.holds(data)))
         for jaw in self._jaws:
             jaw.look(data, signals, period_s)
         if self._fingers is not None and self._gripper is not None:

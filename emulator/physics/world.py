@@ -311,7 +311,8 @@ def _payload(plan: "PhysicsPlan") -> Payload | None:
     parts: list[tuple[float, Vector3]] = []
     for thing, shape in plan.bolted.values():
         parts.append((shape.mass, thing.pose[:3]))
-    for hand in (*plan.hands.values(), *((plan.gripper,) if plan.gripper else ())):
+    hands = [hand for hand in plan.hands.values() if not hand.tool]
+    for hand in (*hands, *((plan.gripper,) if plan.gripper else ())):
         matrix = rotvec_to_matrix(*hand.pose[3:6])
         x, y, z = rotate(matrix, (0.0, 0.0, 0.5 * hand.palm[1]))
         parts.append((hand.mass, (hand.pose[0] + x, hand.pose[1] + y, hand.pose[2] + z)))

@@ -2,11 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("mujoco", reason="the extra physics")  # not packaged for Python 3.10
 
 from emulator.control.verbs import BadArguments, NotPossible
+from emulator.physics import open_cameras
+from emulator.physics.cameras import CameraError
 from urproto.testing.virtual import virtual_robot
 
 SCENE = """
@@ -121,6 +124,23 @@ def test_a_camera_is_covered_for_a_while(robot):
     assert robot.controller.world.covered == {"above"}
     robot.step(20)
     assert robot.controller.world.covered == set()
+
+
+def test_a_covered_camera_gives_black_pictures_until_it_is_free(robot):
+    try:
+        cameras = open_cameras(robot.controller.world)
+    except CameraError as error:
+        pytest.skip(str(error))
+    with cameras:
+        before = cameras.rgb("above")
+        fault = robot.inject_fault("covered_camera", camera="above")
+        robot.step(2)
+        assert not cameras.rgb("above").any()
+        assert not cameras.depth("above").any()
+        robot.clear_fault(fault)
+        robot.step(2)
+        assert np.array_equal(cameras.rgb("above"), before)
+        assert before.any()
 
 
 @pytest.mark.parametrize(

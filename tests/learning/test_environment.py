@@ -1,5 +1,6 @@
 """Tasks for Gymnasium: its own checks and wrappers, equal runs from equal seeds, and a task that can be done."""
 
+import multiprocessing
 import runpy
 from pathlib import Path
 
@@ -128,6 +129,26 @@ def test_environments_step_side_by_side():
         seen, rewards, *_ = envs.step(envs.action_space.sample())
     assert rewards.shape == (2,)
     envs.close()
+
+
+def test_environments_in_processes_of_their_own_do_the_same_and_end():
+    """As docs/learning.md has it. What a worker forked of this process would take over, no environment needs."""
+    runs = []
+    for mode, options in (("sync", {}), ("async", {"context": "spawn"})):
+        envs = gymnasium.make_vec(
+            "emulator.learning:" + NAME, num_envs=2, vectorization_mode=mode, vector_kwargs=options
+        )
+        envs.action_space.seed(4)
+        run = [envs.reset(seed=[1, 2])[0]]
+        for _ in range(10):
+            seen, rewards, *_ = envs.step(envs.action_space.sample())
+            run += [seen.copy(), rewards.copy()]
+        workers = multiprocessing.active_children()
+        envs.close()
+        runs.append(b"".join(values.tobytes() for values in run))
+        assert len(workers) == (2 if mode == "async" else 0)
+        assert not any(worker.is_alive() for worker in workers)
+    assert runs[0] == runs[1]
 
 
 def test_an_action_that_is_not_a_number_is_refused(env):

@@ -62,13 +62,15 @@ def test_the_tool_feels_the_weight_of_what_hangs_on_it(cell, arm):
         "sleep(0.3)",
     )
     assert here.controller.arm.wrench[2] == pytest.approx(-0.5 * G, rel=0.01)
-    # moved with 2 m/s2, it weighs more: what carries it gives the momentum
-    rising = []
+    # moved with 2 m/s2, it weighs more: what carries it gives the momentum, and the energy
+    rising, work, period_s, low = [], 0.0, here.controller.period_s, here.position("part")[2]
     here.start("movel(p[-0.45, -0.2, 0.35, 0, 3.14159, 0], a=2, v=1)")
     while not here.stopped:
         rising.append(here.controller.arm.wrench[2])
+        work -= rising[-1] * here.world.velocity("part")[2] * period_s
         here.robot.step(1)
     assert min(rising) == pytest.approx(-0.5 * (G + 2.0), rel=0.1)
+    assert work == pytest.approx(0.5 * G * (here.position("part")[2] - low), rel=0.02)
     assert sum(rising) * here.controller.period_s == pytest.approx(
         -0.5 * G * len(rising) * here.controller.period_s, rel=0.03
     )

@@ -21,6 +21,12 @@ MJCF = """<mujoco><worldbody>
         (f"objects: {{a: {{{PART}, mass: 0}}}}", "a: Expected float > 0.0 - at $.mass"),
         (f"objects: {{a: {{{PART}, mass: heavy}}}}", "a: Expected float | null, got str"),
         ("objects: {a: {torus: 1}}", "a has 'torus'"),
+        (f"objects: {{a: {{{PART}, mass: 1, friction: .nan}}}}", "a: its friction must be from 0 to 10, not nan"),
+        ("objects: {a: {box: [1, 1, 1], pose: [.inf, 0, 0]}}", "a: its pose must be finite numbers"),
+        (f"objects: {{'': {{{PART}}}}}", "a thing must have a name"),
+        (f"objects: {{a: {{{PART}, conveyor: {{speed: .nan}}}}}}", "a: its numbers must be finite"),
+        ("barriers: {b: {from: [.nan, 0, 0], to: [0, 0, 1], input: 1}}", "b: its numbers must be finite"),
+        ("cameras: {c: {pose: [0, .nan, 1]}}", "c: its numbers must be finite"),
         ("objects: {a: {box: [0.1, 0, 0.1]}}", "lengths greater than 0"),
         (
             f"objects: {{a: {{{PART}, mass: 1}}, b: {{{PART}, mass: 1}}}}",
@@ -34,6 +40,10 @@ MJCF = """<mujoco><worldbody>
         ("barriers: {b: {from: [0, 0, 0], to: [0, 0, 1], input: 18}}", "Expected int <= 17"),
         ("scene: other.xml", "cannot read"),
         ("mounted: {m: {}}", "m must have exactly one of"),
+        (f"objects: {{a: {{{PART}, coupling: [0, 0, 0]}}}}", "what a tool changer takes is free to move"),
+        ("mounted: {m: {suction: {output: 0}, tool: a}}", "m: tool is 'a', not a thing with a coupling: none"),
+        ("mounted: {m: {changer: {output: 0}, tool: a}}", "m: a tool changer is on the flange: leave tool out"),
+        ("mounted: {m: {changer: {output: 0}, suction: {output: 1}}}", "give parallel, suction or changer"),
         ("cameras: {c: {pose: [0, 0, 1], at: [0, 0, 1]}}", "at is where the camera is"),
     ],
 )

@@ -62,3 +62,14 @@ def test_a_wall_is_found_by_contact_and_a_box_before_it() -> None:
     assert above == pytest.approx(-0.6, abs=0.002)
     assert behind == pytest.approx(-0.55, abs=0.002)  # the box, against the wall
     assert box[0] == pytest.approx(-0.575, abs=0.002)
+
+
+@pytest.mark.long
+def test_tools_are_changed() -> None:
+    with cell("tools.yaml", "ur5e", 2.0) as robot:
+        said = run("change_tools.py", robot.host)
+        places = robot.object_poses()
+    assert float(said.split("z = ")[1].split()[0]) == pytest.approx(0.02, abs=0.002)
+    assert places["plate"][:3] == pytest.approx((-0.1, -0.5, 0.01), abs=0.003)
+    for tool, y in (("cup head", 0.0), ("probe head", -0.2)):
+        assert places[tool][:3] == pytest.approx((-0.5, y, 0.215), abs=0.003)

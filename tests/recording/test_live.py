@@ -13,8 +13,10 @@ import websockets
 from recording_rig import BEGAN_NS, moving_states
 from websockets.sync.server import serve
 
+from client.cameras import Shot
 from client.errors import MissingExtraError, RecordingError
 from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams, plotjuggler
+from tests.served_cameras import JPEG, MATRIX, OVERVIEW, POSE
 from urproto.compat_asyncio import timeout
 from urproto.rtde.fields import OUTPUT_FIELDS
 
@@ -181,3 +183,29 @@ def test_a_missing_package_is_one_clear_line(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(MissingExtraError, match=r"in the folder of ur-emulator, pip install '\.\[live\]'"):
         FoxgloveServer(("timestamp",), "127.0.0.1", 0)
+
+
+async def test_a_client_of_foxgloves_protocol_gets_pictures_and_where_the_camera_is() -> None:
+    server = FoxgloveServer(("timestamp",), "127.0.0.1", 0)
+    topics = ("/over_all/image_raw/compressed", "/over_all/camera_info", "/tf_static")
+    try:
+        address = f"ws://127.0.0.1:{server.port}"
+        async with timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
+            channels = await _channels(client)
+            got, number = {}, 0
+            while len(got) < len(topics):
+                server.write_shot(Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE), BEGAN_NS + number * 10**9)
+                number += 1
+                if not set(topics) <= set(channels):  # they are new with the first picture
+                    channels |= await _channels(client)
+                    if set(topics) <= set(channels):
+                        await _subscribe(client, [channels[topic]["id"] for topic in topics])
+                else:
+                    got |= await _messages(client)
+    finally:
+        server.close()
+    picture, info, frames = (_decoded(channels[topic], got[channels[topic]["id"]]) for topic in topics)
+    assert bytes(picture.data) == JPEG
+    assert picture.header.frame_id == "over_all_optical_frame"
+    assert tuple(info.k) == MATRIX
+    assert [frame.child_frame_id for frame in frames.transforms] == ["over_all_link", "over_all_optical_frame"]

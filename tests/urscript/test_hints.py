@@ -84,6 +84,8 @@ LINES = [
     ("b = round(a)", 7, "floor(number + 0.5)"),
     ("b = str(a)", 7, "to_str(value)"),
     ("wait(1)", 3, "sleep(seconds)"),
+    ("rq_close_and_wait()", 3, "it is defined by Robotiq's URCap, in the preamble that PolyScope puts before"),
+    ("b = rq_is_object_detected()", 7, "or ask port 63352 by sockets"),
     ("b = degrees(a)", 7, "r2d(angle)"),
     ("movJ([0, 0, 0, 0, 0, 0])", 3, "did you mean 'movej'?"),
     ("MoveL(p[0, 0, 0, 0, 0, 0])", 3, "did you mean 'movel'?"),

@@ -97,7 +97,7 @@ def test_a_block_smaller_than_the_tool_pushes_its_middle(rig):
 def test_a_contact_never_pulls_and_friction_stays_in_its_cone(depth, stiffness, damping, friction, vx, vy, vz):
     (x, y, z), grip = force_of(depth, (0.0, 0.0, 1.0), (stiffness, damping, friction), (vx, vy, vz))
     assert z >= 0.0
-    assert hypot(x, y) <= friction * z * (1 + 1e-9)
+    assert hypot(x, y) <= friction * z * (1 + 1e-9) + 1e-300  # where doubles have no digits left
     assert x * vx + y * vy <= 0.0
     assert grip >= 0.0
     if depth <= 0.0:

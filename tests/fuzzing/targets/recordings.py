@@ -5,6 +5,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from client.cameras import Shot
 from client.decoding.capture import head_of_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
 from client.decoding.packets import Endpoint
@@ -12,8 +13,10 @@ from client.decoding.session import Choice, Session
 from client.errors import ClientError
 from client.recording import Recorder
 from client.recording.files import read as read_recording
+from client.recording.recorded_pictures import read_pictures
 from client.traffic.recording import Recording as Traffic
 from targets.registry import file, folder, target
+from urproto.cameras import CameraDescription
 from urproto.rtde import codec as rtde_codec
 
 
@@ -38,6 +41,21 @@ def _recording(suffix: str, data: bytes) -> None:
 @target(_recordings(".mcap"))
 def mcap(data: bytes) -> None:
     _recording(".mcap", data)
+
+
+def _filmed() -> Iterator[bytes]:
+    path = folder() / "filmed.mcap"
+    camera = CameraDescription("over all", 8, 6, (10.0, 0.0, 4.0, 0.0, 10.0, 3.0, 0.0, 0.0, 1.0), "base", (0.0,) * 6)
+    with Recorder(path, ("timestamp",), now_ns=lambda: 1_700_000_000_000_000_000) as recorder:
+        recorder.write({"timestamp": 1.0})
+        recorder.write_shot(Shot(camera, "rgb.jpg", b"\xff\xd8 as it comes \xff\xd9", 1.0, (0.0,) * 6))
+    yield path.read_bytes()
+
+
+@target(_filmed)
+def pictures(data: bytes) -> None:
+    with suppress(ClientError):
+        read_pictures(file("any.mcap", data))
 
 
 @target(_recordings(".csv"), b"timestamp,robot_mode\n0,1e400\n", b'"timestamp\n')

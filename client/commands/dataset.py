@@ -1,0 +1,54 @@
+"""``ur-client dataset``: recordings as what policies are trained on."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from client.lerobot import DEFAULT_ACTION, DEFAULT_STATE, write_dataset
+
+
+def dataset_command(
+    folder: Annotated[Path, typer.Argument(help="Folder to make.")],
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(help="Recordings, .mcap, .csv or .npz: an episode each.", exists=True, dir_okay=False),
+    ],
+    task: Annotated[
+        list[str], typer.Option("--task", help="What was done, in words: once for all recordings, or once for each.")
+    ],
+    fps: Annotated[
+        int | None,
+        typer.Option("--fps", min=1, help="Frames per second (default: as there are pictures, else 10)."),
+    ] = None,
+    state: Annotated[
+        list[str] | None,
+        typer.Option("--state", help="RTDE outputs of an observation, or parts: actual_q, actual_TCP_pose[2], ..."),
+    ] = None,
+    action: Annotated[
+        list[str] | None,
+        typer.Option("--action", help="RTDE outputs of an action: target_q, actual_digital_output_bits[0], ..."),
+    ] = None,
+    robot_type: Annotated[str, typer.Option("--robot-type", help="Name of the robot in the dataset.")] = "ur",
+) -> None:
+    """Make a LeRobot dataset (v3.0) of recordings, with the pictures in them."""
+    made = write_dataset(
+        folder,
+        recordings,
+        task,
+        fps=fps,
+        state=_names(state) or DEFAULT_STATE,
+        action=_names(action) or DEFAULT_ACTION,
+        robot_type=robot_type,
+    )
+    cameras = f", cameras: {', '.join(made.cameras)}" if made.cameras else ""
+    typer.echo(f"{folder}: {made.episodes} episodes, {made.frames} frames at {made.fps} a second{cameras}")
+    if made.cameras:
+        typer.echo(f"pictures are at most {made.late_s:.3f} s from the time of their frame")
+    for note in made.notes:
+        typer.echo(f"note: {note}", err=True)
+
+
+def _names(given: Sequence[str] | None) -> list[str]:
+    return [name.strip() for part in given or () for name in part.split(",") if name.strip()]

@@ -1,0 +1,333 @@
+"""The files of a LeRobotDataset v3.0: episodes in Parquet files, what describes them beside.
+
+    meta/info.json                               features, frames a second, how many episodes and frames
+    meta/stats.json                              statistics of all episodes
+    meta/tasks.parquet                           tasks and their numbers
+    meta/episodes/chunk-000/file-000.parquet     a row an episode: its task, where it is, its statistics
+    data/chunk-000/file-000.parquet              a row a frame
+
+Source: ``lerobot`` 0.4.4, its documentation of the format and what it writes itself.
+"""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from client.errors import RecordingError
+from client.lerobot import stats
+from client.lerobot.episodes import Episode, episode, usual_rate_hz
+from client.lerobot.features import DEFAULT_ACTION, DEFAULT_STATE, Numbers
+from client.recording import read
+from client.recording.extras import extra
+from client.recording.files import remarks
+from client.recording.recorded_pictures import RecordedPictures, read_pictures
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+VERSION: Final = "v3.0"
+USUAL_FPS: Final = 10
+"""Frames a second of recordings without pictures, unless somebody says how many."""
+
+_WHAT: Final = "a dataset for LeRobot"
+_STATE, _ACTION, _PICTURES = "observation.state", "action", "observation.images."
+_IN_CHUNK: Final = 1000  # files; these three: what LeRobot writes
+_DATA_MB, _VIDEO_MB = 100, 200
+_PLACE: Final = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+_DATA: Final = f"data/{_PLACE}.parquet"
+_EPISODES: Final = f"meta/episodes/{_PLACE}.parquet"
+_COUNTED: Final = ("frame_index", "episode_index", "index", "task_index")
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """What was written. late_s: the picture that is farthest from the time of its frame [s]. notes: on recordings."""
+
+    path: Path
+    fps: int
+    episodes: int
+    frames: int
+    cameras: tuple[str, ...]
+    late_s: float
+    notes: tuple[str, ...]
+
+
+def write_dataset(
+    path: Path | str,
+    recordings: Sequence[Path | str],
+    tasks: Sequence[str],
+    *,
+    fps: int | None = None,
+    state: Iterable[str] = DEFAULT_STATE,
+    action: Iterable[str] = DEFAULT_ACTION,
+    robot_type: str = "ur",
+) -> Dataset:
+    """Make a folder of recordings, each one episode.
+
+    tasks: what was done, in words: one for all recordings, or one for each. fps: frames a second (default: as the first
+    recording has pictures, else `USUAL_FPS`). state, action: RTDE variables, one number of a vector (``actual_q[0]``),
+    or one bit of a word. All cameras that were recorded are in it, and have to be in every recording.
+
+    The folder is there when it is complete, or not at all. Raises RecordingError, MissingExtraError.
+    """
+    path, files = Path(path), [Path(file) for file in recordings]
+    if path.exists():
+        raise RecordingError(f"{path} is there already: choose another name")
+    if not files:
+        raise RecordingError("a dataset has at least one recording")
+    if len(tasks) not in (1, len(files)) or not all(task.strip() for task in tasks):
+        raise RecordingError(
+            f"{len(tasks)} tasks for {len(files)} recordings: name one for all, or one for each, in order"
+        )
+    if fps is not None and fps < 1:
+        raise RecordingError(f"a dataset has at least one frame a second, not {fps}")
+    each = list(tasks) * len(files) if len(tasks) == 1 else list(tasks)
+    with extra("lerobot", _WHAT):  # before anything is read
+        import_module("pyarrow.parquet")
+        import_module("PIL.Image")
+    notes: list[str] = []
+    with _folder(path) as folder, ExitStack() as opened:
+        writer: _Writer | None = None
+        numbers = Numbers(state), Numbers(action)
+        for file, task in zip(files, each, strict=True):
+            recording = read(file)
+            notes += [f"{file}: {remark}" for remark in remarks(recording.info)]
+            try:
+                pictures = read_pictures(file) if file.suffix.lower() == ".mcap" else {}
+                if writer is None:
+                    writer = _Writer(folder, fps or _usual_fps(pictures), *numbers, robot_type)
+                    opened.callback(writer.end_file)
+                writer.add(episode(recording, pictures, task, writer.fps, numbers))
+            except RecordingError as error:
+                raise RecordingError(f"{file}: {error}") from error
+        assert writer is not None
+        writer.finish()
+    return Dataset(path, writer.fps, len(files), writer.frames, writer.cameras, writer.late_s, tuple(notes))
+
+
+def _usual_fps(pictures: Mapping[str, RecordedPictures]) -> int:
+    """As often as the camera that was slowest gave a picture."""
+    rate_hz = usual_rate_hz(pictures)
+    return max(1, round(rate_hz)) if rate_hz else USUAL_FPS
+
+
+@contextmanager
+def _folder(path: Path) -> Iterator[Path]:
+    """A folder beside ``path``, which takes its name in the end; nothing of it stays after an error."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
+    try:
+        yield made
+        made.chmod(0o777 & ~_umask())
+        made.rename(path)
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def _umask() -> int:
+    """Of this process: a temporary folder is for its owner alone."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+class _Writer:
+    """Writes episodes one after the other. frames: so far."""
+
+    def __init__(self, folder: Path, fps: int, state: Numbers, action: Numbers, robot_type: str) -> None:
+        self.fps = fps
+        self.frames = 0
+        self.cameras: tuple[str, ...] = ()
+        self.late_s = 0.0
+        self._folder = folder
+        self._robot_type = robot_type
+        self._labels = {_STATE: state.labels, _ACTION: action.labels}
+        self._sizes: dict[str, tuple[int, int]] = {}  # of each camera's pictures: height, width
+        self._tasks: dict[str, int] = {}
+        self._rows: list[dict[str, Any]] = []  # of episodes
+        self._stats: list[dict[str, stats.Statistics]] = []
+        self._data: Any = None  # the ParquetWriter of the newest file
+        self._place = (0, 0)  # its chunk and its number there
+
+    def add(self, made: Episode) -> None:
+        """Write an episode. Raises RecordingError for pictures that cannot be read, or are not as those before."""
+        self._check_pictures(made)
+        number, task = len(self._rows), self._tasks.setdefault(made.task, len(self._tasks))
+        frames = np.arange(len(made))
+        counted = {
+            "frame_index": frames,
+            "episode_index": np.full_like(frames, number),
+            "index": self.frames + frames,
+            "task_index": np.full_like(frames, task),
+        }
+        times = (frames / self.fps).astype(np.float32)
+        self._write(self._table(made, times, counted))
+        numbers: dict[str, NDArray[Any]] = {_STATE: made.state, _ACTION: made.action, "timestamp": times, **counted}
+        found = {
+            name: stats.of_numbers(np.asarray(values, np.float64).reshape(len(made), -1))
+            for name, values in numbers.items()
+        }
+        for camera, pictures in made.pictures.items():
+            found[_PICTURES + camera] = stats.of_pictures(pictures)
+        chunk, place = self._place
+        self._rows.append(
+            {
+                "episode_index": number,
+                "tasks": [made.task],
+                "length": len(made),
+                "data/chunk_index": chunk,
+                "data/file_index": place,
+                "dataset_from_index": self.frames,
+                "dataset_to_index": self.frames + len(made),
+                "meta/episodes/chunk_index": 0,
+                "meta/episodes/file_index": 0,
+                **{
+                    f"stats/{feature}/{name}": values.tolist()
+                    for feature, part in found.items()
+                    for name, values in part.items()
+                },
+            }
+        )
+        self._stats.append(found)
+        self.frames += len(made)
+        self.late_s = max(self.late_s, made.late_s)
+
+    def finish(self) -> None:
+        """Write what describes the episodes."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        self.end_file()
+        episodes = self._folder / _EPISODES.format(chunk_index=0, file_index=0)
+        episodes.parent.mkdir(parents=True)
+        pq.write_table(pa.Table.from_pylist(self._rows), episodes)
+        pq.write_table(_tasks_table(self._tasks), self._folder / "meta/tasks.parquet")
+        features = self._stats[0]
+        every = {name: stats.together([found[name] for found in self._stats]) for name in features}
+        self._write_json("stats.json", {name: {k: v.tolist() for k, v in part.items()} for name, part in every.items()})
+        self._write_json("info.json", self._info())
+
+    def end_file(self) -> None:
+        """Write no more into the newest file of frames; twice does no harm."""
+        if self._data is not None:
+            self._data.close()
+            self._data = None
+
+    def _check_pictures(self, made: Episode) -> None:
+        """Every episode has the same cameras, whose pictures are of one size."""
+        shapes = {camera: stats.decoded(pictures[0]).shape for camera, pictures in made.pictures.items()}
+        sizes = {camera: (shape[0], shape[1]) for camera, shape in shapes.items()}
+        if not self._rows:
+            self._sizes, self.cameras = sizes, tuple(sizes)
+        elif sizes != self._sizes:
+            raise RecordingError(f"it has pictures of {_sized(sizes)}, the recordings before of {_sized(self._sizes)}")
+
+    def _table(self, made: Episode, times: NDArray[np.float32], counted: Mapping[str, NDArray[np.int64]]) -> "pa.Table":
+        import pyarrow as pa
+
+        columns: dict[str, Any] = {_STATE: _vectors(made.state), _ACTION: _vectors(made.action)}
+        picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+        for camera, pictures in made.pictures.items():
+            columns[_PICTURES + camera] = pa.array([{"bytes": data, "path": None} for data in pictures], picture)
+        columns["timestamp"] = pa.array(times)
+        columns |= {name: pa.array(values, pa.int64()) for name, values in counted.items()}
+        return pa.table(columns)
+
+    def _write(self, table: "pa.Table") -> None:
+        """A row group an episode, in a file that is not yet too large."""
+        import pyarrow.parquet as pq
+
+        if self._data is not None and self._size_mb() + table.nbytes / 2**20 > _DATA_MB:
+            self.end_file()
+            chunk, place = self._place
+            self._place = (chunk, place + 1) if place + 1 < _IN_CHUNK else (chunk + 1, 0)
+        if self._data is None:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            self._data = pq.ParquetWriter(self._file, table.schema, compression="snappy")
+        self._data.write_table(table)
+
+    @property
+    def _file(self) -> Path:
+        return self._folder / _DATA.format(chunk_index=self._place[0], file_index=self._place[1])
+
+    def _size_mb(self) -> float:
+        return self._file.stat().st_size / 2**20
+
+    def _info(self) -> dict[str, Any]:
+        features: dict[str, dict[str, Any]] = {
+            name: {"dtype": "float32", "shape": [len(labels)], "names": list(labels)}
+            for name, labels in self._labels.items()
+        }
+        for camera, size in self._sizes.items():
+            features[_PICTURES + camera] = {
+                "dtype": "image",
+                "shape": [*size, 3],
+                "names": ["height", "width", "channels"],
+            }
+        features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
+        features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in _COUNTED}
+        return {
+            "codebase_version": VERSION,
+            "robot_type": self._robot_type,
+            "total_episodes": len(self._rows),
+            "total_frames": self.frames,
+            "total_tasks": len(self._tasks),
+            "chunks_size": _IN_CHUNK,
+            "data_files_size_in_mb": _DATA_MB,
+            "video_files_size_in_mb": _VIDEO_MB,
+            "fps": self.fps,
+            "splits": {"train": f"0:{len(self._rows)}"},
+            "data_path": _DATA,
+            "video_path": None,
+            "features": features,
+        }
+
+    def _write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        (self._folder / "meta" / name).write_text(json.dumps(content, indent=4, allow_nan=False) + "\n", "utf-8")
+
+
+def _vectors(values: NDArray[np.float32]) -> "pa.Array":
+    """A list of fixed length a row; of one number, that number, as LeRobot has it."""
+    import pyarrow as pa
+
+    flat = pa.array(values.ravel(), pa.float32())
+    return flat if values.shape[1] == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+
+def _tasks_table(tasks: Mapping[str, int]) -> "pa.Table":
+    """Tasks and their numbers, with what tells pandas that the tasks are the index, by which LeRobot looks them up."""
+    import pyarrow as pa
+
+    text = {"pandas_type": "unicode", "numpy_type": "object"}
+    number = {"pandas_type": "int64", "numpy_type": "int64"}
+    described = {
+        "index_columns": ["task"],
+        "column_indexes": [{"name": None, "field_name": None, **text, "metadata": {"encoding": "UTF-8"}}],
+        "columns": [
+            {"name": "task_index", "field_name": "task_index", **number, "metadata": None},
+            {"name": "task", "field_name": "task", **text, "metadata": None},
+        ],
+        "creator": {"library": "pyarrow", "version": pa.__version__},
+        "pandas_version": "2.2.0",
+    }
+    table = pa.table({"task_index": pa.array(tasks.values(), pa.int64()), "task": pa.array(tasks.keys(), pa.string())})
+    return table.replace_schema_metadata({"pandas": json.dumps(described)})
+
+
+def _sized(sizes: Mapping[str, tuple[int, int]]) -> str:
+    return ", ".join(f"{camera} ({size[1]}x{size[0]})" for camera, size in sizes.items()) or "no camera"

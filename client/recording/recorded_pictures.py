@@ -1,0 +1,85 @@
+"""Pictures of a recording, read again: JPEG, as cameras of this project and of ROS 2 are recorded."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from client.cameras.messages import COMPRESSED
+from client.errors import RecordingError
+from client.recording.cdr import MessageType
+from client.recording.extras import extra
+from client.recording.mcapfile import Damage, records_of, stamp_ns
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+_TOPIC: Final = re.compile(r"/([\w/]+)/image_raw/compressed")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedPictures:
+    """What a camera saw: JPEG, in the order of times_ns (n,), when each was taken, since 1970."""
+
+    times_ns: NDArray[np.int64]
+    data: tuple[bytes, ...]
+
+
+def read_pictures(path: Path) -> dict[str, RecordedPictures]:
+    """The pictures of a file of `McapWriter`, or of a ROS 2 bag in MCAP, by the cameras' names.
+
+    They are those of topics ``/NAME/image_raw/compressed``; ``/`` in a name becomes ``_``. What is around damage is
+    read, as `read_mcap` does. Raises RecordingError for a message that is none.
+    """
+    with path.open("rb") as file:
+        content = _Content()
+        content.take(records_of(file, Damage()))
+    return content.pictures()
+
+
+class _Content:
+    """The pictures that have been read of a file."""
+
+    def __init__(self) -> None:
+        self._schemas: dict[int, Schema] = {}
+        self._cameras: dict[int, tuple[str, MessageType]] = {}  # by channel
+        self._taken: dict[str, list[tuple[int, bytes]]] = {}
+
+    def take(self, records: Iterable[object]) -> None:
+        with extra("record", "an MCAP file"):
+            from mcap.records import Channel, Message, Schema
+        for record in records:
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._take_channel(record)
+            elif isinstance(record, Message) and record.channel_id in self._cameras:
+                camera, kind = self._cameras[record.channel_id]
+                message = kind.decode(record.data)
+                try:
+                    taken_ns = int(np.int64(stamp_ns(message, record.log_time)))
+                    picture = bytes([*message["data"]])  # not of a number, which would be its length
+                except (KeyError, ValueError, TypeError, OverflowError) as error:
+                    raise RecordingError(f"a message of {kind.name} has other fields than usual: {error}") from error
+                self._taken.setdefault(camera, []).append((taken_ns, picture))
+
+    def _take_channel(self, channel: "Channel") -> None:
+        schema, match = self._schemas.get(channel.schema_id), _TOPIC.fullmatch(channel.topic)
+        if match is None or schema is None or schema.name != COMPRESSED:
+            return
+        if (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg"):
+            kind = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
+            self._cameras[channel.id] = match[1].replace("/", "_"), kind
+
+    def pictures(self) -> dict[str, RecordedPictures]:
+        found = {}
+        for camera, taken in self._taken.items():
+            taken.sort(key=itemgetter(0))
+            times, data = zip(*taken, strict=True)
+            found[camera] = RecordedPictures(np.array(times, np.int64), data)
+        return found
