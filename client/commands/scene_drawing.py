@@ -1,17 +1,20 @@
 """What is around a robot, drawn into recordings and live streams of it."""
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from client import primary
 from client.calibration import calibration_of, described
-from client.commands.following import Sink
 from client.errors import FileError, RecordingError
-from client.recording.files import Recorder
 from client.recording.live import FoxgloveServer
 from urproto.errors import RobotRefused
 from urproto.robots import MODELS, RobotModel
+from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
     from client.planning.markers import SceneDrawing
@@ -34,37 +37,42 @@ def _model(robot: primary.BlockingPrimaryClient) -> RobotModel:
     return model
 
 
-def scene_drawing(path: Path | None, names: Sequence[str], robot_ip: str, port_offset: int) -> "SceneDrawing | None":
-    """Of a world file around a robot's arm; None for no file.
+def scene_drawing(
+    path: Path | None, plan: Path | None, names: Sequence[str], robot_ip: str, port_offset: int
+) -> "SceneDrawing | None":
+    """Of a world file around a robot's arm, and of the way in a file of ``ur-client plan --json``; None for no file.
 
     names: the variables that its states have. Raises RecordingError without those of the joints, URError, FileError.
     """
-    if path is None:
+    if path is None and plan is None:
         return None
     if "actual_q" not in names:
-        raise RecordingError("--scene needs actual_q: add it to --fields")
+        raise RecordingError("--scene and --plan need actual_q: add it to --fields")
+    way_rad = None if plan is None else _way(plan)
     from client.planning import PlanningScene
     from client.planning.markers import SceneDrawing
 
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         scene, state = PlanningScene(_model(robot)), robot.run(robot.core.robot_state())
+    if path is not None:
+        try:
+            scene.update(path, ZERO6 if state.cartesian is None else state.cartesian.tcp_offset)
+        except OSError as error:
+            raise FileError(path, error.strerror or str(error)) from error
+    return SceneDrawing(scene, way_rad)
+
+
+def _way(path: Path) -> NDArray[np.float64]:
+    """Joint angles (n, 6) [rad] of a plan. Raises FileError."""
     try:
-        if state.cartesian is None:
-            scene.update(path)
-        else:
-            scene.update(path, state.cartesian.tcp_offset)
+        way_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error
-    return SceneDrawing(scene)
-
-
-def drawn_into(recorder: Recorder, drawing: "SceneDrawing") -> Sink:
-    """What draws each state of the robot into a recording."""
-
-    def draw(state: Any) -> None:
-        drawing.draw(state, lambda topic, markers: recorder.write_markers(topic, markers, state["timestamp"]))
-
-    return draw
+    except (ValueError, TypeError, KeyError, RecursionError):
+        way_rad = np.empty(0)
+    if way_rad.shape[1:] != (6,) or not np.isfinite(way_rad).all():
+        raise FileError(path, "it is not a plan: write one with `ur-client plan GOAL --json`")
+    return way_rad
 
 
 class DrawnServer:
@@ -77,7 +85,8 @@ class DrawnServer:
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
         """Offer a state, and the scene around it."""
         self._server.write(values, time_ns)
-        self._drawing.draw(values, lambda topic, markers: self._server.write_markers(topic, markers, time_ns))
+        for topic, markers in self._drawing.at(values["timestamp"], values["actual_q"]):
+            self._server.write_markers(topic, markers, time_ns)
 
     def close(self) -> None:
         """Disconnect everybody."""

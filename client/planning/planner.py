@@ -19,7 +19,7 @@ from client.errors import PlanningError
 from client.planning.cartesian import CartesianPath, cartesian_runs
 from client.planning.collisions import CollisionChecker
 from client.planning.constraints import ConstrainedChecker, PathConstraints
-from client.planning.goals import Goal, PoseGoal, candidates
+from client.planning.goals import Goal, GoalSet, PoseGoal, candidates, check_six
 from client.planning.industrial import (
     INDUSTRIAL,
     CartesianLimits,
@@ -264,6 +264,7 @@ class Planner:
         return self.limits
 
     def _checked_start(self, start_rad: Sequence[float]) -> Joints:
+        check_six(start_rad, "the start is six joint angles")
         start = _six(start_rad)
         if not all(map(isfinite, start)):
             raise PlanningError(f"the start has numbers that no joint has: {list(start)}")
@@ -276,7 +277,8 @@ class Planner:
             return tool_segment(self.checker, start, item.goal, item.planner, self.cartesian_limits)
         goals = candidates(item.goal, start, self.checker)
         if isinstance(self.checker, ConstrainedChecker):
-            any_turn = isinstance(item.goal, PoseGoal)
+            wanted = item.goal.goals if isinstance(item.goal, GoalSet) else [item.goal]
+            any_turn = all(isinstance(one, PoseGoal) for one in wanted)
             found = ToolSearch(self.checker, start, goals, any_turn).find(item.planner, 0.5 * time_limit_s, seed)
             if found is not None:
                 return found

@@ -36,6 +36,12 @@ def test_a_line_blends_into_an_arc() -> None:
     assert all(abs(place[2] - Z) < 2e-3 for place in places)
 
 
+def test_any_of_some_goals_will_do() -> None:
+    code, output = plan(f"p[2,0,0,0,0,0] or {','.join(map(str, (0.5, *START[1:])))} or up")
+    assert code == 0, output
+    assert json.loads(output.removesuffix("None"))["positions"][-1] == pytest.approx((0.5, *START[1:]))
+
+
 def test_the_orientation_of_the_start_is_kept() -> None:
     code, output = plan(pose(0.1, 0.2), "--keep-orientation", "0.02,0.02,0.02")
     assert code == 0, output

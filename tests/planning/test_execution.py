@@ -1,7 +1,11 @@
 """What was planned is what the arm does: recorded angles keep clear of the scene."""
 
+import asyncio
+from dataclasses import replace
 from math import dist, hypot
+from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("ompl")
@@ -9,8 +13,18 @@ pytest.importorskip("ompl")
 from clearance import Clearance
 from driver_rig import HOME, Lab, emulator
 
-from client.errors import PlanningError
-from client.planning import Box, CircGoal, CollisionChecker, JointGoal, MotionSequenceItem, PlanningScene, PoseGoal
+from client.errors import PlanningError, WayBlockedError
+from client.planning import (
+    Box,
+    CircGoal,
+    CollisionChecker,
+    JointGoal,
+    MotionSequenceItem,
+    PlanningScene,
+    PoseGoal,
+    Sphere,
+    usual_limits,
+)
 
 
 @pytest.mark.parametrize("model", ["ur3", pytest.param("ur5e", marks=pytest.mark.long)])
@@ -38,6 +52,39 @@ async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.Monkey
             await arm.move_j((there[0] + 0.1, *there[1:]))
             with pytest.raises(PlanningError, match=r"0\.100 rad from where the plan begins"):
                 await arm.planning.execute(plan)
+
+
+async def test_what_comes_into_the_way_stops_the_arm_which_goes_on_by_another_way(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with emulator("ur3", speed=2.0) as robot:
+        monkeypatch.setattr("client.driver.endpoint.time", robot.clock)
+        lab = Lab(robot)
+        async with lab.arm as arm:
+            scene = PlanningScene(await arm.planning.model())
+            there = (HOME[0] + 1.8, *HOME[1:])
+            way_on = scene.kinematics.forward((HOME[0] + 1.3, *HOME[1:]))
+            limits = replace(usual_limits(scene.model), velocity=np.full(6, 0.5))
+
+            async def meets_a_post(**options: Any) -> None:
+                going = asyncio.create_task(arm.plan_to(JointGoal(there), scene, limits=limits, **options))
+                scene.add("far", Sphere(0.05), (2.0, 0.0, 0.0, 0.0, 0.0, 0.0))  # harms nobody
+                await lab.until(lambda: lab.distance() > 0.15)
+                scene.add("post", Box((0.08, 0.08, 2.0)), (*way_on[:2], 0.0, 0.0, 0.0, 0.0))
+                await going
+
+            with pytest.raises(WayBlockedError, match="the scene has changed, and the way is blocked"):
+                await meets_a_post()
+            assert lab.at_rest
+            assert 0.15 < lab.distance() < 1.0
+            scene.remove("post")
+            await arm.plan_to(JointGoal(HOME), scene)
+            driven: list[tuple[float, ...]] = []
+            arm.driver.robot.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
+            await meets_a_post(replan=1)
+            assert arm.q == pytest.approx(there, abs=1e-3)
+            clearance = Clearance(scene.model, scene)
+            assert min(map(clearance, driven[::4])) > scene.padding_m - 0.002
 
 
 async def test_the_arm_draws_a_line_and_an_arc_without_a_stop_between(monkeypatch: pytest.MonkeyPatch) -> None:
