@@ -10,11 +10,11 @@ from client.commands.control import Arm, MakeReady, RecordOption, Seen, Target, 
 from client.commands.following import PortOffset, RobotIP
 from client.commands.planning_goals import angles, constraints, item
 from client.commands.record import Overwrite, check_free
+from client.commands.scene_drawing import model_named
 from client.controllers import JOINT_NAMES, JointTrajectory, Result
 from client.recording import Recorder
 from client.robot import AsyncRobot
 from urproto.commandline import AsJson, print_json
-from urproto.robots import load_model
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO6
 
@@ -110,7 +110,7 @@ def plan_command(
 
         items = [item(goal, planner, degrees) for goal in goals]
         if start is not None and model is not None:
-            around = _scene(PlanningScene(load_model(model), padding_m=padding), scene)
+            around = _scene(PlanningScene(model_named(model), padding_m=padding), scene)
             if safety is not None:
                 around.set_safety(_read_safety(safety))
             begin = angles(start, degrees)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 
 from client import primary
@@ -13,11 +14,19 @@ from client.calibration import calibration_of, described
 from client.errors import FileError, RecordingError
 from client.recording.live import FoxgloveServer
 from urproto.errors import RobotRefused
-from urproto.robots import MODELS, RobotModel
+from urproto.robots import MODELS, RobotModel, UnknownModel, load_model
 from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
     from client.planning.markers import SceneDrawing
+
+
+def model_named(name: str) -> RobotModel:
+    """Raises BadParameter, which lists the known ones."""
+    try:
+        return load_model(name.lower())
+    except UnknownModel as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:

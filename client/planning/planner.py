@@ -241,7 +241,7 @@ class Planner:
         if not self.checker.is_free(start_rad):
             objection = self.checker.objection(start_rad)
             raise StartInCollisionError(
-                f"the arm cannot start here: {objection}. Move it away, or allow what touches to touch"
+                f"the arm cannot start here: {objection}. Move it away, or change the scene or the constraints"
             )
 
     def _under(self, constraints: PathConstraints) -> "Planner":

@@ -20,7 +20,7 @@ def pose(dx: float, dy: float, dz: float = 0.0) -> str:
 
 
 def plan(*goals: str) -> tuple[int, str]:
-    line = ["plan", *goals, "--model", "ur5e", "--start", ",".join(map(str, START)), "--json"]
+    line = ["plan", "--model", "ur5e", *goals, "--start", ",".join(map(str, START)), "--json"]
     done = CliRunner().invoke(app, line)
     return done.exit_code, f"{done.output} {done.exception}"
 
@@ -63,6 +63,7 @@ def test_the_orientation_of_the_start_is_kept() -> None:
         ((f"LIN {pose(0.0, 0.1)} center=0,0,0",), "an arc is CIRC"),
         ((f"CIRC {pose(0.0, 0.1)} center=0,0",), "three numbers"),
         (("1,2,3",), "six joint angles"),
+        (("up", "--model", "ur4"), "unknown robot model 'ur4': known are ur3"),
         ((pose(0.0, 0.1), "--keep-within", "1,1,1"), "six numbers"),
         ((pose(0.0, 0.1), "--keep-orientation", "-1,0,0"), "0 or above"),
     ],
