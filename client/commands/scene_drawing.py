@@ -1,13 +1,10 @@
 """What is around a robot, drawn into recordings and live streams of it."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from client import primary
 from client.calibration import calibration_of, described
@@ -57,10 +54,10 @@ def scene_drawing(
         return None
     if "actual_q" not in names:
         raise RecordingError("--scene and --plan need actual_q: add it to --fields")
-    way_rad = None if plan is None else _way(plan)
     from client.planning import PlanningScene
-    from client.planning.markers import SceneDrawing
+    from client.planning.markers import SceneDrawing, read_way
 
+    way_rad = None if plan is None else read_way(plan)
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         scene, state = PlanningScene(_model(robot)), robot.run(robot.core.robot_state())
     if path is not None:
@@ -69,19 +66,6 @@ def scene_drawing(
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
     return SceneDrawing(scene, way_rad)
-
-
-def _way(path: Path) -> NDArray[np.float64]:
-    """Joint angles (n, 6) [rad] of a plan. Raises FileError."""
-    try:
-        way_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
-    except (ValueError, TypeError, KeyError, RecursionError):
-        way_rad = np.empty(0)
-    if way_rad.shape[1:] != (6,) or not np.isfinite(way_rad).all():
-        raise FileError(path, "it is not a plan: write one with `ur-client plan GOAL --json`")
-    return way_rad
 
 
 class DrawnServer:

@@ -3,9 +3,14 @@
 RViz and Foxglove draw them. Of hulls the points are drawn, of meshes their files, of planes a piece about their origin.
 """
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, Protocol
 
+import numpy as np
+
+from client.errors import FileError
 from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, Shape, Sphere
 from client.planning.timing import Array
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_quaternion
@@ -93,6 +98,19 @@ def way_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marke
     places = [scene.kinematics.forward(tuple(map(float, q)))[:3] for q in q_rad]
     line = {"type": _LINE_STRIP, "scale": _xyz((_DOT_M, 0.0, 0.0)), "points": [_xyz(place) for place in places]}
     return {**_marker("way", 0, (0.0,) * 6, _WAY, prefix + _FRAME), **line}
+
+
+def read_way(path: Path) -> Array:
+    """Joint angles (n, 6) [rad] of a plan as ``ur-client plan --json`` prints it. Raises FileError."""
+    try:
+        way_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
+    except OSError as error:
+        raise FileError(path, error.strerror or str(error)) from error
+    except (ValueError, TypeError, KeyError, RecursionError):
+        way_rad = np.empty(0)
+    if way_rad.shape[1:] != (6,) or not np.isfinite(way_rad).all():
+        raise FileError(path, "it is not a plan: write one with `ur-client plan GOAL --json`")
+    return way_rad
 
 
 def _marker(name: str, number: int, pose: Pose, color: Sequence[float], frame: str) -> Marker:

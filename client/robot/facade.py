@@ -267,15 +267,9 @@ class AsyncRobot:
         """
         await self._moves.execute("the sequence", list(moves), wait)
 
-    async def plan_to(
-        self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, replan: int = 0, **options: Any
-    ) -> None:
-        """Go to a goal around what is in the scene; options are those of `client.planning.Planner` and its ``plan``.
-
-        When another task changes the scene so that the rest of the way is blocked, the arm stops, and goes on by
-        another way, ``replan`` times at most; then that is a WayBlockedError. With ``wait=False`` nobody looks.
-        """
-        await self.planning.go_to(goal, scene, wait=wait, replan=replan, **options)
+    async def plan_to(self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, **options: Any) -> None:
+        """Go to a goal around what is in the scene; options are those of `PlannedMotion.go_to`."""
+        await self.planning.go_to(goal, scene, wait=wait, **options)
 
     async def speed_j(
         self,

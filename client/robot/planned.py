@@ -86,7 +86,11 @@ class PlannedMotion:
     async def go_to(
         self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, replan: int = 0, **options: Any
     ) -> None:
-        """See `AsyncRobot.plan_to`."""
+        """Plan and execute; options are those of `plan`.
+
+        When another task changes the scene so that the rest of the way is blocked, the arm stops, and goes on by
+        another way, ``replan`` times at most; then that is a WayBlockedError. With ``wait=False`` nobody looks.
+        """
         for left in reversed(range(replan + 1)):
             seen = scene.revision
             plan = await self.plan(goal, scene, **options)
