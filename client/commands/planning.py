@@ -143,11 +143,16 @@ async def _execute(plan: "Plan", target: Target, controller: str, drawn: "Planni
     """Let the arm take the way. drawn: goes into the recording, with the way."""
     samples = (values.tolist() for values in (plan.timed.times_s, plan.timed.q, plan.timed.qd, plan.timed.qdd))
     async with target.open() as arm:
-        stands = (await arm.ask("robot_state"))["positions"]  # by name, with the manager's prefix, base to wrist 3
+        state = await arm.ask("robot_state")
+        stands = state["positions"]  # by name, with the manager's prefix, base to wrist 3
         plan.check_start(list(stands.values()))
         await target.activate(arm, controller)
         trajectory = JointTrajectory.sampled(tuple(stands), *samples)
-        return await follow(arm, controller, trajectory, "plan", _drawer(arm, drawn, plan) if drawn else None)
+        if drawn is None:
+            return await follow(arm, controller, trajectory, "plan")
+        draw = _drawer(arm, drawn, plan)
+        await draw(state)
+        return await follow(arm, controller, trajectory, "plan", draw)
 
 
 def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
@@ -165,10 +170,9 @@ def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
 
 def _limits(scene: "PlanningScene", jerk: float | None) -> "Limits":
     """The arm's usual ones, but for the jerk [rad/s3] if one is given."""
-    from client.planning import Limits, usual_limits
+    from client.planning import usual_limits
 
-    limits = usual_limits(scene.model)
-    return limits if jerk is None else Limits(limits.velocity, limits.acceleration, 0.0 * limits.jerk + jerk)
+    return usual_limits(scene.model) if jerk is None else usual_limits(scene.model, jerk)
 
 
 def _scene(scene: "PlanningScene", path: Path | None, tcp_offset: Pose = ZERO6) -> "PlanningScene":

@@ -63,9 +63,9 @@ class NoPathError(PlanningError):
     """None was found in time."""
 
 
-def usual_limits(model: RobotModel) -> Limits:
+def usual_limits(model: RobotModel, jerk_rad_s3: float = _J_RAD_S3) -> Limits:
     """Of an arm: its joints' speeds (ur_description), and the accelerations of ur_moveit_config's joint_limits.yaml."""
-    return Limits(np.array(model.qd_max), np.full(6, _A_RAD_S2), np.full(6, _J_RAD_S3))
+    return Limits(np.array(model.qd_max), np.full(6, _A_RAD_S2), np.full(6, jerk_rad_s3))
 
 
 @dataclass(frozen=True, slots=True)
