@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise
 from math import isfinite
 from random import Random
 from typing import Final, Literal, get_args
@@ -319,11 +319,12 @@ class Planner:
         if self.checker.way_is_free(start, goals[0]):  # as it mostly is, and shorter than any other
             return [np.array(start), np.array(goals[0])]
         until_s = time.perf_counter() + time_limit_s
-        for step in _STEPS_RAD:
+        for attempt in count():  # what was found may touch something between two looks, another way may not
             left_s = until_s - time.perf_counter()
             if left_s <= 0.0:
                 break
-            way = searched(self.checker, start, goals, planner, left_s, seed, step)
+            step = _STEPS_RAD[min(attempt, len(_STEPS_RAD) - 1)]
+            way = searched(self.checker, start, goals, planner, left_s, seed + attempt, step)
             if way is None:
                 break
             if all(self.checker.way_is_free(one, other) for one, other in pairwise(way)):
