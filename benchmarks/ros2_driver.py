@@ -1,7 +1,7 @@
 """What the ROS 2 driver costs beside controllers without ROS, and how late its setpoints are, at an arm of 500 Hz.
 
-Both are processes of their own before an emulated UR5e, with the scaled trajectory controller and the joint state
-broadcaster active; the subscriber is a third one, whose cost does not count.
+Both are processes of their own before an emulated UR5e, with the same controllers active: the scaled trajectory
+controller and all that move nothing. The subscriber is a third process, whose cost does not count.
 
 For the setpoints a further process commands a joint angle a little off, to an arm at rest, and takes the time until
 the first RTDE state whose target has left the place has come.
@@ -39,24 +39,26 @@ _REST_S: Final = 0.35  # servoj has come to rest by then, to 1e-7 rad
 _GIVE_UP_S: Final = 2.0
 _BAR_MS: Final = 1.0
 _WAYS: Final = {"socket": ["controllers", "serve"], "topic": ["ros2"]}
-_CONTROLLERS: Final = ("joint_state_broadcaster", "scaled_joint_trajectory_controller")
 
 
 def measure(seconds: float = SECONDS) -> Table:
     """One row for the controllers alone, the driver, and the driver with a subscriber."""
+    alone = _share(["controllers", "serve"], seconds, subscribed=False)
+    nodes = _share(["ros2"], seconds, subscribed=False)
+    heard = _share(["ros2"], seconds, subscribed=True)
     rows = [
-        _row("`ur-client controllers load`", ["controllers", "load", *_CONTROLLERS], seconds, subscribed=False),
-        _row("`ur-client ros2`", ["ros2"], seconds, subscribed=False),
-        _row("`ur-client ros2`, `/joint_states` heard", ["ros2"], seconds, subscribed=True),
+        ["`ur-client controllers serve`", f"{alone:.1%}", ""],
+        ["`ur-client ros2`", f"{nodes:.1%}", f"{nodes - alone:+.1%}"],
+        ["`ur-client ros2`, `/joint_states` heard", f"{heard:.1%}", f"{heard - alone:+.1%}"],
     ]
     about = (
         f"Controllers of an emulated UR5e at 500 Hz, at rest, for {seconds:g} s. Cost: processor time of a process in "
         "shares of a core. Bar: what ROS adds stays below a tenth."
     )
-    return Table("ROS 2 driver", about, ["process", "cost"], rows)
+    return Table("ROS 2 driver", about, ["process", "cost", "of ROS"], rows)
 
 
-def _row(what: str, words: list[str], seconds: float, *, subscribed: bool) -> list[str]:
+def _share(words: list[str], seconds: float, *, subscribed: bool) -> float:
     environment = {**os.environ, "ROS_DOMAIN_ID": _DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with ExitStack() as running:
         running.enter_context(_process([sys.executable, __file__, "serve"], environment))
@@ -72,8 +74,10 @@ def _row(what: str, words: list[str], seconds: float, *, subscribed: bool) -> li
             time.sleep(_SETTLED_S)
         before_s, began_s = cpu_s(process.pid), time.monotonic()
         time.sleep(seconds)
-        share = (cpu_s(process.pid) - before_s) / (time.monotonic() - began_s)
-    return [what, f"{share:.1%}"]
+        used = cpu_s(process.pid) - before_s
+        if process.poll() is not None:
+            raise RuntimeError(f"{' '.join(words)} has ended by itself")
+        return used / (time.monotonic() - began_s)
 
 
 def latency(samples: int = SAMPLES) -> Table:
@@ -226,6 +230,8 @@ if __name__ == "__main__":
         _subscribe()
     elif sys.argv[1:2] == ["measure"]:
         sys.stdout.write(json.dumps(asyncio.run(_measure(sys.argv[2], int(sys.argv[3])))))
+    elif sys.argv[1:] == ["cost"]:
+        sys.stdout.write(measure().markdown())
     elif sys.argv[1:] == ["latency"]:
         sys.stdout.write(latency().markdown())
     else:

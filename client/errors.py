@@ -19,7 +19,8 @@ ClientError
 ├── ProgramEndedError        it ended while something was under way
 ├── ProgramStaysError        it was told to end, and does not
 ├── PlanningError            no way was found, for a reason that it tells
-│   └── SceneError           a planning scene, or a file of one, that cannot be
+│   ├── SceneError           a planning scene, or a file of one, that cannot be
+│   └── WayBlockedError      something has come into the way that the arm was on
 ├── StateError               a state of the robot holds numbers that no arm has
 ├── ControllerError          a controller, or a change of controllers, that cannot be had
 │   └── GoalRejectedError    a controller does not take a goal
@@ -282,6 +283,10 @@ class ProtectiveStopError(SafetyStopError):
 
 class PlanningError(ClientError):
     """No way was found; the text says why."""
+
+
+class WayBlockedError(PlanningError):
+    """Something has come into the way that the arm was on; it stands now. The text says what."""
 
 
 class SceneError(PlanningError):

@@ -2,7 +2,7 @@
 
 import asyncio
 import signal
-from collections.abc import AsyncIterator, Coroutine, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -76,6 +76,9 @@ SpeedSlider: TypeAlias = Annotated[
     float | None,
     typer.Option("--speed-slider", min=0.01, max=1.0, help="Set the robot's speed slider first; it stays set."),
 ]
+
+
+Seen: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[None]]
 
 
 class Arm(Protocol):
@@ -228,14 +231,19 @@ async def announce(running: RunningManager, options: ManagerOptions) -> None:
     typer.echo(f"ready: {options.robot_ip}, {running.summary()}. Ctrl-C ends it.", err=True)
 
 
-async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str) -> Result:
-    """Send a goal and show how it goes. When the task is cancelled, the arm is brought to rest first."""
+async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str, seen: Seen | None = None) -> Result:
+    """Send a goal and show how it goes. When the task is cancelled, the arm is brought to rest first.
+
+    seen: is given the robot's state meanwhile, now and then, as `Session.robot_state` tells it.
+    """
     number = await arm.ask("send_goal", controller=name, trajectory=asdict(trajectory))
     try:
         with MotionProgress(title) as progress:
             waiting = False
             while "error_code" not in (goal := await arm.ask("goal", goal=number)):
                 state = await arm.ask("robot_state")
+                if seen is not None:
+                    await seen(state)
                 waiting = _say_waiting(state, progress, waiting)
                 progress.update(goal["progress"], _note(state))
                 await asyncio.sleep(_LOOK_S)
@@ -286,8 +294,8 @@ def _note(state: Mapping[str, Any]) -> str:
     return f"slider {100.0 * slider:.0f} %" if slider < 1.0 else ""
 
 
-def say_result(title: str, result: Result) -> None:
-    """One line; exit status 1 for a goal that was not reached."""
-    typer.echo(f"{title}: {result.error_code.name}: {result.error_string}")
+def say_result(title: str, result: Result, *, err: bool = False) -> None:
+    """One line; exit status 1 for a goal that was not reached. err: standard output has something else."""
+    typer.echo(f"{title}: {result.error_code.name}: {result.error_string}", err=err)
     if result.error_code is not ErrorCode.SUCCESSFUL:
         raise typer.Exit(1)

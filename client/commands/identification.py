@@ -17,7 +17,7 @@ from client.commands.record import (
     read_telling,
     taking_over,
 )
-from client.commands.scene_drawing import model_of_robot
+from client.commands.scene_drawing import model_named, model_of_robot
 from client.driver import points
 from client.driver.config import ROBOT_PORTS
 from client.identification.armfile import write_arm
@@ -30,7 +30,6 @@ from client.recording.recording import DEFAULT_FIELDS, Recording
 from client.robot import Robot
 from urproto.commandline import AsJson, console, print_json
 from urproto.joints import JOINT_LABELS
-from urproto.robots import RobotModel, UnknownModel, load_model
 
 Model: TypeAlias = Annotated[str, typer.Option("--model", help="The arm that was recorded, for example ur10e.")]
 Columns: TypeAlias = Annotated[
@@ -157,14 +156,6 @@ def excite_command(
 
 def _rest(robot: Robot) -> None:
     robot.sequence([points.spline(robot.q, (0.0,) * 6, _REST_S)])
-
-
-def model_named(name: str) -> RobotModel:
-    """Raises BadParameter, which lists the known ones."""
-    try:
-        return load_model(name.lower())
-    except UnknownModel as error:
-        raise typer.BadParameter(str(error)) from error
 
 
 def _read(file: Path, columns: str | None) -> Recording:

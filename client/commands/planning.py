@@ -1,25 +1,25 @@
 """``ur-client plan``: a way around what is in the way."""
 
-import time
-from contextlib import closing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from client.commands.control import MakeReady, RecordOption, Target, follow, run, say_result
+from client.commands.control import Arm, MakeReady, RecordOption, Seen, Target, follow, run, say_result
 from client.commands.following import PortOffset, RobotIP
 from client.commands.planning_goals import angles, constraints, item
 from client.commands.record import Overwrite, check_free
-from client.controllers import JOINT_NAMES, JointTrajectory
+from client.commands.scene_drawing import model_named
+from client.controllers import JOINT_NAMES, JointTrajectory, Result
+from client.recording import Recorder
 from client.robot import AsyncRobot
 from urproto.commandline import AsJson, print_json
-from urproto.robots import load_model
 from urproto.robots.pose import Pose
 from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
-    from client.planning import Plan, PlanningScene
+    from client.planning import Limits, Plan, PlanningScene
     from urscript.polyscope.safety_configuration import SafetyConfiguration
 
 
@@ -29,8 +29,9 @@ def plan_command(
         typer.Argument(
             metavar="GOAL...",
             help='Joint angles "0,-1.57,0,-1.57,0,0" [rad], a pose of the TCP "p[0.3,0.1,0.2,0,3.14,0]" '
-            "[m, rotation vector], or a posture: home, up, test_configuration. Several are a sequence, each with a "
-            'planner of its own if wanted: "LIN p[...] blend=0.03" "CIRC p[...] interim=0.3,0.1,0.2".',
+            '[m, rotation vector], a posture: home, up, test_configuration; or any of some: "up or home". Several are '
+            'a sequence, each with a planner of its own if wanted: "LIN p[...] blend=0.03" "CIRC p[...] '
+            'interim=0.3,0.1,0.2".',
         ),
     ],
     scene: Annotated[
@@ -62,6 +63,10 @@ def plan_command(
     seed: Annotated[int, typer.Option(help="The same seed gives the same way.")] = 0,
     velocity: Annotated[float, typer.Option(help="Share of the joints' speeds, up to 1.")] = 0.3,
     acceleration: Annotated[float, typer.Option(help="Share of the accelerations, up to 1.")] = 0.3,
+    jerk: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=1e6, help="Highest jerk of a joint [rad/s³] (default: 200), times --acceleration."),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw joint angles and speeds into this file (.png, .pdf).")] = None,
     markers: Annotated[
         Path | None, typer.Option(help="Write motion, scene and way as markers for Foxglove into this file (.mcap).")
@@ -85,9 +90,14 @@ def plan_command(
         raise typer.BadParameter("--start and --model plan without a robot: give both, or none")
     if start is not None and execute:
         raise typer.BadParameter("--execute needs a robot: leave --start and --model out")
+    if record is not None and not execute:
+        raise typer.BadParameter("--record is of an execution: add --execute, or draw the plan with --markers")
+    if markers is not None and markers.suffix.lower() != ".mcap":
+        raise typer.BadParameter(f"--markers is for .mcap files: {markers} has no place for them")
     for file in (record, markers):
         if file is not None:
             check_free(file, overwrite)
+    drawn = record is not None and record.suffix.lower() == ".mcap"  # others have no place for what is around
     options: dict[str, Any] = {
         "time_limit_s": time_limit,
         "seed": seed,
@@ -100,12 +110,13 @@ def plan_command(
 
         items = [item(goal, planner, degrees) for goal in goals]
         if start is not None and model is not None:
-            around = _scene(PlanningScene(load_model(model), padding_m=padding), scene)
+            around = _scene(PlanningScene(model_named(model), padding_m=padding), scene)
             if safety is not None:
                 around.set_safety(_read_safety(safety))
             begin = angles(start, degrees)
             kept = constraints(around, begin, ZERO6, keep_orientation, keep_within)
-            plan = Planner(around).plan_sequence(begin, items, path_constraints=kept, **options)
+            alone = Planner(around, _limits(around, jerk))
+            plan = alone.plan_sequence(begin, items, path_constraints=kept, **options)
             _tell(plan, as_json, plot)
             _draw(plan, around, markers)
             return
@@ -117,23 +128,51 @@ def plan_command(
             if safety is not None:
                 around.set_safety(_read_safety(safety), tcp)
             kept = constraints(around, robot.q, tcp, keep_orientation, keep_within)
+            options["limits"] = _limits(around, jerk)
             plan = await robot.planning.plan_sequence(items, around, path_constraints=kept, **options)
         _tell(plan, as_json, plot)
         _draw(plan, around, markers)
         if execute:
-            await _execute(plan, target, controller)
+            result = await _execute(plan, target, controller, around if drawn else None)
+            say_result("plan", result, err=as_json)
 
     run(work())
 
 
-async def _execute(plan: "Plan", target: Target, controller: str) -> None:
+async def _execute(plan: "Plan", target: Target, controller: str, drawn: "PlanningScene | None") -> Result:
+    """Let the arm take the way. drawn: goes into the recording, with the way."""
     samples = (values.tolist() for values in (plan.timed.times_s, plan.timed.q, plan.timed.qd, plan.timed.qdd))
     async with target.open() as arm:
-        stands = (await arm.ask("robot_state"))["positions"]  # by name, with the manager's prefix, base to wrist 3
+        state = await arm.ask("robot_state")
+        stands = state["positions"]  # by name, with the manager's prefix, base to wrist 3
         plan.check_start(list(stands.values()))
         await target.activate(arm, controller)
-        result = await follow(arm, controller, JointTrajectory.sampled(tuple(stands), *samples), "plan")
-    say_result("plan", result)
+        trajectory = JointTrajectory.sampled(tuple(stands), *samples)
+        if drawn is None:
+            return await follow(arm, controller, trajectory, "plan")
+        draw = _drawer(arm, drawn, plan)
+        await draw(state)
+        return await follow(arm, controller, trajectory, "plan", draw)
+
+
+def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
+    """What draws the scene and the way into the recording of the robot's states."""
+    from client.planning.markers import SceneDrawing
+
+    drawing = SceneDrawing(scene, plan.timed.q)
+
+    async def draw(state: Mapping[str, Any]) -> None:
+        for topic, markers in drawing.at(state["time_s"], list(state["positions"].values())):
+            await arm.ask("record_markers", topic=topic, markers=markers)
+
+    return draw
+
+
+def _limits(scene: "PlanningScene", jerk: float | None) -> "Limits":
+    """The arm's usual ones, but for the jerk [rad/s3] if one is given."""
+    from client.planning import usual_limits
+
+    return usual_limits(scene.model) if jerk is None else usual_limits(scene.model, jerk)
 
 
 def _scene(scene: "PlanningScene", path: Path | None, tcp_offset: Pose = ZERO6) -> "PlanningScene":
@@ -175,18 +214,15 @@ def _draw(plan: "Plan", scene: "PlanningScene", path: Path | None) -> None:
     """The motion over time, from now on, in what is around it."""
     if path is None:
         return
-    from client.planning.markers import PATH_TOPIC, SCENE_TOPIC, scene_markers, way_marker
-    from client.recording.mcapfile import McapWriter
+    from client.planning.markers import SceneDrawing
 
-    timed, began_ns = plan.timed, time.time_ns()
-    with closing(McapWriter(path, ("timestamp", "actual_q", "actual_qd"), {"made_by": "ur-client plan"})) as writer:
-        writer.write_markers(SCENE_TOPIC, scene_markers(scene, plan.way[0]), began_ns)
-        writer.write_markers(PATH_TOPIC, [way_marker(scene, timed.q)], began_ns)
+    timed = plan.timed
+    with Recorder(path, ("timestamp", "actual_q", "actual_qd"), {"made_by": "ur-client plan"}) as recorder:
+        draw = SceneDrawing(scene, timed.q).onto(recorder)
         for time_s, q, qd in zip(timed.times_s.tolist(), timed.q.tolist(), timed.qd.tolist(), strict=True):
-            time_ns = began_ns + round(time_s * 1e9)
-            writer.write({"timestamp": time_s, "actual_q": q, "actual_qd": qd}, time_ns)
-            if carried := scene_markers(scene, q, carried_only=True):
-                writer.write_markers(SCENE_TOPIC, carried, time_ns)
+            state = {"timestamp": time_s, "actual_q": q, "actual_qd": qd}
+            recorder.write(state)
+            draw(state)
 
 
 def _as_json(plan: "Plan") -> dict[str, Any]:

@@ -11,19 +11,28 @@ from urproto.robots.pose import Pose
 from urproto.vectors import Vector3
 
 if TYPE_CHECKING:
-    from client.planning import Goal, MotionSequenceItem, PathConstraints, PlanningScene
+    from client.planning import (
+        Goal,
+        JointGoal,
+        MotionSequenceItem,
+        NamedGoal,
+        PathConstraints,
+        PlanningScene,
+        PoseGoal,
+    )
 
 _NUMBERS: Final = re.compile(r"(p?)\[?([^\[\]]*)\]?")
 _EXTRA: Final = re.compile(r"\s+(blend|interim|center)=(\S+)$")
+_OR: Final = re.compile(r"\s+or\s+")
 _KINDS: Final = "six joint angles, a pose p[x,y,z,rx,ry,rz], or a posture: home, up, test_configuration"
 
 
 def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
-    """A motion: ``[PLANNER] GOAL [blend=R] [interim=x,y,z] [center=x,y,z]``, lengths in m.
+    """A motion: ``[PLANNER] GOAL [or GOAL]... [blend=R] [interim=x,y,z] [center=x,y,z]``, lengths in m.
 
     planner: of a motion that names none. degrees: joint angles are. Raises typer.BadParameter, PlanningError.
     """
-    from client.planning import CircGoal, MotionSequenceItem, PoseGoal
+    from client.planning import CircGoal, GoalSet, MotionSequenceItem, PoseGoal
     from client.planning.planner import PLANNERS
 
     rest, extras = text.strip(), dict[str, str]()
@@ -35,7 +44,8 @@ def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
     first, _, after = rest.partition(" ")
     if first in PLANNERS:
         planner, rest = first, after.strip()
-    goal: Goal = _goal(rest, degrees)
+    each = [_goal(part, degrees) for part in _OR.split(rest)]
+    goal: Goal = each[0] if len(each) == 1 else GoalSet(each)
     points = {name: _three(extras[name], text) for name in ("interim", "center") if name in extras}
     if points or planner == "CIRC":
         if not isinstance(goal, PoseGoal) or planner != "CIRC":
@@ -45,7 +55,7 @@ def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
     return MotionSequenceItem(goal, planner, blend)
 
 
-def _goal(text: str, degrees: bool) -> "Goal":
+def _goal(text: str, degrees: bool) -> "JointGoal | PoseGoal | NamedGoal":
     from client.planning import NAMED, JointGoal, NamedGoal, PoseGoal
 
     if text in NAMED:

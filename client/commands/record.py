@@ -24,7 +24,7 @@ from client.commands.cameras import (
     follow_cameras,
 )
 from client.commands.following import Interrupts, MotionProgress, PortOffset, RobotIP, Sink, follow
-from client.commands.scene_drawing import DrawnServer, drawn_into, model_of_robot, scene_drawing
+from client.commands.scene_drawing import DrawnServer, model_of_robot, scene_drawing
 from client.connection import DEFAULT_TIMEOUT_S
 from client.controllers.remote import check_no_manager
 from client.driver.config import ROBOT_PORTS
@@ -215,6 +215,10 @@ SceneOption: TypeAlias = Annotated[
     Path | None,
     typer.Option("--scene", help="World file: what it has is drawn around the arm (extra plan).", dir_okay=False),
 ]
+PlanOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--plan", help="Output of `ur-client plan --json`: its way is drawn (extra plan).", dir_okay=False),
+]
 Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Overwrite the file if it exists.")]
 
 
@@ -226,6 +230,7 @@ def record_command(
     ] = None,
     duration: Duration = None,
     scene: SceneOption = None,
+    plan: PlanOption = None,
     overwrite: Overwrite = False,
     camera: CameraNames = None,
     depth: CameraDepth = False,
@@ -240,9 +245,9 @@ def record_command(
     if cameras.names and file.suffix.lower() != ".mcap":
         raise RecordingError(f"{file}: only .mcap files hold pictures of cameras")
     check_free(file, overwrite)
-    if scene is not None and file.suffix != ".mcap":
-        raise typer.BadParameter(f"--scene is for .mcap files: {file} has no place for it")
-    drawing = scene_drawing(scene, names, robot_ip, port_offset)
+    if (scene or plan) and file.suffix.lower() != ".mcap":
+        raise typer.BadParameter(f"--scene and --plan are for .mcap files: {file} has no place for them")
+    drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)
@@ -261,7 +266,7 @@ def record_command(
 
         sinks: list[Sink] = [write]
         if drawing is not None:
-            sinks.append(drawn_into(recorder, drawing))
+            sinks.append(drawing.onto(recorder))
         follow(robot, sinks, interrupts, duration)
     typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} pictures" if cameras.names else ""))
     if recorder.left_out:
@@ -294,6 +299,7 @@ def stream_command(
     frequency: Annotated[float, typer.Option("--frequency", help="States per second.")] = _STREAM_HZ,
     duration: Duration = None,
     scene: SceneOption = None,
+    plan: PlanOption = None,
     camera: CameraNames = None,
     depth: CameraDepth = False,
     camera_rate: CameraRate = USUAL_HZ,
@@ -304,13 +310,13 @@ def stream_command(
     """Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C."""
     if not plotjuggler and not foxglove:
         raise typer.BadParameter("say where to: --plotjuggler udp://127.0.0.1:9870, --foxglove, or both")
-    if scene is not None and not foxglove:
-        raise typer.BadParameter("--scene is for --foxglove: PlotJuggler draws curves")
+    if (scene or plan) and not foxglove:
+        raise typer.BadParameter("--scene and --plan are for --foxglove: PlotJuggler draws curves")
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
     if cameras.names and not foxglove:
         raise typer.BadParameter("PlotJuggler shows no pictures: --camera is for --foxglove")
     names = _chosen(fields)
-    drawing = scene_drawing(scene, names, robot_ip, port_offset)
+    drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
         robot = _connect(opened, interrupts, robot_ip, port_offset, names, frequency)

@@ -4,17 +4,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from client import primary
 from client.calibration import calibration_of, described
-from client.commands.following import Sink
 from client.errors import FileError, RecordingError
-from client.recording.files import Recorder
 from client.recording.live import FoxgloveServer
 from urproto.errors import RobotRefused
-from urproto.robots import MODELS, RobotModel
+from urproto.robots import MODELS, RobotModel, UnknownModel, load_model
+from urproto.vectors import ZERO6
 
 if TYPE_CHECKING:
     from client.planning.markers import SceneDrawing
+
+
+def model_named(name: str) -> RobotModel:
+    """Raises BadParameter, which lists the known ones."""
+    try:
+        return load_model(name.lower())
+    except UnknownModel as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:
@@ -34,37 +43,29 @@ def _model(robot: primary.BlockingPrimaryClient) -> RobotModel:
     return model
 
 
-def scene_drawing(path: Path | None, names: Sequence[str], robot_ip: str, port_offset: int) -> "SceneDrawing | None":
-    """Of a world file around a robot's arm; None for no file.
+def scene_drawing(
+    path: Path | None, plan: Path | None, names: Sequence[str], robot_ip: str, port_offset: int
+) -> "SceneDrawing | None":
+    """Of a world file around a robot's arm, and of the way in a file of ``ur-client plan --json``; None for no file.
 
     names: the variables that its states have. Raises RecordingError without those of the joints, URError, FileError.
     """
-    if path is None:
+    if path is None and plan is None:
         return None
     if "actual_q" not in names:
-        raise RecordingError("--scene needs actual_q: add it to --fields")
+        raise RecordingError("--scene and --plan need actual_q: add it to --fields")
     from client.planning import PlanningScene
-    from client.planning.markers import SceneDrawing
+    from client.planning.markers import SceneDrawing, read_way
 
+    way_rad = None if plan is None else read_way(plan)
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         scene, state = PlanningScene(_model(robot)), robot.run(robot.core.robot_state())
-    try:
-        if state.cartesian is None:
-            scene.update(path)
-        else:
-            scene.update(path, state.cartesian.tcp_offset)
-    except OSError as error:
-        raise FileError(path, error.strerror or str(error)) from error
-    return SceneDrawing(scene)
-
-
-def drawn_into(recorder: Recorder, drawing: "SceneDrawing") -> Sink:
-    """What draws each state of the robot into a recording."""
-
-    def draw(state: Any) -> None:
-        drawing.draw(state, lambda topic, markers: recorder.write_markers(topic, markers, state["timestamp"]))
-
-    return draw
+    if path is not None:
+        try:
+            scene.update(path, ZERO6 if state.cartesian is None else state.cartesian.tcp_offset)
+        except OSError as error:
+            raise FileError(path, error.strerror or str(error)) from error
+    return SceneDrawing(scene, way_rad)
 
 
 class DrawnServer:
@@ -77,7 +78,8 @@ class DrawnServer:
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
         """Offer a state, and the scene around it."""
         self._server.write(values, time_ns)
-        self._drawing.draw(values, lambda topic, markers: self._server.write_markers(topic, markers, time_ns))
+        for topic, markers in self._drawing.at(values["timestamp"], values["actual_q"]):
+            self._server.write_markers(topic, markers, time_ns)
 
     def close(self) -> None:
         """Disconnect everybody."""

@@ -39,11 +39,6 @@ class HardwareComponent:
         """Whether its interfaces are: those of a component that is merely inactive still are."""
         return self.state is not LifecycleState.UNCONFIGURED
 
-    @property
-    def problem(self) -> str:
-        """Why it is not active; empty while it is."""
-        return "" if self.state is LifecycleState.ACTIVE else f"{self.name} is {self.state}"
-
     async def go_to(self, target: LifecycleState) -> None:
         """Change the state. Raises ControllerError.
 

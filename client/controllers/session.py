@@ -22,6 +22,7 @@ from client.controllers.passthrough import PassthroughTrajectoryController
 from client.controllers.robot import listen, recorded
 from client.controllers.running import RunningManager
 from client.errors import ControllerError, ManagerError
+from client.recording import BackgroundRecorder
 from urproto.text import quoted
 
 _MOST_GOALS: Final = 1000
@@ -80,9 +81,13 @@ class Request:
 
     def groups(self, name: str) -> list["Request"]:
         """A list of objects of JSON."""
+        return [Request(item) for item in self.mappings(name)]
+
+    def mappings(self, name: str) -> list[Mapping[str, Any]]:
+        """The same, as they are."""
         value = self._message.get(name)
         if isinstance(value, list | tuple) and all(isinstance(item, Mapping) for item in value):
-            return [Request(item) for item in value]
+            return list(value)
         raise self._wrong(name, "a list of objects")
 
     def mapping(self, name: str) -> Mapping[str, Any]:
@@ -129,6 +134,7 @@ class Session:
         self._count = 0
         self._driven: set[ForwardCommandController] = set()
         self._recording = AsyncExitStack()
+        self._recorder: BackgroundRecorder | None = None
 
     async def ask(self, do: str, /, **arguments: Any) -> Answer:
         """Carry out a request. Raises ManagerError for one that there is not, and whatever else the robot says."""
@@ -404,10 +410,19 @@ class Session:
             raise ManagerError(f"the path of a recording is absolute, not {quoted(str(path))}")
         recorder = await self._recording.enter_async_context(recorded(self._running.robot.driver, path))
         self._recording.callback(listen(recorder, self._manager))
+        self._recorder = recorder
+
+    @_deed
+    def record_markers(self, request: Request) -> Answer:
+        """topic, markers: fields of visualization_msgs/Marker, for 3D views; they go into the recording, as of now."""
+        if self._recorder is None:
+            raise ManagerError("nothing is recorded that markers could go into: begin_recording comes first")
+        self._recorder.write_markers(request.text("topic"), request.mappings("markers"), self._manager.time_s)
 
     @_deed
     async def end_recording(self, request: Request) -> Answer:
         """Gives an answer when the file is complete."""
+        self._recorder = None
         await self._recording.aclose()
 
 

@@ -104,7 +104,8 @@ class URHardware:
     def _scale(self, state: Mapping[str, Any], period_s: float) -> None:
         full = state["speed_scaling"] * state["target_speed_fraction"]
         if not self._ready:
-            self._scaling, self._waits = 0.0, True
+            self._scaling = 0.0
+            self._waits = self.failure is None  # with a failure everything ends that could wait
         elif self._waits:
             self._scaling += _RISE_PER_PERIOD * period_s / self._version.series.period_s
             self._waits = self._scaling < full

@@ -12,7 +12,7 @@ if find_spec("coal") is None:
 from client.planning.cartesian import CartesianPath
 from client.planning.collisions import CollisionChecker, Nearness
 from client.planning.constraints import OrientationConstraint, PathConstraints, PositionConstraint
-from client.planning.goals import NAMED, CircGoal, Goal, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
+from client.planning.goals import NAMED, CircGoal, Goal, GoalSet, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
 from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
 from client.planning.scene import (
@@ -38,6 +38,7 @@ __all__ = [
     "CollisionChecker",
     "Cylinder",
     "Goal",
+    "GoalSet",
     "GoalUnreachableError",
     "Hull",
     "IncompletePathError",

@@ -85,7 +85,7 @@ class PathConstraints:
             for axis, over in zip(_AXES, () if part is None else part.excess(pose), strict=False):
                 if over:
                     broken.append(
-                        f"the TCP {name} {axis} by {abs(scale * over):.3g} {unit} more than the constraint lets"
+                        f"the TCP {name} {axis} by {_short(abs(scale * over))} {unit} more than the constraint lets"
                     )
         return "; ".join(broken)
 
@@ -135,3 +135,7 @@ def _check(what: str, values: Sequence[float], least: float) -> None:
     if len(values) != 3 or not all(isfinite(value) and value >= least for value in values):
         bound = "" if least < 0.0 else ", 0 or above"
         raise PlanningError(f"{what}: three finite numbers{bound}, not {list(values)}")
+
+
+def _short(number: float) -> str:
+    return f"{number:.0f}" if number >= 100.0 else f"{number:.3g}"

@@ -1,4 +1,4 @@
-"""Where an arm is to go: joint angles, a pose of the TCP, or a name.
+"""Where an arm is to go: joint angles, a pose of the TCP, a name, or any of several.
 
 A pose can be reached with up to eight postures, each with joints turned once more; all of them are candidates.
 """
@@ -65,7 +65,21 @@ class NamedGoal:
     name: str
 
 
-Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal | CircGoal
+@dataclass(frozen=True, slots=True)
+class GoalSet:
+    """Any of these will do: all are looked for at once, and the nearest that is straight ahead is taken.
+
+    A blend behind it is about the TCP of the first.
+    """
+
+    goals: "Sequence[JointGoal | PoseGoal | NamedGoal]"
+
+    def __post_init__(self) -> None:
+        if not self.goals:
+            raise PlanningError("a set of goals has at least one")
+
+
+Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal | CircGoal | GoalSet
 
 
 class GoalUnreachableError(PlanningError):
@@ -86,6 +100,8 @@ def candidates(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker
 
 def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
     model = checker.scene.model
+    if isinstance(goal, GoalSet):
+        return _reaching_any(goal, start_rad, checker)
     if isinstance(goal, CircGoal):
         raise PlanningError("a CircGoal is for the planner CIRC; others go to a PoseGoal")
     if isinstance(goal, NamedGoal):
@@ -93,9 +109,12 @@ def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker)
             raise GoalUnreachableError(f"there is no posture {goal.name!r}; known are {', '.join(NAMED)}")
         return [NAMED[goal.name]]
     if isinstance(goal, JointGoal):
+        check_six(goal.q_rad, "a JointGoal is six joint angles")
         a, b, c, d, e, f = (float(value) for value in goal.q_rad)
         _check_limits((a, b, c, d, e, f), model)
         return [(a, b, c, d, e, f)]
+    for numbers in (goal.pose, goal.tcp_offset or ZERO6):
+        check_six(numbers, "a pose is six numbers")
     if not all(map(isfinite, (*goal.pose, *(goal.tcp_offset or ())))):
         raise GoalUnreachableError(f"the goal cannot be reached: p{list(goal.pose)} has numbers that no pose has")
     flange = pose_trans(goal.pose, pose_inv(goal.tcp_offset or ZERO6))
@@ -108,6 +127,25 @@ def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker)
     low, high = model.position_limits
     nearest = [unwind(q, start_rad, low, high) for q in postures]
     return [q for near in nearest for q in _turns(near, start_rad, low, high)]
+
+
+def check_six(numbers: Sequence[float], what: str) -> None:
+    """Raise PlanningError, with what they are to be, unless there are so many."""
+    if len(numbers) != 6:
+        raise PlanningError(f"{what}, not {len(numbers)}")
+
+
+def _reaching_any(goal: GoalSet, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
+    found: list[Joints] = []
+    reasons: list[str] = []
+    for number, one in enumerate(goal.goals, 1):
+        try:
+            found += _reaching(one, start_rad, checker)
+        except GoalUnreachableError as error:
+            reasons.append(f"goal {number}: {error}")
+    if not found:
+        raise GoalUnreachableError(f"none of {len(goal.goals)} goals can be reached: {'; '.join(reasons)}")
+    return found
 
 
 def _turns(q: Joints, start_rad: Sequence[float], low: Joints, high: Joints) -> Iterator[Joints]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
-from client.planning.goals import CircGoal, Goal, PoseGoal, candidates
+from client.planning.goals import CircGoal, Goal, GoalSet, PoseGoal, candidates
 from client.planning.lines import COLUMNS, Arc, Followed, Follower, Line, ToolPath, arc_about, arc_through
 from client.planning.path import PiecewisePath, RoundedPath, hermite, joined
 from client.planning.timing import Array, Limits, Shares
@@ -138,6 +138,7 @@ def _slowed(found: Followed, way: ToolPath, limits: CartesianLimits) -> Piecewis
 
 def follower_of(checker: CollisionChecker, goal: Goal) -> Follower:
     """For the scene's arm with the goal's TCP; the flange without one."""
+    goal = goal.goals[0] if isinstance(goal, GoalSet) else goal
     tcp_offset = goal.tcp_offset if isinstance(goal, PoseGoal | CircGoal) else None
     return Follower(checker.scene.model, checker.scene.kinematics, tcp_offset or ZERO6)
 

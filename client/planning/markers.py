@@ -3,9 +3,14 @@
 RViz and Foxglove draw them. Of hulls the points are drawn, of meshes their files, of planes a piece about their origin.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol
 
+import numpy as np
+
+from client.errors import FileError
 from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, Shape, Sphere
 from client.planning.timing import Array
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_quaternion
@@ -45,27 +50,47 @@ def scene_markers(
     return found
 
 
-class SceneDrawing:
-    """A scene around an arm that moves, for live streams and recordings on the topic ``/planning_scene``.
+class Canvas(Protocol):
+    """What markers are drawn on: a `client.recording.Recorder`, or its like in the background."""
 
-    Everything once a second, for those who come late, and what moves with the arm with each state.
+    def write_markers(self, topic: str, markers: Sequence[Marker], time_s: float) -> None:
+        """Add a visualization_msgs/MarkerArray at a time [s] of the robot."""
+
+
+class SceneDrawing:
+    """A scene around an arm that moves, and the way planned in it, for live streams and recordings.
+
+    They are on the topics ``/planning_scene`` and ``/planned_path``: everything once a second, for those who come late
+    or look into the middle of a file, and what moves with the arm with each state. way_rad: joint angles (n, 6) [rad],
+    `Plan.timed.q`.
+
+        drawing = SceneDrawing(scene, plan.timed.q)
+        robot.inner.driver.robot.on_state.append(drawing.onto(recorder))
     """
 
-    def __init__(self, scene: PlanningScene) -> None:
+    def __init__(self, scene: PlanningScene, way_rad: Array | None = None) -> None:
         self._scene = scene
+        self._way = [] if way_rad is None else [way_marker(scene, way_rad)]
         self._drawn_s: float | None = None
 
-    def draw(self, state: Mapping[str, Any], write: Callable[[str, Sequence[Marker]], object]) -> None:
-        """Draw a state of the robot that has ``timestamp`` [s] and ``actual_q`` (6,) [rad].
-
-        write: is given the topic and the markers.
-        """
-        now_s = state["timestamp"]
-        carried_only = self._drawn_s is not None and 0.0 <= now_s - self._drawn_s < _REPEAT_S
+    def at(self, time_s: float, q_rad: Sequence[float]) -> Iterator[tuple[str, list[Marker]]]:
+        """Topics, and what is to be drawn there at a time [s] of the robot and joint angles (6,) [rad]."""
+        carried_only = self._drawn_s is not None and 0.0 <= time_s - self._drawn_s < _REPEAT_S
+        if markers := scene_markers(self._scene, q_rad, carried_only=carried_only):
+            yield SCENE_TOPIC, markers
         if not carried_only:
-            self._drawn_s = now_s
-        if markers := scene_markers(self._scene, state["actual_q"], carried_only=carried_only):
-            write(SCENE_TOPIC, markers)
+            self._drawn_s = time_s
+            if self._way:
+                yield PATH_TOPIC, self._way
+
+    def onto(self, canvas: Canvas) -> Callable[[Mapping[str, Any]], None]:
+        """What draws each state that it is given: ``timestamp`` and ``actual_q`` of RTDE."""
+
+        def draw(state: Mapping[str, Any]) -> None:
+            for topic, markers in self.at(state["timestamp"], state["actual_q"]):
+                canvas.write_markers(topic, markers, state["timestamp"])
+
+        return draw
 
 
 def way_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marker:
@@ -73,6 +98,19 @@ def way_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marke
     places = [scene.kinematics.forward(tuple(map(float, q)))[:3] for q in q_rad]
     line = {"type": _LINE_STRIP, "scale": _xyz((_DOT_M, 0.0, 0.0)), "points": [_xyz(place) for place in places]}
     return {**_marker("way", 0, (0.0,) * 6, _WAY, prefix + _FRAME), **line}
+
+
+def read_way(path: Path) -> Array:
+    """Joint angles (n, 6) [rad] of a plan as ``ur-client plan --json`` prints it. Raises FileError."""
+    try:
+        way_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
+    except OSError as error:
+        raise FileError(path, error.strerror or str(error)) from error
+    except (ValueError, TypeError, KeyError, RecursionError):
+        way_rad = np.empty(0)
+    if way_rad.shape[1:] != (6,) or not np.isfinite(way_rad).all():
+        raise FileError(path, "it is not a plan: write one with `ur-client plan GOAL --json`")
+    return way_rad
 
 
 def _marker(name: str, number: int, pose: Pose, color: Sequence[float], frame: str) -> Marker:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise
 from math import isfinite
 from random import Random
 from typing import Final, Literal, get_args
@@ -19,7 +19,7 @@ from client.errors import PlanningError
 from client.planning.cartesian import CartesianPath, cartesian_runs
 from client.planning.collisions import CollisionChecker
 from client.planning.constraints import ConstrainedChecker, PathConstraints
-from client.planning.goals import Goal, PoseGoal, candidates
+from client.planning.goals import Goal, GoalSet, PoseGoal, candidates, check_six
 from client.planning.industrial import (
     INDUSTRIAL,
     CartesianLimits,
@@ -63,9 +63,9 @@ class NoPathError(PlanningError):
     """None was found in time."""
 
 
-def usual_limits(model: RobotModel) -> Limits:
+def usual_limits(model: RobotModel, jerk_rad_s3: float = _J_RAD_S3) -> Limits:
     """Of an arm: its joints' speeds (ur_description), and the accelerations of ur_moveit_config's joint_limits.yaml."""
-    return Limits(np.array(model.qd_max), np.full(6, _A_RAD_S2), np.full(6, _J_RAD_S3))
+    return Limits(np.array(model.qd_max), np.full(6, _A_RAD_S2), np.full(6, jerk_rad_s3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +241,7 @@ class Planner:
         if not self.checker.is_free(start_rad):
             objection = self.checker.objection(start_rad)
             raise StartInCollisionError(
-                f"the arm cannot start here: {objection}. Move it away, or allow what touches to touch"
+                f"the arm cannot start here: {objection}. Move it away, or change the scene or the constraints"
             )
 
     def _under(self, constraints: PathConstraints) -> "Planner":
@@ -264,6 +264,7 @@ class Planner:
         return self.limits
 
     def _checked_start(self, start_rad: Sequence[float]) -> Joints:
+        check_six(start_rad, "the start is six joint angles")
         start = _six(start_rad)
         if not all(map(isfinite, start)):
             raise PlanningError(f"the start has numbers that no joint has: {list(start)}")
@@ -276,7 +277,8 @@ class Planner:
             return tool_segment(self.checker, start, item.goal, item.planner, self.cartesian_limits)
         goals = candidates(item.goal, start, self.checker)
         if isinstance(self.checker, ConstrainedChecker):
-            any_turn = isinstance(item.goal, PoseGoal)
+            wanted = item.goal.goals if isinstance(item.goal, GoalSet) else [item.goal]
+            any_turn = all(isinstance(one, PoseGoal) for one in wanted)
             found = ToolSearch(self.checker, start, goals, any_turn).find(item.planner, 0.5 * time_limit_s, seed)
             if found is not None:
                 return found
@@ -317,11 +319,12 @@ class Planner:
         if self.checker.way_is_free(start, goals[0]):  # as it mostly is, and shorter than any other
             return [np.array(start), np.array(goals[0])]
         until_s = time.perf_counter() + time_limit_s
-        for step in _STEPS_RAD:
+        for attempt in count():  # what was found may touch something between two looks, another way may not
             left_s = until_s - time.perf_counter()
             if left_s <= 0.0:
                 break
-            way = searched(self.checker, start, goals, planner, left_s, seed, step)
+            step = _STEPS_RAD[min(attempt, len(_STEPS_RAD) - 1)]
+            way = searched(self.checker, start, goals, planner, left_s, seed + attempt, step)
             if way is None:
                 break
             if all(self.checker.way_is_free(one, other) for one, other in pairwise(way)):

@@ -5,6 +5,7 @@ ones in the flange's. Links have the names of ur_description.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -120,6 +121,12 @@ class PlanningScene:
         self.safety: Safety | None = None
         self._objects: dict[str, SceneObject] = {}
         self._allowed: set[frozenset[str]] = set()
+
+    def copy(self) -> "PlanningScene":
+        """The scene as it is now, for a thread that must not see it change."""
+        other = copy(self)
+        other._objects, other._allowed = dict(self._objects), set(self._allowed)
+        return other
 
     # what is there
 

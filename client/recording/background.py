@@ -11,7 +11,7 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
@@ -47,6 +47,14 @@ class _Point(NamedTuple):
     velocities: tuple[float, ...]
     accelerations: tuple[float, ...]
     effort: tuple[float, ...]
+
+
+class _Markers(NamedTuple):
+    """What `Recorder.write_markers` takes."""
+
+    topic: str
+    markers: Sequence[Mapping[str, Any]]
+    time_s: float
 
 
 class BackgroundRecorder:
@@ -93,6 +101,10 @@ class BackgroundRecorder:
         """Add the state of a trajectory controller, as `Recorder.write_controller`."""
         self._queue.put((controller, state))
 
+    def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_s: float) -> None:
+        """Add what 3D views draw, as `Recorder.write_markers`; what is wrong with them is told by `close`."""
+        self._queue.put(_Markers(topic, markers, time_s))
+
     def close(self) -> None:
         """Finish the file. Raises RecordingError when something of it could not be written."""
         if not self._open:
@@ -112,7 +124,7 @@ class BackgroundRecorder:
     def _feed(self, pipe: IO[bytes]) -> None:
         try:
             while (item := self._queue.get()) is not None:
-                self._send(pipe, _plain(*item) if isinstance(item[0], str) else item)
+                self._send(pipe, _plain(item))
             pipe.close()
         except OSError:  # the process has ended
             _logger.error("%s cannot be written any more", self.path)
@@ -146,8 +158,11 @@ class BackgroundRecorder:
                 continue
 
 
-def _plain(name: str, state: Any) -> tuple[str, _State]:
-    """A controller's state as the other process knows it."""
+def _plain(item: Any) -> Any:
+    """A controller's state as the other process knows it; anything else as it is."""
+    if isinstance(item, _Markers) or not isinstance(item[0], str):
+        return item
+    name, state = item
     points = (_point(getattr(state, kind)) for kind in ("reference", "feedback", "error", "output"))
     return name, _State(state.time_s, state.joint_names, *points)
 
@@ -162,22 +177,34 @@ def _point(point: Any) -> _Point:
 def work(pipe: BinaryIO) -> int:
     """Record what comes through a pipe until its end; the exit status."""
     path, names, info = pickle.load(pipe)
+    problem = ""
     try:
         with Recorder(path, names, info) as recorder:
             sys.stdout.buffer.write(_READY)
             sys.stdout.buffer.flush()
             for item in iter(_reading(pipe), None):
-                if isinstance(item[0], str):
+                if isinstance(item, _Markers):
+                    problem = _drawn(recorder, item) or problem
+                elif isinstance(item[0], str):
                     recorder.write_controller(*item)
                 else:
                     recorder.write(dict(zip(recorder.names, item, strict=True)))
     except RecordingError as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
+        problem = str(error)
     except OSError as error:
-        sys.stderr.write(f"cannot write {path}: {error.strerror}\n")
-        return 1
-    return 0
+        problem = f"cannot write {path}: {error.strerror}"
+    if problem:
+        sys.stderr.write(f"{problem}\n")
+    return 1 if problem else 0
+
+
+def _drawn(recorder: Recorder, item: _Markers) -> str:
+    """What is wrong with them: the recording goes on without."""
+    try:
+        recorder.write_markers(*item)
+    except RecordingError as error:
+        return str(error)
+    return ""
 
 
 def _reading(pipe: BinaryIO) -> Callable[[], Any]:

@@ -17,6 +17,7 @@ from client.recording.mcapfile import McapWriter, read_mcap
 from client.recording.recording import DEFAULT_FIELDS, Info, Recording
 from client.recording.tables import CsvWriter, NpzWriter, read_csv, read_npz
 from client.recording.timestamps import Stamps
+from client.recording.topics import markers_message
 from client.rtde import unknown_fields
 from urproto.compat import Self
 from urproto.rtde.fields import LONGEST_S
@@ -109,14 +110,15 @@ class Recorder:
                 writer.write_controller(controller, state, time_ns)
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_s: float) -> None:
-        """Add what 3D views draw, see `McapWriter.write_markers`, at a time [s] of the robot.
+        """Add what 3D views draw, fields of visualization_msgs/Marker, at a time [s] of the robot.
 
-        Only MCAP files have a place for it; others raise RecordingError.
+        Only MCAP files have a place for it; others raise RecordingError, and so do markers that are none: the file
+        stays as it is.
         """
-        writer, time_ns = self._mcap("markers"), self._stamps.of(time_s)
+        writer, message, time_ns = self._mcap("markers"), markers_message(markers), self._stamps.of(time_s)
         if time_ns is not None and not self._failure:
             with self._telling():
-                writer.write_markers(topic, markers, time_ns)
+                writer.write_markers(topic, message, time_ns)
 
     def _mcap(self, what: str) -> McapWriter:
         if not isinstance(self._writer, McapWriter):

@@ -14,7 +14,7 @@ from client.recording.cdr import MessageType
 from client.recording.definitions import message_type
 from client.recording.extras import extra
 from client.recording.pictures import Pictures
-from client.recording.topics import MarkerTopic, Topics
+from client.recording.topics import MarkerTopic, Topics, markers_message
 
 if TYPE_CHECKING:
     from foxglove import Channel
@@ -174,9 +174,8 @@ class FoxgloveServer:
             self._described_ns = time_ns
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_ns: int) -> None:
-        """Offer a visualization_msgs/msg/MarkerArray; see `McapWriter.write_markers`."""
-        kind = MarkerTopic(topic).type
-        self._channel(topic, kind).log(kind.encode({"markers": markers}), log_time=time_ns)
+        """Offer a visualization_msgs/msg/MarkerArray; see `Recorder.write_markers`."""
+        self._channel(topic, MarkerTopic(topic).type).log(markers_message(markers), log_time=time_ns)
 
     def write_shot(self, shot: Shot, time_ns: int) -> None:
         """Offer a picture of a camera, what describes the camera, and where it is."""

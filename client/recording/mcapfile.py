@@ -1,7 +1,7 @@
 """Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
 
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
@@ -79,10 +79,9 @@ class McapWriter:
         topic = ControllerTopic(controller)
         self._add(topic, topic.type.encode(controller_message(state, time_ns)), time_ns)
 
-    def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_ns: int) -> None:
-        """Add a visualization_msgs/msg/MarkerArray. markers: their fields; those not named are zero or empty."""
-        kind = MarkerTopic(topic)
-        self._add(kind, kind.type.encode({"markers": markers}), time_ns)
+    def write_markers(self, topic: str, message: bytes, time_ns: int) -> None:
+        """Add a visualization_msgs/msg/MarkerArray, made by `markers_message`."""
+        self._add(MarkerTopic(topic), message, time_ns)
 
     def write_shot(self, shot: Shot, time_ns: int) -> None:
         """Add a picture of a camera, what describes the camera, and where it is."""

@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from client.errors import RecordingError
 from client.recording.cdr import MessageType
 from client.recording.definitions import message_type, ros_name, rtde_type
 from client.recording.timestamps import header
@@ -65,6 +66,17 @@ class MarkerTopic:
     def type(self) -> MessageType:
         """Its message."""
         return message_type("visualization_msgs/msg/MarkerArray")
+
+
+def markers_message(markers: Sequence[Values]) -> bytes:
+    """A visualization_msgs/msg/MarkerArray. markers: their fields; those not named are zero or empty.
+
+    Raises RecordingError for what are none.
+    """
+    try:
+        return message_type("visualization_msgs/msg/MarkerArray").encode({"markers": markers})
+    except (struct.error, ArithmeticError, AttributeError, TypeError, ValueError) as error:
+        raise RecordingError(f"these are not fields of visualization_msgs/Marker: {error}") from error
 
 
 class Topics:

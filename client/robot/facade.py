@@ -268,8 +268,8 @@ class AsyncRobot:
         await self._moves.execute("the sequence", list(moves), wait)
 
     async def plan_to(self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, **options: Any) -> None:
-        """Go to a goal around what is in the scene; options are those of `client.planning.Planner.plan`."""
-        await self.planning.execute(await self.planning.plan(goal, scene, **options), wait=wait)
+        """Go to a goal around what is in the scene; options are those of `PlannedMotion.go_to`."""
+        await self.planning.go_to(goal, scene, wait=wait, **options)
 
     async def speed_j(
         self,

@@ -75,6 +75,10 @@ class Moves:
         if result is TrajectoryResult.CANCELED:
             raise MotionStoppedError(doing, "it was cancelled")
 
+    async def come_to_rest(self) -> None:
+        """After a motion whose caller gave up."""
+        await self._motion.come_to_rest()
+
     async def send_speeds(
         self, doing: str, send: Callable[[RobotState], None], duration_s: float, acceleration: float, wait: bool
     ) -> None:

@@ -1,14 +1,13 @@
-"""The node ``controller_manager``: its services, activity, diagnostics and parameters, as of ros2_control.
+"""The node ``controller_manager``: its services, activity and parameters, as of ros2_control.
 
 Source of names, types and answers: controller_manager and controller_manager_msgs of Humble, Jazzy and Kilted; fields
 that a distribution's messages do not have are left out.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from lifecycle_msgs.msg import State
 
 from client.controllers.component import PLUGIN
@@ -17,6 +16,7 @@ from client.controllers.controller import CONTROLLER_TYPES, Controller, Lifecycl
 from client.controllers.manager import ControllerManager
 from client.controllers.running import RunningManager
 from client.errors import ClientError, ControllerError
+from client.ros2.diagnostics import Diagnostics
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from urproto.errors import URError
 
@@ -28,7 +28,6 @@ _STATES: Final = {
 }
 _PRIMARY: Final = {number: state for state, number in _STATES.items()}
 _BASE: Final = "controller_interface::ControllerInterface"
-_DIAGNOSTICS_S: Final = 1.0  # diagnostic_updater
 _ACTIVITY_S: Final = 0.1  # how often it is looked for changes; guess
 _TYPES: Final = (
     ("list_controllers", "ListControllers"),
@@ -61,8 +60,7 @@ class ControllerManagerNode:
         for name, type_name in _TYPES:
             if (kind := interface_if_any(f"controller_manager_msgs/srv/{type_name}")) is not None:
                 self.node.create_service(kind, f"~/{name}", getattr(self, name))
-        self._diagnostics = self.node.create_publisher(DiagnosticArray, "/diagnostics", 1)
-        self.node.create_timer(_DIAGNOSTICS_S, self._publish_diagnostics)
+        Diagnostics(host, self.node, running)
         self._activity: Any = None
         self._last_activity: Any = None
         self._activity_type = interface_if_any("controller_manager_msgs/msg/ControllerManagerActivity")
@@ -275,32 +273,6 @@ class ControllerManagerNode:
         message.controllers = [named(name=name, state=_message(state)) for name, state in states]
         message.hardware_components = [named(name=self._hardware.name, state=hardware)]
         self._activity.publish(message)
-
-    def _publish_diagnostics(self) -> None:
-        states = self._host.do(lambda: [(info.name, str(info.state)) for info in self._manager.list_controllers()])
-        message = DiagnosticArray()
-        message.header.stamp = self.node.get_clock().now().to_msg()
-        message.status = [
-            self._status("Controllers Activity", self._problem(states), states),
-            self._status(
-                "Hardware Components Activity",
-                self._hardware.problem,
-                [(self._hardware.name, str(self._hardware.state))],
-            ),
-        ]
-        self._diagnostics.publish(message)
-
-    def _problem(self, states: Sequence[tuple[str, str]]) -> str:
-        return "" if any(state == "active" for _, state in states) else "No controllers are active"
-
-    def _status(self, name: str, problem: str, values: Sequence[tuple[str, str]]) -> DiagnosticStatus:
-        return DiagnosticStatus(
-            level=DiagnosticStatus.WARN if problem else DiagnosticStatus.OK,
-            name=f"controller_manager: {name}",
-            message=problem or "All is well",
-            hardware_id=self._hardware.name,
-            values=[KeyValue(key=key, value=value) for key, value in values],
-        )
 
 
 def _message(state: LifecycleState) -> State:

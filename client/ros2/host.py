@@ -126,11 +126,18 @@ class NodeHost:
 
     def do(self, work: Callable[[], Result]) -> Result:
         """Call it in the event loop, between two control cycles, and give what it gives or raises."""
+        done: concurrent.futures.Future[Result] = concurrent.futures.Future()
 
-        async def inside() -> Result:
-            return work()
+        def inside() -> None:  # no coroutine: a setpoint would wait for one more turn of the loop
+            try:
+                done.set_result(work())
+            except BaseException as error:
+                done.set_exception(error)
+                if not isinstance(error, Exception):
+                    raise
 
-        return self.wait(inside())
+        self.loop.call_soon_threadsafe(inside)
+        return done.result()
 
     def wait(self, work: Awaitable[Result]) -> Result:
         """Wait for a coroutine that runs in the event loop."""

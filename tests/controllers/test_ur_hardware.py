@@ -280,6 +280,20 @@ def test_after_a_protective_stop_the_program_may_be_missing_for_a_while(seconds,
     assert handle.done is not survives
 
 
+def test_a_program_that_starts_again_is_as_fast_as_it_says_at_once():
+    """The speed scaling rises slowly for goals that waited: with a program that ended, goals ended, too."""
+    arm = Arm()
+    arm.driver.program_running = False
+    arm.cycle(2, runtime_state=RuntimeState.STOPPED)
+    assert (arm.factor, bool(arm.hardware.failure)) == (0.0, True)
+    arm.driver.program_running = True
+    arm.cycle(runtime_state=RuntimeState.PLAYING)
+    assert arm.factor == 1.0
+    arm.cycle(2, safety_mode=SafetyMode.PROTECTIVE_STOP, runtime_state=RuntimeState.PAUSED)
+    arm.cycle(safety_mode=SafetyMode.NORMAL, runtime_state=RuntimeState.PLAYING)
+    assert 0.0 < arm.factor < 0.1
+
+
 def test_late_setpoints_are_no_end_of_a_goal(monkeypatch):
     """The robot has stopped the arm, and its program goes on: it comes back to the path as after a pause."""
     arm = Arm()

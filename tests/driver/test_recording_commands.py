@@ -7,7 +7,9 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import dist
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from client.cli import app
 from client.commands import record
 from client.errors import ClientError, MotionError, RecordingError
 from client.recording import DEFAULT_FIELDS, Recorder, joint_path, read
+from urproto.robots import kinematics_of, load_model
 
 PATIENCE_S = 30.0
 HOME = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
@@ -128,20 +131,76 @@ def test_what_is_around_the_arm_is_drawn(emulator, tmp_path: Path) -> None:
     order = ("--scene", str(world), "--frequency", "20", "--robot-ip", emulator.host)
     result = call("record", str(file), *order, "--duration", "1.5")
     assert result.exit_code == 0, result.output
-    with file.open("rb") as stream:
-        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/planning_scene"])
-        drawn = [[(marker.ns, marker.header.frame_id) for marker in message.markers] for *_, message in messages]
+    scenes = _markers(file)["/planning_scene"]
+    drawn = [[(marker.ns, marker.header.frame_id) for marker in markers] for markers in scenes]
     assert len(drawn) == len(read(file))
     assert [[name for name, _ in markers] for markers in drawn].count(["post", "tool"]) == 2  # once a second
     assert drawn[1] == [("tool", "base")]
     for wrong, words in (
-        (("record", str(tmp_path / "run.csv"), *order), "--scene is for .mcap files"),
-        (("stream", "--plotjuggler", "udp://127.0.0.1:9", *order), "--scene is for --foxglove"),
+        (("record", str(tmp_path / "run.csv"), *order), "--scene and --plan are for .mcap files"),
+        (("stream", "--plotjuggler", "udp://127.0.0.1:9", *order), "--scene and --plan are for --foxglove"),
     ):
         assert words in " ".join(call(*wrong).output.split())
     refused = call("record", str(tmp_path / "other.mcap"), *order, "--fields", "robot_mode").exception
     assert isinstance(refused, RecordingError)
     assert "actual_q" in str(refused)
+
+
+def test_an_execution_is_recorded_with_its_scene_and_its_way(emulator, tmp_path: Path) -> None:
+    """Read by libraries that are not ours; the way that is drawn is the one that the arm took."""
+    pytest.importorskip("ompl")
+    world, file, plan = tmp_path / "cell.yaml", tmp_path / "run.mcap", tmp_path / "plan.json"
+    world.write_text("tool: {sphere: 0.01}\nobjects: {post: {box: [0.1, 0.1, 1.0], pose: [0.5, 0, 0.5]}}\n")
+    robot = ("--robot-ip", emulator.host)
+    quick = ("--velocity", "1", "--acceleration", "1")
+    order = ("plan", ",".join(map(str, GOAL)), "--scene", str(world), "--json", *robot)
+    result = call(*order, *quick, "--execute", "--make-ready", "--record", str(file))
+    assert result.exit_code == 0, result.output
+    plan.write_text(result.stdout)
+    assert json.loads(result.stdout)["positions"][-1] == pytest.approx(GOAL)
+    drawn = _markers(file)
+    flange = kinematics_of(load_model("ur5e")).forward
+    way = [(point.x, point.y, point.z) for point in drawn["/planned_path"][0][0].points]
+    assert way[-1] == pytest.approx(flange(GOAL)[:3])
+    recording = read(file)
+    taken = [flange(q)[:3] for q in recording["actual_q"][::20]]
+    assert max(_beside(np.array(place), np.array(way)) for place in taken) < 0.003
+    assert dist(taken[0], way[0]) < 0.001 > dist(taken[-1], way[-1])
+    first, *later = drawn["/planning_scene"]
+    assert {marker.ns for marker in first} == {"post", "tool"}
+    tools = [marker.pose.position for markers in later for marker in markers if marker.ns == "tool"]
+    assert dist((tools[-1].x, tools[-1].y, tools[-1].z), way[-1]) < 0.02  # it went with the arm
+
+    other = tmp_path / "other.mcap"
+    result = call("record", str(other), "--plan", str(plan), "--frequency", "20", "--duration", "0.5", *robot)
+    assert result.exit_code == 0, result.output
+    ((again,),) = _markers(other)["/planned_path"]
+    assert [(point.x, point.y, point.z) for point in again.points] == pytest.approx(way)
+    for wrong, words in (
+        (("record", str(tmp_path / "a.mcap"), "--plan", str(world), *robot), "write one with `ur-client plan"),
+        ((*order, "--record", str(tmp_path / "b.mcap")), "add --execute"),
+        ((*order, "--markers", str(tmp_path / "c.csv")), "--markers is for .mcap files"),
+    ):
+        refused = call(*wrong)
+        assert words in " ".join(f"{refused.output} {refused.exception}".replace("│", "").split())
+
+
+def _beside(place: Any, way: Any) -> float:
+    """How far a place is from the pieces of a line (n, 3) [m]."""
+    begin, along = way[:-1], np.diff(way, axis=0)
+    share = np.clip(((place - begin) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+    return float(np.linalg.norm(begin + share[:, None] * along - place, axis=1).min())
+
+
+def _markers(file: Path) -> dict[str, list[list[Any]]]:
+    """Of each topic that has some, message by message."""
+    found: dict[str, list[list[Any]]] = {}
+    topics = ["/planning_scene", "/planned_path"]
+    with file.open("rb") as stream:
+        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics)
+        for _, channel, _, message in messages:
+            found.setdefault(channel.topic, []).append(message.markers)
+    return found
 
 
 # Records at the robot's rate in real time: a recorder that a busy machine holds up misses states, and a path with holes

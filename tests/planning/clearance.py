@@ -27,7 +27,12 @@ class Clearance:
 
     def __call__(self, q_rad: Sequence[float]) -> float:
         """The least distance to a thing of the scene [m]: to 1 mm, as the points are near each other."""
-        balls = []
+        places, radii = list[np.ndarray](), list[np.ndarray]()
+
+        def put(points: np.ndarray, radius: float) -> None:
+            places.append(place + points @ turn.T)
+            radii.append(np.full(len(points), radius))
+
         turn, place = np.eye(3), np.zeros(3)
         for number, ((axes, position), angle) in enumerate(zip(self._frames, q_rad, strict=True), 1):
             place = place + turn @ position
@@ -35,17 +40,15 @@ class Clearance:
             turn = turn @ axes @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
             if number > 1:  # the shoulder turns on the spot
                 for points, radius, rims in self._parts[number]:
-                    balls += [(place + points @ turn.T, radius), (place + rims @ turn.T, 0.0)]
+                    put(points, radius)
+                    put(rims, 0.0)
         for thing in self._scene.objects.values():
             if thing.attached:
                 assert isinstance(thing.shape, Sphere)
-                balls.append(((place + turn @ np.array(thing.pose[:3]))[None], thing.shape.radius))
+                put(np.array(thing.pose[:3])[None], thing.shape.radius)
+        points, radius = np.concatenate(places), np.concatenate(radii)
         around = [thing for thing in self._scene.objects.values() if not thing.attached]
-        return min(
-            float(np.min(_distance(points, thing.shape, thing.pose))) - radius
-            for points, radius in balls
-            for thing in around
-        )
+        return min(float(np.min(_distance(points, thing.shape, thing.pose) - radius)) for thing in around)
 
 
 def _parts(start: Sequence[float], end: Sequence[float], radius: float) -> tuple[np.ndarray, float, np.ndarray]:

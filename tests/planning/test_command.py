@@ -20,7 +20,7 @@ def pose(dx: float, dy: float, dz: float = 0.0) -> str:
 
 
 def plan(*goals: str) -> tuple[int, str]:
-    line = ["plan", *goals, "--model", "ur5e", "--start", ",".join(map(str, START)), "--json"]
+    line = ["plan", "--model", "ur5e", *goals, "--start", ",".join(map(str, START)), "--json"]
     done = CliRunner().invoke(app, line)
     return done.exit_code, f"{done.output} {done.exception}"
 
@@ -34,6 +34,12 @@ def test_a_line_blends_into_an_arc() -> None:
     assert max(place[0] for place in places) == pytest.approx(X + 0.1, abs=2e-3)
     assert places[-1][:3] == pytest.approx((X, Y, Z), abs=1e-4)
     assert all(abs(place[2] - Z) < 2e-3 for place in places)
+
+
+def test_any_of_some_goals_will_do() -> None:
+    code, output = plan(f"p[2,0,0,0,0,0] or {','.join(map(str, (0.5, *START[1:])))} or up")
+    assert code == 0, output
+    assert json.loads(output.removesuffix("None"))["positions"][-1] == pytest.approx((0.5, *START[1:]))
 
 
 def test_the_orientation_of_the_start_is_kept() -> None:
@@ -57,6 +63,7 @@ def test_the_orientation_of_the_start_is_kept() -> None:
         ((f"LIN {pose(0.0, 0.1)} center=0,0,0",), "an arc is CIRC"),
         ((f"CIRC {pose(0.0, 0.1)} center=0,0",), "three numbers"),
         (("1,2,3",), "six joint angles"),
+        (("up", "--model", "ur4"), "unknown robot model 'ur4': known are ur3"),
         ((pose(0.0, 0.1), "--keep-within", "1,1,1"), "six numbers"),
         ((pose(0.0, 0.1), "--keep-orientation", "-1,0,0"), "0 or above"),
     ],

@@ -19,6 +19,7 @@ from client.errors import PlanningError, SceneError
 from client.planning import (
     Box,
     CollisionChecker,
+    GoalSet,
     GoalUnreachableError,
     JointGoal,
     NamedGoal,
@@ -102,6 +103,21 @@ def test_names_are_those_of_moveit() -> None:
     assert plan.way[-1] == pytest.approx((0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0))
 
 
+def test_of_a_set_of_goals_the_one_that_can_be_reached_is() -> None:
+    planner, far = Planner(PlanningScene("ur5e")), PoseGoal((2.0, 0.0, 0.3, 0.0, 3.1, 0.0))
+    near = JointGoal((0.1, *START_Q[1:]))
+    for goals in ([far, NamedGoal("up"), near], [near, NamedGoal("up"), far]):
+        assert planner.plan(START_Q, GoalSet(goals)).way[-1] == pytest.approx(near.q_rad)
+    with pytest.raises(
+        GoalUnreachableError, match=r"none of 2 goals can be reached: goal 1: .* reach of .*; goal 2: .*"
+    ):
+        planner.plan(START_Q, GoalSet([far, NamedGoal("sleep")]))
+    with pytest.raises(PlanningError, match="a set of goals has at least one"):
+        GoalSet([])
+    with pytest.raises(PlanningError, match="LIN goes to a pose"):
+        planner.plan(START_Q, GoalSet([near]), planner="LIN")
+
+
 def test_what_cannot_be_planned_says_why() -> None:
     scene = PlanningScene("ur3")
     scene.add("table", Plane(), (0.0, 0.0, -0.03, 0.0, 0.0, 0.0))
@@ -128,6 +144,10 @@ def test_what_cannot_be_planned_says_why() -> None:
         ({"start_rad": (nan, *above[1:])}, "numbers that no joint has"),
         ({"goal": JointGoal((nan, *above[1:]))}, "base would be at nan rad"),
         ({"goal": PoseGoal((nan, 0.0, 0.3, 0.0, 3.1, 0.0))}, "numbers that no pose has"),
+        ({"start_rad": above[1:]}, "the start is six joint angles, not 5"),
+        ({"goal": JointGoal(above[1:])}, "a JointGoal is six joint angles, not 5"),
+        ({"goal": PoseGoal(above[1:])}, "a pose is six numbers, not 5"),
+        ({"goal": PoseGoal(above, (0.0, 0.0, 0.1))}, "a pose is six numbers, not 3"),
     ):
         with pytest.raises(PlanningError, match=says):
             planner.plan(**({"start_rad": above, "goal": NamedGoal("up")} | wrong))
@@ -142,6 +162,14 @@ def test_no_way_says_what_was_tried() -> None:
     (q,) = free_postures(planner.checker, Random(1), 1)
     with pytest.raises(NoPathError, match=r"RRTConnect looked for one to 1 posture .* padding is 10 mm"):
         planner.plan(q, JointGoal((q[0] - np.copysign(np.pi, q[0]), *q[1:])), time_limit_s=0.3)
+
+
+def test_a_way_that_touches_something_between_two_looks_is_not_the_last_that_is_tried() -> None:
+    """With this seed the first ways do, however near the looks are."""
+    start = (0.2111106006283685, -2.5909163579147267, 1.1463831298044607, -1.62657327, 0.26685483958120493, -1.22441638)
+    goal = (1.0548333969381773, -2.2623695889905715, -2.396985062573857, 1.9316017931364171, 0.80756918465, 1.72507299)
+    plan = Planner(scene_of("slot", "ur20")).plan(start, JointGoal(goal), seed=187)
+    assert len(plan.way) > 2
 
 
 def test_things_are_carried_and_left() -> None:

@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from recording_rig import INFO, controller_state
 
 from client.errors import RecordingError
@@ -66,6 +68,24 @@ def test_controllers_in_a_format_without_them_are_an_error_of_the_end(states, tm
     recorder.write_controller("mine", controller_state(1.0, 0.1, 0.2))
     with pytest.raises(RecordingError, match=r"only \.mcap files hold states of controllers"):
         recorder.close()
+
+
+def test_markers_go_beside_and_those_that_are_none_harm_nothing_else(states, tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    recorder = BackgroundRecorder(file, states[0])
+    for number, state in enumerate(states[:50]):
+        recorder.write(state)
+        marker = {"ns": "post", "type": "round" if number == 20 else 2}
+        recorder.write_markers("/planning_scene", [marker], state["timestamp"])
+    with pytest.raises(RecordingError, match="not fields of visualization_msgs/Marker"):
+        recorder.close()
+    found = read(file)
+    assert "cut_off" not in found.info
+    assert len(found) == 50
+    with file.open("rb") as stream:
+        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/planning_scene"])
+        drawn = [marker for *_, message in messages for marker in message.markers]
+    assert [(marker.ns, marker.type) for marker in drawn] == [("post", 2)] * 49
 
 
 PROGRAM = """

@@ -8,13 +8,17 @@ import struct
 import sys
 import threading
 
+import numpy as np
 import pytest
 import websockets
-from recording_rig import BEGAN_NS, moving_states
+from recording_rig import BEGAN_NS, GOAL, HOME, moving_states
 from websockets.sync.server import serve
 
 from client.cameras import Shot
+from client.commands.scene_drawing import DrawnServer
 from client.errors import MissingExtraError, RecordingError
+from client.planning import Box, PlanningScene
+from client.planning.markers import SceneDrawing
 from client.recording.live import FoxgloveServer, PlotJugglerSender, address_of, datagrams, plotjuggler
 from tests.served_cameras import JPEG, MATRIX, OVERVIEW, POSE
 from urproto.compat_asyncio import timeout
@@ -102,27 +106,25 @@ def test_what_is_no_address_is_told(text: str) -> None:
         address_of(text, "udp", 9870)
 
 
-POST = [{"ns": "post", "type": 1, "scale": {"x": 0.1, "y": 0.1, "z": 0.5}}]
-
-
 async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) -> None:
+    scene = PlanningScene("ur5e")
+    scene.add("post", Box((0.1, 0.1, 0.5)))
     server = FoxgloveServer(tuple(states[0]), "127.0.0.1", 0, "<robot name='ur5e'/>")
+    drawn = DrawnServer(server, SceneDrawing(scene, np.array([HOME, GOAL])))
     try:
         address = f"ws://127.0.0.1:{server.port}"
         async with timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
             channels = await _channels(client)
-            server.write(states[0], BEGAN_NS)
-            channels |= await _channels(client)  # the description's, with its first message
-            server.write_markers("/planning_scene", POST, BEGAN_NS)
-            channels |= await _channels(client)
-            topics = ("/joint_states", "/robot_description", "/planning_scene")
+            drawn.write(states[0], BEGAN_NS)
+            for _ in range(3):  # of the description and the markers, each with its first message
+                channels |= await _channels(client)
+            topics = ("/joint_states", "/robot_description", "/planning_scene", "/planned_path")
             await _subscribe(client, [channels[topic]["id"] for topic in topics])
             got = {}
             number = 0
             while len(got) < len(topics):  # subscriptions are not answered
                 number += 1
-                server.write(states[300], BEGAN_NS + number * 10**9)
-                server.write_markers("/planning_scene", POST, BEGAN_NS + number * 10**9)
+                drawn.write({**states[300], "timestamp": float(number)}, BEGAN_NS + number * 10**9)
                 got |= await _messages(client)
     finally:
         server.close()
@@ -132,6 +134,8 @@ async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) 
     assert _decoded(channels["/robot_description"], by_topic["/robot_description"]).data == "<robot name='ur5e'/>"
     (post,) = _decoded(channels["/planning_scene"], by_topic["/planning_scene"]).markers
     assert (post.ns, post.type, post.scale.z) == ("post", 1, 0.5)
+    (way,) = _decoded(channels["/planned_path"], by_topic["/planned_path"]).markers
+    assert (way.points[-1].x, way.points[-1].y) == pytest.approx(scene.kinematics.forward(GOAL)[:2])
 
 
 async def _channels(client) -> dict[str, dict]:

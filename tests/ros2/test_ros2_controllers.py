@@ -147,10 +147,29 @@ async def test_the_hardware_component(lab: Lab) -> None:
         asked = await lab.peer.call("/io_and_status_controller/set_io", "ur_msgs/srv/SetIO", fun=1, pin=3, state=state)
         return bool(asked["success"])
 
+    async def diagnosed(name: str) -> dict[str, Any]:
+        message = await lab.peer.echo("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", new=True)
+        statuses = {one["name"]: one for one in message["status"]}
+        assert {one["hardware_id"] for one in message["status"]} == {"ros2_control"}
+        found = statuses[f"controller_manager: {name}"]
+        return {**found, "values": {one["key"]: one["value"] for one in found["values"]}}
+
     await only(lab, SCALED)
     before = await states(lab)
+    controllers = await diagnosed("Controllers Activity")
+    assert (controllers["level"], controllers["message"]) == (0, "Not all controllers are active")
+    assert controllers["values"] == {f"{name}.state": state for name, state in before.items()}
+    cycle = (await diagnosed("Controller Manager Activity"))["values"]
+    assert cycle["update_rate"] == "500"
+    assert 0.0 < float(cycle["periodicity.min"]) <= float(cycle["periodicity.average"]) < 500.1
     assert (await go_to(2))["ok"]
     assert await states(lab) == {**before, SCALED: "inactive"}
+    while (hardware := await diagnosed("Hardware Components Activity"))["level"] == 0:
+        pass
+    assert (hardware["message"], hardware["values"]) == (
+        "No hardware components are currently active",
+        {"ur5e.state": "inactive"},
+    )
     assert not await set_io(1.0)
     assert (await go_to(1))["state"]["label"] == "unconfigured"
     assert not lab.driver.robot.driver.program_running

@@ -1,0 +1,104 @@
+"""``/diagnostics``, once a second: controllers, hardware, and whether the control cycle keeps its rate.
+
+Source of names, keys, texts and thresholds: controller_manager of Jazzy. The rate is the one by the robot's clock: what
+counts is whether each of its states had a cycle. How long controllers take is not measured.
+"""
+
+import statistics
+from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Final
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from client.controllers.controller import LifecycleState
+from client.controllers.running import RunningManager
+from client.ros2.host import NodeHost
+
+_EVERY_S: Final = 1.0  # diagnostic_updater
+_WARN_HZ: Final = (
+    5.0  # defaults of diagnostics.threshold.controller_manager.periodicity: mean_error, standard_deviation
+)
+_ERROR_HZ: Final = 10.0
+_HARDWARE_ID: Final = "ros2_control"
+_MOST: Final = 10_000  # cycles between two messages; guess: none is so late
+
+Values = Sequence[tuple[str, str]]
+
+
+class Diagnostics:
+    """Publishes the state of a controller manager by its node."""
+
+    def __init__(self, host: NodeHost, node: Node, running: RunningManager) -> None:
+        self._host = host
+        self._node = node
+        self._running = running
+        self._times_s: deque[float] = deque(maxlen=_MOST)  # of cycles since the last message, by the robot's clock
+        manager = running.manager
+        manager.on_cycle.append(lambda: self._times_s.append(manager.time_s))
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
+        node.create_timer(_EVERY_S, self._publish)
+
+    def _publish(self) -> None:
+        message = DiagnosticArray(status=self._host.do(self._statuses))
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        return [self._controllers(), self._hardware(), self._cycle()]
+
+    def _controllers(self) -> DiagnosticStatus:
+        infos = self._running.manager.list_controllers()
+        states = [(f"{info.name}.state", str(info.state)) for info in infos]
+        if self._running.component.state is not LifecycleState.ACTIVE:
+            level, text = DiagnosticStatus.ERROR, "No hardware components are currently active to activate controllers"
+        elif not infos:
+            level, text = DiagnosticStatus.WARN, "No controllers are currently loaded"
+        elif all(info.state is LifecycleState.ACTIVE for info in infos):
+            level, text = DiagnosticStatus.OK, "All controllers are active"
+        else:
+            level, text = DiagnosticStatus.OK, "Not all controllers are active"
+        return _status("Controllers Activity", level, text, states)
+
+    def _hardware(self) -> DiagnosticStatus:
+        component = self._running.component
+        if component.state is LifecycleState.ACTIVE:
+            level, text = DiagnosticStatus.OK, "All hardware components are active"
+        else:
+            level, text = DiagnosticStatus.WARN, "No hardware components are currently active"
+        values = [(f"{component.name}.state", str(component.state))]
+        return _status("Hardware Components Activity", level, text, values)
+
+    def _cycle(self) -> DiagnosticStatus:
+        """In the event loop, as the cycles."""
+        times_s, wanted_hz = list(self._times_s), self._running.manager.update_rate_hz
+        self._times_s.clear()
+        rates_hz = [1.0 / (after - before) for before, after in pairwise(times_s) if after > before] or [0.0]
+        average_hz, deviation_hz = statistics.fmean(rates_hz), statistics.pstdev(rates_hz)
+        values = [
+            ("update_rate", f"{wanted_hz:.0f}"),
+            ("periodicity.average", f"{average_hz:.6f}"),
+            ("periodicity.standard_deviation", f"{deviation_hz:.6f}"),
+            ("periodicity.min", f"{min(rates_hz):.6f}"),
+            ("periodicity.max", f"{max(rates_hz):.6f}"),
+        ]
+        error_hz = max(abs(average_hz - wanted_hz), deviation_hz)
+        level, text = DiagnosticStatus.OK, "Controller Manager is running"
+        if error_hz > _WARN_HZ:
+            level = DiagnosticStatus.ERROR if error_hz > _ERROR_HZ else DiagnosticStatus.WARN
+            text = (
+                f"Controller Manager has bad periodicity : {average_hz:.6g} Hz. Expected consistent {wanted_hz:.0f} Hz"
+            )
+        return _status("Controller Manager Activity", level, text, values)
+
+
+def _status(name: str, level: Any, message: str, values: Values) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=level,
+        name=f"controller_manager: {name}",
+        message=message,
+        hardware_id=_HARDWARE_ID,
+        values=[KeyValue(key=key, value=value) for key, value in values],
+    )
