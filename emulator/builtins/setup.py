@@ -8,6 +8,7 @@ from emulator.builtins.geometry import numbers, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.robot import payloadestimate
 from emulator.robot.installation import Payload
+from emulator.snapshot import plausible
 from urproto.robots.pose import pose_inv, pose_trans
 from urproto.vectors import Vector3, Vector6, as_six
 from urproto.versions import Series
@@ -149,6 +150,8 @@ def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) 
     Beyond the arm's rating, too: arms were seen to take that, and then to rise by themselves where it was not there. On
     the pendant twice the rating was the most.
     """
+    if not plausible(*payload.cog):
+        raise RuntimeFault(f"the payload's centre of gravity must be near the flange [m], not at {list(payload.cog)}")
     model = host.machine.model
     if payload.mass > model.payload_max_kg:
         host.note_once(

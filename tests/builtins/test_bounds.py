@@ -92,12 +92,18 @@ _ABSURD = ["1/0", "0/0", "1e300"]
         "set_tcp(p[0,0,{},0,0,0])",
         "set_payload({})",
         "set_payload_mass({})",
+        "set_payload_cog([0,{},0])",
+        "set_payload(1, [0,0,{}])",
     ],
 )
 def test_numbers_that_are_none_stop_the_program_with_a_word(rig, call, number):
     fault = rig.fault(call.format(number))
     assert "internal error" not in fault
     assert "must be" in fault
+
+
+def test_a_centre_of_gravity_beyond_all_bounds_is_refused(rig):
+    assert "centre of gravity must be near the flange" in rig.fault("set_payload_cog([0, 1e7, 0])")
 
 
 _LARGE = "1e308"
