@@ -13,6 +13,8 @@ from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, St
 
 LIBRARY = Library("motion", host=True, physical=True)
 
+_LEAST = 1e-100  # a smaller number is taken for 0: its square is
+
 
 @LIBRARY.builtin()
 def movej(host: ProgramHost, q: PoseOrJoints, a: Num = 1.4, v: Num = 1.05, t: Num = 0, r: Num = 0) -> Frames[None]:
@@ -298,7 +300,7 @@ def _check_profile(name: str, a: float, v: float, t: float, r: float) -> None:
 
 def _check_positive(name: str, **values: float) -> None:
     for key, value in values.items():
-        if not value > 0:
+        if not value >= _LEAST:
             raise RuntimeFault(f"{name}: {key} must be greater than 0, not {value}")
 
 

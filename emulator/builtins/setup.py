@@ -8,7 +8,6 @@ from emulator.builtins.geometry import numbers, three, within_range
 from emulator.builtins.host import ProgramHost
 from emulator.robot import payloadestimate
 from emulator.robot.installation import Payload
-from emulator.snapshot import plausible
 from urproto.robots.pose import pose_inv, pose_trans
 from urproto.vectors import Vector3, Vector6, as_six
 from urproto.versions import Series
@@ -19,6 +18,8 @@ from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
 LIBRARY = Library("setup", host=True, physical=True)
 
 _MOST_MASS = 1000.0  # kg: far beyond any arm, and what the arm's equations bear; a guess
+_MOST_LEVER = 10.0  # m, of a centre of gravity; a guess for the same reasons
+_MOST_ACCELERATION = 100.0  # m/s2, of gravity and of a base; likewise a guess
 _MOST_INERTIA = 133.0  # kg m2: Script Manual, set_target_payload
 _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts see
 
@@ -33,7 +34,7 @@ def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
 @LIBRARY.builtin()
 def set_gravity(host: ProgramHost, d: ListArg) -> None:
     """Gravity as an acceleration in the base frame [m/s2], [0, 0, 9.82] when upright."""
-    host.machine.installation.gravity = three(d, "set_gravity: the vector")
+    host.machine.installation.gravity = _acceleration(d, "set_gravity")
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
@@ -104,7 +105,7 @@ def set_base_acceleration(host: ProgramHost, a: ListArg) -> None:
 
     Arm and payload feel it in addition to gravity, until it is set anew.
     """
-    host.machine.installation.base_acceleration = three(a, "set_base_acceleration: the vector")
+    host.machine.installation.base_acceleration = _acceleration(a, "set_base_acceleration")
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
@@ -136,6 +137,13 @@ def _sixes(values: object, what: str) -> list[Vector6]:
     return [as_six(numbers(row, 6, f"estimate_payload: each element of {what}")) for row in rows]
 
 
+def _acceleration(vector: ListArg, name: str) -> Vector3:
+    found = three(vector, f"{name}: the vector")
+    if math.hypot(*found) > _MOST_ACCELERATION:
+        raise RuntimeFault(f"{name}: the vector must be at most {_MOST_ACCELERATION:g} m/s2 long, not {list(found)}")
+    return found
+
+
 def _assumed(host: ProgramHost, mass: float, cog: Vector3) -> Payload:
     """The payload when no inertia is given: a sphere on e-Series, as the Script Manual says; CB3 reports zeros.
 
@@ -150,8 +158,9 @@ def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) 
     Beyond the arm's rating, too: arms were seen to take that, and then to rise by themselves where it was not there. On
     the pendant twice the rating was the most.
     """
-    if not plausible(*payload.cog):
-        raise RuntimeFault(f"the payload's centre of gravity must be near the flange [m], not at {list(payload.cog)}")
+    if math.hypot(*payload.cog) > _MOST_LEVER:
+        where = list(payload.cog)
+        raise RuntimeFault(f"the centre of gravity must be within {_MOST_LEVER:g} m of the flange, not at {where}")
     model = host.machine.model
     if payload.mass > model.payload_max_kg:
         host.note_once(
