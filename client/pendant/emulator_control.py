@@ -1,7 +1,7 @@
 """Behind the scenes of an emulator: its control API, which a robot does not have."""
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Final
 
 import httpx
@@ -10,7 +10,7 @@ from client.errors import ClientError
 from client.pendant.dialogues import Dialogues
 from client.pendant.polling import Poller
 
-_LOOK_AGAIN_S: Final = 0.5
+LOOK_AGAIN_S: Final = 0.5  # while somebody looks
 _LOOK_EVERY_S: Final = 1.0
 _CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")
 _OF_TIME: Final = ("set_speed", "pause_time", "resume_time", "step")
@@ -23,20 +23,27 @@ class EmulatorControlError(ClientError):
     """An emulator's control API refused a verb, or is not there."""
 
 
+async def _rest() -> None:
+    await asyncio.sleep(LOOK_AGAIN_S)
+
+
 class EmulatorControl:
     """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is not a robot.
 
     port: 0 for none. token: what the emulator was told to ask for. locked: it asks for another one. time: what the
     verb of this name says, empty before. catalogue: results of verbs that stay the same. tell: called when there is
-    news to show.
+    news to show. rest: waits between two looks of ``follow``.
     """
 
-    def __init__(self, host: str, port: int, token: str, tell: Callable[[], None]) -> None:
+    def __init__(
+        self, host: str, port: int, token: str, tell: Callable[[], None], rest: Callable[[], Awaitable[None]] = _rest
+    ) -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._port = port
         base = f"http://{host}:{port}"
         self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
         self._tell = tell
+        self._rest = rest
         self._watched: dict[tuple[str, str], Poller[Any]] = {}
         self.available = False
         self.locked = False
@@ -125,7 +132,7 @@ class EmulatorControl:
                     self.available, self.time = False, {}
                     dialogues.are([])  # they were the emulator's
                     self._tell()
-            await asyncio.sleep(_LOOK_AGAIN_S)
+            await self._rest()
 
     async def _find(self) -> None:
         try:

@@ -79,10 +79,12 @@ class Live:
         self._streams: list[_Stream] = []
         self._again = asyncio.Event()
         self.pages[page_id] = self
+        station.audience.join(page_id)
 
     def close(self) -> None:
         """The browser is gone."""
         self.pages.pop(self.page_id, None)
+        self.station.audience.leave(self.page_id)
         self._lose()
         self.show("")
 

@@ -16,10 +16,11 @@ from client.dashboard_commands import Operation
 from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.arena import Arena, Arenas, Surroundings
+from client.pendant.audience import Audience
 from client.pendant.cameras import CameraLink
 from client.pendant.checking import keep_checking
 from client.pendant.dialogues import Dialogues, Stops
-from client.pendant.emulator_control import EmulatorControl
+from client.pendant.emulator_control import LOOK_AGAIN_S, EmulatorControl
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.manager_link import ManagerLink
@@ -66,6 +67,8 @@ _HANG_S: Final = 1.0  # guess: a page that hangs for longer is no longer in the 
 _SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
 _LONG_SILENCE_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
 _REMOTE_EVERY_S: Final = 2.0
+_UNSEEN_STATE_S: Final = 0.2  # while no page is open: what a person could notice when one is
+_UNSEEN_LOOK_S: Final = 2.0  # likewise, at an emulator's control API
 _DEVICES: Final = {  # of an emulator -> the stop that lasts as long as they ask for it, and maybe longer
     SafetyMode.SAFEGUARD_STOP: "safeguard",
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: "automatic_safeguard",
@@ -125,8 +128,13 @@ class Station:
         self.stops = Stops()
         self.programs = Programs()
         self._news = asyncio.Event()
+        self.audience = Audience()
         self.emulator = EmulatorControl(
-            robot_ip, CONTROL_API_PORT + port_offset if control_port is None else control_port, token, self.wake
+            robot_ip,
+            CONTROL_API_PORT + port_offset if control_port is None else control_port,
+            token,
+            self.wake,
+            lambda: self.audience.sleep(LOOK_AGAIN_S, _UNSEEN_LOOK_S),
         )
         self.cameras = CameraLink(
             robot_ip, CAMERA_PORT + port_offset if camera_port is None else camera_port, self.wake
@@ -371,6 +379,7 @@ class Station:
                 values = await self._patiently(client.latest)
                 self.connected, self.problem = True, ""
                 self._take(values)
+                await self.audience.sleep(0.0, _UNSEEN_STATE_S)
 
     def _take(self, values: Mapping[str, Any]) -> None:
         """A new state, or none any more."""

@@ -1,0 +1,34 @@
+"""Who looks: while no browser has a page open, a robot is asked for less."""
+
+import asyncio
+from contextlib import suppress
+
+from urproto.compat_asyncio import timeout
+
+
+class Audience:
+    """The pages that browsers have open."""
+
+    def __init__(self) -> None:
+        self._pages: set[str] = set()
+        self._came = asyncio.Event()
+
+    def join(self, page_id: str) -> None:
+        """A page was opened."""
+        self._pages.add(page_id)
+        self._came.set()
+
+    def leave(self, page_id: str) -> None:
+        """A page is gone."""
+        self._pages.discard(page_id)
+        if not self._pages:
+            self._came.clear()
+
+    async def sleep(self, seen_s: float, unseen_s: float) -> None:
+        """Wait for so long while somebody looks, or while nobody does, until somebody comes."""
+        if self._pages:
+            await asyncio.sleep(seen_s)
+            return
+        with suppress(TimeoutError):
+            async with timeout(unseen_s):
+                await self._came.wait()
