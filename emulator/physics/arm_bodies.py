@@ -35,6 +35,7 @@ TOOL: Final = "tool"
 """What the world file calls the tool: it is where the TCP is."""
 _BODIES: Final = (*LINKS, FLANGE, TOOL)  # the last one only where something is fixed to it
 PREFIX: Final = "ur/"
+_DARK: Final = (0.2, 0.2, 0.25, 1.0)
 COMPLIANCE_N_M: Final = 1e5  # of the flange's spring; arms of this size have stiffnesses like that (guess)
 _COMPLIANCE_NM_RAD: Final = 2000.0  # guess
 _SPRUNG_KG: Final = 2.0  # between spring and tool, and its inertia: what the solver needs, no real mass
@@ -68,6 +69,24 @@ def add_arm(spec: Any, model: RobotModel, *, tool: bool) -> None:
         if capsule is not None:
             kind = Kind.TOOL if name == FLANGE else Kind.BASE if name == "shoulder" else Kind.LINK
             _add_capsule(body, _moved(capsule, along), kind)
+
+
+def add_fitting(
+    flange: Any, name: str, pose: Sequence[float], radius_m: float, length_m: float, friction: float
+) -> Any:
+    """Fix a cylinder without mass to the flange, whose far end is at a pose, along its z axis; gives its body."""
+    x, y, z, *turn = (*pose, 0.0, 0.0, 0.0)[:6]
+    body = flange.add_body(name=PREFIX + name, pos=[x, y, z], quat=quaternion(turn))
+    body.add_geom(
+        name=PREFIX + name,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=[0.0, 0.0, -0.5 * length_m],
+        size=[radius_m, 0.5 * length_m, 0.0],
+        mass=0.0,
+        rgba=_DARK,
+        **touching(Kind.TOOL, friction),
+    )
+    return body
 
 
 def _weightless(body: Any, mass_kg: float, inertia_kg_m2: float) -> None:

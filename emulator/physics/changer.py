@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
-from emulator.physics.arm_bodies import PREFIX, quaternion
-from emulator.physics.contacts import Kind, touching
+from emulator.physics.arm_bodies import PREFIX, add_fitting, quaternion
 from emulator.physics.welds import add_weld, weld_name
 
 if TYPE_CHECKING:
@@ -23,22 +22,12 @@ _NEAR_M: Final = 0.002  # so near the halves have to be, and so parallel, for ba
 _NEAR_RAD: Final = 2.0 * pi / 180.0
 _TAKEN_M: Final = 0.02  # no force separates them: who is farther away was put elsewhere
 _STIFF: Final = (0.005, 1.0)  # time constant [s] and damping ratio: as of things that touch
-_DARK: Final = (0.2, 0.2, 0.25, 1.0)
+_FRICTION: Final = 0.3  # of its sides and face
 
 
 def add_changer(spec: Any, flange: Any, name: str, plate: "Plate", tools: Mapping[str, Sequence[float]]) -> None:
     """The half on the flange, whose face is at the changer's pose. tools: poses of couplings in the tools' frames."""
-    x, y, z, *turn = (*plate.pose, 0.0, 0.0, 0.0)[:6]
-    body = flange.add_body(name=PREFIX + name, pos=[x, y, z], quat=quaternion(turn))
-    body.add_geom(
-        name=PREFIX + name,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=[0.0, 0.0, -0.5 * _HEIGHT_M],
-        size=[_RADIUS_M, 0.5 * _HEIGHT_M, 0.0],
-        mass=0.0,
-        rgba=_DARK,
-        **touching(Kind.TOOL, 0.3),
-    )
+    add_fitting(flange, name, plate.pose, _RADIUS_M, _HEIGHT_M, _FRICTION)
     for tool, coupling in tools.items():
         place = (*coupling, 0.0, 0.0, 0.0)[:6]
         w, *axis = quaternion(place[3:])

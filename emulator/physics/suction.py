@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
-from emulator.physics.arm_bodies import PREFIX, quaternion
-from emulator.physics.contacts import Kind, touching
+from emulator.physics.arm_bodies import PREFIX, add_fitting
 from emulator.physics.welds import add_weld, weld_name
 
 if TYPE_CHECKING:
@@ -20,22 +19,12 @@ _LENGTH_M: Final = 0.03  # of the cup and its stem
 _LIP_M: Final = 0.002  # from the lip, in which a surface is sucked on (guess)
 _ACROSS: Final = 0.5  # friction of the lip: share of the force that holds across (guess)
 _SOFT: Final = (0.01, 1.0)  # time constant [s] and damping ratio of rubber (guess)
-_DARK: Final = (0.2, 0.2, 0.25, 1.0)
+_FRICTION: Final = 0.6  # of its sides and face
 
 
 def add_suction(spec: Any, flange: Any, name: str, cup: "Cup", movable: Iterable[str]) -> None:
     """A stem whose end is the lip, at the cup's pose; z is the way it sucks. ``movable``: bodies it may hold."""
-    x, y, z, *turn = (*cup.pose, 0.0, 0.0, 0.0)[:6]
-    body = flange.add_body(name=PREFIX + name, pos=[x, y, z], quat=quaternion(turn))
-    body.add_geom(
-        name=PREFIX + name,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=[0.0, 0.0, -0.5 * _LENGTH_M],
-        size=[cup.suction.radius, 0.5 * _LENGTH_M, 0.0],
-        mass=0.0,
-        rgba=_DARK,
-        **touching(Kind.TOOL, 0.6),
-    )
+    body = add_fitting(flange, name, cup.pose, cup.suction.radius, _LENGTH_M, _FRICTION)
     body.add_site(name=PREFIX + name)
     for other in movable:
         add_weld(spec, name, other, _SOFT)
