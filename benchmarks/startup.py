@@ -10,13 +10,14 @@ from collections import Counter
 from processes import cpu_s, memory_mib
 from table import Table
 
-from emulator.ports import PORTS
+from emulator.config import EmulatorConfig
+from emulator.machine import ControllerConfig
 from emulator.readiness import NotReady, check_ready
+from urproto.robots import load_model
 
 REPEATS = 5
 MOST_SHOWN = 14  # packages in the table of imports
-UNUSED = ("gripper", "tool line")  # open only where something is mounted
-OPENED = {name: port for name, port in PORTS.items() if name not in UNUSED}
+DEADLINE_S = 60.0  # a start that takes longer has failed
 
 
 def measure() -> Table:
@@ -68,16 +69,17 @@ def _ms(microseconds: int) -> str:
 async def _start(model: str) -> tuple[float, float, float]:
     """Seconds until ready, processor time until then [s], and resident memory [MiB]."""
     host = f"127.79.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
-    began = time.monotonic()
     command = [sys.executable, "-m", "emulator", "--no-pendant", "--model", model, "--host", host]
+    ports = EmulatorConfig(controller=ControllerConfig(model=load_model(model)), host=host).wanted_ports
+    began = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=_environment())
     try:
         while True:
             try:
-                await check_ready(host, OPENED)
+                await check_ready(host, ports)
                 break
             except NotReady:
-                if process.poll() is not None:
+                if process.poll() is not None or time.monotonic() > began + DEADLINE_S:
                     raise
                 await asyncio.sleep(0.005)
         return time.monotonic() - began, cpu_s(process.pid), memory_mib(process.pid)
