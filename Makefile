@@ -82,8 +82,10 @@ check: $(VENV)/.dev ## ruff, mypy and the other static checks
 wheel-check: $(VENV)/.dev ## the wheel and the source archive, in a clean environment
 	$(BIN)/python tests/packaging/check_wheel.py
 
-benchmarks: $(VENV)/.dev ## speed, memory, latency
-	$(BIN)/python benchmarks/run.py
+# ARGS="startup tick_rate" for some of them only. Results of a busy machine say little: close what else runs.
+benchmarks: $(VENV)/.dev ## speed, memory, latency: half an hour
+	tests/system_packages.sh
+	$(BIN)/python benchmarks/run.py $(ARGS)
 
 # Rewrites the generated tables in docs/ from the registries in the code.
 docs: $(VENV)/.dev ## rewrites the generated pages
