@@ -1,4 +1,4 @@
-"""Every function a URScript program can call on this controller, one library a chapter."""
+"""All functions a URScript program can call on this controller, one library per chapter of docs/supported.md."""
 
 from typing import Final
 

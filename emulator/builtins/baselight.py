@@ -9,23 +9,23 @@ from urscript.values import Int
 LIBRARY = Library("baselight", host=True)
 
 
-@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that", work=60)
+@LIBRARY.builtin(cb3=None, e="5.20", note="UR20 and UR30 only; other arms log the call and ignore it", work=60)
 def set_baselight_off(host: ProgramHost) -> None:
     """Switch the base light off."""
     _light(host, BaseLight("off"))
 
 
 @LIBRARY.builtin(
-    cb3=None, e="5.20", status="partial", note="kept as the light's mode; the colour is not worked out", work=60
+    cb3=None, e="5.20", status="partial", note="stored as the light's mode; the colour is not computed", work=60
 )
 def set_baselight_iec(host: ProgramHost) -> None:
-    """Let the base light show the state of the arm in the colours of IEC 60204-1."""
+    """Show the state of the arm on the base light, in the colours of IEC 60204-1."""
     _light(host, BaseLight("iec"))
 
 
-@LIBRARY.builtin(cb3=None, e="5.20", note="of UR20 and UR30; other arms have none and log that", work=60)
+@LIBRARY.builtin(cb3=None, e="5.20", note="UR20 and UR30 only; other arms log the call and ignore it", work=60)
 def set_baselight_solid(host: ProgramHost, r: Int, g: Int, b: Int) -> None:
-    """Show one colour in the base light: red, green, blue, each 0 to 255."""
+    """Show one colour on the base light: red, green and blue, each 0 to 255."""
     if not all(0 <= part <= 255 for part in (r, g, b)):
         raise RuntimeFault(f"set_baselight_solid: r, g and b must be 0 to 255, not {r}, {g}, {b}")
     _light(host, BaseLight("solid", (r, g, b)))
@@ -36,4 +36,4 @@ def _light(host: ProgramHost, light: BaseLight) -> None:
     if model.base_light:
         host.machine.base_light = light
     else:
-        host.machine.messages.note(f"{model.title} has no base light: nothing to set")
+        host.machine.messages.note(f"{model.title} has no base light: the call has no effect")

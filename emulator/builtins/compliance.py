@@ -13,14 +13,14 @@ from urscript.values import Any_, Bool, Int, Joints, ListArg, Num, Pose, PoseArg
 
 LIBRARY = Library("force", host=True, physical=True)
 
-# defaults: a tuple stands for a list or pose that scripts see
+# Default arguments: a tuple stands for the list or pose that scripts see.
 _ORIGIN: Any = ZERO6
 _ALL_AXES: Any = (1, 1, 1, 1, 1, 1)
 _NO_OFFSET: Any = (0, 0, 0)
 _SINGULARITY_BOUNDS = (0.2, 0.05)  # of distance_to_singularity(): about 11 and 3 degrees of elbow or wrist (guess)
 _SENSOR_INPUT = "external_force_torque"
-_SENSOR_NOTE = "what the controller does with the sensor's mass is not published: readings count as free of its weight"
-_SENSOR_MIN_HZ = 10.0  # Script Manual: the watchdog that comes with the sensor
+_SENSOR_NOTE = "how the controller uses the sensor's mass is not published: readings are taken as free of its weight"
+_SENSOR_MIN_HZ = 10.0  # Script Manual: the watchdog that is set with the sensor
 
 
 @LIBRARY.builtin(status="partial", note="an admittance driven by the emulated contact force")
@@ -32,16 +32,16 @@ def force_mode(
     type_: Int,
     limits: Joints,
 ) -> None:
-    """Be compliant along the axes of `task_frame` that `selection_vector` marks with 1, aiming at `wrench`.
+    """Comply along the axes of `task_frame` that `selection_vector` marks with 1, and exert `wrench` there.
 
-    Stays in force beside other movements until end_force_mode() or the program's end. `type`: 1 the
-    frame points to the TCP, 2 it stays, 3 it follows the motion. `limits`: speeds [m/s, rad/s] along
-    compliant axes, deviations [m, rad] along the others.
+    Stays active during other movements until end_force_mode() or the program's end. `type`: 1, the
+    frame points to the TCP; 2, it is fixed; 3, it follows the motion. `limits`: the highest speeds
+    [m/s, rad/s] along compliant axes, the largest deviations [m, rad] along the others.
     """
     if type_ not in (1, 2, 3):
         raise RuntimeFault(f"force_mode: type must be 1, 2 or 3, not {type_}")
     if any(axis not in (0, 1) for axis in selection_vector):
-        raise RuntimeFault(f"force_mode: the selection vector must hold only 0 and 1, not {list(selection_vector)}")
+        raise RuntimeFault(f"force_mode: selection_vector must contain only 0 and 1, not {list(selection_vector)}")
     _main_only(host, "force_mode")
     with within_range():
         host.motion.force_control.force_mode(
@@ -57,7 +57,7 @@ def end_force_mode(host: ProgramHost) -> None:
 
 @LIBRARY.builtin(cb3="3.0", e="5.0")
 def force_mode_set_damping(host: ProgramHost, damping: Num) -> None:
-    """Damping of force mode, 0 (none) to 1 (full); applies from then on."""
+    """Set the damping of force mode, 0 (none) to 1 (full), from now on."""
     _check_range("force_mode_set_damping", damping, 1)
     host.motion.force_control.damping = float(damping)
 
@@ -65,7 +65,7 @@ def force_mode_set_damping(host: ProgramHost, damping: Num) -> None:
 # The official control script contains this name on CB3 too, where it is never called; so it has to exist there.
 @LIBRARY.builtin(cb3="3.0", e="5.0")
 def force_mode_set_gain_scaling(host: ProgramHost, scaling: Num) -> None:
-    """Gain of force mode, 0 to 2; applies from then on."""
+    """Set the gain of force mode, 0 to 2, from now on."""
     _check_range("force_mode_set_gain_scaling", scaling, 2)
     host.motion.force_control.gain_scaling = float(scaling)
 
@@ -88,7 +88,7 @@ def force_mode_get_gain_scaling(host: ProgramHost) -> float:
 def screw_driving(host: ProgramHost, f: Num, v_limit: Num) -> None:
     """Follow a screw: push with `f` [N] along the TCP's z axis, no faster than `v_limit` [m/s].
 
-    The other directions do not give way. Stays in force until end_screw_driving() or the program's end.
+    The other directions are stiff. Stays active until end_screw_driving() or the program's end.
     """
     if not math.isfinite(f):
         raise RuntimeFault(f"screw_driving: f must be a force [N], not {f}")
@@ -105,7 +105,7 @@ def end_screw_driving(host: ProgramHost) -> None:
 
 
 @LIBRARY.builtin(
-    status="partial", note="the arm follows the emulated external force; its payload is always right", work=90
+    status="partial", note="the arm follows the emulated external force; the payload check always passes", work=90
 )
 def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: Any_ = _ORIGIN) -> None:
     """Let the arm be moved by hand along the axes of `feature` that `freeAxes` marks with 1.
@@ -120,7 +120,7 @@ def freedrive_mode(host: ProgramHost, freeAxes: ListArg = _ALL_AXES, feature: An
 
 @LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="the arm follows the emulated external force", work=90)
 def freedrive_mode_no_incorrect_payload_check(host: ProgramHost) -> None:
-    """freedrive_mode() without looking at the payload first."""
+    """freedrive_mode() without checking the payload first."""
     freedrive_mode(host)
 
 
@@ -130,7 +130,7 @@ def end_freedrive_mode(host: ProgramHost) -> None:
     host.motion.force_control.end()
 
 
-@LIBRARY.builtin(cb3="3.10", e="5.0", note="where near and too near begin are guesses")
+@LIBRARY.builtin(cb3="3.10", e="5.0", note="the two thresholds are guesses")
 def get_freedrive_status(host: ProgramHost) -> int:
     """0 normal, 1 close to a singularity, 2 too close for constrained freedrive."""
     distance = distance_to_singularity(host.machine.model.dh, host.motion.q)
@@ -139,7 +139,7 @@ def get_freedrive_status(host: ProgramHost) -> int:
 
 @LIBRARY.builtin(status="partial", note="the arm follows the emulated external force", work=90)
 def teach_mode(host: ProgramHost) -> None:
-    """Freedrive by its old name."""
+    """Old name of freedrive_mode()."""
     freedrive_mode(host)
 
 
@@ -153,22 +153,22 @@ def end_teach_mode(host: ProgramHost) -> None:
     cb3="3.0",
     e="5.0",
     status="partial",
-    note="contact is a force beyond 20 N, or the threshold; the controller's own rule is not known",
+    note="a force above 20 N, or the threshold, counts as contact; the controller's own rule is not known",
 )
 def tool_contact(host: ProgramHost, direction: PoseOrJoints = _ORIGIN, force_threshold: Num = 0.0) -> int:
-    """Control periods back to just before the tool met something on its way along `direction`; 0 without contact.
+    """Number of control periods since just before the tool made contact along `direction`; 0 without contact.
 
-    `direction`: six numbers in the base frame, of which the first three count; when these are zero, any
-    direction. `force_threshold` [N]: the force that counts as contact (5.25 manual); 0 leaves the usual one.
+    `direction`: six numbers in the base frame, of which the first three count; zeros there stand for any
+    direction. `force_threshold` [N]: the force that counts as contact (5.25 manual); 0 for the default.
     """
     if not 0 <= force_threshold < math.inf:
-        raise RuntimeFault(f"tool_contact: force_threshold must not be negative, not {force_threshold}")
+        raise RuntimeFault(f"tool_contact: force_threshold must be 0 or more, not {force_threshold}")
     return host.programs.history.contact_steps(direction, force_threshold)
 
 
 @LIBRARY.builtin(cb3="3.0", e="5.0")
 def zero_ftsensor(host: ProgramHost) -> None:
-    """Take the present force and torque for zero."""
+    """Zero the force/torque readings: the present wrench counts as zero."""
     host.arm.zero_force()
 
 
@@ -182,8 +182,8 @@ def ft_rtde_input_enable(
 ) -> None:
     """Take the wrench at the flange from the RTDE input external_force_torque.
 
-    `sensor_mass` [kg], `sensor_measuring_offset` and `sensor_cog` from the flange [m]. A program that
-    watches no input pauses when the sensor falls below 10 Hz.
+    `sensor_mass` [kg], `sensor_measuring_offset` and `sensor_cog` from the flange [m]. Unless the program
+    has set a watchdog itself, it pauses when the input is written less often than 10 Hz.
     """
     sensor = host.machine.ft_input
     sensor.measuring_offset = three(sensor_measuring_offset, "sensor_measuring_offset")
@@ -205,12 +205,12 @@ def enable_external_ft_sensor(
     sensor_measuring_offset: ListArg = _NO_OFFSET,
     sensor_cog: ListArg = _NO_OFFSET,
 ) -> None:
-    """ft_rtde_input_enable by its old name."""
+    """Old name of ft_rtde_input_enable()."""
     ft_rtde_input_enable(host, enable, sensor_mass, sensor_measuring_offset, sensor_cog)
 
 
 def _feature(feature: Any) -> Vector6 | None:
-    """A frame in the base frame; None is the tool's own."""
+    """The feature as a pose in the base frame; None stands for the tool's own frame."""
     if feature == "tool":
         return None
     if feature == "base" or feature is _ORIGIN:

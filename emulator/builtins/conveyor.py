@@ -1,4 +1,4 @@
-"""Conveyor encoders, and movements that go along with a conveyor."""
+"""Conveyor encoders and conveyor tracking."""
 
 import math
 
@@ -30,22 +30,22 @@ def encoder_enable_pulse_decode(
     """Count the pulses on the digital inputs `A` and `B` with encoder 0 or 1.
 
     `decoder_type`: 0 none, 1 quadrature (A before B counts up), 2 both edges of A, 3 rising edges of A,
-    4 falling edges of A. Counts start at 0; the call changes nothing when that is how it is set up already.
+    4 falling edges of A. Counting starts at 0. A call that repeats the present set-up changes nothing.
     """
     _decode(host, "encoder_enable_pulse_decode", encoder_index, decoder_type, A, B)
 
 
 @LIBRARY.builtin(status="partial", note=_SAMPLED)
 def conveyor_pulse_decode(host: ProgramHost, type_: Int, A: Int, B: Int | None = None) -> None:
-    """encoder_enable_pulse_decode of encoder 0, by its old name."""
+    """Old name of encoder_enable_pulse_decode() for encoder 0."""
     _decode(host, "conveyor_pulse_decode", 0, type_, A, B)
 
 
 @LIBRARY.builtin(cb3=_CB3, e=_E)
 def encoder_enable_set_tick_count(host: ProgramHost, encoder_index: Int, range_id: Int) -> None:
-    """Let encoder_set_tick_count() feed the count of encoder 0 or 1.
+    """Let encoder_set_tick_count() supply the count of encoder 0 or 1.
 
-    `range_id`: 0 signed 32 bits; 1, 2, 3, 4 unsigned 8, 16, 24, 32 bits. Counts wrap round that range.
+    `range_id`: 0 signed 32 bits; 1, 2, 3, 4 unsigned 8, 16, 24, 32 bits. Counts wrap around at the end of that range.
     """
     with within_range():
         host.machine.encoders.expect_counts(encoder_index, range_id)
@@ -53,22 +53,22 @@ def encoder_enable_set_tick_count(host: ProgramHost, encoder_index: Int, range_i
 
 @LIBRARY.builtin(cb3=_CB3, e=_E)
 def encoder_set_tick_count(host: ProgramHost, encoder_index: Int, count: Num) -> None:
-    """The count of an encoder that this program reads; the first one is where the encoder starts."""
+    """Set the count of an encoder that the program reads itself; the first count is the encoder's start."""
     with within_range():
         host.machine.encoders[encoder_index].feed(_whole("encoder_set_tick_count", count))
 
 
 @LIBRARY.builtin()
 def set_conveyor_tick_count(host: ProgramHost, tick_count: Num, absolute_encoder_resolution: Int = 0) -> None:
-    """encoder_enable_set_tick_count and encoder_set_tick_count of encoder 0, by their old name."""
+    """Old name of encoder_enable_set_tick_count() and encoder_set_tick_count() for encoder 0."""
     with within_range():
         host.machine.encoders.expect_counts(0, absolute_encoder_resolution)
         host.machine.encoders[0].feed(_whole("set_conveyor_tick_count", tick_count))
 
 
-@LIBRARY.builtin(cb3=_CB3, e=_E, note="filtered counts of a fed encoder wrap round its own range")
+@LIBRARY.builtin(cb3=_CB3, e=_E, note="filtered counts of an encoder fed by the program wrap around its own range")
 def encoder_get_tick_count(host: ProgramHost, encoder_index: Int, opt: Str = "") -> float:
-    """The count of encoder 0 or 1: interpolated, 0 to 65536 when pulses are decoded; `opt` "raw" for the plain one."""
+    """Interpolated count of encoder 0 or 1, 0 to 65536 when pulses are decoded; `opt` "raw" for the plain count."""
     encoder = _encoder(host, encoder_index)
     if opt not in ("", "raw"):
         raise RuntimeFault(f'encoder_get_tick_count: opt must be "" or "raw", not "{opt}"')
@@ -77,13 +77,13 @@ def encoder_get_tick_count(host: ProgramHost, encoder_index: Int, opt: Str = "")
 
 @LIBRARY.builtin()
 def get_conveyor_tick_count(host: ProgramHost) -> float:
-    """encoder_get_tick_count of encoder 0, by its old name."""
+    """Old name of encoder_get_tick_count() for encoder 0."""
     return _encoder(host, 0).count
 
 
 @LIBRARY.builtin(cb3=_CB3, e=_E)
 def encoder_unwind_delta_tick_count(host: ProgramHost, encoder_index: Int, delta_tick_count: Num) -> float | None:
-    """A difference of counts, as if the encoder had not wrapped round its range in between; None while not enabled."""
+    """A difference of counts, corrected for a wrap-around in between; None while the encoder is not enabled."""
     encoder = _encoder(host, encoder_index)
     return float(encoder.unwound(delta_tick_count)) if encoder.enabled else None
 
@@ -92,15 +92,15 @@ def encoder_unwind_delta_tick_count(host: ProgramHost, encoder_index: Int, delta
 def track_conveyor_linear(
     host: ProgramHost, direction: PoseOrJoints, ticks_per_meter: Num, encoder_index: Int = 0
 ) -> None:
-    """Take the arm, and all following movements, along with a conveyor.
+    """Move the arm, and all following movements, along with a conveyor.
 
-    `direction`: its first three numbers, in the base frame; their length does not count. Poses mean where
-    things were when tracking began. Stays in force until stop_conveyor_tracking() or the program's end.
+    `direction`: its first three numbers, in the base frame; their length is ignored. Poses refer to the time
+    when tracking began. Stays active until stop_conveyor_tracking() or the program's end.
     """
     name = "track_conveyor_linear"
     x, y, z = as_six(direction)[:3]
     if not 0.0 < math.hypot(x, y, z) < math.inf:
-        raise RuntimeFault(f"{name}: direction must point somewhere: give a pose whose x, y, z are not all 0")
+        raise RuntimeFault(f"{name}: direction must not be zero: give a pose whose x, y, z are not all 0")
     encoder = _checked(host, name, ticks_per_meter, encoder_index)
     _track(host, name, LinearConveyor(encoder, (x, y, z), float(ticks_per_meter)))
 
@@ -113,10 +113,10 @@ def track_conveyor_circular(
     rotate_tool: Bool = False,
     encoder_index: Int = 0,
 ) -> None:
-    """Take the arm, and all following movements, round with a turning conveyor.
+    """Move the arm, and all following movements, along with a rotating conveyor.
 
-    It turns about the z axis of `center`, counter-clockwise for rising counts. `rotate_tool`: the tool
-    turns as well. See track_conveyor_linear.
+    The conveyor rotates about the z axis of `center`, counter-clockwise for rising counts. `rotate_tool`: the
+    tool rotates as well. See track_conveyor_linear().
     """
     name = "track_conveyor_circular"
     pose = as_six(center)
@@ -128,7 +128,7 @@ def track_conveyor_circular(
 
 @LIBRARY.builtin()
 def stop_conveyor_tracking(host: ProgramHost, a: Num = 20) -> Frames[None]:
-    """Stop all joints with `a` [rad/s2], and track no conveyor from then on: poses are in the base frame again."""
+    """Stop all joints with `a` [rad/s2] and end conveyor tracking: poses refer to the base frame again."""
     if not a > 0:
         raise RuntimeFault(f"stop_conveyor_tracking: a must be greater than 0, not {a}")
     with host.motion_control() as motion:
@@ -157,7 +157,7 @@ def _encoder(host: ProgramHost, index: int) -> Encoder:
 
 def _checked(host: ProgramHost, name: str, ticks: float, encoder_index: int) -> Encoder:
     if not math.isfinite(ticks) or ticks == 0:
-        raise RuntimeFault(f"{name}: the number of ticks must be finite and not 0, not {ticks}")
+        raise RuntimeFault(f"{name}: the number of ticks must be finite and other than 0, not {ticks}")
     return _encoder(host, encoder_index)
 
 

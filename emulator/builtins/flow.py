@@ -1,4 +1,4 @@
-"""Time, and what stops the robot."""
+"""Time, the protective stop and shutdown."""
 
 from emulator.builtins.host import Frames, ProgramHost
 from emulator.lifecycle.power import PowerEvent
@@ -12,12 +12,12 @@ LIBRARY = Library("flow", host=True, physical=True)
 
 @LIBRARY.builtin()
 def sleep(host: ProgramHost, t: Num) -> Frames[None]:
-    """Wait for `t` [s], in whole control periods and at least one."""
+    """Wait for `t` [s], rounded up to whole control periods, at least one."""
     for _ in range(host.frames(t)):
         yield
 
 
-@LIBRARY.builtin(cb3=None, e="5.10", note="the wall clock was set at the controller's start and goes at its pace")
+@LIBRARY.builtin(cb3=None, e="5.10", note="the wall clock is set when the controller starts and runs at its pace")
 def time(host: ProgramHost, mode: Int = 0) -> Struct:
     """Time as a struct of `sec` and `nanosec`: uptime (mode 0), or since 1970 in GMT (mode 2)."""
     if mode not in (0, 2):
@@ -28,16 +28,16 @@ def time(host: ProgramHost, mode: Int = 0) -> Struct:
 
 @LIBRARY.builtin()
 def protective_stop(host: ProgramHost) -> None:
-    """Cause a protective stop; the program pauses where it next takes time, and may end before that.
+    """Trigger a protective stop; the program pauses at the next call that takes time, and may end before that.
 
-    The official client library waits for the end of a program that does nothing else.
+    A program that only calls this one therefore ends, which the official client library waits for.
     """
     host.machine.protective_stop(SCRIPT_PROTECTIVE_STOP)
 
 
 @LIBRARY.builtin()
 def powerdown(host: ProgramHost) -> Frames[None]:
-    """Switch the arm off and end the controller, as the dashboard's shutdown does."""
+    """Power the arm off and shut the controller down, like the dashboard's shutdown."""
     host.machine.power_event(PowerEvent.POWER_OFF)
     host.machine.shutdown_requested = True
     yield

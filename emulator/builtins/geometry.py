@@ -1,4 +1,4 @@
-"""Between joint angles and TCP poses, with the arm and TCP of the running program."""
+"""Conversions between joint angles and TCP poses, with the arm and TCP of the running program."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,13 +13,13 @@ from urscript.values import Pose, is_number
 
 
 def three(values: Sequence[float], what: str) -> Vector3:
-    """Three floats; RuntimeFault naming ``what`` when they are not."""
+    """Three floats; raises a RuntimeFault that names ``what`` when they are not."""
     x, y, z = numbers(values, 3, what)
     return (float(x), float(y), float(z))
 
 
 def numbers(values: Sequence[float], count: int, what: str) -> Sequence[float]:
-    """The values, when they are ``count`` finite numbers; RuntimeFault naming ``what`` otherwise."""
+    """The values, if they are ``count`` finite numbers; raises a RuntimeFault that names ``what`` otherwise."""
     if len(values) != count or not all(is_number(value) and math.isfinite(value) for value in values):
         raise RuntimeFault(f"{what} must be {count} finite numbers")
     return values
@@ -27,7 +27,7 @@ def numbers(values: Sequence[float], count: int, what: str) -> Sequence[float]:
 
 @contextmanager
 def within_range() -> Iterator[None]:
-    """Turn the complaints of signals and registers into runtime faults."""
+    """Turn the errors that signals, registers and the like raise into runtime faults."""
     try:
         yield
     except (IndexError, OverflowError, ValueError) as error:
@@ -45,7 +45,7 @@ def forward(host: ProgramHost, q: Sequence[float], tcp: Sequence[float] | None =
 def inverse(
     host: ProgramHost, pose: Sequence[float], q_near: Sequence[float] | None = None, tcp: Sequence[float] | None = None
 ) -> Vector6 | None:
-    """Joint angles within their limits for a TCP pose, nearest to ``q_near`` (the present ones); None without any."""
+    """Joint angles for a TCP pose within their limits, nearest to ``q_near`` (default: the present ones), or None."""
     flange = pose_trans(pose, pose_inv(active_tcp(host) if tcp is None else tcp))
     near = host.motion.q if q_near is None else as_six(q_near)
     if not all(map(math.isfinite, flange)):
@@ -60,7 +60,7 @@ def in_joint_range(host: ProgramHost, q: Sequence[float]) -> bool:
 
 
 def joints_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
-    """Joint angles of a pose or of joint angles; RuntimeFault when they are out of reach."""
+    """Joint angles for a target given as a pose or as joint angles; RuntimeFault if it is out of reach."""
     if not isinstance(target, Pose):
         if not in_joint_range(host, target):
             raise RuntimeFault(f"the target [{_listed(target)}] is outside the joint limits")
@@ -72,7 +72,7 @@ def joints_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
 
 
 def pose_for(host: ProgramHost, target: Sequence[float]) -> Vector6:
-    """TCP pose of a pose or of joint angles."""
+    """TCP pose for a target given as a pose or as joint angles."""
     return as_six(target) if isinstance(target, Pose) else forward(host, target)
 
 
@@ -88,12 +88,12 @@ def active_tcp(host: ProgramHost) -> Vector6:
 
 
 def arm_pose(host: ProgramHost) -> ArmPose:
-    """Where flange and TCP are, for the world model."""
+    """Poses of flange and TCP, for the world model."""
     return ArmPose(forward(host, host.motion.q, _NO_TCP), active_tcp(host))
 
 
 def no_solution(pose: Sequence[float]) -> RuntimeFault:
-    """What movej and get_inverse_kin raise for a pose out of reach."""
+    """The error of movej and get_inverse_kin for a pose out of reach."""
     place = _listed(pose)
     return RuntimeFault(f"no inverse kinematics solution for p[{place}]: it is out of reach for this arm and TCP")
 

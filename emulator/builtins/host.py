@@ -1,4 +1,4 @@
-"""What a built-in can reach: the machine, its own program, and the rules of motion ownership."""
+"""The interface of built-ins to the machine and to their program, with the rules of motion ownership."""
 
 import logging
 import math
@@ -25,7 +25,7 @@ Frames: TypeAlias = Generator[None, None, ResultT]
 """A built-in that takes physical time: every bare ``yield`` ends the frame of its thread."""
 
 StepHook: TypeAlias = Callable[["ProgramHost", int, int, ScriptThread], bool]
-"""Program, line, column (from 1) and thread of the next statement; True holds the thread for a control period."""
+"""Called with program, line, column (from 1) and thread of the next statement; True holds the thread for a period."""
 
 _logger = logging.getLogger(__name__)
 
@@ -37,41 +37,41 @@ class InterpreterMode(Protocol):
 
     @property
     def active(self) -> bool:
-        """True while the program executes statements of clients."""
+        """Whether the program is executing statements of clients."""
 
     def enter(self, scope: Locals, *, clear_queue: bool, clear_on_end: bool) -> None:
-        """Execute statements in a scope from now on."""
+        """Start executing statements, in this scope."""
 
     def execute(self) -> Generator[bool | None, None, None]:
-        """The statements, one after the other, until the mode ends."""
+        """Execute the statements, one after the other, until the mode ends."""
 
     def end(self) -> None:
         """Leave the mode after this statement."""
 
     def leave(self) -> None:
-        """The call is over, also one whose thread was killed."""
+        """Clean up after the call, even if its thread was killed."""
 
     def clear(self) -> None:
-        """Forget the statements that were executed."""
+        """Remove the statements executed so far."""
 
 
 class LabelBreaks(Protocol):
-    """Where the main program is to be paused (`emulator.programs.breakpoints`)."""
+    """Labels at which the main program pauses (`emulator.programs.breakpoints`)."""
 
     armed: bool
-    """Whether there is anything to ask at a label."""
+    """Whether labels need checking at all."""
 
     def hold(self, number: int, option: str, thread: ScriptThread) -> bool:
         """Whether a thread at this label has to wait."""
 
 
 class ProgramServices(Protocol):
-    """What outlives a program, and what all programs of a controller share."""
+    """State that outlives a program and that all programs of a controller share."""
 
     step_hook: StepHook | None
-    """Asked before each statement of programs submitted while it is set."""
+    """Called before each statement of programs submitted while it is set."""
     socket_backend: ScriptSocketBackend
-    """Where script sockets come from."""
+    """Opens the sockets of scripts."""
     watchdogs: Watchdogs
     history: MotionHistory
     outputs: RunstateOutputs
@@ -95,9 +95,9 @@ class ProgramServices(Protocol):
 class ProgramHost:
     """One running program, as its built-ins see it.
 
-    ``secondary``: a ``sec`` program, which may neither move nor take time. ``sockets``: those
-    the program opened, by name; a secondary program has those of the main one.
-    ``programs``: what outlives it. ``waiting_for``: a blocking popup that suspends the program.
+    ``secondary``: a ``sec`` program, which may neither move nor take time. ``sockets``: the sockets
+    the program opened, by name; a secondary program shares those of the main one. ``programs``: state
+    that outlives the program. ``waiting_for``: a blocking popup that suspends the program.
     """
 
     def __init__(self, machine: Machine, programs: ProgramServices, *, name: str, secondary: bool = False) -> None:
@@ -113,7 +113,7 @@ class ProgramHost:
         self._noted: set[str] = set()
 
     def attach(self, runtime: Runtime) -> None:
-        """Tell the host which interpreter runs its program."""
+        """Connect the host to the interpreter that runs its program."""
         self._runtime = runtime
 
     @property
@@ -129,7 +129,7 @@ class ProgramHost:
 
     @property
     def motion(self) -> Motion:
-        """The arm's motion generator, for reading; to command a movement use ``motion_control``."""
+        """The arm's motion generator, for reading. To command a movement, use ``motion_control``."""
         return self.machine.motion
 
     @property
@@ -155,35 +155,35 @@ class ProgramHost:
         return breakpoints.armed and not self.secondary and breakpoints.hold(number, option, thread)
 
     def on_step(self, line: int, column: int, thread: ScriptThread) -> bool:
-        """A thread of a stepped program is about to execute a statement; True holds it."""
+        """A thread of a program in single-step mode is about to execute a statement; True holds it."""
         hook = self.programs.step_hook
         return hook is not None and hook(self, line, column, thread)
 
     def frames(self, seconds: float) -> int:
-        """Control periods that cover a time, at least 1. Raises RuntimeFault for a time that is not finite."""
+        """Number of control periods that cover a time, at least 1. Raises RuntimeFault if the time is not finite."""
         periods = seconds / self.period_s
         if not math.isfinite(periods):
             raise RuntimeFault(f"{seconds:g} is not a time in seconds")
         return max(1, math.ceil(periods - _ROUNDING))
 
     def note_once(self, text: str) -> None:
-        """Tell the log something about this program that would be said again and again."""
+        """Log a note about this program, once only: its cause may recur in every period."""
         if text not in self._noted:
             self._noted.add(text)
             _logger.warning("%s", text)
             self.machine.messages.note(text)
 
     def watch(self, variable: str, min_frequency_hz: float, action: WatchdogAction) -> None:
-        """Act when an RTDE input is written less often from now on; 0 Hz expects nothing."""
+        """Take an action if an RTDE input is written less often than this from now on; 0 Hz disables the check."""
         interval = 1.0 / (min_frequency_hz * self.period_s) if min_frequency_hz else math.inf
         self.programs.watchdogs.set(Watchdog(variable, interval, action, self.machine.step_count))
 
     @contextmanager
     def motion_control(self) -> Iterator[MotionCommands]:
-        """Own the arm while inside. Also left when the thread is killed, so nothing stays locked.
+        """Own the arm inside the context, which is left even if the thread is killed, so nothing stays locked.
 
-        Raises RuntimeFault when another thread owns it, when a secondary program asks, or when a fault ended what
-        displaced the path: movements that rely on it would go elsewhere.
+        Raises RuntimeFault if another thread owns the arm, if the program is secondary, or if a fault has ended a
+        path offset or tracking: movements that rely on it would lead elsewhere.
         """
         if self.secondary:
             raise RuntimeFault(
@@ -202,9 +202,9 @@ class ProgramHost:
             runtime.motion_thread = None
 
     def until_ready(self, move: Move) -> Frames[None]:
-        """Wait until the program may go on after a movement: always at least one frame.
+        """Wait until the program may continue after a movement, always for at least one frame.
 
-        A movement that failed has stopped the arm protectively; a program resumed after that
+        A movement that failed has caused a protective stop; a program that is resumed after it
         ends with an error at the movement.
         """
         yield
@@ -214,16 +214,16 @@ class ProgramHost:
             raise RuntimeFault(f"the movement failed: {move.failed}")
 
     def suspend(self, popup: Popup) -> None:
-        """Hold the whole program, and the arm on its path, until a dialogue is closed."""
+        """Suspend the whole program, and the arm on its path, until a dialogue is closed."""
         self.waiting_for = self.remember(popup)
         self.motion.pause()
 
     def remember(self, popup: Popup) -> Popup:
-        """Take a dialogue back when the program ends."""
+        """Keep track of a dialogue, to close it when the program ends."""
         self.dialogues = [*(earlier for earlier in self.dialogues if earlier.open), popup]
         return popup
 
     def withdraw_dialogues(self) -> None:
-        """The program has ended: nobody waits for its dialogues any more."""
+        """Close the program's dialogues when it has ended: nothing waits for their answers any more."""
         for popup in self.dialogues:
             self.machine.popups.withdraw(popup)

@@ -17,8 +17,8 @@ def interpreter_mode(
 ) -> Generator[bool | None, None, None]:
     """Execute statements sent to port 30020, in the scope of the caller, until end_interpreter().
 
-    `clearQueueOnEnter` discards statements that came before. `clearOnEnd` takes the functions and
-    variables they defined out of the program again. Only the program's body, and functions it
+    `clearQueueOnEnter` discards statements that arrived before. `clearOnEnd` removes the functions and
+    variables they defined from the program at the end. Only the program's body, and functions it
     calls, may call this.
     """
     interpreter = host.programs.interpreter
@@ -36,15 +36,15 @@ def interpreter_mode(
 
 @LIBRARY.builtin(cb3="3.12", e="5.6")
 def end_interpreter(host: ProgramHost) -> None:
-    """Let interpreter_mode() return once the statement being executed is over; from any thread, and from a `sec`."""
+    """Let interpreter_mode() return after the statement in progress; any thread and any `sec` program may call this."""
     host.programs.interpreter.end()
 
 
 @LIBRARY.builtin(cb3="3.12", e="5.6")
 def clear_interpreter(host: ProgramHost) -> None:
-    """Take all statements interpreted so far, with their functions, threads and variables, out of the program.
+    """Remove all statements interpreted so far, with their functions, threads and variables, from the program.
 
-    Only in a statement that is interpreted.
+    Only an interpreted statement may call this.
     """
     if host.secondary or not host.runtime.interpreting:
         raise RuntimeFault("clear_interpreter can only be called by a statement sent to interpreter mode")

@@ -9,7 +9,7 @@ from urscript.values import Bool, Int, Num
 
 LIBRARY = Library("io", host=True, physical=True)
 
-_OLD_TOOL = 8  # get_digital_in(8) and (9) are the tool's, as before there were configurable signals
+_OLD_TOOL = 8  # get_digital_in(8) and (9) read the tool's inputs: numbering from before configurable signals existed
 
 
 def _read_input(host: ProgramHost, group: DigitalGroup, n: int) -> bool:
@@ -51,7 +51,7 @@ def get_tool_digital_in(host: ProgramHost, n: Int) -> bool:
 
 @LIBRARY.builtin(note="deprecated")
 def get_digital_in(host: ProgramHost, n: Int) -> bool:
-    """Standard digital input 0 to 7, or tool digital input as 8 and 9."""
+    """Standard digital input 0 to 7; 8 and 9 are the tool's."""
     return _read_input(host, *_old(n))
 
 
@@ -75,7 +75,7 @@ def get_tool_digital_out(host: ProgramHost, n: Int) -> bool:
 
 @LIBRARY.builtin(note="deprecated")
 def get_digital_out(host: ProgramHost, n: Int) -> bool:
-    """Level of standard digital output 0 to 7, or of the tool's as 8 and 9."""
+    """Level of standard digital output 0 to 7; 8 and 9 are the tool's."""
     return _read_output(host, *_old(n))
 
 
@@ -99,26 +99,26 @@ def set_tool_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
 
 @LIBRARY.builtin(note="deprecated", work=60)
 def set_digital_out(host: ProgramHost, n: Int, b: Bool) -> None:
-    """Set standard digital output 0 to 7, or the tool's as 8 and 9."""
+    """Set standard digital output 0 to 7; 8 and 9 are the tool's."""
     group, index = _old(n)
     _write_output(host, group, index, b)
 
 
 @LIBRARY.builtin()
 def get_standard_analog_in(host: ProgramHost, n: Int) -> float:
-    """Analog input 0 or 1 [A or V, by its domain]."""
+    """Analog input 0 or 1 [A or V, depending on its domain]."""
     return host.machine.signals.analog_inputs[_analog(n, "analog input")]
 
 
 @LIBRARY.builtin()
 def get_tool_analog_in(host: ProgramHost, n: Int) -> float:
-    """Tool analog input 0 or 1 [A or V, by its domain]."""
+    """Tool analog input 0 or 1 [A or V, depending on its domain]."""
     return host.machine.signals.tool_analog_inputs[_analog(n, "tool analog input")]
 
 
 @LIBRARY.builtin(note="deprecated")
 def get_analog_in(host: ProgramHost, n: Int) -> float:
-    """Analog input 0 or 1, or the tool's as 2 and 3 [A or V, by its domain]."""
+    """Analog input 0 or 1; 2 and 3 are the tool's [A or V, depending on its domain]."""
     return get_standard_analog_in(host, n) if n < 2 else get_tool_analog_in(host, n - 2)
 
 
@@ -149,12 +149,12 @@ def set_analog_out(host: ProgramHost, n: Int, f: Num) -> None:
 
 @LIBRARY.builtin()
 def set_tool_voltage(host: ProgramHost, voltage: Int) -> None:
-    """Supply voltage of the tool: 0, 12 or 24 [V]."""
+    """Set the supply voltage of the tool: 0, 12 or 24 [V]."""
     with within_range():
         host.machine.signals.set_tool_voltage(voltage)
 
 
 def _analog(n: int, what: str) -> int:
     if n not in (0, 1):
-        raise RuntimeFault(f"there is no {what} {n}: they are 0 and 1")
+        raise RuntimeFault(f"there is no {what} {n}: use 0 or 1")
     return n

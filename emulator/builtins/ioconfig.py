@@ -1,4 +1,4 @@
-"""How signals are set up. PolyScope writes these calls at the head of every program."""
+"""Configuration of signals. PolyScope writes these calls at the start of every program."""
 
 from emulator.builtins.geometry import within_range
 from emulator.builtins.host import ProgramHost
@@ -12,7 +12,7 @@ from urscript.values import Bool, Int, ListArg, Num, Str
 
 LIBRARY = Library("ioconfiguration", host=True)
 
-# Script Manual, set_analog_inputrange: 0-5 V counts as 0-10 V; the bipolar ranges of old boxes are gone
+# Script Manual, set_analog_inputrange: 0-5 V counts as 0-10 V; the bipolar ranges of old control boxes are gone
 _BOX_RANGES = {0: AnalogDomain.VOLTAGE, 2: AnalogDomain.VOLTAGE}
 _TOOL_RANGES = {0: AnalogDomain.VOLTAGE, 1: AnalogDomain.VOLTAGE, 2: AnalogDomain.CURRENT}
 _BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 1000000, 2000000, 5000000)  # Script Manual, set_tool_communication
@@ -20,30 +20,30 @@ _BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 1000000, 2000000, 5000000)  # 
 
 @LIBRARY.builtin()
 def set_analog_outputdomain(host: ProgramHost, port: Int, domain: Int) -> None:
-    """Domain of analog output 0 or 1: 0 current, 1 voltage."""
+    """Set the domain of analog output 0 or 1: 0 current, 1 voltage."""
     host.machine.signals.analog_output_domains[_port(port)] = _domain(domain)
 
 
 @LIBRARY.builtin()
 def set_standard_analog_input_domain(host: ProgramHost, port: Int, domain: Int) -> None:
-    """Domain of analog input 0 or 1: 0 current, 1 voltage."""
+    """Set the domain of analog input 0 or 1: 0 current, 1 voltage."""
     host.machine.signals.analog_input_domains[_port(port)] = _domain(domain)
 
 
 @LIBRARY.builtin()
 def set_tool_analog_input_domain(host: ProgramHost, port: Int, domain: Int) -> None:
-    """Domain of tool analog input 0 or 1: 0 current, 1 voltage."""
+    """Set the domain of tool analog input 0 or 1: 0 current, 1 voltage."""
     host.machine.signals.tool_analog_input_domains[_port(port)] = _domain(domain)
 
 
 @LIBRARY.builtin(note="deprecated")
 def set_analog_inputrange(host: ProgramHost, port: Int, range_: Int) -> None:
-    """Domain of an analog input by its range: `port` 0 and 1 in the control box, 2 and 3 in the tool.
+    """Set the domain of an analog input by its range: `port` 0 and 1 in the control box, 2 and 3 in the tool.
 
     `range`: 0 and 2 are voltages in the control box; 0 and 1 are voltages in the tool, 2 is a current.
     """
     if not 0 <= port <= 3:
-        raise RuntimeFault(f"there is no analog input {port}: they are 0 to 3")
+        raise RuntimeFault(f"there is no analog input {port}: use 0 to 3")
     signals, ranges = host.machine.signals, _TOOL_RANGES if port >= 2 else _BOX_RANGES
     if range_ not in ranges:
         raise RuntimeFault(f"set_analog_inputrange: the range of input {port} must be one of {list(ranges)}")
@@ -53,7 +53,7 @@ def set_analog_inputrange(host: ProgramHost, port: Int, range_: Int) -> None:
 
 @LIBRARY.builtin(cb3=None, e="5.0")
 def set_tool_output_mode(host: ProgramHost, mode: Int) -> None:
-    """What the tool outputs are for: 0 digital outputs, 1 dual-pin power."""
+    """Set the use of the tool outputs: 0 digital outputs, 1 dual-pin power."""
     if mode not in (0, 1):
         raise RuntimeFault(f"set_tool_output_mode: mode must be 0 (digital) or 1 (dual-pin power), not {mode}")
     host.machine.signals.tool_output_mode = ToolOutputMode(mode)
@@ -61,7 +61,7 @@ def set_tool_output_mode(host: ProgramHost, mode: Int) -> None:
 
 @LIBRARY.builtin(cb3=None, e="5.0")
 def set_tool_digital_output_mode(host: ProgramHost, n: Int, mode: Int) -> None:
-    """Type of tool output 0 or 1: 1 sinking, 2 sourcing, 3 push/pull (0 is taken for 1)."""
+    """Set the type of tool output 0 or 1: 1 sinking, 2 sourcing, 3 push/pull (0 counts as 1)."""
     if not 0 <= mode <= 3:
         raise RuntimeFault(f"set_tool_digital_output_mode: mode must be 1, 2 or 3, not {mode}")
     host.machine.signals.tool_digital_output_modes[_port(n)] = ToolDigitalOutputMode(max(mode, 1))
@@ -77,8 +77,10 @@ def set_tool_communication(
     rx_idle_chars: Num,
     tx_idle_chars: Num,
 ) -> None:
-    """Serial line of the tool, which clients reach on port 54321: `parity` 0 none, 1 odd, 2 even; idle times in
-    characters."""
+    """Set up the tool's serial line, which clients reach on port 54321.
+
+    `parity`: 0 none, 1 odd, 2 even. Idle times are given in characters.
+    """
     if baud_rate not in _BAUD_RATES:
         raise RuntimeFault(f"set_tool_communication: baud_rate must be one of {_BAUD_RATES}, not {baud_rate}")
     if parity not in (0, 1, 2) or stop_bits not in (1, 2):
@@ -90,25 +92,25 @@ def set_tool_communication(
 
 @LIBRARY.builtin()
 def set_standard_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What standard digital input 0 to 7 does while no program runs: "default" is nothing, or "freedrive"."""
+    """Set what standard digital input 0 to 7 does while no program runs: "default" (nothing) or "freedrive"."""
     _input_action(host, STANDARD, port, action)
 
 
 @LIBRARY.builtin()
 def set_configurable_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What configurable digital input 0 to 7 does while no program runs: "default" is nothing, or "freedrive"."""
+    """Set what configurable digital input 0 to 7 does while no program runs: "default" (nothing) or "freedrive"."""
     _input_action(host, CONFIGURABLE, port, action)
 
 
 @LIBRARY.builtin()
 def set_tool_digital_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What tool digital input 0 or 1 does while no program runs: "default" is nothing, or "freedrive"."""
+    """Set what tool digital input 0 or 1 does while no program runs: "default" (nothing) or "freedrive"."""
     _input_action(host, TOOL, port, action)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0")
 def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> None:
-    """What a boolean input register does while no program runs: "default" is nothing, or "freedrive"."""
+    """Set what a boolean input register does while no program runs: "default" (nothing) or "freedrive"."""
     actions = host.machine.freedrive_inputs
     with within_range():
         host.machine.registers.input.get_bit(port)
@@ -120,72 +122,72 @@ def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> No
 
 @LIBRARY.builtin()
 def set_input_actions_to_default(host: ProgramHost) -> None:
-    """Let no input trigger anything."""
+    """Remove the actions of all inputs."""
     host.machine.freedrive_inputs.clear()
 
 
 @LIBRARY.builtin(work=90)
 def set_runstate_standard_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
-    """Standard digital output 0 to 7 by run state.
+    """Set how standard digital output 0 to 7 follows the run state.
 
     `state`: 0 keep, 1 low, 2 high while no program runs; 3 high while one runs and low otherwise. On e-Series
-    also 4 low when one ends by an error, protective stop, violation or fault, 5 the same and high from a program's
-    start; 6 high, 7 low while the robot has drive power and the reverse without.
+    also 4 low when a program ends with an error, protective stop, violation or fault; 5 the same, and high from a
+    program's start; 6 high, 7 low while the robot has drive power, and the reverse without.
     """
     _runstate(host, STANDARD, outputId, state)
 
 
 @LIBRARY.builtin(work=90)
 def set_runstate_configurable_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
-    """Configurable digital output 0 to 7 by run state; `state` as for the standard ones."""
+    """Set how configurable digital output 0 to 7 follows the run state; `state` as for the standard ones."""
     _runstate(host, CONFIGURABLE, outputId, state)
 
 
 @LIBRARY.builtin(work=90)
 def set_runstate_tool_digital_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
-    """Tool digital output 0 or 1 by run state; `state` 0 to 5 as for the standard ones."""
+    """Set how tool digital output 0 or 1 follows the run state; `state` 0 to 5 as for the standard ones."""
     _runstate(host, TOOL, outputId, state)
 
 
 @LIBRARY.builtin(cb3="3.3", e="5.0", work=90)
 def set_runstate_gp_boolean_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
-    """Boolean output register by run state; `state` as for the standard outputs."""
+    """Set how a boolean output register follows the run state; `state` as for the standard outputs."""
     with within_range():
         host.programs.outputs.set_register(outputId, _action(host, state))
 
 
 @LIBRARY.builtin(work=90)
 def set_runstate_standard_analog_output_to_value(host: ProgramHost, outputId: Int, state: Int) -> None:
-    """Analog output 0 or 1 by run state: minimum and maximum for low and high; `state` as for the standard ones."""
+    """Set how analog output 0 or 1 follows the run state: low is its minimum, high its maximum; `state` as above."""
     with within_range():
         host.programs.outputs.set_analog(outputId, _action(host, state))
 
 
-_OLD_NOTE = "undocumented; public programs give an empty list only; listed outputs follow the program (a guess)"
+_OLD_NOTE = "undocumented; public programs pass only an empty list; that listed outputs follow the program is a guess"
 
 
 @LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)
 def set_runstate_outputs(host: ProgramHost, outputs: ListArg) -> None:
-    """Numbers of the standard outputs that are high while a program runs."""
+    """Set which standard outputs, by number, are high while a program runs."""
     _runstate_list(host, STANDARD, outputs)
 
 
 @LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)
 def set_runstate_standard_digital_outputs(host: ProgramHost, outputs: ListArg) -> None:
-    """Numbers of the standard outputs that are high while a program runs."""
+    """Set which standard outputs, by number, are high while a program runs."""
     _runstate_list(host, STANDARD, outputs)
 
 
 @LIBRARY.builtin(status="partial", note=_OLD_NOTE, work=200)
 def set_runstate_configurable_digital_outputs(host: ProgramHost, outputs: ListArg) -> None:
-    """Numbers of the configurable outputs that are high while a program runs."""
+    """Set which configurable outputs, by number, are high while a program runs."""
     _runstate_list(host, CONFIGURABLE, outputs)
 
 
 def _runstate_list(host: ProgramHost, group: DigitalGroup, outputs: list[int]) -> None:
     for index in outputs:
         if not isinstance(index, int):
-            raise RuntimeFault(f"the list must hold numbers of outputs, not {index!r}")
+            raise RuntimeFault(f"the list must contain numbers of outputs, not {index!r}")
         _runstate(host, group, index, OutputAction.HIGH_WHILE_RUNNING)
 
 
@@ -209,7 +211,7 @@ def _input_action(host: ProgramHost, group: DigitalGroup, port: int, action: str
 
 
 def wants_freedrive(action: str) -> bool:
-    """What an input's action means. Raises RuntimeFault for one there is not."""
+    """Whether an input's action is freedrive. Raises RuntimeFault for an unknown action."""
     if action not in ("default", "freedrive"):
         raise RuntimeFault(f'an input action must be "default" or "freedrive", not "{action}"')
     return action == "freedrive"
@@ -217,7 +219,7 @@ def wants_freedrive(action: str) -> bool:
 
 def _port(port: int) -> int:
     if port not in (0, 1):
-        raise RuntimeFault(f"there is no port {port}: they are 0 and 1")
+        raise RuntimeFault(f"there is no port {port}: use 0 or 1")
     return port
 
 

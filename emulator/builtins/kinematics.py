@@ -13,7 +13,7 @@ from urscript.values import Bool, Joints, Matrix, Num, Pose, PoseArg, PoseOrJoin
 
 LIBRARY = Library("kinematics", host=True, physical=True)
 
-# Work of a calculation beyond that of any call [meter units of about 50 ns], from measuring.
+# Measured cost of a calculation beyond that of any call [meter units of about 50 ns].
 _FORWARD: Final = 30
 _INVERSE: Final = 350
 _INVERSE_CALIBRATED: Final = 20_000
@@ -23,12 +23,12 @@ _DYNAMICS: Final = 800
 
 @LIBRARY.builtin(cb3="3.1", e="5.0", work=60)
 def get_forward_kin(host: ProgramHost, q: Joints | None = None, tcp: PoseOrJoints | None = None) -> Pose:
-    """TCP pose in the base frame of joint angles `q` [rad] (the present ones) with `tcp` (the active one)."""
+    """TCP pose in the base frame for joint angles `q` [rad] (default: present) and `tcp` (default: active)."""
     charge(_FORWARD)
     return Pose(forward(host, host.target_q if q is None else q, tcp))
 
 
-@LIBRARY.builtin(note="solved to 1e-10, so other error limits make no difference")
+@LIBRARY.builtin(note="always solved to 1e-10; the error limits have no effect")
 def get_inverse_kin(
     host: ProgramHost,
     x: PoseArg,
@@ -37,9 +37,9 @@ def get_inverse_kin(
     maxOrientationError: Num = 1e-10,
     tcp: PoseOrJoints | None = None,
 ) -> list[float]:
-    """Joint angles [rad] for a TCP pose, nearest to `qnear` (the present ones).
+    """Joint angles [rad] for a TCP pose, nearest to `qnear` (default: the present ones).
 
-    Ends the program when there are none within the joint limits.
+    The program ends with an error if there are none within the joint limits.
     """
     charge(_inverse_work(host))
     q = inverse(host, x, qnear, tcp)
@@ -48,7 +48,7 @@ def get_inverse_kin(
     return list(q)
 
 
-@LIBRARY.builtin(cb3="3.14", e="5.9.4", note="solved to 1e-10, so other error limits make no difference")
+@LIBRARY.builtin(cb3="3.14", e="5.9.4", note="always solved to 1e-10; the error limits have no effect")
 def get_inverse_kin_has_solution(
     host: ProgramHost,
     pose: PoseArg,
@@ -70,7 +70,7 @@ def get_inverse_kin_has_solution(
 def is_within_safety_limits(host: ProgramHost, pose: PoseOrJoints, qNear: Joints | None = None) -> bool:
     """Whether a TCP pose, or joint angles, can be reached within the joint limits.
 
-    `qNear`: which solution of a pose counts, the one nearest to the present joint angles when omitted.
+    `qNear`: of a pose's solutions the nearest to these joint angles counts; the present ones when omitted.
     """
     charge(_inverse_work(host))
     if isinstance(pose, Pose):

@@ -1,4 +1,4 @@
-"""Talking to people: the log, popups, and questions to the operator."""
+"""Messages to people: the log, popups, and questions to the operator."""
 
 from typing import Any, Final
 
@@ -12,22 +12,22 @@ from urscript.values import Any_, Bool, Str, cut_text
 
 LIBRARY = Library("messages", host=True)
 
-_POPUP_BYTES: Final = 3500  # a title comes on top
+_POPUP_BYTES: Final = 3500  # without the title
 _TEXT_BYTES: Final = 4000  # clients read primary packages into 4096 bytes
-_LOG_WORK: Final = 200  # of a line on its way to the log and the clients [meter units]
-_BYTE_WORK: Final = 0.5  # of a byte of it: a loop shall not fill the network
+_LOG_WORK: Final = 200  # of sending a line to the log and the clients [meter units]
+_BYTE_WORK: Final = 0.5  # of each byte, so that a loop cannot flood the network
 _POPUP_WORK: Final = 1500  # of a dialogue
 
 
 @LIBRARY.builtin()
 def textmsg(host: ProgramHost, s1: Any_, s2: Any_ = "") -> None:
-    """Write a line of two values of any type to the log, and to the primary clients. Cut at 4000 bytes."""
+    """Write two values of any type as one line to the log and the primary clients, cut at 4000 bytes."""
     host.machine.messages.text(cut_text(_log_text(s1) + _log_text(s2), _TEXT_BYTES))
 
 
 @LIBRARY.builtin(note="undocumented; sends the message that the vendor's interface document calls deprecated")
 def varmsg(host: ProgramHost, name: Str, value: Any_) -> None:
-    """Show a variable's value to the primary clients."""
+    """Send a variable's value to the primary clients."""
     host.machine.messages.variable(name, _log_text(value))
 
 
@@ -78,7 +78,7 @@ def request_float_from_primary_client(host: ProgramHost, Text: Str) -> Frames[fl
 
 @LIBRARY.builtin()
 def request_string_from_primary_client(host: ProgramHost, Text: Str) -> Frames[str]:
-    """Ask the operator for a text and wait for the answer."""
+    """Ask the operator for a string and wait for the answer."""
     return str((yield from _ask(host, Text, RequestedType.STRING)))
 
 

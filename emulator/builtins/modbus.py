@@ -1,7 +1,7 @@
 """Modbus: signals on other devices, and the memory of the robot's own server.
 
-PolyScope adds the signals of the installation at the head of every program; a device that
-is not there disturbs only programs that use its signals.
+PolyScope adds the signals of the installation at the start of every program. A missing device
+affects only programs that use its signals.
 """
 
 from collections.abc import Sequence
@@ -33,11 +33,11 @@ def modbus_add_signal(
     sequential_mode: Bool = False,
     register_count: Int = 1,
 ) -> None:
-    """Add a signal; another one of that name is replaced. It asks its device 10 times a second from now on.
+    """Add a signal that polls its device 10 times a second; it replaces one of the same name.
 
     `signal_type`: 0 digital input, 1 digital output, 2 register input, 3 register output,
-    15 and 16 several digital or register outputs. `sequential_mode`: do not send a request to
-    the device before it has answered the last one.
+    15 and 16 several digital or register outputs. `sequential_mode`: send the device no request
+    before it has answered the last one.
     """
     if signal_type not in _ADDED_TYPES:
         raise RuntimeFault(f"modbus_add_signal: signal_type must be one of {_ADDED_TYPES}, not {signal_type}")
@@ -83,10 +83,10 @@ def modbus_delete_signal(host: ProgramHost, signal_name: Str) -> None:
 
 @LIBRARY.builtin()
 def modbus_get_signal_status(host: ProgramHost, signal_name: Str, is_secondary_program: Bool = False) -> Frames[Any_]:
-    """The value last read or set: a bool, an unsigned integer, or a list of them; False or 0 before there is one.
+    """The value last read or set: a bool, an unsigned integer, or a list of them; False or 0 at first.
 
-    A signal that asks on demand (0 Hz) is asked now, and waited for unless this is a
-    secondary program. When the device has not answered for longer than the signal's watchdog
+    A signal that is read on demand (0 Hz) is read now, and the call waits for it except in a
+    secondary program. If the device has not answered for longer than the signal's watchdog
     allows, the program ends with an error.
     """
     signals = host.programs.modbus
@@ -101,10 +101,10 @@ def modbus_get_signal_status(host: ProgramHost, signal_name: Str, is_secondary_p
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_get_error(host: ProgramHost, signal_name: Str, error_source: Int = 0) -> int:
-    """Why a signal is in error, 0 when it is not.
+    """Error code of a signal, 0 without error.
 
-    `error_source`: 1 the device's exception code, 2 the connection's error (an errno, -1
-    connecting, -2 disconnected), 0 both: the connection's in the upper 16 bits.
+    `error_source`: 1 the device's exception code; 2 the connection's error (an errno, -1
+    connecting, -2 disconnected); 0 both, with the connection's in the upper 16 bits.
     """
     if error_source not in (0, 1, 2):
         raise RuntimeFault(f"modbus_get_error: error_source must be 0, 1 or 2, not {error_source}")
@@ -119,7 +119,7 @@ def modbus_get_error(host: ProgramHost, signal_name: Str, error_source: Int = 0)
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_get_time_since_signal_invalid(host: ProgramHost, signal_name: Str) -> float:
-    """How long ago the device last did as a signal in error asked [s]; 0 for a signal that is not in error."""
+    """Time since the last successful request of a signal in error [s]; 0 for a signal without error."""
     with within_range():
         return host.programs.modbus.invalid_s(host.programs.modbus.get(signal_name))
 
@@ -139,7 +139,7 @@ def modbus_send_custom_command(
 
 @LIBRARY.builtin()
 def modbus_set_digital_input_action(host: ProgramHost, signal_name: Str, action: Str) -> None:
-    """What a digital input does while no program runs: "default" is nothing, or "freedrive"."""
+    """Set what a digital input does while no program runs: "default" (nothing) or "freedrive"."""
     with within_range():
         signal = host.programs.modbus.get(signal_name)
     if signal.output or not signal.kind.bits:
@@ -155,7 +155,7 @@ def modbus_set_digital_input_action(host: ProgramHost, signal_name: Str, action:
 def modbus_set_output_register(
     host: ProgramHost, signal_name: Str, register_value: Any_, is_secondary_program: Bool = False
 ) -> None:
-    """Set a register output: a word, 0 to 65535, or a list of them; registers behind a short list keep theirs."""
+    """Set a register output: a word, 0 to 65535, or a list of them; registers beyond a short list keep their values."""
     with within_range():
         host.programs.modbus.set(signal_name, _numbers(register_value), bits=False)
 
@@ -164,7 +164,7 @@ def modbus_set_output_register(
 def modbus_set_output_signal(
     host: ProgramHost, signal_name: Str, digital_value: Any_, is_secondary_program: Bool = False
 ) -> None:
-    """Set a digital output: a bool or a list of them; coils behind a short list keep theirs."""
+    """Set a digital output: a bool or a list of them; coils beyond a short list keep their values."""
     values = digital_value if isinstance(digital_value, list) else [digital_value]
     if not all(type(value) is bool for value in values):
         raise RuntimeFault("modbus_set_output_signal: digital_value must be a bool or a list of bools")
@@ -174,28 +174,28 @@ def modbus_set_output_signal(
 
 @LIBRARY.builtin()
 def modbus_set_signal_update_frequency(host: ProgramHost, signal_name: Str, update_frequency: Int) -> None:
-    """How often a signal asks its device [Hz], up to 500; 0 and -1: only when a program reads or sets it."""
+    """Set how often a signal polls its device [Hz], up to 500; 0 and -1: only when a program reads or sets it."""
     with within_range():
         host.programs.modbus.set_frequency(signal_name, update_frequency)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_request_update_signal_value(host: ProgramHost, signal_name: Str) -> None:
-    """Ask a signal's device at once, whatever its frequency."""
+    """Poll a signal's device now, whatever its frequency."""
     with within_range():
         host.programs.modbus.request_update(signal_name)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_set_signal_watchdog(host: ProgramHost, signal_name: Str, new_timeout_in_sec: Num) -> None:
-    """How long a signal may be in error before reading or setting it ends the program: 0 to 300 [s], at first 2."""
+    """Set how long a signal may be in error before its use ends the program: 0 to 300 [s], 2 by default."""
     with within_range():
         host.programs.modbus.set_watchdog(signal_name, new_timeout_in_sec)
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def modbus_reset_connection(host: ProgramHost, connection_id: Str, is_blocking: Bool = True) -> Frames[None]:
-    """Connect anew to the devices at an address; `is_blocking`: until no signal there is in error."""
+    """Reconnect to the devices at an address; `is_blocking`: wait until no signal there is in error."""
     signals = host.programs.modbus
     there = signals.reset(connection_id)
     while is_blocking and signals.recovering(there):
@@ -204,11 +204,11 @@ def modbus_reset_connection(host: ProgramHost, connection_id: Str, is_blocking: 
 
 @LIBRARY.builtin()
 def modbus_set_runstate_dependent_choice(host: ProgramHost, signal_name: Str, runstate_choice: Int) -> None:
-    """Let an output follow the program.
+    """Set how an output follows the run state.
 
     `runstate_choice`: 0 keep, 1 low, 2 high while no program runs; 3 high while one runs and
-    low otherwise; on e-Series also 4 low when one ends by an error or a protective stop, 5 the
-    same and high from a program's start.
+    low otherwise; on e-Series also 4 low when a program ends with an error or a protective stop,
+    5 the same, and high from a program's start.
     """
     with within_range():
         host.programs.modbus.set_runstate_choice(signal_name, runstate_choice)
@@ -219,14 +219,14 @@ def modbus_set_runstate_dependent_choice(host: ProgramHost, signal_name: Str, ru
 
 @LIBRARY.builtin()
 def read_port_bit(host: ProgramHost, address: Int) -> bool:
-    """A coil of the robot's Modbus server."""
+    """Read a coil of the robot's Modbus server."""
     with within_range():
         return bool(modbus_map.read_coil(host.machine, address))
 
 
 @LIBRARY.builtin(work=60)
 def read_port_register(host: ProgramHost, address: Int) -> int:
-    """A register of the robot's Modbus server, signed: -32768 to 32767. 128 to 255 are free for any use."""
+    """Read a register of the robot's Modbus server, signed: -32768 to 32767. 128 to 255 are free for any use."""
     with within_range():
         word = modbus_map.read_register(host.machine, address)
     return word - 0x10000 if word & 0x8000 else word
@@ -241,7 +241,7 @@ def write_port_bit(host: ProgramHost, address: Int, value: Bool) -> None:
 
 @LIBRARY.builtin()
 def write_port_register(host: ProgramHost, address: Int, value: Num) -> None:
-    """Set a register of the robot's Modbus server: -32768 to 65535; a fraction is cut off."""
+    """Set a register of the robot's Modbus server: -32768 to 65535; fractions are truncated."""
     if not -0x8000 <= value <= 0xFFFF:
         raise RuntimeFault(f"write_port_register: {value} does not fit a register: -32768 to 65535")
     with within_range():

@@ -1,4 +1,4 @@
-"""Movements: the arm goes somewhere, and the call takes the time that needs."""
+"""Movements of the arm. A call takes as long as its movement, or as the part of it before a blend."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, St
 
 LIBRARY = Library("motion", host=True, physical=True)
 
-_LEAST = 1e-100  # a smaller number is taken for 0: its square is
+_LEAST = 1e-100  # a smaller number counts as 0, because its square underflows to 0
 
 
 @LIBRARY.builtin()
@@ -21,8 +21,8 @@ def movej(host: ProgramHost, q: PoseOrJoints, a: Num = 1.4, v: Num = 1.05, t: Nu
     """Move linearly in joint space to joint angles [rad], or to a TCP pose by inverse kinematics.
 
     `a` [rad/s2] and `v` [rad/s] of the leading joint, or the time `t` [s] instead; with a blend
-    radius `r` [m] the call returns where the blend into the next movement begins. A pose out of
-    reach ends the program.
+    radius `r` [m], the call returns where the blend into the next movement begins. A pose out of
+    reach ends the program with an error.
     """
     goal = joints_for(host, q)
     _check_profile("movej", a, v, t, r)
@@ -64,8 +64,8 @@ def movec(
 ) -> Frames[None]:
     """Move the tool on the arc through `pose_via` to `pose_to`.
 
-    `a` [m/s2], `v` [m/s], blend radius `r` [m]. `mode` 0: the orientation goes linearly to that of
-    `pose_to`; 1: it stays as it is relative to the arc's tangent.
+    `a` [m/s2], `v` [m/s], blend radius `r` [m]. `mode` 0: the orientation is interpolated linearly to
+    that of `pose_to`; 1: it stays constant relative to the arc's tangent.
     """
     via, to = pose_for(host, pose_via), pose_for(host, pose_to)
     if mode not in (0, 1):
@@ -76,13 +76,13 @@ def movec(
 
 
 @LIBRARY.builtin(
-    cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as shares of the limits"
+    cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as fractions of the limits"
 )
 def optimovej(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
-    """Joint move with `a` and `v` as fractions (0 to 1) of what the arm can do.
+    """Joint move with `a` and `v` as fractions (0 to 1) of the arm's limits.
 
     `goal`: joint angles, a pose, struct(pose=..., frame=...) for a pose in a frame of the world model, or the name
-    of a frame, which the TCP goes to.
+    of a frame, to which the TCP moves.
     """
     q = joints_for(host, _goal(host, "optimovej", goal))
     _check_fractions("optimovej", a, v)
@@ -98,10 +98,10 @@ _TOOL_ACCELERATION_M_S2 = 15.0  # guess
 
 
 @LIBRARY.builtin(
-    cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as shares of the limits"
+    cb3=None, e="5.19", status="partial", note="a trapezoidal profile with a and v as fractions of the limits"
 )
 def optimovel(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num = 0) -> Frames[None]:
-    """Straight tool move with `a` and `v` as fractions (0 to 1) of what the arm can do; `goal` as of optimovej."""
+    """Straight tool move with `a` and `v` as fractions (0 to 1) of the arm's limits; `goal` as in optimovej()."""
     pose = pose_for(host, _goal(host, "optimovel", goal))
     _check_fractions("optimovel", a, v)
     _check_not_negative("optimovel", r=r)
@@ -111,7 +111,7 @@ def optimovel(host: ProgramHost, goal: Any_, a: Num = 0.3, v: Num = 0.3, r: Num 
 
 
 def _goal(host: ProgramHost, name: str, goal: Value) -> list[float]:
-    """Joint angles or a pose of whatever optimovej and optimovel take for a goal."""
+    """Joint angles or a pose, from any goal that optimovej and optimovel accept."""
     if isinstance(goal, str):
         return _in_frame(host, _ORIGIN, goal)
     if isinstance(goal, Struct) and set(goal.members) == {"pose", "frame"}:
@@ -127,7 +127,7 @@ _ORIGIN = ZERO6
 
 
 def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:
-    """A pose in a frame, in the base; in one that moves with a tracked frame, as that was when tracking began."""
+    """A pose given in a frame, in base coordinates; for a frame carried by a tracked one, as of when tracking began."""
     world, tracked = host.machine.world_model, host.motion.superposition.tracked_frame
     with within_range():
         there = world.convert(pose, frame, "base", arm_pose(host))
@@ -146,9 +146,9 @@ def servoj(
     lookahead_time: Num = 0.1,
     gain: Num = 300,
 ) -> Frames[None]:
-    """Follow joint angles [rad] that change all the time; blocks for `t` [s], one control period when omitted.
+    """Servo to joint angles [rad] that a program updates continuously; blocks for `t` [s], by default one period.
 
-    `lookahead_time` [s] smooths, `gain` stiffens; `a` and `v` are ignored. End with stopj().
+    `lookahead_time` [s] smooths, `gain` sets the stiffness; `a` and `v` are ignored. End with stopj().
     """
     _check_not_negative("servoj", t=0 if t is None else t)
     with host.motion_control() as motion:
@@ -169,7 +169,7 @@ def servoc(host: ProgramHost, pose: PoseOrJoints, a: Num = 1.2, v: Num = 0.25, r
 def speedj(host: ProgramHost, qd: Joints, a: Num = 1.4, t: Num | None = None) -> Frames[None]:
     """Accelerate the joints with `a` [rad/s2] to the speeds `qd` [rad/s] and hold them.
 
-    Returns after `t` [s], or when the speed is reached when `t` is omitted.
+    Returns after `t` [s]; without `t`, when the speed is reached.
     """
     _check_not_negative("speedj", a=a)
     with host.motion_control() as motion:
@@ -182,8 +182,8 @@ def speedl(
 ) -> Frames[None]:
     """Accelerate the tool to the velocity `xd` (base frame, m/s and rad/s) and hold it.
 
-    `a` [m/s2] and `aRot` [rad/s2], which is `a` when omitted. Returns after `t` [s], or when the
-    speed is reached when `t` is omitted.
+    `a` [m/s2] and `aRot` [rad/s2], which is `a` when omitted. Returns after `t` [s]; without `t`, when the
+    speed is reached.
     """
     turn_a = a if aRot is None else aRot
     _check_not_negative("speedl", a=a, aRot=turn_a)
@@ -211,7 +211,7 @@ def stopl(host: ProgramHost, a: Num = 2.0, aRot: Num | None = None) -> Frames[No
     cb3=None,
     e="5.23",
     status="partial",
-    note="moves a dynamic arm (--arm dynamic); an ideal one stands, as in URSim",
+    note="moves a dynamic arm (--arm dynamic); an ideal one does not move, as in URSim",
 )
 def direct_torque(
     host: ProgramHost,
@@ -220,9 +220,9 @@ def direct_torque(
     viscous_scale: Joints | None = None,
     coulomb_scale: Joints | None = None,
 ) -> Frames[None]:
-    """Command joint torques [Nm] on top of what gravity needs, for one control period.
+    """Command joint torques [Nm] in addition to gravity compensation, for one control period.
 
-    With `friction_comp` the joints make up for their friction, by these shares (0 to 1) of each kind.
+    With `friction_comp`, the joints compensate their friction by these fractions (0 to 1) of each kind.
     """
     if host.arm.drives is None:
         host.note_once("direct_torque does not move an ideal arm, as in URSim: start the emulator with --arm dynamic")
@@ -245,7 +245,7 @@ def _friction_scale(name: str, given: Sequence[float] | None, usual: Vector6) ->
 
 @LIBRARY.builtin(work=130)
 def set_pos(host: ProgramHost, q: Joints) -> None:
-    """Put the simulated arm at joint angles [rad] at once; only while it stands still."""
+    """Set the joint angles [rad] of the simulated arm without a movement; only while it stands still."""
     if not host.motion.idle:
         raise RuntimeFault("set_pos: the arm is moving; stop it first")
     with host.motion_control(), within_range():
@@ -254,7 +254,7 @@ def set_pos(host: ProgramHost, q: Joints) -> None:
 
 @LIBRARY.builtin(cb3="3.1", e="5.0")
 def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> None:
-    """Count the turns of an unlimited wrist 3 anew: it is at the equivalent angle nearest to `qNear`, else to 0.
+    """Reset the turns of an unlimited wrist 3: its angle becomes the equivalent one nearest to `qNear` or 0.
 
     Does nothing on an arm whose wrist 3 is limited.
     """
@@ -264,13 +264,13 @@ def reset_revolution_counter(host: ProgramHost, qNear: Joints | None = None) -> 
         raise RuntimeFault("reset_revolution_counter: the arm is moving; stop it first")
     near = 0.0 if qNear is None else qNear[5]
     if not plausible(near):
-        raise RuntimeFault(f"reset_revolution_counter: no wrist is near {near:g} rad")
+        raise RuntimeFault(f"reset_revolution_counter: wrist 3 cannot be near {near:g} rad")
     with host.motion_control(), within_range():
         motion = host.motion
         motion.set_position((*motion.q[:5], nearest_angle(motion.q[5], near)))
 
 
-# Settings of the motion generator that change nothing in this one. PolyScope writes them into programs.
+# Settings that have no effect on this motion generator, but that PolyScope writes into programs.
 
 
 @LIBRARY.builtin(cb3="3.1", e="5.0", note="the ideal arm never deviates from its path")
@@ -280,13 +280,13 @@ def position_deviation_warning(host: ProgramHost, enabled: Bool, threshold: Num 
         raise RuntimeFault(f"position_deviation_warning: threshold must be 0 to 1, not {threshold}")
 
 
-@LIBRARY.builtin(cb3=None, e="5.19", status="partial", note="kept and given back; there is one motion implementation")
+@LIBRARY.builtin(cb3=None, e="5.19", status="partial", note="stored and returned; there is one motion implementation")
 def motion_version_set(host: ProgramHost, version: Int) -> None:
     """Select the motion implementation."""
     host.programs.motion_version = version
 
 
-@LIBRARY.builtin(cb3=None, e="5.19", status="partial", note="gives back what was set")
+@LIBRARY.builtin(cb3=None, e="5.19", status="partial", note="returns what was set")
 def motion_version_get(host: ProgramHost) -> int:
     """The selected motion implementation."""
     return host.programs.motion_version
@@ -307,10 +307,10 @@ def _check_positive(name: str, **values: float) -> None:
 def _check_not_negative(name: str, **values: float) -> None:
     for key, value in values.items():
         if value < 0:
-            raise RuntimeFault(f"{name}: {key} must not be negative, not {value}")
+            raise RuntimeFault(f"{name}: {key} must be 0 or more, not {value}")
 
 
 def _check_fractions(name: str, a: float, v: float) -> None:
     for key, value in (("a", a), ("v", v)):
         if not 0 < value <= 1:
-            raise RuntimeFault(f"{name}: {key} is a fraction, greater than 0 and at most 1, not {value}")
+            raise RuntimeFault(f"{name}: {key} must be greater than 0 and at most 1, not {value}")

@@ -1,4 +1,4 @@
-"""Path offsets: a Cartesian offset on top of the robot's movements, given anew as often as a program likes."""
+"""Path offsets: a Cartesian offset added to the robot's movements, which a program can change at any time."""
 
 from emulator.builtins.geometry import numbers
 from emulator.builtins.host import Frames, ProgramHost
@@ -15,9 +15,9 @@ _SINCE = "5.6"  # vendor's support article "Modify robot trajectory by overlayin
 
 @LIBRARY.builtin(cb3=None, e=_SINCE)
 def path_offset_enable(host: ProgramHost) -> None:
-    """Begin to add an offset to all movements, zero until path_offset_set() gives another.
+    """Start adding an offset to all movements, zero until path_offset_set() changes it.
 
-    In force beside movements, and at rest, until path_offset_disable() or the program's end.
+    Active during movements and at rest, until path_offset_disable() or the program's end.
     """
     if host.secondary:
         raise RuntimeFault("path_offset_enable: a secondary program cannot control the robot")
@@ -26,7 +26,7 @@ def path_offset_enable(host: ProgramHost) -> None:
 
 @LIBRARY.builtin(cb3=None, e=_SINCE)
 def path_offset_disable(host: ProgramHost, a: Num = 20) -> Frames[None]:
-    """Stop all joints with `a` [rad/s2], as stopj() does, and add no offset from then on: the arm stays where it is."""
+    """Stop all joints with `a` [rad/s2], like stopj(), and stop adding the offset: the arm stays where it is."""
     if not a > 0:
         raise RuntimeFault(f"path_offset_disable: a must be greater than 0, not {a}")
     with host.motion_control() as motion:
@@ -35,10 +35,10 @@ def path_offset_disable(host: ProgramHost, a: Num = 20) -> Frames[None]:
 
 @LIBRARY.builtin(cb3=None, e=_SINCE, note="without effect before path_offset_enable()", work=60)
 def path_offset_set(host: ProgramHost, offset: PoseOrJoints, type_: Int) -> None:
-    """Add this offset [m, rotation vector] to the path; each component is cut to path_offset_set_max_offset().
+    """Set the offset [m, rotation vector]; each component is limited to path_offset_set_max_offset().
 
-    `type`: 1 base axes, turning about the TCP; 2 TCP; 3 motion (x along the path, y = x cross the tool's
-    z, z = x cross y); 4 world (the offset is the base's pose in the world, in which the path is meant).
+    `type`: 1 base axes, rotation about the TCP; 2 TCP; 3 motion (x along the path, y = x cross the tool's
+    z, z = x cross y); 4 world (the offset is the pose of the base in the world, in which the path is given).
     An offset that jumps causes a protective stop.
     """
     given = as_six(numbers(offset, 6, "path_offset_set: offset"))
@@ -47,13 +47,13 @@ def path_offset_set(host: ProgramHost, offset: PoseOrJoints, type_: Int) -> None
 
 @LIBRARY.builtin(cb3=None, e=_SINCE, work=60)
 def path_offset_get(host: ProgramHost, type_: Int) -> Pose:
-    """The offset applied now, filtered and limited, as one of this `type` (see path_offset_set)."""
+    """The offset applied now, filtered and limited, expressed in this `type` (see path_offset_set)."""
     return Pose(host.motion.superposition.path_offset(_frame("path_offset_get", type_)))
 
 
 @LIBRARY.builtin(cb3=None, e=_SINCE)
 def path_offset_set_alpha_filter(host: ProgramHost, alpha: Num) -> None:
-    """Smooth offsets: each period the one applied goes `alpha` (0 to 1) of the way to the one given; 1 is no filter."""
+    """Smooth offsets: each period the applied one covers `alpha` (0 to 1) of the difference to the set one."""
     if not 0 <= alpha <= 1:
         raise RuntimeFault(f"path_offset_set_alpha_filter: alpha must be 0 to 1, not {alpha}")
     host.motion.superposition.settings.alpha = float(alpha)
@@ -61,10 +61,10 @@ def path_offset_set_alpha_filter(host: ProgramHost, alpha: Num) -> None:
 
 @LIBRARY.builtin(cb3=None, e=_SINCE)
 def path_offset_set_max_offset(host: ProgramHost, transLimit: Num, rotLimit: Num) -> None:
-    """Limit each component of an offset, given from now on, to `transLimit` [m] and `rotLimit` [rad]."""
+    """Limit each component of offsets set from now on to `transLimit` [m] and `rotLimit` [rad]."""
     if not (transLimit >= 0 and rotLimit >= 0):
         raise RuntimeFault(
-            f"path_offset_set_max_offset: the limits must not be negative, as one of {transLimit}, {rotLimit} is"
+            f"path_offset_set_max_offset: the limits must be 0 or more, not {transLimit} and {rotLimit}"
         )
     settings = host.motion.superposition.settings
     settings.translation_limit, settings.rotation_limit = float(transLimit), float(rotLimit)

@@ -1,6 +1,6 @@
-"""Names that exist on the controller and are not emulated.
+"""Functions that exist on the controller but are not emulated.
 
-A program may contain them; it ends with an error when it calls one.
+A program may mention them; it ends with an error when it calls one.
 """
 
 from typing import Final
@@ -9,8 +9,8 @@ from urscript.builtins import Library
 
 LIBRARY: Final = Library("refused")
 
-# chapter note: (first CB3 version, first e-Series version, names); None: never on that series. The minor versions
-# of the newer ones are guesses where the function list has them as 5.1x and 5.2x.
+# Note: (first CB3 version, first e-Series version, names); None: not on that series. The minor versions of the
+# newer ones are guesses where the function list only says 5.1x and 5.2x.
 _REFUSED: Final[dict[str, tuple[tuple[str | None, str | None, str], ...]]] = {
     "Ethernet/IP needs a fieldbus interface, which is hardware": (
         ("3.0", "5.0", "eip_writer_factory eip_reader_factory"),

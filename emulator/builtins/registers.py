@@ -92,10 +92,10 @@ def set_flag(host: ProgramHost, n: Int, b: Bool) -> None:
 
 @LIBRARY.builtin(cb3="3.4", e="5.0")
 def rtde_set_watchdog(host: ProgramHost, variable_name: Str, min_frequency: Num, action: Str = "pause") -> None:
-    """Expect an RTDE input variable to be written at least `min_frequency` times a second [Hz].
+    """Require an RTDE input variable to be written at least `min_frequency` times a second [Hz].
 
-    Otherwise `action`: "pause" or "stop" the program, or "ignore". Ends with the program; 0 Hz
-    expects nothing.
+    `action` when it is not: "pause" or "stop" the program, or "ignore". The watchdog ends with
+    the program; 0 Hz disables it.
     """
     field = INPUT_FIELDS.get(variable_name)
     if field is None or not field.available.covers(host.machine.version):
@@ -110,5 +110,5 @@ def rtde_set_watchdog(host: ProgramHost, variable_name: Str, min_frequency: Num,
 
 def _flag(host: ProgramHost, n: int) -> int:
     if not 0 <= n < len(host.programs.flags):
-        raise RuntimeFault(f"there is no flag {n}: they are 0 to {len(host.programs.flags) - 1}")
+        raise RuntimeFault(f"there is no flag {n}: use 0 to {len(host.programs.flags) - 1}")
     return n

@@ -1,6 +1,6 @@
 """Remote procedure calls: ``camera = rpc_factory("xmlrpc", "http://10.0.0.1:50000")``, ``camera.snapshot()``.
 
-A call holds its thread, as long as the server takes; other threads go on. Whatever goes wrong
+A call blocks its thread until the server has answered; other threads continue. Any failure
 ends the program with an error that names the method and the server.
 """
 
@@ -21,8 +21,8 @@ from urscript.values import Str, Value
 LIBRARY: Final = Library("remote procedure calls", host=True)
 
 _CLOSE: Final = "closeXMLRPCClientConnection"
-_FACTORY_WORK: Final = 4000  # meter units: taking a URL apart takes some 50 us
-_LONGEST_TEXT: Final = 300  # of what a server says about its errors (guess)
+_FACTORY_WORK: Final = 4000  # meter units: parsing a URL takes some 50 us
+_LONGEST_TEXT: Final = 300  # characters of a server's error message (guess)
 
 
 @LIBRARY.builtin()
@@ -30,10 +30,9 @@ def rpc_factory(host: ProgramHost, type_: Str, url: Str) -> Frames[Handle]:
     """A handle whose methods are those of an XML-RPC server.
 
     ``http://address:port/path`` (port 80 unless given) connects when the first method is
-    called, and that is when a missing server ends the program. ``address:port`` is a packet
-    stream, xmlrpc-c's protocol without HTTP, and connects at once.
-    ``closeXMLRPCClientConnection()`` of the handle closes the connection; the next call opens
-    one again.
+    called; only then does a missing server end the program. ``address:port`` is a packet
+    stream, xmlrpc-c's protocol without HTTP, and connects immediately. The handle's
+    ``closeXMLRPCClientConnection()`` closes the connection; the next call opens it again.
     """
     if type_ != "xmlrpc":
         raise RuntimeFault(f'rpc_factory: there is no RPC type "{type_}": the only one is "xmlrpc"')
@@ -49,7 +48,7 @@ def rpc_factory(host: ProgramHost, type_: Str, url: Str) -> Frames[Handle]:
 
 
 class XmlRpcHandle(Handle):
-    """A server's methods. Threads may share it: their calls take turns."""
+    """Handle to the methods of a server. Threads may share it: their calls take turns."""
 
     type_title = "RPC handle"
 
@@ -62,7 +61,7 @@ class XmlRpcHandle(Handle):
         return f"rpc_factory({self._connection})"
 
     def member(self, name: str) -> Value:
-        """The first half of a dotted method, as in ``handle.system.listMethods()``."""
+        """The first part of a dotted method name, as in ``handle.system.listMethods()``."""
         return _DottedName(self, name)
 
     def call_method(self, name: str, arguments: tuple[Value, ...]) -> Generator[None, None, Value]:
@@ -90,7 +89,7 @@ class XmlRpcHandle(Handle):
 
 
 class _DottedName(Handle):
-    """Part of a dotted method name, on its way to the call."""
+    """The first part of a dotted method name, before its call."""
 
     type_title = "RPC handle"
 

@@ -17,23 +17,24 @@ from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
 
 LIBRARY = Library("setup", host=True, physical=True)
 
-_MOST_MASS = 1000.0  # kg: far beyond any arm, and what the arm's equations bear; a guess
-_MOST_LEVER = 10.0  # m, of a centre of gravity; a guess for the same reasons
-_MOST_ACCELERATION = 100.0  # m/s2, of gravity and of a base; likewise a guess
+# These three are far beyond any arm, and within what the equations of motion can handle.
+_MOST_MASS = 1000.0  # kg, of a payload (guess)
+_MOST_LEVER = 10.0  # m, of a payload's centre of gravity (guess)
+_MOST_ACCELERATION = 100.0  # m/s2, of gravity and of the base (guess)
 _MOST_INERTIA = 133.0  # kg m2: Script Manual, set_target_payload
-_NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for a list that scripts see
+_NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for the list that scripts see
 
 
 @LIBRARY.builtin(work=90)
 def set_tcp(host: ProgramHost, pose: PoseArg, tcp_name: Str = "") -> None:
-    """Use another TCP, given from the tool flange."""
+    """Set the TCP, as a pose relative to the tool flange."""
     with within_range():
         host.machine.set_tcp(as_six(numbers(pose, 6, "set_tcp: the pose")))
 
 
 @LIBRARY.builtin()
 def set_gravity(host: ProgramHost, d: ListArg) -> None:
-    """Gravity as an acceleration in the base frame [m/s2], [0, 0, 9.82] when upright."""
+    """Set gravity as an acceleration in the base frame [m/s2]: [0, 0, 9.82] for an upright arm."""
     host.machine.installation.gravity = _acceleration(d, "set_gravity")
 
 
@@ -45,24 +46,24 @@ def get_gravity(host: ProgramHost) -> list[float]:
 
 @LIBRARY.builtin(work=90)
 def set_payload(host: ProgramHost, m: Num, cog: ListArg | None = None) -> None:
-    """Payload mass [kg] and centre of gravity from the flange [m], the TCP when omitted."""
+    """Set the payload's mass [kg] and centre of gravity from the flange [m]; the TCP when omitted."""
     centre = _xyz(host.machine.installation.tcp) if cog is None else three(cog, "set_payload: cog")
     use_payload(host, _assumed(host, checked_mass(m), centre))
 
 
 @LIBRARY.builtin(work=90)
 def set_payload_mass(host: ProgramHost, m: Num) -> None:
-    """Payload mass [kg]."""
+    """Set the payload's mass [kg]."""
     use_payload(host, _assumed(host, checked_mass(m), host.machine.installation.target_payload.cog))
 
 
 @LIBRARY.builtin(work=90)
 def set_payload_cog(host: ProgramHost, CoG: ListArg) -> None:
-    """Payload centre of gravity from the flange [m]."""
+    """Set the payload's centre of gravity from the flange [m]."""
     use_payload(host, _assumed(host, host.machine.installation.target_payload.mass, three(CoG, "set_payload_cog: CoG")))
 
 
-# On CB3 from the first version on: the official control script names it there, in branches that never run.
+# Available on CB3 from the first version: the official control script names it there, in branches that never run.
 @LIBRARY.builtin(cb3="3.0", e="5.10", work=200)
 def set_target_payload(
     host: ProgramHost,
@@ -71,7 +72,7 @@ def set_target_payload(
     inertia: ListArg = _NO_INERTIA,
     transition_time: Num = 0,
 ) -> None:
-    """Payload mass [kg], centre of gravity [m] and inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2].
+    """Set the payload's mass [kg], centre of gravity [m] and inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2].
 
     Takes effect gradually over `transition_time` [s].
     """
@@ -101,9 +102,9 @@ def get_target_payload_inertia(host: ProgramHost) -> list[float]:
 
 @LIBRARY.builtin(cb3=None, e="5.20")
 def set_base_acceleration(host: ProgramHost, a: ListArg) -> None:
-    """Linear acceleration of the base, of an arm on a rail or lift, in the base frame [m/s2].
+    """Set the linear acceleration of the base, as on a rail or a lift, in the base frame [m/s2].
 
-    Arm and payload feel it in addition to gravity, until it is set anew.
+    It acts on arm and payload in addition to gravity until it is set again.
     """
     host.machine.installation.base_acceleration = _acceleration(a, "set_base_acceleration")
 
@@ -116,10 +117,10 @@ def get_base_acceleration(host: ProgramHost) -> list[float]:
 
 @LIBRARY.builtin(cb3=None, e="5.20")
 def estimate_payload(host: ProgramHost, poses: Any_, wrenches: Any_) -> Struct:
-    """Mass [kg] and centre of gravity from the flange [m] of a payload, as a struct of `mass` and `cog`.
+    """Estimate a payload's mass [kg] and centre of gravity from the flange [m]: a struct of `mass` and `cog`.
 
-    `poses`: at least four TCP poses in well different orientations. `wrenches`: what the payload's weight
-    exerts on the flange in each, in base axes, as get_tcp_force() gives it.
+    `poses`: at least four TCP poses in clearly different orientations. `wrenches`: the wrench that the payload's
+    weight exerts on the flange in each pose, in base axes, as get_tcp_force() returns it.
     """
     back = pose_inv(host.machine.installation.tcp)
     flanges = [pose_trans(pose, back) for pose in _sixes(poses, "poses")]
@@ -130,7 +131,7 @@ def estimate_payload(host: ProgramHost, poses: Any_, wrenches: Any_) -> Struct:
 
 
 def _sixes(values: object, what: str) -> list[Vector6]:
-    """Poses or lists of six; lists of lists are matrices in the language."""
+    """Poses or lists of six numbers; URScript turns lists of lists into matrices."""
     rows = values.rows if isinstance(values, Matrix) else values
     if not isinstance(rows, list | tuple) or not all(isinstance(row, list | tuple) for row in rows):
         raise RuntimeFault(f"estimate_payload: {what} must be a list of poses or of lists of six numbers")
@@ -145,18 +146,19 @@ def _acceleration(vector: ListArg, name: str) -> Vector3:
 
 
 def _assumed(host: ProgramHost, mass: float, cog: Vector3) -> Payload:
-    """The payload when no inertia is given: a sphere on e-Series, as the Script Manual says; CB3 reports zeros.
+    """Payload without a given inertia: a sphere on e-Series, as the Script Manual says; CB3 reports zeros.
 
-    Source of the zeros: the ROS 2 driver compares what RTDE reports with what it has set, on CB3 without an inertia.
+    Source of the zeros: the ROS 2 driver compares the inertia that RTDE reports with the one it has set, which on CB3
+    is none.
     """
     return Payload(mass, cog) if host.machine.version.series is Series.CB3 else Payload.of(mass, cog)
 
 
 def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) -> None:
-    """Take over another payload; the force/torque readings are zeroed, as the Script Manual says.
+    """Set the payload and zero the force/torque readings, as the Script Manual says.
 
-    Beyond the arm's rating, too: arms were seen to take that, and then to rise by themselves where it was not there. On
-    the pendant twice the rating was the most.
+    A mass beyond the arm's rating is accepted: real arms were seen to accept one, and then to rise on their own when it
+    was not mounted. The pendant accepted at most twice the rating.
     """
     if math.hypot(*payload.cog) > _MOST_LEVER:
         where = list(payload.cog)
@@ -164,27 +166,27 @@ def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) 
     model = host.machine.model
     if payload.mass > model.payload_max_kg:
         host.note_once(
-            f"the program has set a payload of {payload.mass:g} kg, and the {model.title} is rated for "
-            f"{model.payload_max_kg:g} kg: an arm would carry less far, and more slowly, than this one"
+            f"the program has set a payload of {payload.mass:g} kg, but the {model.title} is rated for "
+            f"{model.payload_max_kg:g} kg: a real arm would have less reach and speed than this one"
         )
     host.machine.installation.set_payload(payload, transition_s)
     host.arm.zero_force()
 
 
 def checked_mass(m: float) -> float:
-    """A payload's mass [kg]; RuntimeFault when it is negative, no number or absurd."""
+    """A payload's mass [kg]; RuntimeFault if it is negative, not a number or implausibly large."""
     if not 0 <= m <= _MOST_MASS:
         raise RuntimeFault(f"the payload mass must be 0 to {_MOST_MASS:g} [kg], not {m:g}")
     return float(m)
 
 
 def checked_inertia(inertia: Sequence[float], name: str) -> Vector6:
-    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]; RuntimeFault of the built-in ``name`` when they cannot be."""
+    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]; RuntimeFault that names the built-in ``name`` if they are invalid."""
     moments = as_six(numbers(inertia, 6, f"{name}: inertia"))
     if min(moments[:3]) < 0:
-        raise RuntimeFault(f"{name}: Ixx, Iyy and Izz must not be negative: {list(moments)}")
+        raise RuntimeFault(f"{name}: Ixx, Iyy and Izz must be 0 or more: {list(moments)}")
     if max(map(abs, moments)) > _MOST_INERTIA:
-        raise RuntimeFault(f"{name}: no moment may be beyond {_MOST_INERTIA} kg m2: {list(moments)}")
+        raise RuntimeFault(f"{name}: no moment may exceed {_MOST_INERTIA} kg m2: {list(moments)}")
     return moments
 
 

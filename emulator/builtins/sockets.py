@@ -1,10 +1,10 @@
 """TCP sockets of a program.
 
-A read returns at once when what it wants is there; otherwise it looks once per control
-period until its timeout has passed in control periods, or for ever when the timeout is 0 or
-negative. A connection the peer closed wakes it up. Failures are values, never errors: False,
-an empty string, or a list that begins with 0. What fails takes a control period at least, so
-that a program that tries again and again leaves time for others.
+A read returns immediately if its data is available. Otherwise it checks once per control
+period until its timeout has passed, or for ever if the timeout is 0 or negative. It also ends
+when the peer closes the connection. Failures are values, never errors: False, an empty string,
+or a list that begins with 0. A call that fails takes at least one control period, so that a
+program that retries in a loop leaves time for others.
 """
 
 import math
@@ -37,16 +37,16 @@ LIBRARY = Library("sockets", host=True)
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open
 _VARIABLE_S: Final = 2.0  # Script Manual, socket_get_var
 _MOST_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
-_SEARCHED_BYTES: Final = 8  # for a meter unit of work, when everything there looks like the marker
+_SEARCHED_BYTES: Final = 8  # per meter unit of work, in the worst case: all data resembles the marker
 _NAME: Final = "socket_0"
 _ESCAPES: Final = {"\\n": "\n", "\\r": "\r", "\\t": "\t", "\\\\": "\\"}
 
 
 @LIBRARY.builtin()
 def socket_open(host: ProgramHost, address: Str, port: Int, socket_name: Str = _NAME) -> Frames[bool]:
-    """Connect; False when that fails or takes longer than 2 s. An open socket of that name is closed first."""
+    """Connect; False if that fails or takes longer than 2 s. An open socket of that name is closed first."""
     if not 0 < port < 65536:
-        raise RuntimeFault(f"socket_open: there is no port {port}: they are 1 to 65535")
+        raise RuntimeFault(f"socket_open: there is no port {port}: use 1 to 65535")
     if len(host.sockets) >= MOST_SOCKETS and host.sockets.get(socket_name) is None:
         return False
     socket = host.programs.socket_backend.open(address, port)
@@ -104,7 +104,7 @@ def socket_send_int(host: ProgramHost, value: Any_, socket_name: Str = _NAME) ->
 
 @LIBRARY.builtin()
 def socket_set_var(host: ProgramHost, name: Any_, value: Any_, socket_name: Str = _NAME) -> None:
-    """Send the line ``SET <name> <value>``; both may be of any type, as a gripper maker's programs have it."""
+    """Send the line ``SET <name> <value>``; both may be of any type, as a gripper maker's programs rely on."""
     _send(host, socket_name, to_bytes(f"SET {to_text(name)} {to_text(value)}\n"))
 
 
@@ -167,10 +167,10 @@ def socket_read_string(
     interpret_escape: Bool = False,
     timeout: Num = 2,
 ) -> Frames[str]:
-    """Read what there is, or what stands between `prefix` and `suffix`; "" on failure.
+    """Read all text received so far, or the text between `prefix` and `suffix`; "" on failure.
 
-    What comes before the prefix is dropped, what follows the suffix is kept for the next read.
-    Blanks at the beginning of either are ignored (Script Manual). `interpret_escape`: \\n, \\r
+    Text before the prefix is dropped, text after the suffix is kept for the next read.
+    Leading blanks of either are ignored (Script Manual). `interpret_escape`: \\n, \\r
     and \\t in prefix and suffix stand for control characters.
     """
     head, tail = _marker(prefix, interpret_escape), _marker(suffix, interpret_escape)
@@ -187,7 +187,7 @@ def socket_read_string(
 
 
 def _between(inbox: bytearray, head: bytes, tail: bytes) -> tuple[int, int] | None:
-    """Where the text between the markers is; None when it is not complete yet."""
+    """Span of the text between the markers; None while it is incomplete."""
     charge(len(inbox) // _SEARCHED_BYTES)
     at = inbox.find(head)
     begin = at + len(head)
@@ -203,9 +203,9 @@ def _between(inbox: bytearray, head: bytes, tail: bytes) -> tuple[int, int] | No
 def _wait(
     host: ProgramHost, socket: ScriptSocket | None, timeout: float, ready: Callable[[bytearray], bool]
 ) -> Frames[bool]:
-    """Wait until the bytes received are enough; False when the time is over or no more can come."""
+    """Wait until enough bytes have arrived; False on timeout, or if no more can arrive."""
     left = host.frames(timeout) if timeout > 0 else -1
-    waited = host.secondary  # which has no time for that
+    waited = host.secondary  # a secondary program takes no time
     while socket is None or not ready(socket.inbox):
         if socket is None or socket.state != "open" or left == 0:
             if not waited:
@@ -215,7 +215,7 @@ def _wait(
         waited = True
         yield
     if host.runtime.current is not None:
-        host.runtime.current.parked_frames = 0  # who is kept busy by its peer is in no endless loop
+        host.runtime.current.parked_frames = 0  # a thread kept busy by its peer is not in an endless loop
     return True
 
 
@@ -262,7 +262,7 @@ def _marker(text: str, interpret_escape: bool) -> bytes:
 
 
 def _floats(text: bytes) -> list[float] | None:
-    if b"_" in text:  # which Python allows in numbers
+    if b"_" in text:  # float() would accept underscores
         return None
     try:
         return [float(part) for part in text.split(b",")] if text.strip() else []
@@ -272,7 +272,7 @@ def _floats(text: bytes) -> list[float] | None:
 
 def _count(number: int) -> int:
     if not 0 <= number <= _MOST_VALUES:
-        raise RuntimeFault(f"0 to {_MOST_VALUES} values can be read at once, not {number}")
+        raise RuntimeFault(f"one call can read 0 to {_MOST_VALUES} values, not {number}")
     return number
 
 

@@ -1,4 +1,4 @@
-"""What the arm and the controller are doing."""
+"""State of the arm and the controller."""
 
 import math
 from typing import Any
@@ -28,7 +28,7 @@ def get_joint_positions(host: ProgramHost) -> list[float]:
 
 @LIBRARY.builtin()
 def get_actual_joint_positions_history(host: ProgramHost, steps: Int = 0) -> list[float]:
-    """Measured joint angles [rad] some control periods ago; beyond what is kept, the oldest known."""
+    """Measured joint angles [rad] `steps` control periods ago; beyond the history, the oldest known."""
     if steps < 0:
         raise RuntimeFault(f"get_actual_joint_positions_history: steps must be 0 or more, not {steps}")
     return list(host.programs.history.q_ago(steps) or host.actual_q)
@@ -114,14 +114,14 @@ def get_target_tcp_speed_along_path(host: ProgramHost) -> list[float]:
 
 @LIBRARY.builtin(work=130)
 def get_target_waypoint(host: ProgramHost) -> Pose:
-    """TCP pose the movement in progress leads to, without path offset and conveyor; without one, where the path is."""
+    """Target TCP pose of the present movement, without path offset and conveyor; at rest, the pose on the path."""
     waypoint = host.motion.target_waypoint
     return Pose(forward(host, host.target_q) if waypoint is None else waypoint)
 
 
 @LIBRARY.builtin()
 def get_tcp_offset(host: ProgramHost) -> Pose:
-    """The TCP in use, from the tool flange."""
+    """The active TCP, as a pose relative to the tool flange."""
     return Pose(active_tcp(host))
 
 
@@ -136,13 +136,13 @@ def get_tcp_force(host: ProgramHost) -> list[float]:
 
 @LIBRARY.builtin()
 def force(host: ProgramHost) -> float:
-    """Size of the external force at the TCP [N]."""
+    """Magnitude of the external force at the TCP [N]."""
     return math.hypot(*host.arm.tcp_force[:3])
 
 
 @LIBRARY.builtin()
 def get_joint_torques(host: ProgramHost) -> list[float]:
-    """Joint torques [Nm] beyond what moves and holds the arm itself: those the outside causes."""
+    """External joint torques [Nm]: those beyond the torques that move and hold the arm itself."""
     return list(host.arm.misjudged_torque)
 
 
@@ -192,7 +192,7 @@ def get_steptime(host: ProgramHost) -> float:
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def get_rtde_value(host: ProgramHost, key: Str) -> Any:
-    """The RTDE output variable of that name, as last published."""
+    """Value of the RTDE output variable of that name, as last published."""
     field = OUTPUT_FIELDS.get(key)
     if field is None or not field.available.covers(host.machine.version):
         raise RuntimeFault(f"get_rtde_value: there is no RTDE output variable {key!r} in this version")

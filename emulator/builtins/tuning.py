@@ -1,4 +1,4 @@
-"""How the motion controller goes about its work: limits, stops, holding."""
+"""Settings of the motion controller: limits, stops, holding torque."""
 
 import math
 
@@ -17,30 +17,30 @@ _LEAST_JERK_GAIN = 0.01  # Script Manual
 
 @LIBRARY.builtin()
 def pause_on_error_code(host: ProgramHost, code: Int, argument: Int | None = None) -> None:
-    """Pause the program where error `code` is reported, instead of a protective stop, until the program ends.
+    """Pause the program when error `code` is reported, instead of a protective stop, until the program ends.
 
-    Any argument of the code when `argument` is omitted.
+    Without `argument`, the code counts with any argument.
     """
     host.programs.pause_codes.add((code, argument))
 
 
-@LIBRARY.builtin(cb3="3.1", e="5.0", note="until it is called, as 0; that is a guess")
+@LIBRARY.builtin(cb3="3.1", e="5.0", note="0 until it is called (a guess)")
 def set_safety_mode_transition_hardness(host: ProgramHost, type_: Int) -> None:
-    """How the arm slows for reduced mode and for a safeguard stop: 0 hard, as quickly as it can, 1 soft."""
+    """Set how the arm slows down for reduced mode and safeguard stops: 0 hard, as fast as it can; 1 soft."""
     if type_ not in (0, 1):
         raise RuntimeFault(f"set_safety_mode_transition_hardness: type must be 0 (hard) or 1 (soft), not {type_}")
     host.motion.hard_transitions = type_ == 0
 
 
-@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="kept; the ideal arm holds its position against any force")
+@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="stored; an ideal arm holds its position against any force")
 def high_holding_torque_enable(host: ProgramHost) -> None:
-    """Hold an arm that stands still with more torque, as by default."""
+    """Hold the arm with more torque at standstill, which is the default."""
     host.programs.high_holding_torque = True
 
 
-@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="kept; the ideal arm holds its position against any force")
+@LIBRARY.builtin(cb3=None, e="5.10", status="partial", note="stored; an ideal arm holds its position against any force")
 def high_holding_torque_disable(host: ProgramHost) -> None:
-    """Hold an arm that stands still with no more torque than it takes."""
+    """Hold the arm with no more torque at standstill than needed."""
     host.programs.high_holding_torque = False
 
 
@@ -48,7 +48,7 @@ def high_holding_torque_disable(host: ProgramHost) -> None:
     cb3=None,
     e="5.19",
     status="partial",
-    note="movej, movel, movep, movec and optimove; not blends, stops and streams",
+    note="applies to movej, movel, movep, movec and optimove; not to blends, stops and streamed setpoints",
     work=130,
 )
 def tool_wrench_limit_set(
@@ -61,10 +61,10 @@ def tool_wrench_limit_set(
     My: Num | None = None,
     Mz: Num | None = None,
 ) -> None:
-    """Let movements accelerate the payload by no more than these forces [N] and torques [Nm].
+    """Limit the forces [N] and torques [Nm] by which movements accelerate the payload.
 
-    They count in a frame given from the flange. Movements that need more become slower; an axis
-    that is omitted has no limit. Applies to movements that begin from now on.
+    They are those in a frame given relative to the flange. Movements that need more become slower;
+    an omitted axis has no limit. Applies to movements that begin from now on.
     """
     limits = (Fx, Fy, Fz, Mx, My, Mz)
     for limit in limits:
@@ -81,15 +81,15 @@ def tool_wrench_limit_disable(host: ProgramHost) -> None:
     host.motion.commands.wrench_limit = None
 
 
-@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="kept and given back; no speed profile here limits jerk")
+@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="stored and returned; no speed profile here limits jerk")
 def jerk_gain_scaling_set(host: ProgramHost, gain: Num) -> None:
-    """Scale the jerk of jerk-limited movements, 0.01 to 1."""
+    """Set the scale of the jerk of jerk-limited movements, 0.01 to 1."""
     if not _LEAST_JERK_GAIN <= gain <= 1:
         raise RuntimeFault(f"jerk_gain_scaling_set: gain must be {_LEAST_JERK_GAIN} to 1, not {gain}")
     host.programs.jerk_gain_scaling = float(gain)
 
 
-@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="gives back what was set")
+@LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="returns what was set")
 def jerk_gain_scaling_get(host: ProgramHost) -> float:
     """The scale of the jerk, 1 unless set."""
     return host.programs.jerk_gain_scaling

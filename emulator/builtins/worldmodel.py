@@ -1,4 +1,4 @@
-"""The world model: named frames that poses can be given in, and that move with the arm or with each other."""
+"""The world model: named frames for poses, which move with the arm or with each other."""
 
 from emulator.builtins.geometry import arm_pose, numbers, three, within_range
 from emulator.builtins.host import Frames, ProgramHost
@@ -12,7 +12,7 @@ from urscript.values import ListArg, Num, Pose, PoseArg, Str
 
 LIBRARY = Library("worldmodel", host=True, physical=True)
 
-_STOP_RAD_S2 = 20.0  # that of stop_conveyor_tracking (guess)
+_STOP_RAD_S2 = 20.0  # the default of stop_conveyor_tracking (guess)
 
 
 def _world(host: ProgramHost) -> WorldModel:
@@ -21,16 +21,16 @@ def _world(host: ProgramHost) -> WorldModel:
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def add_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
-    """Add a frame at `pose`, given in the frame `ref_name`. It stands in the world: attach_frame() ties it."""
+    """Add a frame at `pose`, given in the frame `ref_name`. It is fixed in the world until attach_frame()."""
     with within_range():
         _world(host).add(name, as_six(numbers(pose, 6, "add_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def attach_frame(host: ProgramHost, child: Str, parent: Str) -> None:
-    """Let the frame `child` move along with `parent`. It does not move when it is attached.
+    """Let the frame `child` move along with `parent`. Attaching does not change its present pose.
 
-    `child` cannot be "world", "flange" or "tcp", nor a frame that `parent` moves along with.
+    `child` cannot be "world", "flange", "tcp", or a frame that `parent` moves along with.
     """
     with within_range():
         _world(host).attach(child, parent, arm_pose(host))
@@ -38,7 +38,7 @@ def attach_frame(host: ProgramHost, child: Str, parent: Str) -> None:
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def delete_frame(host: ProgramHost, name: Str) -> None:
-    """Delete a frame. What was attached to it stays where it is, attached to the world."""
+    """Delete a frame. Frames attached to it stay where they are, attached to the world."""
     with within_range():
         _world(host).delete(name, arm_pose(host))
 
@@ -52,21 +52,21 @@ def delete_all_frames(host: ProgramHost) -> None:
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def move_frame(host: ProgramHost, name: Str, pose: PoseArg, ref_name: Str = "base") -> None:
-    """Place a frame at `pose`, given in the frame `ref_name`. What is attached to it comes along."""
+    """Move a frame to `pose`, given in the frame `ref_name`. Frames attached to it move along."""
     with within_range():
         _world(host).move(name, as_six(numbers(pose, 6, "move_frame: pose")), ref_name, arm_pose(host))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def get_pose(host: ProgramHost, name: Str, rel_name: Str, ref_name: Str | None = None) -> Pose:
-    """Pose of the frame `name` against `rel_name`, in the coordinates of `ref_name` (`rel_name` when omitted)."""
+    """Pose of the frame `name` relative to `rel_name`, in coordinates of `ref_name` (default: `rel_name`)."""
     with within_range():
         return Pose(_world(host).pose(name, rel_name, rel_name if ref_name is None else ref_name, arm_pose(host)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def convert_pose(host: ProgramHost, pose: PoseArg, from_frame: Str, to_frame: Str) -> Pose:
-    """A pose given in `from_frame`, in the coordinates of `to_frame`."""
+    """Convert a pose given in `from_frame` to the coordinates of `to_frame`."""
     with within_range():
         given = as_six(numbers(pose, 6, "convert_pose: pose"))
         return Pose(_world(host).convert(given, from_frame, to_frame, arm_pose(host)))
@@ -74,13 +74,13 @@ def convert_pose(host: ProgramHost, pose: PoseArg, from_frame: Str, to_frame: St
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def reset_world_model(host: ProgramHost) -> None:
-    """Delete every frame that was added and put the base back to the world's origin."""
+    """Delete every added frame and return the base to the world's origin."""
     _world(host).reset()
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def is_frame(host: ProgramHost, name: Str) -> bool:
-    """Whether there is a frame of that name."""
+    """Whether a frame of that name exists."""
     return name in _world(host)
 
 
@@ -93,17 +93,17 @@ def get_frame_parent(host: ProgramHost, name: Str) -> str:
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def get_children(host: ProgramHost, name: Str) -> list[str]:
-    """Names of the frames attached to `name` itself."""
+    """Names of the frames attached directly to `name`."""
     with within_range():
         return _world(host).children(name)
 
 
 @LIBRARY.builtin(cb3=None, e="5.20")
 def set_mass_properties(host: ProgramHost, frame: Str, m: Num, cog: ListArg, inertia: ListArg) -> None:
-    """What a frame carries: mass [kg], centre of gravity in the frame [m], and inertia about it.
+    """Set the mass [kg] a frame carries, its centre of gravity in the frame [m], and the inertia about that.
 
     `inertia`: Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2] in the frame's axes. It counts as payload once
-    set_payload_from_attached_frames() is called.
+    set_payload_from_attached_frames() has been called.
     """
     name = "set_mass_properties"
     properties = MassProperties(checked_mass(m), three(cog, f"{name}: cog"), checked_inertia(inertia, name))
@@ -113,17 +113,17 @@ def set_mass_properties(host: ProgramHost, frame: Str, m: Num, cog: ListArg, ine
 
 @LIBRARY.builtin(cb3=None, e="5.20", work=300)
 def set_payload_from_attached_frames(host: ProgramHost) -> None:
-    """Make the payload of the masses of all frames that are attached, in however many steps, to TCP or flange."""
+    """Set the payload to the masses of all frames attached, directly or indirectly, to TCP or flange."""
     with within_range():
         use_payload(host, _world(host).payload(arm_pose(host)))
 
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
-    """Take the arm, and all following movements, along with a frame as that moves in the base frame.
+    """Move the arm, and all following movements, along with a frame that moves in the base frame.
 
-    Poses mean where things were when tracking began. A frame that the arm itself carries cannot be tracked. Stays
-    in force until frame_tracking_disable() or the program's end.
+    Poses refer to the time when tracking began. A frame that the arm itself carries cannot be tracked. Stays
+    active until frame_tracking_disable() or the program's end.
     """
     if host.secondary:
         raise RuntimeFault("frame_tracking_enable: a secondary program cannot control the robot")
@@ -134,6 +134,6 @@ def frame_tracking_enable(host: ProgramHost, frame_name: Str) -> None:
 
 @LIBRARY.builtin(cb3=None, e="5.10")
 def frame_tracking_disable(host: ProgramHost) -> Frames[None]:
-    """Stop all joints, and track no frame from then on: the arm stays, and poses are in the base frame again."""
+    """Stop all joints and end frame tracking: the arm stays, and poses refer to the base frame again."""
     with host.motion_control() as motion:
         yield from host.until_ready(motion.stop_tracking_frame(_STOP_RAD_S2))

@@ -1,1 +1,1 @@
-"""What is mounted on the arm: state machines that the controller advances once per control period."""
+"""Devices mounted on the arm: state machines that the controller advances once per control period."""

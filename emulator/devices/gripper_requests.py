@@ -1,4 +1,4 @@
-"""What the gripper software on the controller answers its clients."""
+"""Answers of the gripper software on the controller to its clients."""
 
 from typing import Final
 
@@ -7,18 +7,18 @@ from urproto.robotiq import ACK, NACK, UNKNOWN, Get, Request, Set, encode_value
 
 _SLAVE: Final = "SID"
 _SLAVE_IDS: Final = range(1, 248)  # Modbus
-# the maker's programs read 17 bytes and look for the number behind the bracket; the blanks are a guess
+# the maker's programs read 17 bytes and search for the number after the bracket; the blanks are a guess
 _SLAVE_LIST: Final = f"[{SLAVE_ID}]".ljust(17)
 
 
 class GripperSession:
-    """One client: the gripper it speaks to, by its slave number, is a choice of the connection."""
+    """One client; each connection chooses its gripper by slave number."""
 
     def __init__(self) -> None:
         self._slave = SLAVE_ID
 
     def answer(self, gripper: Gripper, requests: tuple[Request, ...]) -> bytes:
-        """The answers, in order and together: clients read what was asked together in one go."""
+        """The answers in order, in one piece: clients read the answers to joint requests with a single call."""
         return b"".join(self._answer(gripper, request) for request in requests)
 
     def _answer(self, gripper: Gripper, request: Request) -> bytes:

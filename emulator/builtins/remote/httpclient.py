@@ -1,9 +1,9 @@
 """HTTP POST for scripts, over their sockets: nothing blocks, every wait is a bare ``yield``.
 
 The connection is kept for the next call, as the documented ``closeXMLRPCClientConnection``
-implies. One the server has closed meanwhile is replaced: a call is tried again, once, when it
-found a used connection dead before a byte of the answer (libcurl, below the controller's RPC,
-does the same).
+implies. A connection that the server has closed meanwhile is replaced: a call on a reused
+connection is retried once if the connection ends before the first byte of the answer (libcurl,
+on which the controller's RPC is built, does the same).
 """
 
 from collections.abc import Callable
@@ -22,11 +22,11 @@ _CONNECT_S: Final = 300.0  # libcurl's default; what the controller sets is not 
 
 
 class RemoteError(Exception):
-    """The server did not answer as it should; the text says why."""
+    """The server did not answer as expected; the text says why."""
 
 
 class RemoteConnection(Protocol):
-    """A way to have XML answered."""
+    """A connection that sends XML and receives the answer."""
 
     def __str__(self) -> str:
         """The URL, for messages."""
@@ -35,10 +35,10 @@ class RemoteConnection(Protocol):
         """End the connection; the next call opens another."""
 
     def post(self, body: bytes, take: Callable[[bytes], None]) -> Frames[None]:
-        """Send a body and give the answer's to `take`, piece by piece.
+        """Send a body and pass the answer's body to `take`, piece by piece.
 
-        Raises RemoteError for everything but a complete answer. However it ends early (a killed
-        thread too), the connection ends with it: what is left on it is half an answer.
+        Raises RemoteError for everything but a complete answer. An early end, even of a killed
+        thread, closes the connection, because half an answer may still be on its way.
         """
 
 
@@ -48,9 +48,9 @@ def authority(address: str, port: int) -> str:
 
 
 def connect(host: ProgramHost, address: str, port: int) -> Frames[ScriptSocket]:
-    """An open connection, which ends with the program. Raises RemoteError when there is none to be had."""
+    """Open a connection, which ends with the program. Raises RemoteError if that fails."""
     if len(host.sockets) >= MOST_SOCKETS:
-        raise RemoteError(f"the program has {MOST_SOCKETS} connections open already: it can use a handle again")
+        raise RemoteError(f"the program has {MOST_SOCKETS} connections open already: reuse a handle")
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.hold(socket)
     try:
@@ -68,8 +68,8 @@ def connect(host: ProgramHost, address: str, port: int) -> Frames[ScriptSocket]:
     return socket
 
 
-_BITE: Final = 1024  # bytes looked at before the budget is asked again
-_EVENT_COST: Final = 300  # meter units: h11 takes about 15 us for a piece of a reply
+_CHUNK: Final = 1024  # bytes processed between two checks of the time budget
+_EVENT_COST: Final = 300  # meter units: h11 takes about 15 us for each piece of a reply
 _AGENT: Final = "ur-emulator"  # the controller's own is not known
 _OK: Final = 200
 
@@ -80,7 +80,7 @@ class _NoAnswerError(RemoteError):
 
 @dataclass(frozen=True)
 class HttpUrl:
-    """Where calls go."""
+    """Address of the server that receives the calls."""
 
     host: str
     port: int
@@ -88,12 +88,12 @@ class HttpUrl:
 
     @classmethod
     def parse(cls, text: str) -> "HttpUrl":
-        """``http://host[:port][/path]``. Raises ValueError that says what is wrong."""
+        """Parse ``http://host[:port][/path]``. Raises ValueError with the reason."""
         parts = urlsplit(text)
         if parts.scheme != "http" or not parts.hostname:
             raise ValueError("it must look like http://address:port/path")
         if parts.username is not None:
-            raise ValueError("user names and passwords in it are not emulated")
+            raise ValueError("user names and passwords in a URL are not emulated")
         port = 80 if parts.port is None else parts.port
         if not port:
             raise ValueError("there is no port 0")
@@ -101,7 +101,7 @@ class HttpUrl:
         try:
             url.request(b"")
         except (h11.LocalProtocolError, UnicodeError) as error:
-            raise ValueError(f"HTTP cannot carry it: {error}") from None
+            raise ValueError(f"it is not valid in HTTP: {error}") from None
         return url
 
     def __str__(self) -> str:
@@ -120,7 +120,7 @@ class HttpUrl:
 
 
 class HttpConnection:
-    """One kept connection to a server; it is closed with the program's sockets."""
+    """A persistent connection to a server; it is closed with the program's sockets."""
 
     def __init__(self, host: ProgramHost, url: HttpUrl) -> None:
         self.url = url
@@ -185,8 +185,8 @@ class HttpConnection:
     def _receive(self, socket: ScriptSocket, silent: bool) -> Frames[None]:
         while not socket.inbox and socket.state == "open":
             yield
-        data = bytes(socket.inbox[:_BITE])
-        del socket.inbox[:_BITE]
+        data = bytes(socket.inbox[:_CHUNK])
+        del socket.inbox[:_CHUNK]
         if not data and silent:
             raise _NoAnswerError("the connection was closed without an answer")
         self._http.receive_data(data)

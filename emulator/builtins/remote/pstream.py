@@ -1,7 +1,7 @@
 """XML-RPC without HTTP: xmlrpc-c's packet stream, the other protocol of ``rpc_factory``.
 
-Each call and each answer is one packet on a plain TCP connection. ESC and three letters are
-control words: PKT begins a packet, END ends it, ESC is an ESC in it, NOP is nothing
+Each call and each answer is one packet on a plain TCP connection. ESC and three letters form a
+control word: PKT begins a packet, END ends it, ESC stands for an ESC byte in it, NOP is ignored
 (xmlrpc-c, packetsocket.cpp).
 """
 
@@ -16,12 +16,12 @@ from urscript.meter import pay
 
 _ESC: Final = b"\x1b"
 _WORD_BYTES: Final = 4
-_BITE: Final = 1024  # bytes looked at before the budget is asked again
-_WORD_COST: Final = 10  # meter units a byte, when it is all control words
+_CHUNK: Final = 1024  # bytes processed between two checks of the time budget
+_WORD_COST: Final = 10  # meter units per byte of data that consists of control words only
 
 
 class PacketReader:
-    """Gives `take` what stands in one packet, as its bytes arrive."""
+    """Passes the contents of one packet to `take` as its bytes arrive."""
 
     def __init__(self, take: Callable[[bytes], None]) -> None:
         self.complete = False
@@ -30,7 +30,7 @@ class PacketReader:
         self._pending = bytearray()  # the beginning of a control word
 
     def feed(self, data: bytes) -> None:
-        """The next bytes. Raises RemoteError for what is not one packet."""
+        """Process the next bytes. Raises RemoteError if they are not part of a single packet."""
         self._pending += data
         while self._pending:
             at = self._pending.find(_ESC)
@@ -62,7 +62,7 @@ class PacketReader:
 
 
 class PacketConnection:
-    """One kept packet stream to a server; it is closed with the program's sockets."""
+    """A persistent packet stream to a server; it is closed with the program's sockets."""
 
     def __init__(self, host: ProgramHost, address: str, port: int) -> None:
         self._host = host
@@ -71,7 +71,7 @@ class PacketConnection:
 
     @classmethod
     def parse(cls, host: ProgramHost, url: str) -> "PacketConnection | None":
-        """Of ``address:port``, not connected yet; None when the text is something else."""
+        """Parse ``address:port``, without connecting; None if the text has another form."""
         match = re.fullmatch(r"(?:\[([0-9A-Fa-f:.]+)\]|([\w.-]+)):(\d{1,5})", url, re.ASCII)
         if match is None or not 0 < int(match[3]) < 65536:
             return None
@@ -87,7 +87,7 @@ class PacketConnection:
             self._host.sockets.drop(socket)
 
     def open(self) -> Frames[None]:
-        """Connect, unless it is. Raises RemoteError."""
+        """Connect unless connected already. Raises RemoteError."""
         if self._socket is not None and self._socket.state != "open":
             self.close()
         if self._socket is None:
@@ -111,7 +111,7 @@ class PacketConnection:
             if socket.state != "open":
                 raise RemoteError("the connection was closed before the answer was complete")
             yield
-        data = bytes(socket.inbox[:_BITE])
-        del socket.inbox[:_BITE]
+        data = bytes(socket.inbox[:_CHUNK])
+        del socket.inbox[:_CHUNK]
         reader.feed(data)
         yield from pay(_WORD_COST * len(data))

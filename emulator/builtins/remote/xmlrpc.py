@@ -1,9 +1,9 @@
 """XML-RPC without I/O: calls to XML, replies to values.
 
-The controller's RPC is xmlrpc-c: its documented ``pstream`` URLs are that library's own
-invention. So calls have that library's form (``<i4>``, CR LF, no exponents), and its limit of
-512 KiB on a reply. A reply is parsed as it arrives, which spreads a long one over control
-periods; whatever else a server may send costs no more than that.
+The controller's RPC is built on xmlrpc-c: its documented ``pstream`` URLs exist in that library
+only. Calls therefore have that library's form (``<i4>``, CR LF, no exponents), and replies its
+limit of 512 KiB. A reply is parsed as it arrives, which spreads a long one over several control
+periods; invalid data costs no more than a valid reply.
 
 | URScript | XML-RPC | back |
 |----------|---------|------|
@@ -13,7 +13,7 @@ periods; whatever else a server may send costs no more than that.
 | list, matrix | array, array of arrays | list, list of lists |
 | struct | struct | struct (from 5.15), before that an error |
 
-base64, dateTime and integers beyond 32 bits have no counterpart and are errors (guess).
+base64, dateTime and integers beyond 32 bits have no counterpart in URScript and are errors (guess).
 """
 
 import math
@@ -43,7 +43,7 @@ from urscript.values import (
 )
 
 _MOST_BYTES: Final = 512 * 1024  # XMLRPC_XML_SIZE_LIMIT_DEFAULT of xmlrpc-c
-_DEEPEST: Final = 6 * (MAX_NESTING + 2)  # open elements: value, struct, member or value, array, data a level
+_DEEPEST: Final = 6 * (MAX_NESTING + 2)  # open elements per level: value, struct, member or value, array, data
 _POSE_MEMBERS: Final = ("x", "y", "z", "rx", "ry", "rz")
 _NOT_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 _PIECE_COST: Final = 20  # meter units: about a microsecond for a piece of XML or an element of a value
@@ -51,14 +51,14 @@ _BYTE_COST: Final = 6  # meter units: the densest markup takes 0.3 us a byte
 
 
 class BadReplyError(Exception):
-    """What came is not a usable answer; the text says why."""
+    """The server's answer is not usable; the text says why."""
 
 
 # calls
 
 
 def encode_call(method: str, arguments: tuple[Value, ...]) -> Generator[None, None, bytes]:
-    """The XML of a call, made over several frames if it is long. Raises RuntimeFault for what XML cannot carry."""
+    """XML of a call, built over several frames if it is long. Raises RuntimeFault for values XML cannot carry."""
     pieces = []
     for piece in _call_pieces(method, arguments):
         pieces.append(piece)
@@ -126,12 +126,12 @@ def _text(text: str) -> str:
 
 
 class Reply:
-    """One methodResponse, parsed as its bytes arrive. Whatever is wrong with it raises BadReplyError."""
+    """One methodResponse, parsed as its bytes arrive. Every defect raises BadReplyError."""
 
     def __init__(self) -> None:
         self._size = self._depth = self._values = 0
         self._reader = Unmarshaller()
-        self._reader.xml("", None)  # no encoding: it gets text
+        self._reader.xml("", None)  # no encoding: it is fed text
         parser = self._parser = expat.ParserCreate()
         parser.buffer_text = True
         parser.StartDoctypeDeclHandler = self._doctype
@@ -140,7 +140,7 @@ class Reply:
         parser.CharacterDataHandler = self._reader.data
 
     def feed(self, data: bytes) -> None:
-        """The next bytes; their cost is charged."""
+        """Parse the next bytes and charge their cost."""
         charge(_BYTE_COST * len(data))
         self._size += len(data)
         if self._size > _MOST_BYTES:
@@ -148,16 +148,16 @@ class Reply:
         self._parse(data, final=False)
 
     def close(self) -> Any:
-        """What the server returned, as `to_value` takes it."""
+        """The result the server returned, as `to_value` accepts it."""
         self._parse(b"", final=True)
         try:
             results = self._reader.close()
         except Fault as fault:
             raise BadReplyError(f"the server answered with fault {fault.faultCode}: {fault.faultString}") from None
         except Exception:  # no result, or a fault without its members
-            raise BadReplyError("the reply holds no result") from None
+            raise BadReplyError("the reply contains no result") from None
         if len(results) != 1:
-            raise BadReplyError(f"the reply holds {len(results)} results instead of one")
+            raise BadReplyError(f"the reply contains {len(results)} results instead of one")
         return results[0]
 
     def _parse(self, data: bytes, *, final: bool) -> None:
@@ -167,11 +167,11 @@ class Reply:
             raise BadReplyError(f"the reply is not XML: {error}") from None
         except BadReplyError:
             raise
-        except Exception as error:  # the standard library's reader stumbles over odd markup in many ways
+        except Exception as error:  # the standard library's reader fails on odd markup in many ways
             raise BadReplyError(f"the reply is not XML-RPC: {type(error).__name__} {error}") from None
 
     def _doctype(self, *_: object) -> None:
-        raise BadReplyError("the reply has a document type, which XML-RPC does not")  # where entities multiply
+        raise BadReplyError("the reply has a document type, which XML-RPC forbids")  # entities may multiply
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         if not self._depth and tag != "methodResponse":
@@ -188,10 +188,10 @@ class Reply:
 
 
 def to_value(wire: Any, *, structs: bool, depth: int = 0) -> Generator[None, None, Value]:
-    """A parsed result as a value of the language, made over several frames if it is long.
+    """A parsed result as a URScript value, built over several frames if it is long.
 
-    structs: this PolyScope version has them; without, a struct must be a pose. Raises
-    BadReplyError for what has no counterpart.
+    ``structs``: whether this PolyScope version has structs; if not, a struct must be a pose.
+    Raises BadReplyError for values without a counterpart.
     """
     yield from pay(_PIECE_COST)
     if isinstance(wire, list | dict):
@@ -212,7 +212,7 @@ def _plain(wire: Any) -> Value:
     if isinstance(wire, str):
         return _string(wire)
     raise BadReplyError(
-        f"the result holds {_TITLES.get(type(wire).__name__, 'a value')}, for which URScript has no type"
+        f"the result contains {_TITLES.get(type(wire).__name__, 'a value')}, for which URScript has no type"
     )
 
 
@@ -221,7 +221,7 @@ _TITLES: Final = {"Binary": "base64 data", "DateTime": "a date", "Decimal": "a b
 
 def _integer(value: int) -> int:
     if not INT_MIN <= value <= INT_MAX:
-        raise BadReplyError(f"the result holds {value}, which does not fit 32 bits")
+        raise BadReplyError(f"the result contains {value}, which does not fit 32 bits")
     return value
 
 
@@ -235,7 +235,7 @@ def _struct(members: dict[Any, Value], structs: bool) -> Value:
     if members.keys() == set(_POSE_MEMBERS) and all(map(is_number, members.values())):
         return Pose([float(members[name]) for name in _POSE_MEMBERS])
     if not structs:
-        raise BadReplyError(f"the result holds a struct that is not a pose ({', '.join(_POSE_MEMBERS)}): it needs 5.15")
+        raise BadReplyError(f"the result contains a struct other than a pose ({', '.join(_POSE_MEMBERS)}): that needs 5.15")
     if not all(isinstance(name, str) for name in members):
-        raise BadReplyError("the result holds a struct whose names are not text")
+        raise BadReplyError("the result contains a struct whose names are not text")
     return Struct(members)
