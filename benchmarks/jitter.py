@@ -24,7 +24,7 @@ from emulator.app import Emulator
 from emulator.clock import ClockStatistics, RealClock
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
-from emulator.realtime import claim_real_time, spare_the_collector
+from emulator.realtime import claim_real_time, freeze_heap
 from urproto.robots import load_model
 from urproto.rtde.codec import RequestProtocol, RTDEDecoder, SetupOutputs, Start
 
@@ -144,7 +144,7 @@ async def _serve(config: EmulatorConfig) -> None:
         asyncio.get_running_loop().add_reader(sys.stdin, ended.set)
         await asyncio.sleep(0.5)  # the first periods pay for first-time costs
         assert isinstance(emulator.clock, RealClock)
-        spare_the_collector()
+        freeze_heap()
         emulator.clock.statistics = ClockStatistics()
         with _collections() as took_s:
             _say(dict(emulator.ports))

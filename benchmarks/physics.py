@@ -27,7 +27,7 @@ from emulator.commands.requests import ScriptUnit
 from emulator.config import EmulatorConfig, controller_config
 from emulator.controller import Controller
 from emulator.physics.world import PhysicsWorld
-from emulator.realtime import claim_real_time, spare_the_collector
+from emulator.realtime import claim_real_time, freeze_heap
 
 BODIES = (1, 10, 50)
 BLOCK = 250  # control periods
@@ -214,7 +214,7 @@ async def _serve(path: Path) -> None:
         asyncio.get_running_loop().add_reader(sys.stdin, lambda: lines.put_nowait(sys.stdin.readline()))
         emulator.controller.post(ScriptUnit(SWING, "block"))
         assert isinstance(emulator.clock, RealClock)
-        spare_the_collector()
+        freeze_heap()
         _say(emulator.ports["cameras"])
         while await lines.get():
             emulator.clock.statistics = ClockStatistics()

@@ -18,12 +18,12 @@ from emulator.clock import Clock, RealClock
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.control.control import LiveControl
 from emulator.control.http import ControlServer
-from emulator.control.timing import OwnPace
+from emulator.control.timing import ManualPace
 from emulator.controller import Controller
 from emulator.devices.tool_line import SerialDevice
-from emulator.faults.fault import Fault, FaultError, FaultImpossible, rebooted, show_gone
+from emulator.faults.fault import Fault, FaultError, FaultImpossible, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
-from emulator.logs import Novelty
+from emulator.logs import ReportedErrors
 from emulator.ports import PORTS
 from emulator.robotapi.server import RobotApiServer
 from emulator.servers.cameras import CameraServer
@@ -36,11 +36,11 @@ from emulator.servers.port import PortServer
 from emulator.servers.primary import PrimaryServer, RealtimeServer
 from emulator.servers.primary_state import robot_state
 from emulator.servers.program_state import ProgramReporter
-from emulator.servers.read_budget import Intake
+from emulator.servers.read_budget import ReadBudget
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
-from emulator.servers.turns import Turns
+from emulator.servers.turns import SendScheduler
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
 from urproto.dashboard import AVAILABLE as DASHBOARD
@@ -50,7 +50,7 @@ from urproto.primary.state import encode_robot_state
 if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
 
-_LISTEN_AGAIN_S: Final = 0.5  # between attempts to have the ports back after an outage (guess)
+_RETRY_LISTEN_S: Final = 0.5  # between attempts to reopen the ports after an outage (guess)
 
 _logger = logging.getLogger(__name__)
 
@@ -58,11 +58,12 @@ _logger = logging.getLogger(__name__)
 class Emulator:
     """A controller that answers on its ports while the context is entered.
 
-    clock: what drives it, real time unless given. stopped: set when a client shut the
-    controller down, or by ``stop``. moved: why a server listens on another port than wanted.
-    tool_device: what is connected to the tool's serial line, "" for nothing; a pseudo terminal's path.
-    control: the verbs of the control API, for whoever runs in the same event loop; its port stays open
-    while a fault keeps the controller off. ``controller`` and ``servers`` are others after that, their hooks the same.
+    clock: drives the controller; real time by default. stopped: set by ``stop``, and when a client shuts the
+    controller down. port_fallbacks: by server name, why a server listens on a free port instead of its usual one.
+    tool_device: the device connected to the tool's serial line, for example the path of a pseudo terminal; "" for
+    none. control: the verbs of the control API, for callers in the same event loop; the API's port stays open while a
+    fault keeps the controller off. After such an outage, ``controller`` and ``servers`` refer to new objects; the
+    hooks of the servers are kept.
     """
 
     def __init__(self, config: EmulatorConfig, clock: Clock | None = None) -> None:
@@ -70,28 +71,28 @@ class Emulator:
         self.controller = Controller(config.controller)
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, PortServer] = {}
-        self._intake = Intake(self.controller.period_s)
-        self._turns = Turns(self.controller.period_s)
-        self._control_turns = Turns(self.controller.period_s)  # of RTDE: control loops do not wait for who only watches
+        self._read_budget = ReadBudget(self.controller.period_s)
+        self._send_scheduler = SendScheduler(self.controller.period_s)
+        self._rtde_scheduler = SendScheduler(self.controller.period_s)  # control loops don't wait for viewers
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None
         self._scripts = ScriptPort(lambda: self.controller.snapshot.timestamp)
-        self._scripts.intake = self._intake
-        places = ChainMap[str, PortServer]({self._scripts.name: self._scripts}, self.servers)
-        self.faults = FaultInjector(self.controller, places, real, self)
-        self.control = LiveControl(self.controller, real or OwnPace(), self.servers, self.faults)
+        self._scripts.read_budget = self._read_budget
+        ports = ChainMap[str, PortServer]({self._scripts.name: self._scripts}, self.servers)
+        self.faults = FaultInjector(self.controller, ports, real, self)
+        self.control = LiveControl(self.controller, real or ManualPace(), self.servers, self.faults)
         if config.control:
             self.servers["control"] = ControlServer(self.controller, self.control, config.control_token)
             self.servers["control"].limits = config.client_limits
         self.stopped = asyncio.Event()
         self.tool_device = ""
-        self.moved: dict[str, str] = {}
+        self.port_fallbacks: dict[str, str] = {}
         self._own_ports = OwnPorts()
         self._line: SerialDevice | None = None
         self._running = AsyncExitStack()
-        self._box = AsyncExitStack()  # what is there while the controller is on
+        self._services = AsyncExitStack()  # ports and outgoing connections, open while the controller is on
         self._power = PowerSwitch()
-        self._novelty = Novelty()
+        self._reported = ReportedErrors()
 
     @property
     def ports(self) -> dict[str, int]:
@@ -99,7 +100,7 @@ class Emulator:
         return {name: server.port for name, server in self.servers.items()}
 
     def stop(self) -> None:
-        """Let whoever waits for ``stopped`` go on."""
+        """Set ``stopped``."""
         self.stopped.set()
 
     async def __aenter__(self) -> Self:
@@ -107,8 +108,8 @@ class Emulator:
         async with AsyncExitStack() as starting:
             if self.config.tool_device is not None:
                 self._line, self.tool_device = starting.enter_context(open_tool_device(self.config.tool_device))
-            starting.push_async_callback(self._close_box)
-            await self._open_box(self.config.wanted_ports)
+            starting.push_async_callback(self._stop_services)
+            await self._start_services(self.config.wanted_ports)
             if "control" in self.servers:
                 starting.push_async_callback(self.servers["control"].stop)
                 await self._open(self.servers["control"], self.config.wanted_ports["control"])
@@ -126,27 +127,27 @@ class Emulator:
         await self._running.aclose()
 
     def inject(self, faults: Iterable[Fault]) -> None:
-        """Let faults happen. Raises ConfigError for one that this robot cannot have."""
+        """Inject faults. Raises ConfigError for a fault that this robot cannot have."""
         for fault in faults:
             try:
                 self.faults.inject(fault)
             except (FaultError, FaultImpossible) as error:
                 raise ConfigError(f"fault {fault.kind}: {error}") from error
 
-    # the controller's box
+    # servers and connections of the controller
 
     def _renew_servers(self) -> None:
-        """Servers of the controller; the hooks of those before them go on."""
+        """Create the servers of the controller; they take over the hooks of their predecessors."""
         wanted = self.config.wanted_ports
         for server in make_servers(self.controller, tool_line="tool line" in wanted, cameras="cameras" in wanted):
             server.limits = self.config.client_limits
-            server.intake = self._intake
-            server.turns = self._control_turns if isinstance(server, RTDEServer) else self._turns
+            server.read_budget = self._read_budget
+            server.send_scheduler = self._rtde_scheduler if isinstance(server, RTDEServer) else self._send_scheduler
             if server.name in self.servers:
-                server.succeed(self.servers[server.name])
+                server.take_over(self.servers[server.name])
             self.servers[server.name] = server
 
-    async def _open_box(self, ports: Mapping[str, int]) -> None:
+    async def _start_services(self, ports: Mapping[str, int]) -> None:
         async with AsyncExitStack() as opening:
             controller = self.controller
             for name, port in ports.items():
@@ -154,8 +155,8 @@ class Emulator:
                     server = self.servers[name]
                     opening.push_async_callback(server.stop)
                     await self._open(server, port)
-            own = {PORTS[name]: port for name, port in self.ports.items() if name != "control"}
-            self._own_ports.opened(self.config.host, own)
+            opened = {PORTS[name]: port for name, port in self.ports.items() if name != "control"}
+            self._own_ports.opened(self.config.host, opened)
             if self._line is not None:
                 controller.tool_line.connect(self._line)
             sockets = NetworkSockets(
@@ -166,37 +167,43 @@ class Emulator:
             modbus = ModbusClient(self.config.modbus_unit_port, self._own_ports)
             opening.push_async_callback(modbus.close)
             controller.programs.modbus.backend = modbus
-            self._box = opening.pop_all()
+            self._services = opening.pop_all()
 
-    async def _close_box(self) -> None:
-        await self._box.aclose()
+    async def _stop_services(self) -> None:
+        await self._services.aclose()
 
     async def _open(self, server: PortServer, port: int) -> None:
-        """Some servers rather move than keep the robot off: only administrators may listen where Modbus belongs."""
+        """Start a server; some use a free port if theirs is not available.
+
+        Otherwise an emulator without administrator rights could not start: it may not listen on Modbus' port 502.
+        """
         host = self.config.host_of(server.name)
-        self.moved.pop(server.name, None)
+        self.port_fallbacks.pop(server.name, None)
         try:
             await server.start(host, port)
         except OSError as error:
             if server.name not in self.config.movable or error.errno not in (errno.EACCES, errno.EADDRINUSE):
                 raise
             await server.start(host, 0)
-            self.moved[server.name] = error.strerror or str(error)
+            self.port_fallbacks[server.name] = error.strerror or str(error)
 
     # power, for faults
 
     def switch_off(self, *, silent: bool) -> None:
-        """The controller is gone after this period. silent: so suddenly that nobody's connection is ended."""
+        """Switch the controller off after this period.
+
+        silent: without closing any connection, as in a power failure.
+        """
         self._power.off(silent=silent)
 
     def switch_on(self, boot_s: float) -> None:
-        """A new controller boots; its uptime begins at 0."""
+        """Boot a new controller, whose uptime begins at 0."""
         self._power.on(boot_s)
 
-    def _go_down(self) -> None:
+    def _shut_down(self) -> None:
         controller = self.controller
         self.faults.controller_gone()
-        show_gone(controller)
+        publish_no_controller(controller)
         for server in (*self._own_servers(), self._scripts):
             server.leave()
             for connection in tuple(server.connections):
@@ -205,42 +212,42 @@ class Emulator:
                 else:
                     connection.close_now()
         if not self._power.silent:
-            controller.programs.stop("the controller ended")
+            controller.programs.stop("the controller was shut down")
 
     def _own_servers(self) -> list[PortServer]:
         return [server for name, server in self.servers.items() if name != "control"]
 
-    async def _come_back(self) -> None:
+    async def _reboot(self) -> None:
         before, ports = self.controller, self.ports
         for server in (*self._own_servers(), self._scripts):
             for connection in tuple(server.connections):
                 connection.reset()
         before.programs.stop("the controller was off")
-        await self._close_box()
+        await self._stop_services()
         self.controller = rebooted(before, self._power.boot_s, self._power.periods_off * before.period_s)
         self._renew_servers()
-        await self._open_box_again({name: ports[name] for name in ports if name != "control"})
+        await self._retry_start_services({name: ports[name] for name in ports if name != "control"})
         self.control.switched_on(self.controller)
         if "control" in self.servers:
             self.servers["control"].follow(self.controller)
         self.faults.controller_back(self.controller)
 
-    async def _open_box_again(self, ports: Mapping[str, int]) -> None:
-        """Tries on while another program has one of the ports."""
+    async def _retry_start_services(self, ports: Mapping[str, int]) -> None:
+        """Keep trying while another program uses one of the ports."""
         while True:
             try:
-                return await self._open_box(ports)
+                return await self._start_services(ports)
             except OSError as error:
                 _logger.warning("%s", error)
-                await asyncio.sleep(_LISTEN_AGAIN_S)
+                await asyncio.sleep(_RETRY_LISTEN_S)
 
     def _period(self) -> None:
-        """The controller has a guard of its own; this one is for the machine around it."""
+        """Run one control period; log errors outside the controller, which guards itself against its own."""
         try:
             self._tick()
         except Exception as error:
-            if self._novelty.of(error):
-                _logger.exception("a control period failed outside of the controller")
+            if self._reported.is_new(error):
+                _logger.exception("a control period failed outside the controller")
 
     def _tick(self) -> None:
         power = self._power
@@ -252,68 +259,69 @@ class Emulator:
         controller.tick()
         if controller.shutdown_requested:
             self.stop()
-        if not power.wanted:
+        if not power.requested:
             power.is_off = True
-            self._go_down()
+            self._shut_down()
 
     def _tick_without_controller(self) -> None:
-        """Time goes by for faults and for who waits behind the scenes."""
+        """Advance faults, and verbs of the control API that wait."""
         self._power.periods_off += 1
         self.faults.step()
         if "control" in self.servers:
             self.servers["control"].publish(self.controller.snapshot)
-        if self._power.wanted:
-            self._power.come_back(self._come_back)
+        if self._power.requested:
+            self._power.start_reboot(self._reboot)
 
 
 class PowerSwitch:
-    """Whether the controller is off, and is to be."""
+    """Whether the controller is off, and whether it is requested to be on."""
 
     def __init__(self) -> None:
-        self.wanted = True
+        self.requested = True
         self.is_off = False
         self.silent = False
         self.boot_s = 0.0
         self.periods_off = 0
-        self._coming: asyncio.Task[None] | None = None
+        self._booting: asyncio.Task[None] | None = None
 
     def off(self, *, silent: bool) -> None:
-        """Switch off."""
-        self.wanted, self.silent, self.periods_off = False, silent, 0
+        """Request that the controller be off."""
+        self.requested, self.silent, self.periods_off = False, silent, 0
 
     def on(self, boot_s: float) -> None:
-        """Switch on."""
-        self.wanted, self.boot_s = True, boot_s
+        """Request that the controller be on."""
+        self.requested, self.boot_s = True, boot_s
 
-    def come_back(self, work: Callable[[], Awaitable[None]]) -> None:
-        """Switch the controller on, in the time between two periods that it takes."""
-        if self._coming is None:
-            self._coming = asyncio.get_running_loop().create_task(self._come_back(work))
+    def start_reboot(self, reboot: Callable[[], Awaitable[None]]) -> None:
+        """Switch the controller on in a task, which may take several periods; nothing if one is under way."""
+        if self._booting is None:
+            self._booting = asyncio.get_running_loop().create_task(self._run(reboot))
 
     async def close(self) -> None:
-        """Give up what is under way."""
-        if self._coming is not None:
-            self._coming.cancel()
-            await asyncio.wait([self._coming])
+        """Cancel a reboot that is under way."""
+        if self._booting is not None:
+            self._booting.cancel()
+            await asyncio.wait([self._booting])
 
-    async def _come_back(self, work: Callable[[], Awaitable[None]]) -> None:
+    async def _run(self, reboot: Callable[[], Awaitable[None]]) -> None:
         try:
-            await work()
+            await reboot()
             self.is_off = False
         except Exception:
-            self.wanted = False
-            _logger.exception("the controller does not come back")
+            self.requested = False
+            _logger.exception("the controller could not be restarted")
         finally:
-            self._coming = None
+            self._booting = None
 
 
 def make_servers(controller: Controller, *, tool_line: bool = False, cameras: bool = False) -> tuple[PortServer, ...]:
-    """One server for each port of a controller, not listening yet.
+    """Create one server for each port of a controller; none listens yet.
 
-    tool_line: also of its tool's serial line. cameras: also of those in its world, which is one with physics.
+    tool_line: whether to serve the tool's serial line. cameras: whether to serve the cameras in the controller's world,
+    which must be one with physics.
     """
 
-    newest: dict[bool, tuple[Snapshot, bytes]] = {}  # four ports send the same, in the same control period
+    newest: dict[bool, tuple[Snapshot, bytes]] = {}  # four ports send the same state in a control period
 
     def state(snapshot: Snapshot, full: bool) -> bytes:
         known = newest.get(full)

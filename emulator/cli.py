@@ -1,7 +1,7 @@
 """The command line: ``ur-emulator``, or ``python -m emulator``.
 
-``python -m`` looks for modules in the current folder first, so started from a folder that
-has an ``emulator`` of its own it runs that one. The console script does not.
+``python -m`` searches the current folder first: started in a folder with its own ``emulator`` package, it runs that
+one. The console script does not.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def _models() -> Iterable[str]:
-    from urproto.robots import MODELS  # only a shell that completes a model's name waits for it
+    from urproto.robots import MODELS  # imported here: only shell completion of a model's name needs it
 
     return MODELS
 
@@ -48,28 +48,28 @@ def configure(
     model: Annotated[
         str | None,
         typer.Option(
-            help="The arm, for example ur3 or ur5e (default ur3, ur3e for an e-Series --polyscope).",
+            help="Arm model, for example ur3 or ur5e (default: ur3; ur3e if --polyscope names an e-Series version).",
             autocompletion=completing(_models),
         ),
     ] = None,
     polyscope: Annotated[str | None, typer.Option(help="PolyScope version to report, for example 3.15.8.")] = None,
     host: Annotated[
-        str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 lets other machines in.")
+        str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 admits other machines.")
     ] = "127.0.0.1",
-    port_offset: Annotated[int, typer.Option(help="Added to each of the usual ports.")] = 0,
-    ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Use free ports instead.")] = False,
+    port_offset: Annotated[int, typer.Option(help="Number added to each of the usual ports.")] = 0,
+    ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Use any free ports instead.")] = False,
     programs: Annotated[
         Path | None,
         typer.Option(
-            help="Programs folder of the robot; default.installation in it is loaded at boot. "
-            "Without one: external_control.urp alone."
+            help="Programs folder of the robot; its default.installation is loaded at boot. "
+            "Without this option there is only external_control.urp."
         ),
     ] = None,
     initial_positions: Annotated[
-        Path | None, typer.Option(help="YAML file: joint names to radians (default: URSim's).")
+        Path | None, typer.Option(help="YAML file that maps joint names to radians (default: as URSim starts).")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="YAML file: an arm's calibration, as ur-client calibration writes it.")
+        Path | None, typer.Option(help="YAML file with the calibration of an arm, as written by ur-client calibration.")
     ] = None,
     running: Annotated[bool, typer.Option("--running", help="Start with the brakes released.")] = False,
     remote_control: Annotated[
@@ -81,32 +81,34 @@ def configure(
     script_network: Annotated[
         ScriptNetwork,
         typer.Option(
-            help="Addresses that sockets and XML-RPC of scripts may connect to; any excludes control APIs of emulators."
+            help="Addresses that sockets and XML-RPC of scripts may connect to; any excludes emulators' control APIs."
         ),
     ] = ScriptNetwork.ANY,
     external_control: Annotated[
         str | None,
-        typer.Option(metavar="HOST:PORT", help="Where External Control nodes get their program from."),
+        typer.Option(metavar="HOST:PORT", help="Driver from which External Control nodes request their program."),
     ] = None,
-    modbus_unit_port: Annotated[int, typer.Option(help="Port of the Modbus units whose signals programs add.")] = 502,
+    modbus_unit_port: Annotated[
+        int, typer.Option(help="Port at which programs reach Modbus units (modbus_add_signal).")
+    ] = 502,
     robot_api_port: Annotated[
         int | None,
-        typer.Option(help="Port of the Robot API (PolyScope X); default: 80, else a free one."),
+        typer.Option(help="Port of the Robot API (PolyScope X); default: 80, or a free port if 80 is not available."),
     ] = None,
     arm: Annotated[
         str,
         typer.Option(
             metavar="ideal|dynamic|FILE",
-            help="ideal: follows its targets exactly; dynamic: moved by torques, with friction; FILE: dynamic, as the "
-            "arm that ur-client identify found in a recording.",
+            help="ideal: follows its targets exactly; dynamic: moved by torques, with friction; FILE: dynamic, with "
+            "the parameters that ur-client identify found in a recording.",
         ),
     ] = ArmKind.IDEAL,
-    seed: Annotated[int, typer.Option(help="Seed seed of a dynamic arm's measurement noise.")] = 0,
-    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    seed: Annotated[int, typer.Option(help="Seed of a dynamic arm's measurement noise.")] = 0,
+    speed: Annotated[float, typer.Option(help="Simulated seconds per second of real time.")] = 1.0,
     realtime: Annotated[
         RealTime,
         typer.Option(
-            help="Real-time priority and locked memory (Linux): auto, if the system grants them; on, or exit; off."
+            help="Real-time priority and locked memory (Linux): auto: if the system grants them; on: or exit."
         ),
     ] = RealTime.AUTO,
     encoder0_speed: Annotated[
@@ -129,14 +131,14 @@ def configure(
         Path | None,
         typer.Option(
             metavar="factory|FILE",
-            help="Safety limits: factory, or a YAML file or PolyScope .installation; joint limits only if not given.",
+            help="Safety limits: factory, a YAML file, or a PolyScope .installation file (default: joint limits only).",
         ),
     ] = None,
     self_collision: Annotated[
         bool, typer.Option("--self-collision", help="Stop when links of the arm touch each other.")
     ] = False,
     control_host: Annotated[
-        str, typer.Option(help="Address the control API listens on; other than loopback requires --control-token.")
+        str, typer.Option(help="Address of the control API; requires --control-token unless it is loopback.")
     ] = "",
     control_token: Annotated[
         str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Token that clients of the control API must present.")
@@ -145,20 +147,20 @@ def configure(
         list[str] | None,
         typer.Option(metavar="KIND,NAME=VALUE,...", help="Fault to inject (docs/faults.md). Repeatable."),
     ] = None,
-    most_clients: Annotated[int, typer.Option(help="Most clients a port accepts at a time.")] = 256,
+    most_clients: Annotated[int, typer.Option(help="Maximum number of clients of each port.")] = 256,
     most_clients_per_address: Annotated[
-        int | None, typer.Option(help="Most clients from one address (default: half of --most-clients).")
+        int | None, typer.Option(help="Maximum number from one address (default: half of --most-clients).")
     ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Do not serve the control API.")] = False,
     world: Annotated[
-        Path | None, typer.Option(help="YAML file of objects around the arm that push back, or an MJCF or URDF scene.")
+        Path | None, typer.Option(help="Objects around the arm: a YAML file, or an MJCF or URDF scene.")
     ] = None,
     physics: Annotated[
-        bool, typer.Option("--physics", help="Let the world move: parts, joints, grippers (docs/physics.md).")
+        bool, typer.Option("--physics", help="Simulate parts, joints and grippers of the world (docs/physics.md).")
     ] = False,
 ) -> "EmulatorConfig":
-    """A robot as the options of the command line say. Raises ConfigError."""
-    from emulator import config as checked  # the whole emulator, which a look at the options does not wait for
+    """Return the configuration that the command line options describe. Raises ConfigError."""
+    from emulator import config as checked  # imports the whole emulator, which --help does not need
 
     controller = checked.controller_config(
         model,
@@ -205,7 +207,7 @@ ROBOT_OPTIONS: Final[Mapping[str, Parameter]] = signature(configure).parameters
 
 
 def with_robot_options(*, without: Sequence[str] = ()) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Let a command have the options of ``configure`` before its own; it gets them as a mapping, first of all."""
+    """Give a command the options of ``configure`` in addition to its own, as a mapping in its first argument."""
     return with_options_of(configure, without=without)
 
 
@@ -215,22 +217,22 @@ def _run(
     robot: Mapping[str, Any],
     *,
     context: typer.Context,
-    ports_file: Annotated[Path | None, typer.Option(help="Write the ports here as JSON once ready.")] = None,
+    ports_file: Annotated[Path | None, typer.Option(help="Write the ports to this file, as JSON, once ready.")] = None,
     log_level: Annotated[
         LogLevel,
         typer.Option(help="How much to log; debug explains each transition, stop, refusal and fault, with robot time."),
     ] = LogLevel.WARNING,
-    exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
+    exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Exit once every port answers.")] = False,
     no_pendant: Annotated[bool, typer.Option("--no-pendant", help="Do not start the teach pendant.")] = False,
     pendant_port: Annotated[int, typer.Option(help="Port of the teach pendant, for browsers.")] = PENDANT_PORT,
     version: Annotated[bool, version_of("ur-emulator")] = False,
 ) -> None:
-    """Stand in for a Universal Robots controller on this machine. Not for validating safety."""
+    """Emulate a Universal Robots controller on this machine. Not for validating safety."""
     if context.invoked_subcommand is not None:
         _refuse_options_before(context)
         return
     log_to_stderr(log_level)
-    with mistakes_in_one_line():
+    with errors_in_one_line():
         from emulator.serve import serve
 
         config = configure(**robot)
@@ -239,12 +241,12 @@ def _run(
 
 
 def _refuse_options_before(context: typer.Context) -> None:
-    """They would be without effect: each command has its own."""
+    """Refuse options in front of a subcommand: they would have no effect, because each command has its own."""
     for name in context.params:
         source = context.get_parameter_source(name)
         if source is not None and source.name == "COMMANDLINE":
             option = f"--{name.replace('_', '-')}"
-            raise typer.BadParameter(f"{option} goes after {context.invoked_subcommand}, or is not an option of it")
+            raise typer.BadParameter(f"{option} must follow {context.invoked_subcommand}, if that command has it")
 
 
 def _fleet() -> Any:
@@ -252,7 +254,7 @@ def _fleet() -> Any:
     return load_from("emulator.fleet.command:app")()
 
 
-app.command("fleet", cls=Deferred, help="Run many robots on this machine, each on an address of its own.")(_fleet)
+app.command("fleet", cls=Deferred, help="Run many robots on this machine, each on its own address.")(_fleet)
 app.command(
     "campaign", cls=Deferred, help="Run programs or tests many times in virtual time, on all cores or a cluster."
 )(load_from("emulator.campaign.command:app"))
@@ -262,8 +264,8 @@ app.command("ctl", cls=Deferred, help="Use the control API of a running emulator
 
 
 @contextmanager
-def mistakes_in_one_line() -> Iterator[None]:
-    """Turn what the user can mend into one line on standard error and exit status 2."""
+def errors_in_one_line() -> Iterator[None]:
+    """Report errors that the user can fix in one line on standard error, with exit status 2."""
     from emulator.config import ConfigError
     from emulator.readiness import NotReady
     from emulator.realtime import RealTimeRefused
@@ -279,11 +281,11 @@ def mistakes_in_one_line() -> Iterator[None]:
     except OSError as error:
         _fail(error.strerror or str(error))
     except ImportError as error:
-        if ".so" not in str(error):  # else it is a library of the system that a package did not bring
+        if ".so" not in str(error):  # otherwise a system library is missing that the package does not include
             raise
         _fail(f"{error}. Pinocchio needs the OpenMP runtime: apt install libgomp1 (Debian), dnf install libgomp")
     except KeyboardInterrupt:
-        if sys.platform != "win32":  # there the event loop cannot handle signals, and this is how it ends
+        if sys.platform != "win32":  # on Windows the event loop cannot handle signals, so Ctrl-C arrives here
             raise
 
 

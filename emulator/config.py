@@ -1,4 +1,4 @@
-"""What the user asked for, checked: every mistake is one clear line."""
+"""Configuration from options and files, checked: every error is reported in one line."""
 
 import logging
 import math
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class MissingService:
-    """A service, where a robot has it, why it is not here and what does the same here."""
+    """A service of a real robot that is not emulated: its ports, the reason, and a replacement."""
 
     name: str
     ports: str
@@ -59,11 +59,11 @@ NOT_EMULATED: Final = (
         "a fieldbus",
         "its registers by RTDE or Modbus",
     ),
-    MissingService("SSH and SFTP", "TCP 22", "there is no Linux to log in to", "the folder of --programs"),
+    MissingService("SSH and SFTP", "TCP 22", "there is no Linux system to log in to", "the folder of --programs"),
     MissingService(
         "Screen of the teach pendant",
         "VNC 5900, HTTP 6080 (simulators)",
-        "PolyScope's screen is the vendor's",
+        "PolyScope's user interface belongs to the vendor",
         "the dashboard server and the script ports",
     ),
 )
@@ -81,25 +81,27 @@ _FASTEST_ENCODER: Final = 40_000  # ticks/s: what the controller's pulse decoder
 
 
 class ConfigError(ValueError):
-    """The user asked for something that cannot be."""
+    """An option or a file is invalid, or does not fit the others."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EmulatorConfig:
-    """A controller, where it listens, and how fast its time goes.
+    """A controller, the addresses and ports it listens on, and the speed of its time.
 
-    host: an address of this machine. port_offset is added to each of the usual ports;
-    ephemeral_ports takes free ones instead. speed: simulated seconds per second.
-    realtime: what the process that runs it asks of the system.
-    script_network: where the sockets and remote procedure calls of scripts may lead.
-    modbus_unit_port: where the Modbus units listen that programs add signals of (URScript
-    names no port). robot_api_port: where the Robot API of PolyScope X listens; None for port 80 like the others.
-    tool_device: what is connected to the tool's serial line of an e-Series
-    arm: "echo", "pty", or the path of a serial port; None for nothing, and no port for it.
-    faults: what goes wrong from the start on, or later.
-    control: whether the control API is served. control_host: where; without one on host, or on 127.0.0.1 if
-    other machines reach that. control_token: what its clients present; needed where other machines reach it.
-    client_limits: how many clients each port has at a time.
+    host: an address of this machine.
+    port_offset: added to each of the usual ports. ephemeral_ports: use free ports instead.
+    speed: simulated seconds per second of real time.
+    realtime: whether the process asks the system for real-time priority and locked memory.
+    script_network: addresses that sockets and remote procedure calls of scripts may connect to.
+    modbus_unit_port: port of the Modbus units whose signals programs add (URScript names no port).
+    robot_api_port: port of the Robot API of PolyScope X; None for port 80, changed by port_offset like the others.
+    tool_device: the device on the tool's serial line of an e-Series arm: "echo", "pty", or the path of a serial port;
+    None for no device, and no port for it.
+    control: whether the control API is served. control_host: the address it listens on; "" for host, or 127.0.0.1 if
+    host is reachable from other machines. control_token: a token that its clients must present; required if other
+    machines can reach the API.
+    client_limits: maximum number of clients of each port.
+    faults: faults to inject, at the start or later.
     """
 
     controller: ControllerConfig
@@ -122,16 +124,16 @@ class EmulatorConfig:
         if not 0.0 < self.speed < math.inf:
             raise ConfigError(f"the speed must be a positive number, not {self.speed}")
         if self.realtime is RealTime.ON and self.speed != 1.0:
-            raise ConfigError(f"--realtime on is for real time, and the speed is {self.speed:g}: leave one of them out")
+            raise ConfigError(f"--realtime on requires a speed of 1, not {self.speed:g}: leave out one of them")
         if self.tool_device is not None and self._version.series is not Series.E:
-            raise ConfigError(f"{self.controller.model.title} has no serial line at its tool: e-Series arms do")
+            raise ConfigError(f"{self.controller.model.title} has no serial line at its tool: leave out --tool-device")
         most = _LAST_PORT - max(PORTS[name] for name in self._port_names)
         if not 0 <= self.port_offset <= most:
             raise ConfigError(f"the port offset must be from 0 to {most}, not {self.port_offset}")
         if self.control and not self.control_token and not is_loopback(self.host_of("control")):
-            raise ConfigError(f"the control API on {self.control_host} could be used by anybody: give it a token")
+            raise ConfigError(f"anybody could use the control API on {self.control_host}: set --control-token")
         if self.robot_api_port is not None and "robot api" not in self._port_names:
-            raise ConfigError(f"PolyScope {self._version.short} has no Robot API: PolyScope X, 10.x, has")
+            raise ConfigError(f"PolyScope {self._version.short} has no Robot API: leave out --robot-api-port")
         if self.robot_api_port is not None and not 0 <= self.robot_api_port <= _LAST_PORT:
             raise ConfigError(f"the Robot API's port must be from 0 to {_LAST_PORT}, not {self.robot_api_port}")
         if not 1 <= self.modbus_unit_port <= _LAST_PORT:
@@ -139,17 +141,17 @@ class EmulatorConfig:
 
     @property
     def wanted_ports(self) -> dict[str, int]:
-        """The port to listen on, by server name; 0 where any free one will do. Only those that are there."""
+        """The port that each server of this configuration is to listen on, by its name; 0 for any free port."""
         ports = {name: 0 if self.ephemeral_ports else PORTS[name] + self.port_offset for name in self._port_names}
         return ports if self.robot_api_port is None else {**ports, "robot api": self.robot_api_port}
 
     @property
     def movable(self) -> tuple[str, ...]:
-        """Servers that listen on a free port where theirs is not to be had: administrators' ports, or taken."""
+        """Servers that use a free port if theirs is in use, or reserved for administrators."""
         return ("modbus", "control") if self.robot_api_port is not None else ("modbus", "control", "robot api")
 
     def host_of(self, server: str) -> str:
-        """The address that a server listens on."""
+        """The address that a server listens on, by the server's name."""
         if server != "control":
             return self.host
         return self.control_host or (self.host if is_loopback(self.host) else _LOOPBACK)
@@ -193,14 +195,14 @@ def controller_config(
     physics: bool = False,
     **fields: Any,
 ) -> ControllerConfig:
-    """A controller from the options of ``ur-emulator``, by their names there.
+    """Create the configuration of a controller from the options of ``ur-emulator``, which have the same names here.
 
-    ``fields``: of `ControllerConfig`, by the names that they have there. Files are read and values checked: raises
-    ConfigError. Raises TypeError for what is neither an option nor a field.
+    ``fields``: any fields of `ControllerConfig`, by name. Files are read and values checked. Raises ConfigError, and
+    TypeError for a name that is neither an option nor a field.
     """
     chosen, dynamic = choose_arm(model, polyscope, arm)
     if fields.get("self_collision"):
-        need_coal("--self-collision")
+        require_coal("--self-collision")
     if (q_rad := fields.pop("initial_q", None)) is None:
         q_rad = read_initial_positions(_path(initial_positions), chosen)
     if (speeds := fields.pop("encoder_speeds", None)) is None:
@@ -233,7 +235,7 @@ def _path(value: Path | str | None) -> Path | None:
 
 
 def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:
-    """The arm of this name; without one the UR3, or the UR3e where the version asked for is an e-Series one.
+    """The arm of this name; by default a UR3, or a UR3e if the requested version is of the e-Series.
 
     Raises ConfigError listing the known arms.
     """
@@ -244,7 +246,7 @@ def choose_model(name: str | None, polyscope: str | None = None) -> RobotModel:
 
 
 def choose_arm(name: str | None, polyscope: str | None, arm: str) -> tuple[RobotModel, bool]:
-    """The model, and whether torques move it. ``arm``: ideal, dynamic, or a file of ``ur-client identify``.
+    """The model, and whether it is dynamic. ``arm``: ideal, dynamic, or a file written by ``ur-client identify``.
 
     Raises ConfigError.
     """
@@ -252,13 +254,13 @@ def choose_arm(name: str | None, polyscope: str | None, arm: str) -> tuple[Robot
         return choose_model(name, polyscope), arm == ArmKind.DYNAMIC
     path = Path(arm)
     if not path.exists() and not path.suffix:
-        raise ConfigError(f"arm {arm!r} is neither {' nor '.join(ArmKind)} nor a file")
+        raise ConfigError(f"arm {arm!r} is neither {' nor '.join(ArmKind)} nor an existing file")
     values = read_yaml(path)
     if not isinstance(values, dict) or not isinstance(values.get("model"), str):
-        raise ConfigError(f"{path} does not describe an arm: model is missing. ur-client identify writes such files")
+        raise ConfigError(f"{path} is not an arm file: model is missing. ur-client identify writes such files")
     chosen = choose_model(name or values["model"], polyscope)
     if chosen.name != values["model"]:
-        raise ConfigError(f"{path} is a {values['model']}, not a {chosen.name}: leave --model out")
+        raise ConfigError(f"{path} describes a {values['model']}, not a {chosen.name}: leave out --model")
     try:
         return replace(chosen, drivetrain=Drivetrain.from_mapping(values)), True
     except DrivetrainError as error:
@@ -266,10 +268,10 @@ def choose_arm(name: str | None, polyscope: str | None, arm: str) -> tuple[Robot
 
 
 def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
-    """The arm with the calibration of a YAML file: ur_description's, or lists of Denavit-Hartenberg parameters.
+    """The arm with the calibration from a YAML file, in ur_description's format or as lists of DH parameters.
 
-    A file of nominal ones, such as ur_description's default_kinematics.yaml, makes no difference. Raises ConfigError
-    for a file that has none, or that of another model.
+    A file with nominal parameters, such as ur_description's default_kinematics.yaml, has no effect. Raises ConfigError
+    if the file contains no calibration, or that of another model.
     """
     if path is None:
         return model
@@ -280,7 +282,7 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
         raise ConfigError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
     if not calibration.is_whole:
         _logger.warning(
-            "%s says %s, but its numbers are %s: the robot reports the numbers",
+            "%s: its hash is %s, but that of its parameters is %s: the robot reports the latter",
             *(path, calibration.hash, calibration_hash(calibration.dh)),
         )
     nominal = calibration_hash(calibration.dh) == calibration_hash(model.dh)
@@ -288,7 +290,7 @@ def read_calibration(path: Path | None, model: RobotModel) -> RobotModel:
 
 
 def read_yaml(path: Path) -> Any:
-    """What a YAML file says. Raises ConfigError."""
+    """The content of a YAML file. Raises ConfigError."""
     try:
         return load_yaml(path.read_bytes())
     except OSError as error:
@@ -298,9 +300,9 @@ def read_yaml(path: Path) -> Any:
 
 
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
-    """The PolyScope version to report, the series' usual one when nothing is asked for.
+    """The PolyScope version to report; by default the usual one of the series.
 
-    Raises ConfigError when the text is not a version or the arm never ran it.
+    Raises ConfigError if the text is not a version, or one that never ran on this arm.
     """
     try:
         return robots.choose_version(text, model)
@@ -309,10 +311,10 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
 
 
 def read_initial_positions(path: Path | None, model: RobotModel) -> Joints:
-    """Joint angles [rad] from a YAML file of joint names, such as ur_description's; without one where arms start.
+    """Joint angles [rad] from a YAML file of joint names, such as ur_description's; by default the start position.
 
-    Raises ConfigError when the file is unreadable, does not name exactly the six joints, or
-    has an angle the arm cannot take.
+    Raises ConfigError if the file is unreadable, does not name exactly the six joints, or contains an angle outside
+    the joint limits.
     """
     if path is None:
         return START_Q
@@ -335,14 +337,14 @@ def _angle(path: Path, model: RobotModel, index: int, value: Any) -> float:
 
 
 def choose_gripper(name: str | None, object_mm: float | None) -> GripperModel | None:
-    """The gripper of this name, if any. Raises ConfigError for an unknown one, or an object it cannot hold."""
+    """The gripper of this name, if any. Raises ConfigError if it is unknown, or cannot hold the object."""
     if name is None:
         if object_mm is not None:
-            raise ConfigError("an object to grip needs a gripper")
+            raise ConfigError("--gripper-object has no effect without a gripper: add --gripper")
         return None
     model = MODELS.get(name.lower())
     if model is None:
-        raise ConfigError(f"unknown gripper {name!r}: known are {', '.join(MODELS)}")
+        raise ConfigError(f"unknown gripper {name!r}: choose one of {', '.join(MODELS)}")
     if object_mm is not None and not 0.0 < object_mm < model.stroke_mm:
         raise ConfigError(
             f"the object must be wider than 0 and narrower than {model.stroke_mm:g} mm, not {object_mm:g}"
@@ -351,7 +353,7 @@ def choose_gripper(name: str | None, object_mm: float | None) -> GripperModel | 
 
 
 def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:
-    """Speeds of encoder 0 and 1. Raises ConfigError for one that no 32-bit count can follow."""
+    """Speeds of encoder 0 and 1 [ticks/s]. Raises ConfigError for a speed that the controller cannot count."""
     for index, speed in enumerate(ticks_per_s):
         if not abs(speed) <= _FASTEST_ENCODER:
             raise ConfigError(
@@ -362,25 +364,27 @@ def check_encoder_speeds(*ticks_per_s: float) -> tuple[float, float]:
 
 
 def check_client_limits(port: int, address: int | None) -> ClientLimits:
-    """Clients of one port, in all and from one address: half of all unless given. Raises ConfigError."""
+    """Limits on the clients of a port, in total and from one address (by default half). Raises ConfigError."""
     if port < 1:
         raise ConfigError(f"a port must accept at least 1 client, not {port}")
     if address is None:
         return ClientLimits(port, max(1, port // 2))
     if not 1 <= address <= port:
-        raise ConfigError(f"of {port} clients of a port, 1 to {port} may come from one address, not {address}")
+        raise ConfigError(f"the limit of clients from one address must be from 1 to {port}, not {address}")
     return ClientLimits(port, address)
 
 
 def check_enforced_remote_control(wanted: bool, model: RobotModel) -> bool:
-    """As wanted. Raises ConfigError for an arm that knows no local control."""
+    """Return ``wanted``. Raises ConfigError for an arm without local and remote control."""
     if wanted and model.series is not Series.E:
-        raise ConfigError(f"{model.title} is a {model.series.value} arm: it has no remote control to enforce")
+        raise ConfigError(
+            f"{model.title} is a {model.series.value} arm without remote control: leave out --enforce-remote-control"
+        )
     return wanted
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches what listens there."""
+    """Whether a server that listens on this address can be reached from this machine only."""
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -388,16 +392,16 @@ def is_loopback(host: str) -> bool:
 
 
 def read_programs_dir(path: Path | None) -> Path | None:
-    """An existing folder, made absolute. Raises ConfigError when it is none."""
+    """The absolute path of an existing folder. Raises ConfigError if it is not a folder."""
     if path is None:
         return None
     if not path.is_dir():
-        raise ConfigError(f"the programs folder {path} is not a folder")
+        raise ConfigError(f"--programs: {path} is not a folder")
     return path.resolve()
 
 
 def read_safety(path: Path | None, model: RobotModel) -> SafetyConfiguration | None:
-    """The safety configuration in a file, or of the name "factory"; None for a simulator's. Raises ConfigError."""
+    """The safety configuration in a file, or "factory"; None for that of a simulator. Raises ConfigError."""
     if path is None:
         return None
     if path == Path("factory"):
@@ -411,7 +415,7 @@ def read_safety(path: Path | None, model: RobotModel) -> SafetyConfiguration | N
 
 
 def read_driver_address(text: str | None) -> DriverAddress:
-    """What External Control nodes ask, or part of it. Raises ConfigError."""
+    """The address from which External Control nodes request their program, or a part of it. Raises ConfigError."""
     try:
         return DriverAddress() if text is None else DriverAddress.parse(text)
     except ValueError as error:
@@ -425,14 +429,17 @@ def read_surroundings(
     gripper: GripperModel | None = None,
     object_mm: float | None = None,
 ) -> Plan | None:
-    """What stands around the arm, from a world file, or a scene's, which moves in any case. Raises ConfigError."""
+    """The objects around the arm, from a world file, or an MJCF or URDF scene, which always has physics.
+
+    Raises ConfigError.
+    """
     if path is None:
         if physics:
-            raise ConfigError("--physics needs a scene: give --world with a world file, MJCF or URDF")
+            raise ConfigError("--physics needs a scene: add --world with a world file, MJCF or URDF")
         return None
     moves = physics or path.suffix.lower() in SCENE_FILES
     if moves and object_mm is not None:
-        raise ConfigError("in a world with physics the gripper meets what is there: leave --gripper-object out")
+        raise ConfigError("with physics the gripper grips the objects of the world: leave out --gripper-object")
     try:
         plan: Plan = read_world(path) if not moves else read_physics(path, gripper)
     except OSError as error:
@@ -440,30 +447,30 @@ def read_surroundings(
     except WorldFileError as error:
         raise ConfigError(str(error)) from error
     if plan.links and not moves:
-        need_coal(f"links: true in {path}")
+        require_coal(f"links: true in {path}")
     return plan
 
 
 def check_surroundings(plan: Plan, model: RobotModel, q_rad: Sequence[float]) -> None:
-    """Raises ConfigError when they cannot be around an arm that stands there [rad]."""
+    """Raises ConfigError if these objects do not fit around an arm with this joint configuration [rad]."""
     try:
         plan.check(model, q_rad)
     except WorldError as error:
         raise ConfigError(str(error)) from error
 
 
-def need_coal(option: str) -> None:
-    """Raises ConfigError where the library that finds contacts is not installed: it comes with Pinocchio."""
+def require_coal(option: str) -> None:
+    """Raises ConfigError if coal, the collision library that comes with Pinocchio, is not installed."""
     if find_spec("coal") is None:
         raise ConfigError(
-            f"{option} needs Pinocchio (pip install pin), which has no packages for native Windows: leave that out, or "
+            f"{option} needs Pinocchio (pip install pin), which has no packages for native Windows: leave it out, or "
             "run the emulator in WSL, in a container or on another machine"
         )
 
 
 def read_faults(texts: Sequence[str]) -> tuple["Fault", ...]:
-    """Faults as on the command line. Raises ConfigError."""
-    from emulator.faults.catalogue import parse_fault  # for which `urscript run` without faults does not wait
+    """Faults from their texts on the command line. Raises ConfigError."""
+    from emulator.faults.catalogue import parse_fault  # imported here: `urscript run` rarely needs it
     from emulator.faults.fault import FaultError
 
     try:

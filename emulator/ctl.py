@@ -1,6 +1,6 @@
-"""``ur-emulator ctl VERB [VALUE ...] [NAME=VALUE ...]``: a verb of a running emulator from a shell.
+"""``ur-emulator ctl VERB [VALUE ...] [NAME=VALUE ...]``: call a verb of a running emulator from a shell.
 
-The verbs are those the emulator names, so this works with any version of it.
+The list of verbs comes from the emulator, so this works with any version of it.
 """
 
 import json
@@ -27,14 +27,14 @@ app = application(completion=False)
 
 @app.command(context_settings={"ignore_unknown_options": True})
 def _ctl(
-    verb: Annotated[str | None, typer.Argument(help="What to do; without one, all verbs are listed.")] = None,
+    verb: Annotated[str | None, typer.Argument(help="Verb to call; without one, all verbs are listed.")] = None,
     values: Annotated[
         list[str] | None, typer.Argument(help="Arguments in order, or name=value; several numbers as 1,2,3.")
     ] = None,
     host: Annotated[str, typer.Option(help="Address of the control API.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Its port.")] = CONTROL_API_PORT,
-    token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Its token.")] = "",
-    file: Annotated[Path | None, typer.Option("--file", "-f", help="File that save writes or restore reads.")] = None,
+    port: Annotated[int, typer.Option(help="Port of the control API.")] = CONTROL_API_PORT,
+    token: Annotated[str, typer.Option(envvar="UR_EMULATOR_TOKEN", help="Token of the control API.")] = "",
+    file: Annotated[Path | None, typer.Option("--file", "-f", help="File that save writes, or restore reads.")] = None,
 ) -> None:
     """Use the control API of a running emulator: inputs, buttons, faults, time. Results are JSON."""
     client = ControlClient(host, port, token, timeout_s=None)
@@ -45,7 +45,7 @@ def _ctl(
             return
         name = verb.replace("-", "_")
         if name not in verbs:
-            raise BadArguments(f"there is no verb {verb!r}: ur-emulator ctl lists them")
+            raise BadArguments(f"unknown verb {verb!r}: ur-emulator ctl lists all verbs")
         _show(client.call(name, _arguments(verbs[name], values or [], file)), file if name == "save" else None)
     except (BadArguments, OSError) as error:
         _fail(str(error), _USAGE_ERROR)
@@ -65,7 +65,7 @@ def _overview(verbs: dict[str, dict[str, Any]]) -> Table:
 
 
 def _arguments(verb: dict[str, Any], words: Sequence[str], file: Path | None) -> dict[str, Any]:
-    """Values by name, of the kinds that the verb wants. Raises BadArguments."""
+    """The arguments by name, in the types that the verb expects. Raises BadArguments."""
     types = {argument["name"]: argument["type"] for argument in verb["arguments"]}
     given: dict[str, Any] = {}
     if verb["name"] == "restore" and file is not None:
@@ -86,7 +86,7 @@ def _arguments(verb: dict[str, Any], words: Sequence[str], file: Path | None) ->
 
 
 def _value(word: str, kind: str) -> Any:
-    """A word of the command line as JSON would have it."""
+    """A word of the command line as a JSON value."""
     if any(kind.startswith(prefix) for prefix in _LONG) and not word.startswith("["):
         return [_value(part, "") for part in word.split(",") if part]
     if kind == "str":

@@ -17,7 +17,7 @@ from typing import Final
 from emulator import reports
 from emulator.lifecycle.power import PowerState
 from emulator.lifecycle.safety import SafetyEvent
-from emulator.logs import Novelty, place_of
+from emulator.logs import ReportedErrors, place_of
 from emulator.machine import Machine
 from emulator.programs.runner import Programs
 from emulator.safety.board import SafetyBoard
@@ -43,7 +43,7 @@ class Guard:
 
     def __init__(self, machine: Machine, programs: Programs, safety_board: SafetyBoard) -> None:
         self._machine, self._programs, self._safety_board = machine, programs, safety_board
-        self._novelty = Novelty()
+        self._reported = ReportedErrors()
         self.problem: Problem | None = None
 
     def caught(self, stage: str, error: Exception) -> None:
@@ -59,7 +59,7 @@ class Guard:
 
     def listener_failed(self, listener: object, error: Exception) -> None:
         """Somebody who is told of each period has failed: that is not the robot's fault, and logged once."""
-        if self._novelty.of(error, listener):
+        if self._reported.is_new(error, listener):
             _logger.error("a listener of the controller failed", exc_info=error)
 
     def restarted(self) -> None:
@@ -67,7 +67,7 @@ class Guard:
         self.problem = None
 
     def _tell(self, stage: str, text: str, error: Exception) -> None:
-        if not self._novelty.of(error, stage):
+        if not self._reported.is_new(error, stage):
             _logger.error("the emulator failed again while %s: %s", stage, text)
             return
         trace = "".join(traceback.format_exception(error))

@@ -1,7 +1,7 @@
-"""What a running emulator prints. Nothing of it can hold the control loop up.
+"""Output and log of a running emulator, which never block the control loop.
 
-A terminal that was stopped with Ctrl-S, a pipe that nobody reads and a disk that is busy let whoever writes wait,
-for seconds or for ever. So a thread writes, and the loop only hands over.
+Writing to a terminal that was stopped with Ctrl-S, to a pipe that nobody reads or to a busy disk can block for seconds
+or for ever. So a thread writes, and the control loop only puts text in its queue.
 """
 
 import io
@@ -18,8 +18,8 @@ from urproto.compat import StrEnum
 from urproto.text import show_anything
 
 _MOST_WAITING: Final = 10_000  # texts: some megabytes (guess)
-_MOST_REMEMBERED: Final = 20  # kinds of failures that are told in full, and saved (guess)
-_GOODBYE_S: Final = 2.0  # how long the end waits for what is still to be written (guess)
+_MOST_REMEMBERED: Final = 20  # kinds of failures that are reported in full, and saved (guess)
+_FLUSH_S: Final = 2.0  # time limit for writing the rest of the queue at the end (guess)
 
 
 class LogLevel(StrEnum):
@@ -32,7 +32,7 @@ class LogLevel(StrEnum):
 
 
 class BackgroundStream(io.TextIOBase):
-    """A stream of `sys`, by name. Within `in_background` a thread writes; what finds too much waiting is left out."""
+    """A stream of `sys`, by name. Within `in_background` a thread writes to it; text beyond a full queue is dropped."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -40,7 +40,7 @@ class BackgroundStream(io.TextIOBase):
         self._lost = 0
 
     def write(self, text: str) -> int:
-        """Write, or hand over."""
+        """Write, or queue for the thread."""
         waiting = self._waiting
         if waiting is None:
             self._target.write(text)
@@ -60,7 +60,7 @@ class BackgroundStream(io.TextIOBase):
 
     @contextmanager
     def in_background(self) -> Iterator[None]:
-        """Let a thread write meanwhile. At the end what still waits is written, if that does not take long."""
+        """Let a thread write inside the context. At the end the rest of the queue is written, for up to 2 s."""
         show_anything(self._target)
         self._waiting = waiting = SimpleQueue[str | None]()
         writer = threading.Thread(target=self._write_all, args=(waiting,), name=f"{self._name} writer", daemon=True)
@@ -70,7 +70,7 @@ class BackgroundStream(io.TextIOBase):
         finally:
             self._waiting = None
             waiting.put(None)
-            writer.join(_GOODBYE_S)
+            writer.join(_FLUSH_S)
 
     @property
     def _target(self) -> TextIO:
@@ -81,11 +81,11 @@ class BackgroundStream(io.TextIOBase):
         while (text := waiting.get()) is not None:
             lost, self._lost = self._lost, 0
             if lost:
-                text += f"({lost} texts more were left out: nobody took them)\n"
+                text += f"({lost} more texts were dropped: the output was blocked)\n"
             try:
                 self._target.write(text)
                 self._target.flush()
-            except OSError:  # whoever read it is gone
+            except OSError:  # the reader is gone
                 _discard(waiting)
                 return
 
@@ -100,10 +100,10 @@ ERROR: Final = BackgroundStream("stderr")
 
 
 def log_to_stderr(level: LogLevel) -> None:
-    """Log of this process, from this level on: in columns on a terminal, else a line a record."""
+    """Log this process from this level on: in columns on a terminal, otherwise one line per record."""
     handler: logging.Handler
     if ERROR.isatty():
-        from rich.logging import RichHandler  # neither a look at the options nor `urscript run` waits for these
+        from rich.logging import RichHandler  # imported here: --help and `urscript run` do not need them
 
         from urproto.commandline import console
 
@@ -115,22 +115,22 @@ def log_to_stderr(level: LogLevel) -> None:
     logging.basicConfig(level=level.value.upper(), format=form, datefmt="%X", handlers=[handler])
 
 
-class Novelty:
-    """Which failures were told already."""
+class ReportedErrors:
+    """The kinds of errors that have been reported, so that each is reported once."""
 
     def __init__(self) -> None:
-        self._reported: set[str] = set()
+        self._keys: set[str] = set()
 
-    def of(self, error: BaseException, who: object = "") -> bool:
-        """True the first time that this kind of error comes from this place."""
+    def is_new(self, error: BaseException, who: object = "") -> bool:
+        """Whether this type of error is raised at this place for the first time; who: tells sources apart."""
         key = f"{who} {type(error).__name__} {place_of(error)}"
-        if key in self._reported or len(self._reported) >= _MOST_REMEMBERED:
+        if key in self._keys or len(self._keys) >= _MOST_REMEMBERED:
             return False
-        self._reported.add(key)
+        self._keys.add(key)
         return True
 
 
 def place_of(error: BaseException) -> str:
-    """File and line that raised it."""
+    """File and line that raised the error."""
     frames = traceback.extract_tb(error.__traceback__)
     return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "an unknown place"

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Generator
 from typing import Any
 
-from emulator.logs import Novelty
+from emulator.logs import ReportedErrors
 from emulator.machine import Machine
 
 Reply = Callable[[Any], None]
@@ -39,7 +39,7 @@ class Mailbox:
         self._machine = machine
         self._posted: deque[tuple[Command, Reply | None]] = deque()
         self._waiting: list[tuple[_Waiting, Command, Reply | None]] = []
-        self._novelty = Novelty()
+        self._reported = ReportedErrors()
 
     def post(self, command: Command, reply: Reply | None) -> None:
         """Queue a command. ``reply`` is called with its answer."""
@@ -76,7 +76,7 @@ class Mailbox:
 
     def _failed(self, command: Command, reply: Reply | None, error: Exception) -> None:
         """A command must never end the tick, nor fill the log: clients repeat what fails."""
-        if self._novelty.of(error):
+        if self._reported.is_new(error):
             shown = f"{command!r:.200}"
             _logger.error("carrying out %s failed", shown, exc_info=error)
             self._machine.messages.note(f"carrying out {shown} failed: {type(error).__name__}: {error}")
@@ -90,7 +90,7 @@ class Mailbox:
         try:
             reply(answer)
         except Exception as error:
-            if self._novelty.of(error, reply):
+            if self._reported.is_new(error, reply):
                 _logger.error("who asked could not take the answer", exc_info=error)
 
 

@@ -1,9 +1,9 @@
-"""Is a controller really there? A true handshake on each port, as its clients do it.
+"""Check that a controller works: a real handshake on each port, as clients do it.
 
     await check_ready("127.0.0.1", emulator.ports)
 
-Works against any controller of known ports, emulated or not, and changes nothing there; ``run_script`` alone lets
-the robot do something.
+Works with any controller whose ports are known, emulated or real, and changes nothing there; only ``run_script``
+makes the robot execute something.
 """
 
 import asyncio
@@ -51,21 +51,21 @@ from urproto.rtde.codec import (
     decode_reply,
 )
 
-_TIMEOUT_S: Final = 15.0  # guess; an idle machine needs 0.2 s, one that starts eight robots at once some seconds
+_TIMEOUT_S: Final = 15.0  # guess; 0.2 s on an idle machine, some seconds if eight robots start together
 _READ_BYTES: Final = 4096
 _PROTOCOL: Final = 2
 _RTDE_VARIABLE: Final = "timestamp"  # in every version
 _RTDE_RATE_HZ: Final = 10.0
-_UNSPECIFIED: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listen anywhere, ask here
+_UNSPECIFIED: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # listens on all: connect to loopback
 
 
 class NotReady(Exception):  # noqa: N818 - named for what is the case
-    """A port does not answer as a controller does."""
+    """A port does not answer like a controller."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one port answered. text: what was learned there, or what is wrong; error: the latter's kind."""
+    """The result for one port. text: information from the port, or the problem; error: the exception, if it failed."""
 
     name: str
     host: str
@@ -75,7 +75,7 @@ class Finding:
 
 
 class _Stream:
-    """One connection to ask on."""
+    """A connection for requests and answers."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
@@ -87,7 +87,7 @@ class _Stream:
     async def read(self) -> bytes:
         data = await self._reader.read(_READ_BYTES)
         if not data:
-            raise NotReady("the connection was closed")
+            raise NotReady("the controller closed the connection")
         return data
 
 
@@ -113,10 +113,10 @@ async def _primary(stream: _Stream) -> str:
         messages += decoder.feed(await stream.read())
     version = messages[0]
     if not isinstance(version, VersionMessage):
-        raise NotReady(f"the first message is not a version message but {type(version).__name__}")
+        raise NotReady(f"the first message is {type(version).__name__}, not a version message")
     state = next(message for message in messages if isinstance(message, RobotStateData))
     if state.configuration is None:
-        raise NotReady("there is no full robot state after the version message")
+        raise NotReady("the version message is not followed by a full robot state")
     return f"{version.project} {version.major}.{version.minor}.{version.bugfix}"
 
 
@@ -127,7 +127,7 @@ async def _realtime(stream: _Stream) -> str:
     return "state packages"
 
 
-class _RtdeTalk:
+class _RtdeExchange:
     """Requests and replies on one RTDE connection."""
 
     def __init__(self, stream: _Stream) -> None:
@@ -135,12 +135,12 @@ class _RtdeTalk:
         self._decoder = RTDEDecoder()
         self._packages: deque[Package] = deque()
 
-    async def ask(self, request: Request, protocol: int = _PROTOCOL) -> Reply:
+    async def request(self, request: Request, protocol: int = _PROTOCOL) -> Reply:
         self._stream.send(request.encode(protocol))
         return await self.next()
 
     async def next(self) -> Reply:
-        """The next package; messages in between are nobody's answer."""
+        """The next package other than a text message, which is never an answer."""
         while not self._packages or self._packages[0].type == PackageType.TEXT_MESSAGE:
             if self._packages:
                 self._packages.popleft()
@@ -150,25 +150,25 @@ class _RtdeTalk:
 
 
 async def _rtde(stream: _Stream) -> str:
-    """Protocol, version, and a recipe that delivers."""
-    talk = _RtdeTalk(stream)
-    if await talk.ask(RequestProtocol(_PROTOCOL), protocol=1) != ProtocolReply(accepted=True):
+    """Negotiate the protocol, query the version, and receive data for a recipe."""
+    rtde = _RtdeExchange(stream)
+    if await rtde.request(RequestProtocol(_PROTOCOL), protocol=1) != ProtocolReply(accepted=True):
         raise NotReady(f"protocol {_PROTOCOL} is refused")
-    version = await talk.ask(GetVersion())
+    version = await rtde.request(GetVersion())
     if not isinstance(version, VersionReply):
         raise NotReady("the version was not reported")
-    recipe = await talk.ask(SetupOutputs((_RTDE_VARIABLE,), _RTDE_RATE_HZ))
+    recipe = await rtde.request(SetupOutputs((_RTDE_VARIABLE,), _RTDE_RATE_HZ))
     if not isinstance(recipe, SetupOutputsReply) or not recipe.recipe_id:
         raise NotReady(f"a recipe of {_RTDE_VARIABLE} is refused: {recipe}")
-    if await talk.ask(Start()) != StartReply(accepted=True):
-        raise NotReady("the recipe is not started")
-    if not isinstance(data := await talk.next(), OutputData):
-        raise NotReady(f"instead of data comes {type(data).__name__}")
-    return f"PolyScope {version.version}, data come"
+    if await rtde.request(Start()) != StartReply(accepted=True):
+        raise NotReady("the recipe could not be started")
+    if not isinstance(data := await rtde.next(), OutputData):
+        raise NotReady(f"expected data, received {type(data).__name__}")
+    return f"PolyScope {version.version}, sends data"
 
 
 async def _interpreter(stream: _Stream) -> str:
-    """A state without a program is not a state: both answers are good."""
+    """Query the last executed statement; without a program the answer says so, which is just as good."""
     decoder = StatementDecoder()
     stream.send(b"statelastexecuted\n")
     while not (lines := decoder.feed(await stream.read())):
@@ -179,7 +179,7 @@ async def _interpreter(stream: _Stream) -> str:
 
 
 async def _modbus(stream: _Stream) -> str:
-    """The major version of the software, register 256."""
+    """Read register 256, the major version of the software."""
     decoder = FrameDecoder()
     request = ModbusRequest(Function.READ_HOLDING_REGISTERS, 256)
     stream.send(encode_frame(Frame(1, 255, encode_request(request))))
@@ -193,12 +193,12 @@ async def _modbus(stream: _Stream) -> str:
 
 
 async def _tool_line(stream: _Stream) -> str:
-    """That it takes the connection is all one can ask of a line without a protocol."""
-    return "takes connections"
+    """Connecting is all that can be checked: the line has no protocol."""
+    return "accepts connections"
 
 
 async def _gripper(stream: _Stream) -> str:
-    """Driver state: there with and without power."""
+    """Read the driver state, which is available with and without power."""
     request = Get("DST")
     stream.send(f"GET {request.name}\n".encode())
     answer = await stream.read()
@@ -208,19 +208,19 @@ async def _gripper(stream: _Stream) -> str:
 
 
 async def _control(stream: _Stream) -> str:
-    """Its health needs no token."""
+    """Query the health, which needs no token."""
     await _get(stream, "/health")
     return "this is an emulator"
 
 
 async def _cameras(stream: _Stream) -> str:
-    """Their list: no picture is drawn for it."""
+    """Query the list of cameras, for which nothing is rendered."""
     await _get(stream, "/cameras")
     return "answers"
 
 
 async def _robot_api(stream: _Stream) -> str:
-    """What start scripts ask; software before 10.11 has no more."""
+    """Query the list of URCaps: software before 10.11 offers nothing else."""
     await _get(stream, URCAPS)
     return "answers"
 
@@ -251,26 +251,25 @@ _HANDSHAKES: Final[Mapping[str, Callable[[_Stream], Awaitable[str]]]] = {
 async def check_ready(
     host: str, ports: Mapping[str, int], timeout_s: float = _TIMEOUT_S, elsewhere: Mapping[str, str] | None = None
 ) -> None:
-    """Shake hands on every port at once; the read-only ones as those they mirror.
+    """Do the handshake on every port at the same time; on a read-only port, that of the port it mirrors.
 
-    elsewhere: addresses of servers that do not listen on host. Raises NotReady naming the port
-    and what is wrong with it.
+    elsewhere: addresses of servers that do not listen on host. Raises NotReady, which names the port and the problem.
     """
     hosts = {name: (elsewhere or {}).get(name, host) for name in ports}
-    checks = (find_out(name, _UNSPECIFIED.get(hosts[name], hosts[name]), ports[name], timeout_s) for name in ports)
+    checks = (probe(name, _UNSPECIFIED.get(hosts[name], hosts[name]), ports[name], timeout_s) for name in ports)
     for finding in await asyncio.gather(*checks):
         if finding.error is not None:
             raise NotReady(f"{finding.name} port {finding.port} on {finding.host}: {finding.text}") from finding.error
 
 
-async def find_out(name: str, host: str, port: int, timeout_s: float = _TIMEOUT_S) -> Finding:
-    """Shake hands on the port of one server."""
-    return await _find_out(name, host, port, timeout_s, _HANDSHAKES[name.removesuffix(" read-only")])
+async def probe(name: str, host: str, port: int, timeout_s: float = _TIMEOUT_S) -> Finding:
+    """Do the handshake on the port of one server."""
+    return await _probe(name, host, port, timeout_s, _HANDSHAKES[name.removesuffix(" read-only")])
 
 
 async def run_script(host: str, primary_port: int, timeout_s: float = _TIMEOUT_S) -> Finding:
-    """Let the robot run a secondary program that only writes to the log, and wait for its line."""
-    return await _find_out("script", host, primary_port, timeout_s, _script)
+    """Run a secondary program on the robot, which only writes to the log, and wait for its line."""
+    return await _probe("script", host, primary_port, timeout_s, _script)
 
 
 async def _script(stream: _Stream) -> str:
@@ -284,7 +283,7 @@ async def _script(stream: _Stream) -> str:
                 return "runs"
 
 
-async def _find_out(
+async def _probe(
     name: str, host: str, port: int, timeout_s: float, handshake: Callable[[_Stream], Awaitable[str]]
 ) -> Finding:
     try:

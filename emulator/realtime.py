@@ -49,7 +49,7 @@ def claim_real_time(wanted: RealTime = RealTime.AUTO) -> list[str]:
     For a process that is nothing but emulators: the scheduling class, the locked memory and the frozen heap concern
     the whole process, or the thread that calls. Raises RealTimeRefused.
     """
-    spare_the_collector()
+    freeze_heap()
     if sys.platform != "linux":
         if wanted is RealTime.ON:
             raise RealTimeRefused("--realtime on needs Linux: leave it at auto")
@@ -65,7 +65,7 @@ def claim_real_time(wanted: RealTime = RealTime.AUTO) -> list[str]:
     return [name for name, given in granted.items() if given]
 
 
-def spare_the_collector() -> None:
+def freeze_heap() -> None:
     """What lives now is not looked at by the garbage collector any more: a whole look takes many control periods."""
     gc.collect()
     gc.freeze()
@@ -150,7 +150,7 @@ class Overload:
         return self.over != before
 
 
-async def give_way_under_overload() -> None:
+async def yield_under_overload() -> None:
     """Until it is cancelled: give the priority of this thread up while its event loop is flooded with work."""
     overload = Overload()
     used_s, now_s = time.thread_time(), time.monotonic()

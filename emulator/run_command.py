@@ -1,4 +1,4 @@
-"""The command ``urscript run``: its arguments. ``emulator.script_run`` does what it does."""
+"""The command ``urscript run``: its arguments. ``emulator.script_run`` implements it."""
 
 import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
@@ -12,35 +12,35 @@ from urscript.commands import Command, add_controller_options
 
 
 def _arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help="a file of scripts; - is standard input")
+    parser.add_argument("file", metavar="FILE", help="file of URScript programs; - for standard input")
     add_controller_options(parser)
     parser.add_argument(
         "--speed",
         type=_speed,
         metavar="max|N",
-        help="N times real time; max (the default) is as fast as possible, but real time while a script socket is open",
+        help="N times real time; max (the default): as fast as possible, or real time while a script socket is open",
     )
     parser.add_argument("--timeout", type=_positive, metavar="SECONDS", help="stop after this much robot time")
     parser.add_argument(
         "--script-network",
         choices=list(ScriptNetwork),
         default=ScriptNetwork.ANY,
-        help="addresses that sockets and XML-RPC of the script may connect to (default any, which excludes control "
-        "APIs of emulators)",
+        help="addresses that sockets and XML-RPC of the script may connect to (default any, which excludes emulators' "
+        "control APIs)",
     )
-    parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file of objects around the arm")
+    parser.add_argument("--world", type=Path, metavar="WORLD", help="YAML file with objects around the arm")
     parser.add_argument(
         "--arm",
         metavar="ideal|dynamic|FILE",
         default=ArmKind.IDEAL,
         help="ideal (the default): follows its targets exactly; dynamic: moved by torques, with friction; FILE: "
-        "dynamic, as the arm that ur-client identify found in a recording",
+        "dynamic, with the parameters that ur-client identify found in a recording",
     )
     parser.add_argument(
         "--seed",
         type=int,
         default=0,
-        help="seed of a dynamic arm's measurement noise, and of the chance of faults that name none",
+        help="seed of a dynamic arm's measurement noise, and of faults without a seed",
     )
     parser.add_argument(
         "--fault",
@@ -50,36 +50,36 @@ def _arguments(parser: ArgumentParser) -> None:
         help="fault to inject (docs/faults.md); repeatable",
     )
     parser.add_argument(
-        "--speed-slider", type=_fraction, default=1.0, metavar="0..1", help="where the speed slider stands (default 1)"
+        "--speed-slider", type=_fraction, default=1.0, metavar="0..1", help="position of the speed slider (default 1)"
     )
-    parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles to start from [rad]")
+    parser.add_argument("--joints", nargs=6, metavar="Q", help="six joint angles at the start [rad]")
     parser.add_argument(
         "--input",
         action="append",
         default=[],
         metavar="NAME=VALUE[@S]",
-        help="an input from the beginning, or from robot time S on: digital0 to 7, configurable0 to 7, tool0 and 1 "
-        "(0 or 1), analog0 and 1, tool-analog0 and 1 (V or A); repeatable",
+        help="set an input at the start, or at robot time S: digital0 to 7, configurable0 to 7, tool0 and 1 (0 or 1), "
+        "analog0 and 1, tool-analog0 and 1 (V or A); repeatable",
     )
     parser.add_argument(
         "--register",
         action="append",
         default=[],
         metavar="NAME=VALUE[@S]",
-        help="an input register, likewise: bool0 to 127, int0 to 47, float0 to 47; repeatable",
+        help="set an input register in the same way: bool0 to 127, int0 to 47, float0 to 47; repeatable",
     )
     parser.add_argument(
         "--answer",
         action="append",
         default=[],
         metavar="TEXT",
-        help="answer to a question of the program, as an operator types it; repeatable, in order",
+        help="answer to a question of the program, as an operator would type it; repeatable, in order",
     )
     parser.add_argument(
         "--peers",
         type=Path,
         metavar="FILE",
-        help="YAML file: what peers on sockets and XML-RPC answer (emulator.script_peers)",
+        help="YAML file with the answers of peers on sockets and XML-RPC (emulator.script_peers)",
     )
     parser.add_argument("--trace", action="store_true", help="show every statement before it is executed")
 
@@ -106,7 +106,7 @@ def _speed(text: str) -> float | None:
 
 
 def _run(options: Namespace) -> int:
-    from emulator import script_run  # the whole emulator: every command of urscript looks at this module
+    from emulator import script_run  # here, because it loads the whole emulator: every urscript command imports us
 
     return script_run.run(options)
 
@@ -117,10 +117,10 @@ class _Parser(ArgumentParser):
 
 
 def parsed(words: Sequence[str]) -> Namespace:
-    """What stands behind ``urscript run``, as options. Raises ValueError."""
+    """The options in the words that follow ``urscript run``. Raises ValueError."""
     parser = _Parser(add_help=False, allow_abbrev=False)
     _arguments(parser)
     return parser.parse_args(words)
 
 
-COMMAND = Command("run", "run a file of scripts on an emulated arm, in virtual time", _arguments, _run)
+COMMAND = Command("run", "run a file of URScript programs on an emulated arm, in virtual time", _arguments, _run)

@@ -1,4 +1,4 @@
-"""One emulator in the foreground of a terminal: its first screen, its ready line, its end."""
+"""One emulator in the foreground of a terminal: first screen, ready line, teach pendant, shutdown."""
 
 import asyncio
 import importlib.util
@@ -25,7 +25,7 @@ from emulator.config import ConfigError, EmulatorConfig, is_loopback
 from emulator.logs import ERROR, OUTPUT
 from emulator.ports import PORTS
 from emulator.readiness import check_ready
-from emulator.realtime import RealTime, claim_real_time, give_way_under_overload, spare_the_collector
+from emulator.realtime import RealTime, claim_real_time, freeze_heap, yield_under_overload
 from urproto.commandline import console
 from urproto.compat import Self, module_command
 from urproto.compat_asyncio import timeout
@@ -36,17 +36,17 @@ from urproto.robotapi import BASE, GET_PROGRAM_STATE, PUT_STATE
 _LOOPBACK = "127.0.0.1"
 _ABOUT = {
     "robot api": "power, brakes, programs: HTTP (/universal-robots/robot-api)",
-    "dashboard": "power, brakes, programs: lines of text",
-    "primary": "state and messages at 10 Hz; takes URScript",
-    "secondary": "state at 10 Hz; takes URScript",
-    "realtime": "state at the control rate; takes URScript",
-    "rtde": "variables of your choice, both ways",
+    "dashboard": "power, brakes, programs: text commands",
+    "primary": "state and messages at 10 Hz; accepts URScript",
+    "secondary": "state at 10 Hz; accepts URScript",
+    "realtime": "state at the control rate; accepts URScript",
+    "rtde": "variables of your choice, in both directions",
     "modbus": "registers and coils (Modbus/TCP)",
     "interpreter": "statements for a program in interpreter_mode()",
     "control": "this emulator's own API: inputs, faults, time (ur-emulator ctl)",
-    "cameras": "pictures of the scene: HTTP, for a browser too",
+    "cameras": "images of the scene: HTTP, also for a browser",
     "tool line": "the tool's serial line",
-    "gripper": "lines of text",
+    "gripper": "text commands",
 }
 
 
@@ -59,7 +59,7 @@ def first_screen(emulator: Emulator) -> RenderableType:
 
 
 def ready_line(emulator: Emulator, granted: Sequence[str]) -> Text:
-    """Says what it says only after every port has answered. granted: what `claim_real_time` returned."""
+    """The line that is printed once every port has answered. granted: what `claim_real_time` returned."""
     state = "the brakes are released" if emulator.controller.power.running else "the arm is powered off"
     host = emulator.config.host
     punctual = f"in real time ({', '.join(granted)})" if granted else "without real-time priority"
@@ -75,8 +75,8 @@ def _ports(emulator: Emulator) -> Table:
         table.add_row(name, str(ports[name]), _about(emulator, name, about))
     read_only = ", ".join(str(port) for name, port in ports.items() if name.endswith("read-only"))
     table.add_row("read-only", read_only, "as primary, secondary, realtime")
-    for reason in emulator.moved.values():
-        table.add_row("", "", f"{reason}; a free one serves instead")
+    for reason in emulator.port_fallbacks.values():
+        table.add_row("", "", f"{reason}; using a free port instead")
     return table
 
 
@@ -88,7 +88,7 @@ def _about(emulator: Emulator, name: str, about: str) -> str:
 
 
 def _dashboard_line(emulator: Emulator) -> str:
-    """A shell command that wakes the arm up, or asks for its mode when it is awake."""
+    """A shell command that releases the brakes, or queries the robot mode if they are released."""
     command = "robotmode" if emulator.controller.power.running else "brake release"
     config = emulator.config
     if "dashboard" not in emulator.ports:
@@ -101,9 +101,9 @@ def _dashboard_line(emulator: Emulator) -> str:
 
 
 def _api_line(emulator: Emulator) -> str:
-    """The same on PolyScope X; its first versions obey nobody but their pendant."""
+    """The same for PolyScope X, whose first versions can be controlled from their pendant only."""
     if not ROBOT_API.covers(emulator.controller.version):
-        return "# this version has no Robot API yet: switch the arm on with its pendant, or begin with --running"
+        return "# this version has no Robot API yet: switch the arm on with its pendant, or start with --running"
     base = f"http://{emulator.config.host}:{emulator.ports['robot api']}{BASE}"
     if emulator.controller.power.running:
         return f"curl {base}{GET_PROGRAM_STATE.path}"
@@ -112,12 +112,12 @@ def _api_line(emulator: Emulator) -> str:
 
 
 def _client() -> str:
-    """The driver's command as this terminal can call it: installed beside the interpreter, on the PATH or not."""
+    """The command ``ur-client`` as this terminal can call it: with its path if that is not in PATH."""
     return "ur-client" if which("ur-client") else str(Path(sys.executable).with_name("ur-client"))
 
 
 def _here(emulator: Emulator) -> str:
-    """Its address for clients on this machine."""
+    """The emulator's address for clients on this machine."""
     host = emulator.config.host
     return _LOOPBACK if host == _ANY else host
 
@@ -127,12 +127,12 @@ def _first_steps(emulator: Emulator) -> Text:
     steps = f"  {_dashboard_line(emulator)}\n"
     if emulator.config.wanted_ports["rtde"] != PORTS["rtde"]:
         return Text(
-            f"{steps}  ur_rtde knows the usual ports only: for several robots give each its own --host 127.0.0.x"
+            f"{steps}  ur_rtde connects to the usual ports only: give each of several robots its own --host 127.0.0.x"
         )
     controller = emulator.controller
     asks = _REMOTE_CONTROL.covers(controller.version) and "dashboard" in emulator.ports and host not in _NOT_ASKED
     asks = asks and not controller.remote_control
-    remote = "  ur_rtde asks for remote control at such an address: start with --remote-control\n" if asks else ""
+    remote = "  ur_rtde requires remote control at this address: start with --remote-control\n" if asks else ""
     return Text(
         f"{steps}{remote}"
         "  pip install ur-rtde    # then in Python, once the brakes are released:\n"
@@ -144,20 +144,20 @@ def _first_steps(emulator: Emulator) -> Text:
 
 _ANY: Final = "0.0.0.0"
 _REMOTE_CONTROL: Final = COMMANDS["is in remote control"].available
-_NOT_ASKED: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # where ur_rtde takes the robot for a simulator
+_NOT_ASKED: Final = ("127.0.0.1", "localhost", "192.168.56.101")  # addresses that ur_rtde takes for a simulator
 _MISSING: Final = (
-    "No teach pendant: its packages are not installed. In the folder of ur-emulator, pip install '.[pendant]' brings "
-    "them; --no-pendant leaves this line out."
+    "No teach pendant: its packages are not installed. Run pip install '.[pendant]' in the folder of ur-emulator, or "
+    "use --no-pendant to omit this line."
 )
-_FAILED: Final = "No pendant: its process ended; the lines above say why. --pendant-port chooses another port."
-_BY_HAND: Final = "The robot goes on. For a pendant: ur-client pendant {options}"
-_GOODBYE_S: Final = 3.0  # guess: how long a clean end may take
-_WAITS_S: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # before the next start, of ends in a row; after as many it is given up
-_STEADY_S: Final = 60.0  # guess: a pendant that was there for so long did not die of its start
+_FAILED: Final = "No teach pendant: its process failed; see the lines above. --pendant-port selects another port."
+_MANUAL_START: Final = "The robot keeps running. To start a pendant: ur-client pendant {options}"
+_GOODBYE_S: Final = 3.0  # guess: time limit for a clean exit
+_BACKOFF_S: Final = (0.5, 1.0, 2.0, 4.0, 8.0)  # before each restart after consecutive failures; then no more
+_STEADY_S: Final = 60.0  # guess: a pendant that ran for this long did not fail because of its start
 
 
 class Pendant:
-    """The pendant of a running emulator while the context is entered. tell: told in a line what becomes of it."""
+    """The pendant of a running emulator while the context is entered. tell: called with a line for each change."""
 
     def __init__(self, emulator: Emulator, port: int, tell: Callable[[str], object]) -> None:
         self._emulator = emulator
@@ -194,7 +194,7 @@ class Pendant:
             await process.wait()
 
     def report(self) -> dict[str, Any]:
-        """How it is: see the verb ``pendant`` of the control API."""
+        """The state of the process, as returned by the verb ``pendant`` of the control API."""
         process = self._process
         return {
             "state": self._state,
@@ -205,7 +205,7 @@ class Pendant:
         }
 
     async def _keep(self) -> None:
-        """Have one process after the other until that is hopeless."""
+        """Run the pendant and restart it when it ends, until it fails too often in succession."""
         if importlib.util.find_spec("nicegui") is None:
             self._give_up(_MISSING)
             return
@@ -219,22 +219,22 @@ class Pendant:
                 how = f"could not be started ({error.strerror or error})"
             else:
                 served = served or bool(line)
-                if not served and status > 0:  # it has said what somebody has to mend: another start changes nothing
+                if not served and status > 0:  # it has printed what the user must fix: a restart would not help
                     self._give_up(_FAILED)
                     return
                 how = f"{_end(status)} after {now() - began:.0f} s"
             failures = 1 if now() - began > _STEADY_S else failures + 1
-            if failures > len(_WAITS_S):
-                by_hand = _BY_HAND.format(options=" ".join(self._options()))
-                self._give_up(f"The teach pendant {how}, as {failures - 1} times before: it is given up. {by_hand}")
+            if failures > len(_BACKOFF_S):
+                manual = _MANUAL_START.format(options=" ".join(self._options()))
+                self._give_up(f"The teach pendant {how}: it has failed {failures} times and is given up. {manual}")
                 return
-            wait_s = _WAITS_S[failures - 1]
+            wait_s = _BACKOFF_S[failures - 1]
             self._state, self._problem = "waiting", f"it {how}"
-            self._tell(f"The teach pendant {how}: it is started anew in {wait_s:g} s.")
+            self._tell(f"The teach pendant {how}: restarting it in {wait_s:g} s.")
             await asyncio.sleep(wait_s)
 
     async def _run_once(self) -> tuple[str, int]:
-        """The line with which it says where browsers find it, "" if it never did, and its exit status."""
+        """Run one process; return the line in which it announced its address ("" if it did not) and its exit status."""
         starting = asyncio.create_subprocess_exec(*self._command(), stdin=PIPE, stdout=PIPE, env=self._environment())
         process = self._process = await starting
         self._starts += 1
@@ -242,7 +242,7 @@ class Pendant:
         line = (await process.stdout.readline()).decode().strip()
         if line:
             self._state = "running"
-            self._tell(line if self._starts == 1 else f"{line} (started anew: start {self._starts})")
+            self._tell(line if self._starts == 1 else f"{line} (restarted: start {self._starts})")
         return line, await process.wait()
 
     def _give_up(self, why: str) -> None:
@@ -253,7 +253,10 @@ class Pendant:
         return [*module_command("client", "-u"), "pendant", *self._options(), "--with-parent"]
 
     def _options(self) -> list[str]:
-        """Whoever reaches a pendant can do what it can: other machines get one without the control API."""
+        """The options of ``ur-client pendant``.
+
+        A pendant that other machines can reach gets no control API, which it would open to them.
+        """
         emulator, config = self._emulator, self._emulator.config
         local = is_loopback(config.host)
         options = {
@@ -275,7 +278,7 @@ class Pendant:
 
 def _end(status: int) -> str:
     if status >= 0:
-        return f"ended with status {status}"
+        return f"exited with status {status}"
     try:
         return f"was killed ({signal.Signals(-status).name})"
     except ValueError:
@@ -285,37 +288,38 @@ def _end(status: int) -> str:
 async def serve(
     config: EmulatorConfig, ports_file: Path | None, pendant_port: int | None, *, exit_when_ready: bool
 ) -> None:
-    """Run it until it is stopped, or until every port answers. pendant_port: None for no pendant.
+    """Run the emulator until it is stopped, or until every port answers. pendant_port: None for no pendant.
 
     Raises ConfigError, NotReady, OSError.
     """
     screen = console(cast(TextIO, OUTPUT))
-    emulator = Emulator(replace(config, faults=()))  # they begin once it has proven to be ready
+    emulator = Emulator(replace(config, faults=()))  # faults begin once the emulator has proven to be ready
     async with AsyncExitStack() as running:
         running.enter_context(OUTPUT.in_background())
         running.enter_context(ERROR.in_background())
         granted = claim_real_time(config.realtime if config.speed == 1.0 else RealTime.OFF)
         await running.enter_async_context(emulator)
         if granted:
-            watching = asyncio.create_task(give_way_under_overload())
+            watching = asyncio.create_task(yield_under_overload())
             running.callback(watching.cancel)
         _stop_on_signals(emulator.stop)
         screen.print(first_screen(emulator))
         await check_ready(config.host, emulator.ports, elsewhere={"control": config.host_of("control")})
-        spare_the_collector()  # of what the emulator made of itself since
+        freeze_heap()  # again: the emulator has been created since the first time
         if ports_file is not None:
             write_ports(ports_file, emulator.ports)
         emulator.inject(config.faults)
         screen.print(ready_line(emulator, granted))
         if pendant_port is not None:
-            await running.enter_async_context(Pendant(emulator, pendant_port, screen.print))  # beside a robot at work
+            # the robot runs already: it does not wait for the pendant
+            await running.enter_async_context(Pendant(emulator, pendant_port, screen.print))
         if not exit_when_ready:
             await emulator.stopped.wait()
     screen.print("Stopped.")
 
 
 def _stop_on_signals(stop: Callable[[], None]) -> None:
-    """End cleanly on the first Ctrl-C; a second one interrupts."""
+    """Stop cleanly on the first Ctrl-C; a second one interrupts."""
     loop = asyncio.get_running_loop()
 
     def stop_once(number: signal.Signals) -> None:
@@ -328,7 +332,7 @@ def _stop_on_signals(stop: Callable[[], None]) -> None:
 
 
 def write_ports(path: Path, ports: object) -> None:
-    """Complete or not at all: others wait for the file."""
+    """Write the file completely or not at all, because other processes wait for it. Raises ConfigError."""
     draft = path.with_name(f"{path.name}.part")
     try:
         draft.write_text(json.dumps(ports, indent=2) + "\n")

@@ -18,14 +18,14 @@ from emulator.campaign.plan import Plan, Run, read_plan
 from emulator.campaign.progress import Progress
 from emulator.campaign.report import Summary, write_report
 from emulator.campaign.work import installed_version
-from emulator.cli import mistakes_in_one_line
+from emulator.cli import errors_in_one_line
 from emulator.config import ConfigError
 from emulator.realtime import usable_cores
 from urproto.commandline import application
 
 _FAILED: Final = 1
-_INTERRUPTED: Final = 130  # as shells have it
-_PREVIEW: Final = 10  # commands of --dry-run
+_INTERRUPTED: Final = 130  # as in shells
+_PREVIEW: Final = 10  # commands that --dry-run shows
 
 app = application(completion=False)
 
@@ -35,27 +35,27 @@ def _campaign(
     file: Annotated[Path, typer.Argument(help="YAML file of the campaign (docs/campaigns.md).")],
     *,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for results (default: FILE without its ending, and -results).")
+        Path | None, typer.Option(help="Folder for results (default: FILE without its suffix, plus -results).")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes on this machine (default: one per core).")
+        int | None, typer.Option(min=1, help="Number of processes on this machine (default: one per core).")
     ] = None,
     ray: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Run on a Ray cluster instead: its address, auto, or local (a new one)."),
     ] = None,
     minimise: Annotated[
-        int, typer.Option(min=0, help="Of how many kinds of failures a failed run is made simpler.")
+        int, typer.Option(min=0, help="Number of kinds of failures for which a failed run is simplified.")
     ] = 10,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Forget the results that are there.")] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say how many runs there are, and which.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Discard existing results.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="List the runs instead of running them.")] = False,
 ) -> None:
     """Run programs or tests many times in virtual time, with every combination of options."""
-    with mistakes_in_one_line():
+    with errors_in_one_line():
         if find_spec("pyarrow") is None:
             raise ConfigError("campaigns need Parquet: pip install 'ur-emulator[campaign]'")
         if ray is not None and workers is not None:
-            raise ConfigError("a cluster has as many processes as cores: leave --workers out")
+            raise ConfigError("a Ray cluster uses one process per core: leave out --workers")
         plan = read_plan(file)
         if dry_run:
             _preview(plan)
@@ -71,10 +71,10 @@ def _campaign(
 
 
 def _carry_out(plan: Plan, journal: Journal, ray: str | None, workers: int | None, minimise: int) -> dict[int, Run]:
-    """Every run that has no result; then failed ones made simpler, by their numbers."""
+    """Carry out every run that has no result; return simplified versions of failed runs, by number."""
     done = len(plan) - journal.left
     if done:
-        typer.echo(f"{done:,} of {len(plan):,} runs are done already.")
+        typer.echo(f"{done:,} of {len(plan):,} runs are already done.")
     progress = Progress(len(plan), done, sys.stderr)
     version = installed_version()
     with closing(_workers(plan, ray, workers)) as chosen:
@@ -84,7 +84,7 @@ def _carry_out(plan: Plan, journal: Journal, ray: str | None, workers: int | Non
             return simplest(plan, chosen, version, failing_ones(journal, minimise))
         except KeyboardInterrupt:
             progress.finish()
-            left = f"{journal.left:,} runs are left: the same command goes on" if journal.left else "all runs are done"
+            left = f"{journal.left:,} runs are left: repeat the command to continue" if journal.left else "all are done"
             typer.echo(f"Interrupted. {left}.", err=True)
             raise typer.Exit(_INTERRUPTED) from None
 

@@ -1,4 +1,4 @@
-"""The control API: what a test, a tool or the teach pendant does to an emulated robot from behind the scenes.
+"""The control API: lets tests, tools and the teach pendant act on an emulated robot and its surroundings.
 
 One set of verbs, `emulator.control.control.Control`, in three forms: a Python object, HTTP/JSON
 (`emulator.control.http`), and ``ur-emulator ctl``.

@@ -1,7 +1,7 @@
-"""All verbs of a robot as one Python object: `VirtualRobot` in virtual time, `LiveControl` of one with ports.
+"""All verbs of a robot as one Python object: `VirtualRobot` in virtual time, `LiveControl` for a robot with ports.
 
-The verbs of a subject are a class of their own, which knows what it is about and nothing of the others. To add a verb,
-mark a method there; to add a subject, name it in ``SUBJECTS`` and in the class that type checkers see.
+The verbs of each subject form a separate class, which is independent of the others. To add a verb, mark a method of
+such a class; to add a subject, name its class in ``SUBJECTS`` and among the bases of ``_Methods``.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,12 +11,12 @@ from emulator.control.installation import InstallationVerbs
 from emulator.control.modes import ModeVerbs, SignalVerbs
 from emulator.control.programs import ProgramVerbs
 from emulator.control.state import StateVerbs
-from emulator.control.timing import OwnPace, Pace, TimeVerbs
+from emulator.control.timing import ManualPace, Pace, TimeVerbs
 from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, methods_of, verb
 from emulator.control.world import WorldVerbs
 from emulator.controller import Controller
 from emulator.faults.catalogue import kinds, make_fault
-from emulator.faults.fault import FaultError, FaultImpossible, rebooted, show_gone
+from emulator.faults.fault import FaultError, FaultImpossible, publish_no_controller, rebooted
 from emulator.faults.injector import FaultInjector
 from emulator.machine import ControllerConfig
 from emulator.servers.admission import TurnedAway
@@ -25,7 +25,7 @@ _T = TypeVar("_T")
 
 
 class FaultVerbs(Verbs):
-    """Verbs about what goes wrong."""
+    """Verbs about faults."""
 
     def __init__(self, robot: ControlledRobot, faults: FaultInjector) -> None:
         super().__init__(robot)
@@ -33,7 +33,7 @@ class FaultVerbs(Verbs):
 
     @verb
     def inject_fault(self, kind: str, **arguments: Any) -> int:
-        """Inject a fault; returns its id. ``fault_kinds`` lists the kinds and their arguments.
+        """Inject a fault and return its id. ``fault_kinds`` lists the kinds and their arguments.
 
         For example ``drop_connection port=rtde after=5``, ``delay port=rtde delay_s=0.05 lasting=10``.
         """
@@ -46,9 +46,9 @@ class FaultVerbs(Verbs):
 
     @verb
     def clear_fault(self, fault_id: int) -> None:
-        """End a fault, or cancel one that waits."""
+        """End a fault, or cancel one that has not begun."""
         if not self._faults.clear(fault_id):
-            raise NotPossible(f"there is no fault {fault_id} that waits or is in force")
+            raise NotPossible(f"no fault {fault_id} waits or is in force: faults lists them")
 
     @verb
     def clear_faults(self) -> None:
@@ -57,17 +57,17 @@ class FaultVerbs(Verbs):
 
     @verb
     def faults(self) -> list[dict[str, Any]]:
-        """Faults that wait, are in force or are over (the last hundred), and how often each struck."""
+        """List the faults that wait, are in force, or are over (the last hundred), and how often each struck."""
         return self._faults.listing()
 
     @verb
     def fault_kinds(self) -> list[dict[str, Any]]:
-        """What faults there are: kind, text, on what occasion one strikes, arguments with types and defaults."""
+        """List the kinds of faults: kind, text, occasion on which one strikes, arguments with types and defaults."""
         return kinds()
 
 
 class Port(Protocol):
-    """What the verbs want to know of a server."""
+    """The part of a server that the verbs use."""
 
     @property
     def port(self) -> int: ...
@@ -80,7 +80,7 @@ class Port(Protocol):
 
 
 class PortVerbs(Verbs):
-    """Verbs about a robot's ports and who uses them. ``pendant_report``: what is known of the teach pendant."""
+    """Verbs about a robot's ports and their clients. ``pendant_report``: returns the state of the teach pendant."""
 
     def __init__(
         self, robot: ControlledRobot, ports: Mapping[str, Port], pendant_report: Callable[[], dict[str, Any]]
@@ -96,15 +96,15 @@ class PortVerbs(Verbs):
 
     @verb
     def connections(self) -> dict[str, list[str]]:
-        """Who is connected to each port: addresses of the clients, in the order they came."""
+        """List the clients of each port: their addresses, in the order in which they connected."""
         return {name: server.peers for name, server in self._ports.items()}
 
     @verb
     def turned_away(self) -> dict[str, dict[str, int]]:
-        """How many clients each port has turned away since the start, by reason; only ports that did.
+        """Count the clients that each port has turned away since the start, by reason; only ports that did so.
 
-        http, tls: what web browsers send; port full, address full: more clients than the limits allow;
-        no descriptors: the process has no room for more files and connections.
+        http, tls: the client sent what web browsers send; port full, address full: more clients than the limits allow;
+        no descriptors: the process cannot open more files and connections.
         """
         return {name: counts for name, server in self._ports.items() if (counts := server.turned_away.counts)}
 
@@ -112,8 +112,8 @@ class PortVerbs(Verbs):
     def pendant(self) -> dict[str, Any]:
         """The teach pendant's process: state (none, starting, running, waiting, given up), port, pid, starts, problem.
 
-        One that was killed or has crashed is restarted, after a longer wait each time;
-        ``problem`` says why the last one ended.
+        A process that was killed or crashed is restarted, after a longer wait each time; ``problem`` says why the last
+        one ended.
         """
         return {"state": "none", "port": None, "pid": None, "starts": 0, "problem": ""} | self._pendant_report()
 
@@ -126,14 +126,14 @@ if TYPE_CHECKING:
         """What a type checker sees: each verb as a method."""
 
     class _MethodsOfPorts(PortVerbs):
-        """And those of a robot with ports."""
+        """The verbs of a robot with ports in addition."""
 
 else:
     _Methods = _MethodsOfPorts = object
 
 
 class Control(_Methods):
-    """The verbs of a robot, each as a method. ``pace``: how its time goes by."""
+    """The verbs of a robot, each as a method. ``pace``: controls how its time advances."""
 
     SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (
         FaultVerbs,
@@ -156,48 +156,48 @@ class Control(_Methods):
 
     @property
     def controller(self) -> Controller:
-        """The robot's controller: another one once the robot was switched off and on."""
+        """The robot's controller; a new object after the robot was switched off and on."""
         return self._robot.controller
 
     def _take(self, subject: Verbs) -> None:
-        """Have its verbs as methods."""
+        """Add the verbs of a subject as methods."""
         vars(self).update(methods_of(subject))
 
 
 class _VirtualMachine(ControlledRobot):
-    """A controller without ports, whose time goes by while somebody waits."""
+    """A controller without ports, whose time advances only while a verb waits."""
 
     def __init__(self, config: ControllerConfig) -> None:
         super().__init__(Controller(config))
         self.faults = FaultInjector(self.controller, machine=self)
-        self._power_wanted = True
+        self._power_requested = True
         self._periods_off = 0
         self._boot_s = 0.0
 
     def switch_off(self, *, silent: bool) -> None:
-        """The controller is gone after this period: a fault."""
-        self._power_wanted = False
+        """Switch the controller off after this period, for a fault."""
+        self._power_requested = False
 
     def switch_on(self, boot_s: float) -> None:
-        """A new controller boots; its uptime begins at 0."""
-        self._power_wanted, self._boot_s = True, boot_s
+        """Boot a new controller, whose uptime begins at 0."""
+        self._power_requested, self._boot_s = True, boot_s
 
     def _period(self) -> None:
         """One control period, with or without a controller."""
         if self._periods_off:
             self._periods_off += 1
             self.faults.step()
-            if self._power_wanted:
-                self._come_back()
+            if self._power_requested:
+                self._reboot()
             return
         self.controller.tick()
-        if not self._power_wanted:
+        if not self._power_requested:
             self._periods_off = 1
             self.faults.controller_gone()
-            self.controller.programs.stop("the controller ended")
-            show_gone(self.controller)
+            self.controller.programs.stop("the controller was shut down")
+            publish_no_controller(self.controller)
 
-    def _come_back(self) -> None:
+    def _reboot(self) -> None:
         before, periods, self._periods_off = self.controller, self._periods_off, 0
         self.controller = rebooted(before, self._boot_s, periods * before.period_s)
         self.controller.programs.socket_backend = before.programs.socket_backend
@@ -214,7 +214,7 @@ class _VirtualMachine(ControlledRobot):
 
 
 class VirtualRobot(Control):
-    """A controller without ports in virtual time: ``step``, ``run_until`` and what waits make its time go by.
+    """A controller without ports in virtual time, which ``step``, ``run_until`` and other waiting verbs advance.
 
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3")))
     robot.release_brakes()
@@ -223,18 +223,18 @@ class VirtualRobot(Control):
 
     def __init__(self, config: ControllerConfig) -> None:
         machine = _VirtualMachine(config)
-        super().__init__(machine, OwnPace(), machine.faults)
+        super().__init__(machine, ManualPace(), machine.faults)
 
 
 class _ServedRobot(ControlledRobot):
-    """A controller whose time goes by itself: a server continues the steps after each control period."""
+    """A controller that a clock drives: a server continues the steps of a verb after each control period."""
 
     def wait(self, steps: Waiting[_T]) -> _T:
         return cast(_T, steps)
 
 
 class LiveControl(Control, _MethodsOfPorts):
-    """As Control, with verbs about ports. A verb that takes time returns its steps, for a server to go on with."""
+    """Control with verbs about ports. A verb that takes time returns its steps, which a server continues."""
 
     SUBJECTS: ClassVar[tuple[type[Verbs], ...]] = (*Control.SUBJECTS, PortVerbs)
 
@@ -245,7 +245,7 @@ class LiveControl(Control, _MethodsOfPorts):
         self._take(PortVerbs(robot, ports, lambda: self.pendant_report()))
 
     def switched_on(self, controller: Controller) -> None:
-        """The robot has another controller from now on."""
+        """Use the robot's new controller from now on."""
         self._robot.controller = controller
 
 

@@ -1,4 +1,4 @@
-"""Verbs about the installation file: what the teach pendant's Installation screen shows and saves."""
+"""Verbs about the installation file, for the teach pendant's Installation screen."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -38,22 +38,22 @@ class InstallationVerbs(Verbs):
 
     @verb
     def installation(self, section: str = "") -> dict[str, Any]:
-        """What the installation file says, or one of its sections: lists of rows, in SI units.
+        """The content of the installation file, or one of its sections: lists of rows, in SI units.
 
-        ``file``: its name, which a file that is not there yet will get. Sections: tcps, payloads, mounting, features,
+        ``file``: its name, also if it does not exist yet. Sections: tcps, payloads, mounting, features,
         io, modbus, external_control, default_program, safety_limits, safety_joints, safety_planes,
         safety_tool_direction, safety_io, safety_home.
         """
         if section and section not in SECTIONS:
-            raise BadArguments(f"there is no section {section!r}: there are {', '.join(SECTIONS)}")
+            raise BadArguments(f"unknown section {section!r}: choose one of {', '.join(SECTIONS)}")
         return self._wait(self._shown(section))
 
     @verb
     def change_installation(self, section: str, values: Mapping[str, Any], name: str = "") -> None:
-        """Change values of a row of the installation file, save the file, and use what has changed.
+        """Change values of a row of the installation file, save the file, and apply the change.
 
-        ``name``: the row's, where the section is a list. What is not changed stays in the file byte for byte. For
-        example {"host": "192.168.56.1"} of external_control.
+        ``name``: name of the row, if the section is a list. Everything else in the file stays byte for byte. For
+        example, {"host": "192.168.56.1"} in section external_control.
         """
         return self._wait(self._saved(section, lambda root: change_setting(root, section, name, values), values))
 
@@ -64,7 +64,7 @@ class InstallationVerbs(Verbs):
 
     @verb
     def remove_from_installation(self, section: str, name: str) -> None:
-        """Take a row out of a list of the installation file."""
+        """Remove a row from a list of the installation file."""
         return self._wait(self._saved(section, lambda root: remove_setting(root, section, name)))
 
     def _shown(self, section: str) -> Waiting[dict[str, Any]]:
@@ -72,14 +72,14 @@ class InstallationVerbs(Verbs):
         root = yield from self._document(path, section)
         shown = dict[str, list[Row]]()
         for name in [section] if section else SECTIONS:
-            yield  # a control period for each: an installation may have hundreds of features
+            yield  # one section per control period: an installation may have hundreds of features
             shown[name] = read_section(root, name)
         return {"file": _DEFAULT if path is None else path.name, "sections": shown}
 
     def _saved(
         self, section: str, change: Callable[[Element], None], values: Mapping[str, Any] | None = None
     ) -> Waiting[None]:
-        """One change at a time, from reading the file to using it, so that two people lose nothing."""
+        """Read, change, save and apply the file; one change at a time, so that clients do not lose changes."""
         while self._saving:
             yield
         self._saving = True
@@ -90,9 +90,10 @@ class InstallationVerbs(Verbs):
             try:
                 change(root)
                 _check_program(controller, section, root)
-                yield  # a control period for each of these: big files take milliseconds
-                beside = path.with_suffix(".variables")
-                file = read_installation_document(root, path.stem, beside.read_bytes() if beside.is_file() else b"")
+                yield  # each of these steps in its own control period: big files take milliseconds
+                variables = path.with_suffix(".variables")
+                content_of_it = variables.read_bytes() if variables.is_file() else b""
+                file = read_installation_document(root, path.stem, content_of_it)
             except (SettingError, DocumentError) as error:
                 raise BadArguments(f"{path.name}: {error}") from error
             yield
@@ -100,7 +101,7 @@ class InstallationVerbs(Verbs):
             yield
             _write(path, packed(content))
             controller.use_installation(path, file, section)
-            if section == "external_control":  # the newest word counts, until the emulator is started again
+            if section == "external_control":  # overrides --external-control until the emulator is restarted
                 given = controller.config.external_control
                 kept = DriverAddress(
                     None if "host" in (values or ()) else given.host, None if "port" in (values or ()) else given.port
@@ -126,7 +127,7 @@ class InstallationVerbs(Verbs):
 
 
 def _place(controller: Controller) -> Path | None:
-    """The file in use, else the one that is loaded at boot; None without a programs folder."""
+    """The file in use, otherwise the one that is loaded at boot; None without a programs folder."""
     if controller.installation.path is not None:
         return controller.installation.path
     folder = controller.config.programs_dir
@@ -134,7 +135,7 @@ def _place(controller: Controller) -> Path | None:
 
 
 def _check_program(controller: Controller, section: str, root: Element) -> None:
-    """What is to be loaded at boot has to be there. Raises SettingError."""
+    """Check that the program to be loaded at boot exists. Raises SettingError."""
     if section != "default_program":
         return
     row = SECTIONS[section].rows(root)[0]
@@ -143,7 +144,7 @@ def _check_program(controller: Controller, section: str, root: Element) -> None:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """A new file takes the place of the old one, whole or not at all."""
+    """Replace the file, completely or not at all."""
     new = path.with_name(f".{path.name}.new")
     try:
         new.write_bytes(content)

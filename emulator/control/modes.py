@@ -1,4 +1,4 @@
-"""Verbs about power, the safety system and the operator's hands."""
+"""Verbs about power, the safety system, and what an operator does."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,23 +31,23 @@ class SignalVerbs(Verbs):
 
     @verb
     def set_digital_input(self, index: int, level: bool, group: Group = "standard") -> None:
-        """Drive a digital input: 0 to 7 of the control box, 0 to 7 of its configurable ones, 0 or 1 at the tool."""
+        """Set a digital input: 0 to 7 (standard and configurable, at the control box), or 0 and 1 (tool)."""
         with _indices():
             self.controller.signals.set_digital_input(_GROUPS[group], index, level)
 
     @verb
     def set_digital_output(self, index: int, level: bool, group: Group = "standard") -> None:
-        """Switch a digital output, as a program does."""
+        """Set a digital output, as a program does."""
         with _indices():
             self.controller.signals.set_digital_output(_GROUPS[group], index, level)
 
     @verb
     def set_analog_input(self, index: int, value: float, domain: Domain | None = None, *, tool: bool = False) -> None:
-        """Drive analog input 0 or 1 of the control box or the tool [A or V]; optionally change what it measures."""
+        """Set analog input 0 or 1 of the control box or the tool [A or V], and optionally its domain."""
         if index not in (0, 1):
-            raise BadArguments(f"there is no analog input {index}: they are 0 and 1")
+            raise BadArguments(f"there is no analog input {index}: choose 0 or 1")
         if not plausible(value):
-            raise BadArguments(f"no signal is at {value}: give A or V")
+            raise BadArguments(f"{value} is out of range for an analog input: give A or V")
         signals = self.controller.signals
         values = signals.tool_analog_inputs if tool else signals.analog_inputs
         domains = signals.tool_analog_input_domains if tool else signals.analog_input_domains
@@ -59,17 +59,17 @@ class SignalVerbs(Verbs):
     def set_analog_output(self, index: int, ratio: float) -> None:
         """Set analog output 0 or 1 to a ratio (0 to 1) of its range."""
         if not plausible(ratio):
-            raise BadArguments(f"an analog output is set to 0 to 1 of its range, not {ratio}")
+            raise BadArguments(f"an analog output takes a ratio from 0 to 1 of its range, not {ratio}")
         with _indices():
             self.controller.signals.set_analog_output(index, ratio)
 
     @verb
     def set_input_register(self, kind: Register, index: int, value: float) -> None:
-        """Write a register that clients write and programs read."""
+        """Write an input register, as clients do; programs read it."""
         bank = self.controller.registers.input
         with _indices():
             if not isfinite(value):
-                raise BadArguments(f"a register takes numbers, not {value}")
+                raise BadArguments(f"a register takes finite numbers, not {value}")
             if kind == "bit":
                 bank.set_bit(index, bool(value))
             elif kind == "double":
@@ -81,16 +81,16 @@ class SignalVerbs(Verbs):
 
     @verb
     def set_encoder_speed(self, index: int, ticks_per_s: float) -> None:
-        """Let the emulated conveyor at encoder 0 or 1 run at this speed."""
+        """Set the speed of the emulated conveyor at encoder 0 or 1."""
         if not plausible(ticks_per_s):
-            raise BadArguments(f"no conveyor runs at {ticks_per_s} ticks/s")
+            raise BadArguments(f"{ticks_per_s} ticks/s is out of range for a conveyor")
         with _indices():
             self.controller.encoders[index].simulated_speed = ticks_per_s
 
 
 @contextmanager
 def _indices() -> Iterator[None]:
-    """What a wrong number raises, as a verb's error."""
+    """Turn the error for an invalid index or number into that of a verb."""
     try:
         yield
     except (IndexError, OverflowError) as error:
@@ -102,16 +102,16 @@ Device = Literal["safeguard", "automatic_safeguard", "enabling_device", "reduced
 
 
 class ModeVerbs(Verbs):
-    """Verbs that buttons, gates and faults stand behind on a real robot."""
+    """Verbs for what buttons, gates and faults do on a real robot."""
 
     @verb
     def power_on(self) -> None:
-        """Switch the arm on; the robot mode ends in IDLE."""
+        """Switch the arm on; the mode becomes IDLE."""
         self._power(PowerEvent.POWER_ON)
 
     @verb
     def release_brakes(self) -> None:
-        """Release the brakes, switching the arm on first if need be; the robot mode ends in RUNNING."""
+        """Release the brakes, switching the arm on first if necessary; the mode becomes RUNNING."""
         self._power(PowerEvent.BRAKE_RELEASE)
 
     @verb
@@ -121,65 +121,65 @@ class ModeVerbs(Verbs):
 
     @verb
     def protective_stop(self, code: int = SCRIPT_PROTECTIVE_STOP.code, argument: int = 0) -> None:
-        """Stop the arm protectively, with this error code in the log."""
+        """Trigger a protective stop, with this error code in the log."""
         if not (0 <= code <= INT_MAX and INT_MIN <= argument <= INT_MAX):
-            raise BadArguments(f"C{code}A{argument} is not an error code: both numbers have 32 bits")
+            raise BadArguments(f"C{code}A{argument} is not an error code: both must be 32-bit integers")
         self.controller.protective_stop(StopCause(code, argument))
 
     @verb
     def unlock_protective_stop(self) -> None:
-        """Leave a protective stop at once; only the dashboard waits for 5 s."""
+        """Unlock a protective stop immediately; the 5 s wait applies to the dashboard only."""
         self.controller.safety_event(SafetyEvent.UNLOCK)
 
     @verb
     def press_emergency_stop(self, button: Button = "robot") -> None:
-        """Press the emergency stop of the teach pendant, or the system's; it stays pressed."""
+        """Press the emergency stop button of the teach pendant, or the system's; it stays pressed."""
         self._set(_BUTTONS[button], True)
 
     @verb
     def release_emergency_stop(self, button: Button | None = None) -> None:
-        """Release an emergency stop, or both; the arm stays off until it is switched on."""
+        """Release one emergency stop button, or both; the arm stays off until it is switched on."""
         for name, device in _BUTTONS.items():
             if button in (None, name):
                 self._set(device, False)
 
     @verb
     def open_safeguard(self) -> None:
-        """Open the gate: safeguard stop until it is closed."""
+        """Open the safeguard gate: safeguard stop until it is closed."""
         self._set(SafetyDevice.SAFEGUARD, True)
 
     @verb
     def close_safeguard(self) -> None:
-        """Close the gate. The program goes on, or waits for ``reset_safeguard`` where an input is assigned to that.
+        """Close the safeguard gate. The program resumes, or waits for ``reset_safeguard`` if it has an input.
 
-        One is, on the robot as it is delivered.
+        As delivered, a robot has such an input.
         """
         self._set(SafetyDevice.SAFEGUARD, False)
 
     @verb
     def reset_safeguard(self) -> None:
-        """Press the safeguard reset button; the program goes on if the gate is closed."""
+        """Press the safeguard reset button; the program resumes if the gate is closed."""
         if not SetSafetyInput(SafetyInput.SAFEGUARD_RESET, high=False).apply(self.controller):
-            raise NotPossible("no input is assigned to the safeguard reset: the program goes on by itself")
+            raise NotPossible("no input is assigned to the safeguard reset: the program resumes without it")
         return self._wait(self._rise(SafetyInput.SAFEGUARD_RESET))
 
     @verb
     def set_safety_device(self, device: Device, active: bool) -> None:
-        """Let a device request its stop or mode, or stop requesting it.
+        """Make a safety device request its stop or mode, or end the request.
 
-        The enabling device requests its stop while it is not held halfway.
+        The enabling device requests its stop while it is not held in its middle position.
         """
         self._set(SafetyDevice[device.upper()], active)
 
     @verb
     def safety_devices(self) -> dict[str, bool]:
-        """Whether each emergency stop button and safety device now requests its stop or mode."""
+        """Whether each emergency stop button and safety device currently requests its stop or mode."""
         inputs = self.controller.safety_board.inputs
         return {device.name.lower(): inputs.active(device) for device in SafetyDevice}
 
     @verb
     def safety_causes(self) -> dict[str, str]:
-        """What ``trip_safety`` can cause on this robot, with the report code of each."""
+        """List what ``trip_safety`` can trigger on this robot, with the error code of each."""
         series = self.controller.model.series
         return {
             cause.name.lower(): f"{row.label} {row.what}"
@@ -191,20 +191,20 @@ class ModeVerbs(Verbs):
     def trip_safety(self, cause: str, joint: int | None = None) -> None:
         """Trigger a protective stop, a violation or a fault; ``safety_causes`` lists them."""
         if joint is not None and not 0 <= joint <= 5:
-            raise BadArguments(f"there is no joint {joint}: they are 0 (base) to 5")
+            raise BadArguments(f"there is no joint {joint}: choose 0 (base) to 5")
         if cause not in self.safety_causes():
-            raise BadArguments(f"unknown cause {cause!r}: known are {', '.join(self.safety_causes())}")
+            raise BadArguments(f"unknown cause {cause!r}: choose one of {', '.join(self.safety_causes())}")
         self.controller.safety_board.trip(Cause[cause.upper()], joint)
 
     @verb
     def restart_safety(self) -> None:
-        """Restart the safety system after a violation or fault; the arm ends switched off."""
+        """Restart the safety system after a violation or fault; the arm is then switched off."""
         self.controller.power_event(PowerEvent.POWER_OFF)
         self.controller.safety_event(SafetyEvent.RESTART)
 
     @verb
     def last_stop(self) -> dict[str, Any] | None:
-        """The last stop of the safety system: mode, category 0 to 2, time [s] and way of the tool [m]."""
+        """The last stop of the safety system: mode, category 0 to 2, stopping time [s] and tool distance [m]."""
         stop = self.controller.safety_board.last_stop
         if stop is None:
             return None
@@ -218,19 +218,19 @@ class ModeVerbs(Verbs):
 
     @verb
     def set_arm_supply(self, present: bool) -> None:
-        """Cut the arm's 48 V supply, or restore it; then ``restart_safety``."""
+        """Cut the arm's 48 V supply, or restore it; after restoring it, call ``restart_safety``."""
         self.controller.safety_board.set_supply(present)
 
     @verb
     def set_remote_control(self, on: bool) -> None:
-        """Turn the pendant's switch to remote control, or back."""
+        """Switch the pendant to remote control, or back to local control."""
         self.controller.remote_control = on
 
     @verb
     def set_simulation(self, on: bool) -> None:
-        """Turn the pendant's switch to Simulation, or back to Real Robot. The arm must stand, and no program run.
+        """Switch the pendant to Simulation, or back to Real Robot. The arm must be at rest, and no program may run.
 
-        In simulation programs move a simulated arm, which is what all ports publish; the real one stands.
+        In simulation, programs move a simulated arm, whose state all ports publish; the real arm stands still.
         """
         try:
             self.controller.simulate(on)
@@ -239,13 +239,13 @@ class ModeVerbs(Verbs):
 
     @verb
     def simulation(self) -> dict[str, Any]:
-        """Whether the switch is on Simulation, and the angles of the real arm [rad]."""
+        """Whether the pendant is switched to Simulation, and the joint angles of the real arm [rad]."""
         switch = self.controller.simulation
         return {"on": switch.on, "real_q_rad": list(switch.real.q)}
 
     @verb
     def hold_freedrive_button(self, held: bool) -> None:
-        """Hold the pendant's freedrive button, or let it go; the arm gives way while no program runs."""
+        """Hold the pendant's freedrive button, or release it; held, the arm can be moved while no program runs."""
         self.controller.safety_board.hold_freedrive(held)
 
     @verb
@@ -256,7 +256,7 @@ class ModeVerbs(Verbs):
 
     @verb
     def popups(self) -> list[dict[str, Any]]:
-        """The dialogues that are open, oldest first; ``type``: what answer one asks for, NONE for a plain popup."""
+        """List the open popups, oldest first; ``type``: type of the requested answer, NONE for a plain popup."""
         return [
             {"id": popup.request_id, "title": popup.title, "text": popup.text, "type": popup.requested_type.name}
             for popup in self.controller.popups.shown
@@ -264,7 +264,7 @@ class ModeVerbs(Verbs):
 
     @verb
     def answer_popup(self, popup_id: int, value: int | float | str | bool | None = None) -> None:
-        """Close a popup, or answer a question; a question without a value is cancelled."""
+        """Close a popup, or answer a question; without a value the question is cancelled."""
         try:
             if not self.controller.popups.answer(popup_id, value):
                 raise NotPossible(f"no popup {popup_id} is open")
@@ -280,7 +280,7 @@ class ModeVerbs(Verbs):
         SetSafetyInput(function, high=True).apply(self.controller)
 
     def _set(self, device: SafetyDevice, active: bool) -> None:
-        """What somebody does next shall find the safety system as it is then."""
+        """Set the device and latch it now, so that the next verb finds the safety system in its new state."""
         board = self.controller.safety_board
         board.set_device(device, active)
         board.latch()

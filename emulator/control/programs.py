@@ -1,4 +1,4 @@
-"""Verbs about programs and what they say."""
+"""Verbs about programs, their files, variables and log."""
 
 import base64
 import binascii
@@ -27,37 +27,37 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
-_SAVED: Final = (".urp", ".urpx", ".script", ".txt", ".variables", ".installation")  # what PolyScope writes
-_LARGEST: Final = 2 << 20  # bytes of a file: in base64 it has to fit into a request; programs have some 10 kB
+_SAVED: Final = (".urp", ".urpx", ".script", ".txt", ".variables", ".installation")  # the files that PolyScope writes
+_LARGEST: Final = 2 << 20  # bytes of a file, which must fit into a request in base64; programs take about 10 kB
 
 
 class ProgramVerbs(Verbs):
-    """Verbs about programs, the dashboard's lines and the log."""
+    """Verbs about programs, dashboard commands and the log."""
 
     @verb
     def dashboard(self, line: str) -> str:
-        """Carry out a line of the dashboard server, also on PolyScope X, which has none; returns its answer."""
+        """Execute a dashboard command and return its answer; also on PolyScope X, which has no dashboard server."""
         return self._wait(_answered(dashboard.execute(self.controller, line, any_version=True)))
 
     @verb
     def send_script(self, text: str) -> bool:
-        """Run a script as if it came on a script port; returns whether it starts, which the log explains."""
+        """Run a script as if it came through a script port; returns whether it starts (the log says why not)."""
         return self._wait(_decided(self.controller.programs.submit(text)))
 
     @verb
     def programs(self) -> list[str]:
-        """The program files of the programs folder, as ``load`` of the dashboard takes them."""
+        """List the program files of the programs folder, with paths as for the dashboard's ``load``."""
         folder = self.controller.config.programs_dir or DRIVER_PROGRAMS
         return self._wait(program_files(folder.resolve()))
 
     @verb
     def save_program(self, path: str, data: str) -> str:
-        """Write a file into the programs folder, whole or not at all; returns its path as ``load`` takes it.
+        """Write a file to the programs folder, completely or not at all; returns its path as for ``load``.
 
-        ``path``: relative to the folder, ending in .urp, .script, .txt, .variables or .installation; folders are
-        made as needed. ``data``: the file's bytes in base64, at most 2 MiB of them. A loaded program stays as it was
-        until it is loaded again. An emulator without ``--programs`` makes a temporary folder,
-        and its log says where.
+        ``path``: relative to the folder, ending in .urp, .script, .txt, .variables or .installation; subfolders are
+        created as needed. ``data``: the content in base64, at most 2 MiB before encoding. A loaded program is not
+        affected until it is loaded again. An emulator without ``--programs`` creates a temporary folder, which its log
+        names.
         """
         have_programs_folder(self.controller)
         place = self._place(path)
@@ -66,7 +66,7 @@ class ProgramVerbs(Verbs):
         except (binascii.Error, ValueError) as error:
             raise BadArguments(f"data is not base64: {error}") from error
         if len(content) > _LARGEST:
-            raise BadArguments(f"{path}: a file has at most {_LARGEST >> 20} MiB")
+            raise BadArguments(f"{path}: files must not exceed {_LARGEST >> 20} MiB")
         new = place.with_name(f".{place.name}.new")
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -80,18 +80,18 @@ class ProgramVerbs(Verbs):
 
     @verb
     def read_program(self, path: str) -> str:
-        """A file of the programs folder, its bytes in base64; ``path`` as for ``save_program``."""
+        """Read a file of the programs folder; returns its content in base64. ``path`` as for ``save_program``."""
         place = self._place(path)
         try:
             if place.stat().st_size > _LARGEST:
-                raise NotPossible(f"{path} has more than {_LARGEST >> 20} MiB")
+                raise NotPossible(f"{path} is larger than {_LARGEST >> 20} MiB")
             return base64.b64encode(place.read_bytes()).decode()
         except OSError as error:
             raise NotPossible(f"{path} cannot be read: {error.strerror or error}") from error
 
     @verb
     def delete_program(self, path: str) -> bool:
-        """Delete a file of the programs folder; returns whether it was there. ``path`` as for ``save_program``."""
+        """Delete a file of the programs folder; returns whether it existed. ``path`` as for ``save_program``."""
         place = self._place(path)
         try:
             place.unlink()
@@ -104,12 +104,12 @@ class ProgramVerbs(Verbs):
     def _place(self, path: str) -> Path:
         root = self.controller.config.programs_dir
         if root is None:
-            raise NotPossible(f"{path}: this emulator has no programs folder, see --programs")
+            raise NotPossible(f"{path}: this emulator has no programs folder: start it with --programs")
         place = ProgramsFolder(root).place(path)
         if place is None:
-            raise BadArguments(f"{path!r} does not lead into the programs folder: give a path below it, as job.urp")
+            raise BadArguments(f"{path!r} is not in the programs folder: give a path below it, for example job.urp")
         if place.suffix not in _SAVED:
-            raise BadArguments(f"{path}: files of the programs folder end in {', '.join(_SAVED)}")
+            raise BadArguments(f"{path}: the name of a file in the programs folder must end in {', '.join(_SAVED)}")
         return place
 
     def _name(self, place: Path) -> str:
@@ -119,45 +119,46 @@ class ProgramVerbs(Verbs):
 
     @verb
     def breakpoints(self) -> list[int]:
-        """The nodes at which the main program is paused, by their numbers in the program tree."""
+        """List the breakpoints of the main program: numbers of nodes in the program tree."""
         return sorted(self.controller.programs.breakpoints.numbers)
 
     @verb
     def set_breakpoints(self, nodes: list[int]) -> None:
-        """Pause the main program whenever it reaches one of these nodes, instead of those given before.
+        """Replace the breakpoints: the main program pauses whenever it reaches one of these nodes.
 
-        ``nodes``: numbers in the program tree, as the program's labels have them (``$ 4 "Wait"``); at a waypoint the
-        pause comes behind it, when the program goes on from there. ``play`` goes on. Loading another file clears them.
+        ``nodes``: numbers in the program tree, as in the program's labels (``$ 4 "Wait"``). At a waypoint the program
+        pauses after reaching it, before it continues from there. ``play`` resumes the program. Loading another file
+        clears the breakpoints.
         """
         if not all(0 < node < 1_000_000_000 for node in nodes):
-            raise BadArguments(f"{nodes}: nodes have numbers from 1 on")
+            raise BadArguments(f"{nodes}: numbers of nodes begin at 1")
         self.controller.programs.breakpoints.set(nodes)
 
     @verb
     def step_program(self) -> bool:
-        """Single step: go on, or start the loaded program, and pause at the next node; returns whether it does.
+        """Single step: resume or start the loaded program, and pause at the next node; returns whether it runs.
 
-        Only labels are nodes, so a script without them runs to its end.
+        Only labels mark nodes, so a script without labels runs to its end.
         """
         programs = self.controller.programs
         if programs.state is RuntimeState.PLAYING:
-            raise NotPossible("the program runs: pause it first")
+            raise NotPossible("the program is running: pause it first")
         return self._wait(_stepped(programs))
 
     @verb
     def play_from(self, node: int) -> bool:
-        """Start the loaded program tree at a node, by its number; returns whether it starts, which the log explains.
+        """Start the loaded program tree at a node, by its number; returns whether it starts (the log says why not).
 
-        What lies before the node is skipped, at its own level and at each around it; loops come back to it. Variables
-        have their first values, BeforeStart is done, threads and events run. Refused for nodes that are suppressed,
-        outside the robot program, or within a node that begins as a whole.
+        Nodes before it are skipped, at its own level and at each enclosing level; loops return to them. Variables have
+        their initial values, BeforeStart is executed, threads and events run. Refused for nodes that are suppressed,
+        outside the robot program, or inside a node that can only be started as a whole.
         """
         programs = self.controller.programs
         tree = None if programs.loaded is None else programs.loaded.tree
         if tree is None:
             raise NotPossible("no program tree is loaded: load a .urp file first")
         if programs.busy:
-            raise NotPossible("a program runs, or is paused: stop it first")
+            raise NotPossible("a program is running or paused: stop it first")
         try:
             StartingNode(tree, node)
         except TreeError as error:
@@ -166,17 +167,17 @@ class ProgramVerbs(Verbs):
 
     @verb
     def program(self) -> dict[str, Any]:
-        """The main program that runs, else the loaded one.
+        """The main program that is running, otherwise the loaded one.
 
-        ``file``: the loaded one's, None when this is another; ``running``; ``text``: its script, whose lines
-        ``script_control_line`` counts, empty while a program tree was not played; ``tree``: the nodes of a program
-        tree with number (by which labels name them), depth, text and whether they are suppressed.
+        ``file``: the loaded file, None if another program is running; ``running``: whether it runs; ``text``: its
+        script, to whose lines ``script_control_line`` refers, empty until a program tree is played; ``tree``: the nodes
+        of a program tree with number (as in labels), depth, text, and whether they are suppressed.
         """
         return self._wait(_shown_program(self.controller))
 
     @verb
     def variables(self) -> dict[str, Any]:
-        """The global variables of the running program, as text."""
+        """The global variables of the running program, with their values as text."""
         return {name: str(value) for name, value in self.controller.programs.variables.items()}
 
     @verb
@@ -187,20 +188,20 @@ class ProgramVerbs(Verbs):
 
     @verb
     def external_control(self) -> dict[str, str | int]:
-        """Where External Control nodes ask for their program when they are played: host and port of the driver."""
+        """Host and port of the driver from which External Control nodes request their program."""
         host, port = self.controller.external_control.complete
         return {"host": host, "port": port}
 
     @verb
     def set_external_control(self, host: str | None = None, port: int | None = None) -> None:
-        """Fill in the URCap's page: where External Control nodes ask for their program from now on.
+        """Set the driver (host, port) from which External Control nodes request their program, as on the URCap's page.
 
-        What is left out is the installation's, or else the URCap's own, 192.168.56.1 and 50002.
+        Omitted values are those of the installation, or else the URCap's defaults, 192.168.56.1 and 50002.
         """
         if host is not None and (not host.strip() or any(letter.isspace() for letter in host.strip())):
             raise BadArguments(f"{host!r} is not a host: give an address or a name")
         if port is not None and not 0 < port < 65536:
-            raise BadArguments(f"there is no port {port}: they are 1 to 65535")
+            raise BadArguments(f"there is no port {port}: choose 1 to 65535")
         address = DriverAddress(None if host is None else host.strip(), port)
         self.controller.config = replace(self.controller.config, external_control=address)
 
@@ -230,7 +231,7 @@ def _shown_program(controller: "Controller") -> Waiting[dict[str, Any]]:
 
 
 def _or_nothing(steps: Steps[list[OutlineNode]]) -> Steps[list[OutlineNode]]:
-    """Another installation may have taken away what the tree needs."""
+    """No nodes if the tree does not fit the installation, which may have changed since the tree was loaded."""
     try:
         return (yield from steps)
     except TreeError:

@@ -1,4 +1,4 @@
-"""Verbs about what the robot is and has: looking at it, and setting it without a program."""
+"""Verbs about the state of the robot: reading it, and setting it without a program."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -19,20 +19,20 @@ class StateVerbs(Verbs):
 
     @verb
     def state(self, names: Sequence[str] = ()) -> dict[str, Any]:
-        """What the controller published in its last period, by RTDE field name.
+        """The state that the controller published in its last period, by RTDE field name.
 
-        All of it, or the fields of these names. Angles in rad, poses in m and rad (rotation vector), in the base
-        frame; modes by name.
+        ``names``: the fields to return; all by default. Angles are in rad, poses in m and rad (rotation vector) in the
+        base frame; modes are given by name.
         """
         unknown = [name for name in names if name not in _FIELDS]
         if unknown:
-            raise BadArguments(f"unknown fields {', '.join(unknown)}: known are {', '.join(_FIELDS)}")
+            raise BadArguments(f"unknown fields {', '.join(unknown)}: choose from {', '.join(_FIELDS)}")
         snapshot = self.controller.snapshot
         return {name: _plain(getattr(snapshot, name)) for name in names or _FIELDS}
 
     @verb
     def describe(self) -> dict[str, str]:
-        """What this robot is: model, PolyScope version, serial number."""
+        """Describe this robot: model, PolyScope version, serial number."""
         controller = self.controller
         return {
             "model": controller.model.name,
@@ -43,7 +43,7 @@ class StateVerbs(Verbs):
 
     @verb
     def set_joints(self, q_rad: Vector6) -> None:
-        """Place the arm at these joint angles at once, base to wrist 3 [rad]. It must stand still."""
+        """Place the arm at these joint angles, base to wrist 3 [rad], without a movement. It must be at rest."""
         try:
             self.controller.motion.set_position(q_rad)
         except ValueError as error:
@@ -51,7 +51,7 @@ class StateVerbs(Verbs):
 
     @verb
     def set_tcp(self, pose: Vector6) -> None:
-        """Use another TCP: its pose in the flange frame, x, y, z [m], rx, ry, rz [rad]."""
+        """Set the TCP: its pose in the flange frame, x, y, z [m], rx, ry, rz [rad]."""
         try:
             self.controller.set_tcp(pose)
         except ValueError as error:
@@ -59,9 +59,9 @@ class StateVerbs(Verbs):
 
     @verb
     def set_payload(self, mass_kg: float, cog_m: Vector3 = ZERO3) -> None:
-        """Set another payload: mass and centre of gravity in the flange frame."""
+        """Set the payload: mass, and centre of gravity in the flange frame."""
         if mass_kg < 0.0:
-            raise BadArguments(f"a payload of {mass_kg} kg: a mass cannot be negative")
+            raise BadArguments(f"the mass of a payload cannot be negative: {mass_kg} kg")
         try:
             self.controller.installation.set_payload(Payload.of(mass_kg, cog_m))
         except ValueError as error:
@@ -69,31 +69,31 @@ class StateVerbs(Verbs):
 
     @verb
     def set_gravity(self, acceleration_m_s2: Vector3) -> None:
-        """Mount the robot another way: the acceleration its base senses, (0, 0, 9.82) when it stands upright."""
+        """Change the mounting: the acceleration that the base senses, (0, 0, 9.82) if the robot stands upright."""
         if not plausible(*acceleration_m_s2):
-            raise BadArguments(f"no base senses {list(acceleration_m_s2)} m/s2")
+            raise BadArguments(f"{list(acceleration_m_s2)} m/s2 is out of range for the acceleration of gravity")
         self.controller.installation.gravity = acceleration_m_s2
 
     @verb
     def set_speed_slider(self, fraction: float) -> None:
-        """Move the speed slider, 0 to 1."""
+        """Set the speed slider, 0 to 1."""
         if not 0.0 <= fraction <= 1.0:
-            raise BadArguments(f"the speed slider goes from 0 to 1, not to {fraction}")
+            raise BadArguments(f"the speed slider must be from 0 to 1, not {fraction}")
         self.controller.speed.set_slider(fraction)
 
     @verb
     def save(self) -> dict[str, Any]:
-        """The whole state of a robot at rest as a document that ``restore`` takes; no program may run."""
+        """Return the whole state of a robot at rest as a document for ``restore``; no program may run."""
         return save_state(self.controller)
 
     @verb
     def restore(self, document: Mapping[str, Any]) -> None:
-        """Bring the robot into the state that ``save`` wrote. It must be of the same model and series, at rest."""
+        """Restore a state returned by ``save``. The robot must be of the same model and series, and at rest."""
         restore_state(self.controller, document)
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it: names for modes, lists for vectors, hexadecimal text for bytes."""
+    """A value as JSON: names for modes, lists for vectors, hexadecimal text for bytes."""
     if isinstance(value, IntEnum) and not isinstance(value, IntFlag):
         return value.name
     if isinstance(value, tuple | list):

@@ -1,4 +1,4 @@
-"""Verbs about time: how fast it goes, and going on step by step."""
+"""Verbs about time: its speed, pausing it, and advancing it step by step."""
 
 import math
 import operator
@@ -21,7 +21,7 @@ _COMPARISONS: Final[dict[str, Callable[[Any, Any], bool]]] = {
 }
 _TERM: Final = re.compile(r"(\w+)(?:\[([0-9]{1,9})\])?\s*(==|!=|<=|>=|<|>)\s*(.+)")
 _WORDS: Final = {"true": True, "false": False}
-_FIELDS: Final = Snapshot()  # of the types that every snapshot has
+_FIELDS: Final = Snapshot()  # an example: every snapshot has values of the same types
 
 Condition = Callable[[Snapshot], bool]
 
@@ -29,7 +29,7 @@ Condition = Callable[[Snapshot], bool]
 def parse_condition(text: str) -> Condition:
     """Comparisons of published fields with numbers, mode names or texts, joined by ``and``.
 
-    Raises ValueError that says what is wrong and what is possible.
+    Raises ValueError, which says what is wrong and what is possible.
     """
     terms = [_term(part.strip()) for part in re.split(r"\sand\s", text)]
     return lambda snapshot: all(term(snapshot) for term in terms)
@@ -51,7 +51,7 @@ def _value_of(snapshot: Snapshot, name: str, index: str | None) -> Any:
         return value if index is None else value[int(index)]
     except (KeyError, TypeError, IndexError):
         place = name if index is None else f"{name}[{index}]"
-        raise ValueError(f"there is no field {place}: the fields are those of the verb state") from None
+        raise ValueError(f"there is no field {place}: the verb state lists the fields") from None
 
 
 def _constant(text: str, example: Any) -> Any:
@@ -66,11 +66,11 @@ def _constant(text: str, example: Any) -> Any:
         return number(text)
     except ValueError:
         names = f", or one of {', '.join(type(example).__members__)}" if isinstance(example, IntEnum) else ""
-        raise ValueError(f"{text!r} cannot be compared with: give a number{names}") from None
+        raise ValueError(f"{text!r} is not a value to compare with: give a number{names}") from None
 
 
 class Pace(Protocol):
-    """How a robot's time goes by. ``speed``: simulated seconds per second, inf for as fast as possible."""
+    """Controls how a robot's time advances. ``speed``: simulated seconds per second, inf for as fast as possible."""
 
     @property
     def speed(self) -> float: ...
@@ -85,20 +85,20 @@ class Pace(Protocol):
     def resume(self) -> None: ...
 
 
-class OwnPace:
-    """Time that goes by only when it is told to."""
+class ManualPace:
+    """Time that advances only when a caller steps it."""
 
     speed = math.inf
     paused = True
 
     def set_speed(self, speed: float) -> None:
-        raise NotPossible("the time of this robot is driven step by step, as fast as possible")
+        raise NotPossible("this robot is in virtual time: it is stepped, as fast as possible, and has no speed")
 
     def pause(self) -> None:
-        """It is paused already."""
+        """Do nothing: this time is always paused."""
 
     def resume(self) -> None:
-        """Who drives it decides what goes by."""
+        """Do nothing: the caller advances this time."""
 
 
 class TimeVerbs(Verbs):
@@ -121,35 +121,36 @@ class TimeVerbs(Verbs):
 
     @verb
     def set_speed(self, speed: float) -> None:
-        """Make time run faster or slower: simulated seconds per second; 0 is as fast as possible."""
+        """Set the speed of time in simulated seconds per second; 0 is as fast as possible."""
         if speed < 0.0:
             raise BadArguments(f"time cannot run at {speed} seconds per second")
         self._pace.set_speed(speed or math.inf)
 
     @verb
     def pause_time(self) -> None:
-        """Stop time; the ports stay open. ``step`` and ``run_until`` go on, ``resume_time`` ends it."""
+        """Stop time; the ports stay open. ``step`` and ``run_until`` advance it, ``resume_time`` ends the pause."""
         self._pace.pause()
 
     @verb
     def resume_time(self) -> None:
-        """Let time run on."""
+        """Let time run again."""
         self._pace.resume()
 
     @verb
     def step(self, periods: int = 1) -> float:
-        """Advance that many control periods, after ``pause_time``; returns the uptime [s]."""
+        """Advance paused time by a number of control periods, and return the uptime [s]."""
         if periods < 1:
-            raise BadArguments(f"{periods} periods: give 1 or more")
+            raise BadArguments(f"the number of periods must be at least 1, not {periods}")
         if not self._pace.paused:
-            raise NotPossible("time goes by itself: pause_time first")
+            raise NotPossible("time is running: call pause_time first")
         return self._wait(self._periods(periods))
 
     @verb
     def run_until(self, condition: str, timeout_s: float = 60.0) -> float:
-        """Wait until a condition on the state holds, for example ``robot_mode == RUNNING and actual_q[0] > 0.5``.
+        """Wait until a condition on the state is true, for example ``robot_mode == RUNNING and actual_q[0] > 0.5``.
 
-        Returns the uptime [s]. Fails after ``timeout_s`` of robot time. Paused time runs meanwhile.
+        Returns the uptime [s]. Fails after ``timeout_s`` of robot time. Time runs during the wait, even if it is
+        paused.
         """
         try:
             holds = parse_condition(condition)

@@ -1,4 +1,4 @@
-"""Verbs: typed methods that can also be called by name, with arguments that came as JSON or on a command line."""
+"""Verbs: typed methods that can also be called by name, with arguments from JSON or a command line."""
 
 import inspect
 from abc import ABC, abstractmethod
@@ -17,18 +17,18 @@ Waiting = Generator[None, None, _T]  # yields once for each control period it wa
 
 
 class ControlledRobot(ABC):
-    """The robot that verbs are about. ``controller``: another one once it was switched off and on."""
+    """The robot that verbs act on. ``controller``: a new object after the robot was switched off and on."""
 
     def __init__(self, controller: "Controller") -> None:
         self.controller = controller
 
     @abstractmethod
     def wait(self, steps: "Waiting[_T]") -> _T:
-        """Let control periods pass until the steps are done; their result."""
+        """Let control periods pass until the steps are done; return their result."""
 
 
 class Verbs:
-    """The verbs of one subject: methods marked by `verb`. They are carried out between two control periods."""
+    """The verbs of one subject: methods marked by `verb`, which run between two control periods."""
 
     def __init__(self, robot: ControlledRobot) -> None:
         self._robot = robot
@@ -39,7 +39,7 @@ class Verbs:
         return self._robot.controller
 
     def _wait(self, steps: "Waiting[_T]") -> _T:
-        """As of the robot. The last thing that a verb does: who serves many clients takes the steps for later."""
+        """Wait as the robot does. Must be the last action of a verb: a server continues the steps later."""
         return self._robot.wait(steps)
 
 
@@ -57,16 +57,16 @@ class NotPossible(Exception):  # noqa: N818 - named for what is the case
 
 
 def verb(function: _Function) -> _Function:
-    """Make a method a verb. Its annotations say what arguments it takes, its docstring is its documentation."""
+    """Make a method a verb: its annotations define the arguments, its docstring is the documentation."""
     setattr(function, _MARK, True)
     return function
 
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb as those see it who call it by name. ``parameters``: a msgspec structure of its arguments.
+    """A verb for callers that use its name. ``parameters``: a msgspec structure of its arguments.
 
-    ``open``: it takes others, too (``**``), and checks them itself.
+    ``open``: it also takes other arguments (``**``), and checks them itself.
     """
 
     name: str
@@ -99,7 +99,7 @@ class Verb:
             given |= {name: value for name, value in arguments.items() if name not in given}
         for name, value in given.items():
             if not _finite(value):
-                raise BadArguments(f"{self.name}: {name} must be a finite, sensible number, not {value}")
+                raise BadArguments(f"{self.name}: {name} must be finite and below 1e30, not {value}")
         return getattr(control, self.name)(**given)
 
 
@@ -109,7 +109,7 @@ def verbs_of(subjects: Iterable[type[Verbs]]) -> dict[str, Verb]:
 
 
 def methods_of(subject: Verbs) -> dict[str, Callable[..., Any]]:
-    """The verbs of one robot, on one subject, as what is called."""
+    """The verbs of one subject of a robot as bound methods, by name."""
     return {name: getattr(subject, name) for name, _ in _marked(type(subject))}
 
 

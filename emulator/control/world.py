@@ -1,4 +1,4 @@
-"""Verbs about what surrounds the arm and hangs on it."""
+"""Verbs about the objects around the arm, the forces on it, and its true payload."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -24,13 +24,13 @@ from urproto.vectors import ZERO3, Vector3, Vector6
 
 
 class WorldVerbs(Verbs):
-    """Verbs about things that push back, hands that push, and the payload that is really there."""
+    """Verbs about objects, pushes on the tool, and the payload that is really mounted."""
 
     @verb
     def push_tool(
         self, wrench: Vector6, frame: Literal["base", "tool"] = "base", duration_s: float | None = None
     ) -> None:
-        """Push the tool at the TCP: force [N] and torque [Nm], for a while or until ``release_tool``."""
+        """Push the tool at the TCP with a force [N] and torque [Nm], for ``duration_s`` or until ``release_tool``."""
         try:
             push = Push(wrench, Frame(frame), duration_s)
         except ValueError as error:
@@ -44,7 +44,7 @@ class WorldVerbs(Verbs):
 
     @verb
     def world(self) -> dict[str, Any]:
-        """What surrounds the arm, as in a world file: objects, tool; the hand's push, and a payload that is mounted."""
+        """Describe the world as in a world file: objects and tool; in addition the push, and the mounted payload."""
         world, payload = self.controller.world or World(), self.controller.simulation.real.mounted
         push = world.pushes.get(HAND)
         return {
@@ -56,19 +56,19 @@ class WorldVerbs(Verbs):
 
     @verb
     def objects(self) -> list[str]:
-        """Names of the objects around the arm."""
+        """List the names of the objects around the arm."""
         world = self.controller.world
         return world.names() if world is not None else []
 
     @verb
     def object_poses(self) -> dict[str, Vector6]:
-        """Where each object around the arm is now: x, y, z [m], rx, ry, rz [rad] in the base frame."""
+        """The current pose of each object around the arm: x, y, z [m], rx, ry, rz [rad] in the base frame."""
         world = self.controller.world
         return world.poses() if world is not None else {}
 
     @verb
     def reset_world(self) -> None:
-        """Put everything that moves (``--physics``) back to where it was at first, at rest; also after a failure."""
+        """Return everything that moves (``--physics``) to its initial pose, at rest; also after a failure."""
         self._change(ResetWorld())
 
     @verb
@@ -85,7 +85,7 @@ class WorldVerbs(Verbs):
 
     @verb
     def move_object(self, name: str, pose: Vector6) -> None:
-        """Move an object: its pose in the base frame, x, y, z [m], rx, ry, rz [rad]."""
+        """Move an object to a pose in the base frame, x, y, z [m], rx, ry, rz [rad]."""
         self._change(MoveObject(name, pose))
 
     @verb
@@ -95,7 +95,7 @@ class WorldVerbs(Verbs):
 
     @verb
     def mount_tool(self, description: Mapping[str, Any]) -> None:
-        """Touch things with another shape than the TCP alone: {"sphere": 0.01}, with a pose in the TCP's frame."""
+        """Give the tool a shape for contacts, other than a point: {"sphere": 0.01}, with a pose in the TCP frame."""
         try:
             tool = read_thing("tool", dict(description), tool=True)
         except ValueError as error:
@@ -104,7 +104,7 @@ class WorldVerbs(Verbs):
 
     @verb
     def mount_payload(self, mass_kg: float | None = None, cog_m: Vector3 = ZERO3) -> None:
-        """Hang something on the flange that programs do not know of; without a mass, what they say hangs there."""
+        """Mount a payload that programs do not know about; without a mass, the payload is the one that they set."""
         payload = None if mass_kg is None else Payload.of(mass_kg, cog_m)
         try:
             MountPayload(payload).apply(self.controller)

@@ -1,4 +1,4 @@
-"""Faults of the arm. Those of feedback change what ports show; programs still know the truth (docs/faults.md)."""
+"""Faults of the arm. Faults of feedback change what ports publish; programs still see true values (docs/faults.md)."""
 
 from abc import abstractmethod
 from collections import deque
@@ -29,10 +29,10 @@ def _with(values: Vector6, joint: int, value: float) -> Vector6:
 
 @dataclass(frozen=True, kw_only=True)
 class FeedbackFault(Fault):
-    """A joint (0 is the base) is measured wrong; the TCP is where the measured angles put it.
+    """A joint (0 is the base) is measured wrongly; the pose of the TCP follows from the measured angles.
 
-    stop_above_rad: the controller notices that it is so far from its target, and stops protectively with C153;
-    0 for never.
+    stop_above_rad: deviation from the target above which the controller triggers a protective stop, C153; 0 for
+    never.
     """
 
     joint: Joint
@@ -40,7 +40,7 @@ class FeedbackFault(Fault):
 
     @abstractmethod
     def sensor(self, site: Site) -> Sensor:
-        """What the joint measures instead of its angle and speed; asked once a control period."""
+        """A function of true angle and speed that returns the measured ones; called once per control period."""
 
     def claims(self, site: Site) -> set[str]:
         return {f"the feedback of joint {self.joint}"}
@@ -67,7 +67,7 @@ class FeedbackFault(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class LaggingJoint(FeedbackFault):
-    """A joint is measured where it was ``delay_s`` ago, and ``offset_rad`` off."""
+    """A joint is measured where it was ``delay_s`` ago, plus an offset ``offset_rad``."""
 
     delay_s: NotNegative = 0.0
     offset_rad: float = 0.0
@@ -85,7 +85,7 @@ class LaggingJoint(FeedbackFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class FrozenFeedback(FeedbackFault):
-    """A joint is measured where it was when the fault began, standing."""
+    """A joint is measured where it was when the fault began, with a speed of 0."""
 
     def sensor(self, site: Site) -> Sensor:
         held = site.controller.snapshot.actual_q[self.joint]
@@ -95,7 +95,7 @@ class FrozenFeedback(FeedbackFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class EncoderJump(FeedbackFault):
-    """The encoder of a joint jumps by ``by_rad`` and is so much off from then on."""
+    """The encoder of a joint jumps by ``by_rad``, and keeps that error."""
 
     by_rad: float
 
@@ -106,9 +106,9 @@ class EncoderJump(FeedbackFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class JointFault(Fault):
-    """A joint reports a fault or a violation; so does the safety system, again and again while the arm has power.
+    """A joint reports a fault or a violation; so does the safety system, repeatedly while the arm has power.
 
-    What it takes to go on afterwards is what it takes on the robot: ``restart_safety``, power, brakes.
+    To continue afterwards, proceed as on a robot: ``restart_safety``, power on, release the brakes.
     """
 
     joint: Joint
@@ -138,7 +138,7 @@ class JointFault(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class LostBrake(Fault):
-    """The brake of a joint does not hold: an arm without power sags, as far as friction lets it (dynamic arm)."""
+    """The brake of a joint does not hold: without power the arm sags, as far as friction permits (dynamic arm)."""
 
     joint: Joint
 
@@ -147,7 +147,7 @@ class LostBrake(Fault):
 
     def check(self, site: Site) -> None:
         if site.controller.simulation.real.drives is None:
-            raise FaultImpossible("this arm is ideal, it has no weight that a lost brake could let down: --arm dynamic")
+            raise FaultImpossible("an ideal arm has no weight and does not sag without a brake: use --arm dynamic")
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         drives = site.controller.simulation.real.drives

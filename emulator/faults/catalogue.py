@@ -1,4 +1,4 @@
-"""All kinds of faults, and faults from what JSON or a command line says."""
+"""All kinds of faults, and faults from JSON or a command line."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
@@ -15,14 +15,17 @@ _TIMING: Final = tuple(field.name for field in fields(Fault))
 
 
 def make_fault(kind: str, arguments: Mapping[str, Any], *, typed: bool = True) -> Fault:
-    """A fault by the name of its kind. typed: numbers are numbers; else they may be text. Raises FaultError."""
+    """Create a fault by the name of its kind. Raises FaultError.
+
+    typed: numbers are numbers, as in JSON; otherwise they may be text.
+    """
     form = KINDS.get(kind)
     if form is None:
-        raise FaultError(f"unknown fault {kind!r}: there are {', '.join(KINDS)}")
+        raise FaultError(f"unknown fault {kind!r}: choose one of {', '.join(KINDS)}")
     names = [field.name for field in fields(form)]
     unknown = [name for name in arguments if name not in names]
     if unknown:
-        raise FaultError(f"{kind} has no {', '.join(unknown)}: it has {', '.join(names)}")
+        raise FaultError(f"{kind} has no argument {', '.join(unknown)}: choose from {', '.join(names)}")
     try:
         return msgspec.convert(dict(arguments), form, strict=typed)
     except msgspec.ValidationError as error:
@@ -30,13 +33,13 @@ def make_fault(kind: str, arguments: Mapping[str, Any], *, typed: bool = True) -
 
 
 def checked(fault: _F) -> _F:
-    """The fault, its values within the bounds of their types. Raises FaultError."""
+    """Return the fault if its values are within the bounds of their types. Raises FaultError."""
     make_fault(fault.kind, asdict(fault))
     return fault
 
 
 def parse_fault(text: str) -> Fault:
-    """A fault as on the command line: ``drop_connection,port=rtde,after=5``. Raises FaultError."""
+    """Create a fault from its text on the command line: ``drop_connection,port=rtde,after=5``. Raises FaultError."""
     kind, *words = text.split(",")
     arguments = {}
     for word in words:
@@ -48,7 +51,7 @@ def parse_fault(text: str) -> Fault:
 
 
 def describe(fault: Fault) -> dict[str, Any]:
-    """Its arguments, without those at their defaults."""
+    """The arguments of a fault that differ from their defaults."""
     return {
         field.name: getattr(fault, field.name)
         for field in fields(fault)
@@ -57,7 +60,7 @@ def describe(fault: Fault) -> dict[str, Any]:
 
 
 def kinds() -> list[dict[str, Any]]:
-    """What there is: kind, subject, text, occasion, and the arguments with type and, if they have one, default."""
+    """List all kinds: name, subject, text, occasion, and arguments with type and, if they have one, default."""
     return [
         {
             "kind": name,

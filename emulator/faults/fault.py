@@ -1,17 +1,17 @@
-"""A fault as a value: what goes wrong, from when to when, and how often.
+"""A fault as a value: what goes wrong, when it begins and ends, and how often it strikes.
 
     @register
     @dataclass(frozen=True, kw_only=True)
     class DropConnection(ClientFault):
-        \"""End the connections.\"""
+        \"""Connections are closed.\"""
 
-        occasion: ClassVar[str] = "each period in which somebody is connected"
+        occasion: ClassVar[str] = "each period with a connected client"
 
         def act(self, site, strikes): ...
 
-``act`` is a generator: what comes before its first yield is the beginning, it goes on once a control period (of robot
-time: faults go faster or stand still as the robot does), and its ``finally`` takes everything back. A kind that says
-on what ``occasion`` it strikes asks ``strikes()`` each time; one that does not, lasts from its beginning to its end.
+``act`` is a generator. The code before its first yield begins the fault; then it continues once per control period (of
+robot time, so faults run faster or pause together with the robot), and its ``finally`` undoes everything. Kinds that
+name an ``occasion`` on which they may strike call ``strikes()`` on each; other kinds last from beginning to end.
 """
 
 import math
@@ -30,8 +30,8 @@ from emulator.servers.port import PortServer
 from urproto.modes import JointMode, RobotMode, RuntimeState, ToolMode
 
 
-def show_gone(controller: Controller) -> None:
-    """Let the last snapshot say that there is no controller, to those who look behind the scenes."""
+def publish_no_controller(controller: Controller) -> None:
+    """Replace the last snapshot by one without a controller, which the control API and the pendant show."""
     snapshot = controller.snapshot.successor()
     snapshot.robot_mode = RobotMode.NO_CONTROLLER
     snapshot.joint_mode = (JointMode.NOT_RESPONDING,) * 6
@@ -43,7 +43,7 @@ def show_gone(controller: Controller) -> None:
 
 
 def rebooted(before: Controller, boot_s: float, outage_s: float) -> Controller:
-    """The controller after a restart: uptime 0, booting, the arm off where it stood, the calendar gone on."""
+    """The controller after a restart: uptime 0, booting, the arm off where it stood; the wall clock has run on."""
     config = before.config
     wall_clock_s = before.wall_clock_ns / 1e9 + outage_s
     timings = replace(config.timings, controller_boot_s=boot_s)
@@ -61,11 +61,11 @@ class Rate(Protocol):
     """The clock of a robot in real time."""
 
     def delay_next(self, seconds: float, *, made_up: bool) -> None:
-        """Let the next control period come late [s of robot time]; made_up: the ones after it catch up."""
+        """Delay the next control period [s of robot time]; made_up: the following ones catch up."""
         ...
 
     def set_drift(self, share: float) -> None:
-        """Let the robot's time go faster by this share, or slower."""
+        """Make the robot's time faster by this fraction, or slower if it is negative."""
         ...
 
 
@@ -73,17 +73,17 @@ class Machine(Protocol):
     """The control box as a whole."""
 
     def switch_off(self, *, silent: bool) -> None:
-        """The controller is gone after this period. silent: so suddenly that nobody's connection is ended."""
+        """Switch the controller off after this period. silent: without closing any connection."""
         ...
 
     def switch_on(self, boot_s: float) -> None:
-        """A new controller boots; its uptime begins at 0."""
+        """Boot a new controller, whose uptime begins at 0."""
         ...
 
 
 @dataclass
 class Site:
-    """One robot. Without ports, clock or machine the faults that need them are impossible."""
+    """The robot on which faults act. Faults that need ports, clock or machine are impossible without them."""
 
     controller: "Controller"
     servers: Mapping[str, PortServer] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class Site:
         if not self.servers:
             raise FaultImpossible("this robot has no ports")
         if name not in self.servers:
-            raise FaultImpossible(f"this robot has no port {name!r}: it has {', '.join(self.servers)}")
+            raise FaultImpossible(f"this robot has no port {name!r}: choose from {', '.join(self.servers)}")
         return self.servers[name]
 
     def periods(self, seconds: float) -> int:
@@ -104,13 +104,13 @@ class Site:
 
 
 @contextmanager
-def added(places: list[_T], thing: _T, *, first: bool = False) -> Iterator[None]:
-    """Something is in a list while inside."""
-    places.insert(0 if first else len(places), thing)
+def added(items: list[_T], item: _T, *, first: bool = False) -> Iterator[None]:
+    """Add an item to a list while the context is entered."""
+    items.insert(0 if first else len(items), item)
     try:
         yield
     finally:
-        places.remove(thing)
+        items.remove(item)
 
 
 Act: TypeAlias = Generator[None, None, None]
@@ -118,7 +118,7 @@ Share: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)]
 
 
 class FaultError(ValueError):
-    """There is no such fault: unknown, with wrong arguments, or in contradiction with itself or another one."""
+    """The fault is unknown, has wrong arguments, or contradicts itself or another fault."""
 
 
 class FaultImpossible(Exception):  # noqa: N818 - named for what is the case
@@ -129,9 +129,9 @@ class FaultImpossible(Exception):  # noqa: N818 - named for what is the case
 class Fault(ABC):
     """When a fault begins and ends, and how often it strikes.
 
-    at: uptime [s] at which it begins; after: or so many seconds from now; else at once.
-    until: uptime [s] at which it ends; lasting: or so many seconds after its beginning; else when it is cleared.
-    once: it ends with its first strike. probability: of a strike, on each occasion. seed: of its chance.
+    at: uptime [s] at which it begins; after: delay [s] from now; without either it begins immediately.
+    until: uptime [s] at which it ends; lasting: duration [s]; without either it lasts until it is cleared.
+    once: it ends with its first strike. probability: of a strike, on each occasion. seed: of its random numbers.
     """
 
     at: float | None = None
@@ -143,8 +143,8 @@ class Fault(ABC):
     seed: int = 0
 
     kind: ClassVar[str] = ""
-    occasion: ClassVar[str] = ""  # on what it may strike; "" for what lasts
-    outside: ClassVar[bool] = False  # it goes on while the controller is off
+    occasion: ClassVar[str] = ""  # on which it may strike; "" for a kind that lasts
+    outside: ClassVar[bool] = False  # it continues while the controller is off
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -158,24 +158,24 @@ class Fault(ABC):
             if (getattr(self, name) or 0.0) < 0.0:
                 raise FaultError(f"{name} cannot be negative")
         if self.at is not None and self.until is not None and self.until <= self.at:
-            raise FaultError(f"it would end at {self.until:g} s, before it begins at {self.at:g} s")
+            raise FaultError(f"the fault would end at {self.until:g} s, before it begins at {self.at:g} s")
         if not self.occasion and (self.once or self.probability < 1.0):
-            raise FaultError(f"{self.kind} lasts from its beginning to its end: it has no probability and no once")
+            raise FaultError(f"{self.kind} lasts from its beginning to its end: leave out once and probability")
 
     def claims(self, site: "Site") -> set[str]:
-        """What can have one fault at a time."""
+        """The parts of the robot that the fault occupies, each of which can have one fault at a time."""
         return set()
 
     def check(self, site: "Site") -> None:  # noqa: B027 - most kinds are always possible
-        """Raise FaultImpossible if this robot cannot have it."""
+        """Raise FaultImpossible if this robot cannot have the fault."""
 
     @abstractmethod
     def act(self, site: "Site", strikes: "Strikes") -> Act:
-        """Begin, go on once a control period, take everything back in the end."""
+        """Begin the fault, continue once per control period, and undo everything at the end."""
 
 
 class Strikes:
-    """Whether one fault strikes on an occasion. ``count``: how often it did. ``random``: its chance."""
+    """Decides whether a fault strikes on an occasion. ``count``: number of strikes. ``random``: its random numbers."""
 
     def __init__(self, fault: Fault, number: int) -> None:
         self.random: Final = Random(f"{fault.kind} {number} {fault.seed}")  # the same on every machine
@@ -197,7 +197,7 @@ _Kind = TypeVar("_Kind", bound=type[Fault])
 
 
 def register(kind: _Kind) -> _Kind:
-    """Make a class a kind of fault, by its name: DropConnection is ``drop_connection``."""
+    """Register a class as a kind of fault, named after it: DropConnection is ``drop_connection``."""
     kind.kind = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
     KINDS[kind.kind] = kind
     return kind

@@ -1,6 +1,6 @@
-"""Faults in force: when each begins, strikes and ends.
+"""Carries faults out: begins, continues and ends each in its time.
 
-One step a control period, at its beginning. Without a fault that waits or is in force nothing is called.
+It takes one step at the beginning of each control period; without a fault that waits or is in force it is not called.
 """
 
 import logging
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
-_MOST: Final = 100  # faults at a time (guess): the work of a control period is bounded
-_REMEMBERED: Final = 100  # faults that are over
+_MOST: Final = 100  # faults at a time (guess), to limit the work in a control period
+_REMEMBERED: Final = 100  # faults that are over and still listed
 
 _logger = logging.getLogger(__name__)
 
@@ -28,7 +28,7 @@ class _Entry:
     number: int
     fault: Fault
     strikes: Strikes
-    begins: int  # period of the injector
+    begins: int  # in control periods, as the injector counts them
     ends: int | None
     act: Act | None = None
     state: Literal["waiting", "in force", "over"] = "waiting"
@@ -53,19 +53,19 @@ class _Entry:
             self.act, self.state = None, "over"
 
     def suspend(self) -> None:
-        """Take back what it did."""
+        """Undo what the fault did, until it begins again."""
         act, self.act = self.act, None
         if act is not None:
             act.close()
 
     def end(self) -> None:
-        """For good."""
+        """End the fault for good."""
         self.state = "over"
         self.suspend()
 
 
 class FaultInjector:
-    """The faults of one robot. What it lacks of servers, clock and machine, it has no faults of."""
+    """The faults of one robot. Faults that need servers, clock or machine are impossible without them."""
 
     def __init__(
         self,
@@ -77,12 +77,12 @@ class FaultInjector:
         self.site = Site(controller, servers or {}, rate, machine)
         self._now = 0  # control periods in which there were faults
         self._number = 0
-        self._up = True  # the controller is there
+        self._up = True  # whether the controller is on
         self._present: list[_Entry] = []
         self._over: deque[_Entry] = deque(maxlen=_REMEMBERED)
 
     def inject(self, fault: Fault) -> int:
-        """Let a fault happen; its number. Raises FaultError, FaultImpossible; then nothing happened."""
+        """Inject a fault and return its number. Raises FaultError or FaultImpossible, without any effect."""
         checked(fault)
         fault.check(self.site)
         begins, ends = self._times(fault)
@@ -97,7 +97,7 @@ class FaultInjector:
         return entry.number
 
     def clear(self, number: int) -> bool:
-        """End a fault, or forget one that waits; False when it is over, or never was."""
+        """End a fault, or cancel one that waits; False if it is over, or never existed."""
         found = [entry for entry in self._present if entry.number == number]
         for entry in found:
             self._end(entry)
@@ -105,13 +105,13 @@ class FaultInjector:
         return bool(found)
 
     def clear_all(self) -> None:
-        """End every fault, the latest first."""
+        """End every fault, the last one first."""
         for entry in reversed(self._present):
             self._end(entry)
         self._tidy()
 
     def listing(self) -> list[dict[str, Any]]:
-        """Every fault, those that are over too: id, kind, arguments, state, how often it struck."""
+        """List every fault, also those that are over: id, kind, arguments, state, number of strikes."""
         return [
             {
                 "id": entry.number,
@@ -125,7 +125,7 @@ class FaultInjector:
         ]
 
     def step(self) -> None:
-        """A control period begins."""
+        """Advance all faults, at the beginning of a control period."""
         self._now += 1
         for entry in tuple(self._present):
             try:
@@ -137,10 +137,10 @@ class FaultInjector:
                 self._fail(entry, f"{type(error).__name__}: {error}")
         self._tidy()
 
-    # a controller that goes and comes
+    # a controller that is switched off and on
 
     def controller_gone(self) -> None:
-        """Take back everything done to a controller that is being switched off."""
+        """Undo what faults did to a controller that is being switched off."""
         for entry in reversed(self._present):
             if not entry.fault.outside:
                 entry.suspend()
@@ -148,7 +148,7 @@ class FaultInjector:
         self._up = False
 
     def controller_back(self, controller: "Controller") -> None:
-        """Do it to its successor."""
+        """Begin those faults again on its successor."""
         self.site.controller, self._up = controller, True
         for entry in tuple(self._present):
             if entry.state == "in force" and entry.act is None:
@@ -161,7 +161,7 @@ class FaultInjector:
     # helpers
 
     def _reaches(self, fault: Fault) -> bool:
-        """Whether what it acts on is there."""
+        """Whether the part of the robot on which the fault acts is on."""
         return self._up or fault.outside
 
     def _times(self, fault: Fault) -> tuple[int, int | None]:
@@ -169,24 +169,24 @@ class FaultInjector:
         now_s = self.site.controller.time_s
         for name, moment in (("at", fault.at), ("until", fault.until)):
             if moment is not None and moment < now_s:
-                raise FaultError(f"{name}: {moment:g} s of uptime are over, it is {now_s:.3f} s")
+                raise FaultError(f"{name}: an uptime of {moment:g} s has passed, it is now {now_s:.3f} s")
         wait_s = fault.at - now_s if fault.at is not None else fault.after or 0.0
         begins = self._now + self.site.periods(wait_s)
         first = max(begins, self._now + 1)  # period that it shows in
         if fault.until is not None:
             ends = self._now + self.site.periods(fault.until - now_s)
             if ends <= first:
-                raise FaultError(f"until: it would end at {fault.until:g} s, before it begins")
+                raise FaultError(f"until: the fault would end at {fault.until:g} s, before it begins")
             return begins, ends
         return begins, None if fault.lasting is None else first + max(1, self.site.periods(fault.lasting))
 
     def _check_room(self, claims: set[str]) -> None:
         if len(self._present) >= _MOST:
-            raise FaultError(f"{_MOST} faults wait or are in force: clear some")
+            raise FaultError(f"{_MOST} faults wait or are in force, the maximum: clear some of them")
         for entry in self._present:
             if common := claims & entry.claims:
                 raise FaultError(
-                    f"fault {entry.number} ({entry.fault.kind}) has {', '.join(sorted(common))}: clear it first"
+                    f"fault {entry.number} ({entry.fault.kind}) occupies {', '.join(sorted(common))}: clear it first"
                 )
 
     def _step(self, entry: _Entry) -> None:
@@ -213,7 +213,7 @@ class FaultInjector:
         self._end(entry)
 
     def _tidy(self) -> None:
-        """Remember what is over, and be called only while something is not."""
+        """Move faults that are over to the history; hook into control periods only while others are left."""
         over = [entry for entry in self._present if entry.state == "over"]
         for entry in over:
             self.site.controller.messages.trace("fault %d is over: %s", entry.number, entry.fault.kind)

@@ -1,4 +1,4 @@
-"""Faults of bytes on their way. Those of one connection never overtake each other."""
+"""Faults of bytes in transit. Bytes of a connection never overtake each other."""
 
 from abc import abstractmethod
 from collections import deque
@@ -15,41 +15,41 @@ from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 
 Positive = Annotated[float, Meta(gt=0.0)]
-_MOST_KEPT: Final = 256 * 1024  # bytes of a client, before it is not read further
-_PACKAGE: Final = "each package: what is sent, or comes in, at once"
+_MOST_KEPT: Final = 256 * 1024  # bytes held back of a client, beyond which no more are read from it
+_PACKAGE: Final = "each package: bytes sent, or received, at one time"
 
 
 class Link:
-    """What a fault keeps back of one connection in one direction, and when it is due [the line's periods]."""
+    """The bytes that a fault holds back in one direction of a connection, with the period in which they are due."""
 
     def __init__(self, connection: Connection, direction: Direction) -> None:
         self.connection = connection
         self.direction = direction
         self.waiting: deque[tuple[int, bytes]] = deque()
         self.size = 0
-        self.credit = 0.0  # bytes that a slow line may carry now
+        self.credit = 0.0  # bytes that a line with limited bandwidth may carry now
 
     def keep(self, due: int, data: bytes) -> None:
-        """Keep bytes back, behind those before them."""
+        """Hold bytes back, behind those that already wait."""
         self.waiting.append((max(due, self.waiting[-1][0]) if self.waiting else due, data))
         self._count(len(data))
         self.connection.keep(self.direction, len(data))
 
     def take(self, now: int) -> bytes:
-        """The bytes that are due."""
+        """Take the bytes that are due."""
         data = b""
         while self.waiting and self.waiting[0][0] <= now:
             data += self.waiting.popleft()[1]
         return data
 
     def take_bytes(self, most: int) -> bytes:
-        """The oldest bytes, due or not."""
+        """Take the oldest bytes, due or not."""
         data = b"".join(data for _, data in self.waiting)
         self.waiting = deque([(0, data[most:])] if data[most:] else [])
         return data[:most]
 
     def release(self, data: bytes, line: "Line") -> None:
-        """Pass on bytes that were taken."""
+        """Forward bytes that were taken."""
         self._count(-len(data))
         self.connection.pass_on(self.direction, data, line.hook)
 
@@ -60,7 +60,7 @@ class Link:
 
 
 class Line:
-    """A fault at work: what passes, and the links that something waits in."""
+    """A fault in force, with the links in which bytes wait."""
 
     def __init__(self, fault: "LineFault", site: Site, strikes: Strikes) -> None:
         self.now = 0
@@ -73,11 +73,11 @@ class Line:
 
     @property
     def empty(self) -> bool:
-        """Nothing waits."""
+        """Whether no bytes wait."""
         return not any(link.waiting for link in self._links.values())
 
     def hook(self, connection: Connection, direction: Direction, data: bytes) -> bytes:
-        """What passes at once."""
+        """The bytes that pass immediately."""
         if self._fault.direction not in (direction.value, "both") or not self._fault.concerns(connection):
             return data
         link = self._links.get((connection, direction))
@@ -88,7 +88,7 @@ class Line:
         return self._fault.change(self, link, data)
 
     def step(self) -> None:
-        """A control period is over."""
+        """Forward what is due, at the end of a control period."""
         self.now += 1
         for key, link in tuple(self._links.items()):
             if not link.connection.is_open:
@@ -97,7 +97,7 @@ class Line:
                 link.release(data, self)
 
     def flush(self) -> None:
-        """Let everything pass that waits, and answers to it behind what waits before them."""
+        """Forward everything that waits; answers to it stay behind what already waits in their direction."""
         self._ending = True
         while self._links:
             _, link = self._links.popitem()
@@ -114,16 +114,16 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True)
 class LineFault(ClientFault):
-    """A fault of bytes. direction: of those the robot sent, those it received, or both."""
+    """A fault of bytes. direction: of bytes that the robot sends, receives, or both."""
 
     direction: Literal["sent", "received", "both"] = "sent"
 
     @abstractmethod
     def change(self, line: Line, link: Link, data: bytes) -> bytes:
-        """What of one package passes at once."""
+        """The bytes of a package that pass immediately."""
 
     def due(self, line: Line, link: Link) -> bytes:
-        """What of the bytes kept back passes now."""
+        """The bytes held back that pass now."""
         return link.take(line.now)
 
     def act(self, site: Site, strikes: Strikes) -> Act:
@@ -140,7 +140,7 @@ class LineFault(ClientFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Stall(LineFault):
-    """The cable is pulled: nothing goes either way and no connection ends; afterwards, what waited arrives."""
+    """The cable is unplugged: nothing passes and no connection ends; when the fault ends, what waited arrives."""
 
     direction: Literal["sent", "received", "both"] = "both"
 
@@ -170,7 +170,7 @@ class Stall(LineFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Delay(LineFault):
-    """Bytes arrive ``delay_s`` late, and up to ``jitter_s`` more by chance; in whole control periods."""
+    """Bytes arrive ``delay_s`` late, plus a random delay of up to ``jitter_s``, in whole control periods."""
 
     occasion: ClassVar[str] = _PACKAGE
     delay_s: NotNegative
@@ -188,7 +188,7 @@ class Delay(LineFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class LimitBandwidth(LineFault):
-    """The line carries ``bytes_per_s`` for each client."""
+    """The line carries at most ``bytes_per_s`` for each client."""
 
     bytes_per_s: Positive
 
@@ -206,7 +206,7 @@ class LimitBandwidth(LineFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Split(LineFault):
-    """A package arrives in two parts, cut anywhere, a control period apart."""
+    """A package arrives in two parts, split at a random place, one control period apart."""
 
     occasion: ClassVar[str] = _PACKAGE
 
@@ -224,9 +224,9 @@ class Split(LineFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Coalesce(LineFault):
-    """Packages of ``wait_s`` arrive together."""
+    """All packages of a time ``wait_s`` arrive together."""
 
-    occasion: ClassVar[str] = "each package that nothing waits before"
+    occasion: ClassVar[str] = "each package before which none waits"
     wait_s: Positive = 0.1
 
     def change(self, line: Line, link: Link, data: bytes) -> bytes:
@@ -250,7 +250,7 @@ class Duplicate(LineFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Garble(LineFault):
-    """Bits flip: a byte of a package is wrong with the probability ``rate``, at least one of each that is struck."""
+    """Bits flip: each byte of a package is wrong with probability ``rate``, and at least one byte is."""
 
     occasion: ClassVar[str] = _PACKAGE
     rate: Share = 0.001
@@ -266,7 +266,7 @@ class Garble(LineFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class Truncate(LineFault):
-    """The last bytes of a package are lost; what follows comes where they belong."""
+    """The last bytes of a package are lost; the next bytes follow in their place."""
 
     occasion: ClassVar[str] = _PACKAGE
     lost_bytes: Annotated[int, Meta(ge=1)] = 1

@@ -14,16 +14,16 @@ from emulator.faults.network import NotNegative
 
 def _rate(site: Site) -> Rate:
     if site.rate is None:
-        raise FaultImpossible("this robot's time is driven step by step: nothing in it can be late")
+        raise FaultImpossible("the time of this robot advances step by step: no control period can be late")
     return site.rate
 
 
 @register
 @dataclass(frozen=True, kw_only=True)
 class LateTicks(Fault):
-    """Control periods begin ``by_s`` late, one in 1000 by default.
+    """Control periods begin ``by_s`` late, one in 1000 by default. In real time only.
 
-    The ones after it catch up (made_up), or that much time is lost for good. Real time only.
+    The following ones catch up (made_up), or that time is lost for good.
     """
 
     occasion: ClassVar[str] = "each control period"
@@ -46,7 +46,7 @@ class LateTicks(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class ClockDrift(Fault):
-    """The controller's clock goes fast by ``share``, or slow if that is negative. Real time only."""
+    """The controller's clock is fast by the fraction ``share``, or slow if that is negative. In real time only."""
 
     outside: ClassVar[bool] = True
     share: Annotated[float, Meta(gt=-0.5, le=1.0)] = 0.001
@@ -69,9 +69,9 @@ class ClockDrift(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class Outage(Fault):
-    """The controller is gone. It comes back with a new one's state: uptime 0, no program, arm off where it stood.
+    """The controller is off. It returns with the state of a new one: uptime 0, no program, the arm off where it stood.
 
-    boot_s: how long its robot mode is BOOTING then, its ports open (guess: real ones take about a minute).
+    boot_s: how long the robot mode is then BOOTING, with open ports (guess: real ones take about a minute).
     """
 
     outside: ClassVar[bool] = True
@@ -91,11 +91,11 @@ class Outage(Fault):
 
     @abstractmethod
     def outage(self, site: Site) -> Act:
-        """As long as the controller is gone."""
+        """Wait as long as the controller is off."""
 
     def _machine(self, site: Site) -> Machine:
         if site.machine is None:
-            raise FaultImpossible("nothing here could start the controller again")
+            raise FaultImpossible("nothing can restart the controller of this robot")
         return site.machine
 
     @contextmanager
@@ -110,7 +110,7 @@ class Outage(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class RestartController(Outage):
-    """The controller's software ends and starts again: connections end, for ``outage_s`` nobody listens."""
+    """The controller's software restarts: connections are closed, and no port listens for ``outage_s``."""
 
     outage_s: NotNegative = 1.0
 
@@ -122,9 +122,9 @@ class RestartController(Outage):
 @register
 @dataclass(frozen=True, kw_only=True)
 class PowerLoss(Outage):
-    """The mains are gone while the fault lasts: the arm drops off, ports and connections fall silent without an end.
+    """Mains power fails while the fault lasts: the arm is off, ports and connections fall silent without being closed.
 
-    With the power, the controller comes back; connections from before are reset then.
+    When the power returns, the controller boots, and the old connections are reset.
     """
 
     silent: ClassVar[bool] = True

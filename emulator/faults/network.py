@@ -1,4 +1,4 @@
-"""Faults of connections and ports. What happens to the bytes themselves is in `emulator.faults.line`."""
+"""Faults of connections and ports. Faults of the bytes themselves are in `emulator.faults.line`."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -13,14 +13,14 @@ from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer
 
 NotNegative = Annotated[float, Meta(ge=0.0)]
-_NEVER_BY_ITSELF = "control"  # the port that faults are cleared through has none unless it is named
+_ONLY_BY_NAME = "control"  # faults of all ports omit it, because faults are cleared through it
 
 
 @dataclass(frozen=True, kw_only=True)
 class PortFault(Fault):
-    """A fault of one port, by the name of its server, or of all ports but that of the control API.
+    """A fault of one port, given by the name of its server, or of all ports except that of the control API.
 
-    "scripts" are the connections that programs open.
+    "scripts" stands for the connections that programs open.
     """
 
     port: str = ""
@@ -29,11 +29,11 @@ class PortFault(Fault):
         self.servers(site)
 
     def servers(self, site: Site) -> list[PortServer]:
-        """The servers it concerns."""
+        """The servers of the affected ports."""
         if self.port:
             return [site.server(self.port)]
-        site.server("dashboard")  # there are ports at all
-        return [server for name, server in site.servers.items() if name != _NEVER_BY_ITSELF]
+        site.server("dashboard")  # raises if the robot has no ports
+        return [server for name, server in site.servers.items() if name != _ONLY_BY_NAME]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +41,10 @@ class ListenerFault(PortFault):
     """A fault that closes the port for a while."""
 
     def servers(self, site: Site) -> list[PortServer]:
-        """Those that listen."""
+        """The affected servers that listen."""
         found = [server for server in super().servers(site) if server.port]
         if not found:
-            raise FaultImpossible(f"{self.port} are connections that the robot opens: there is no listener")
+            raise FaultImpossible(f"{self.port} are connections that the robot opens: there is no port to close")
         return found
 
     def claims(self, site: Site) -> set[str]:
@@ -53,16 +53,16 @@ class ListenerFault(PortFault):
 
 @dataclass(frozen=True, kw_only=True)
 class ClientFault(PortFault):
-    """A fault of the connections to a port. peer: of this client only: its address, or address:port."""
+    """A fault of the connections to a port. peer: only of this client, given by its address, or address:port."""
 
     peer: str = ""
 
     def concerns(self, connection: Connection) -> bool:
-        """Whether the fault is about this connection."""
+        """Whether the fault affects this connection."""
         return self.peer in ("", connection.peer, connection.peer.rpartition(":")[0])
 
     def connections(self, site: Site) -> Iterator[Connection]:
-        """Those that are open."""
+        """The affected connections that are open."""
         for server in self.servers(site):
             yield from filter(self.concerns, tuple(server.connections))
 
@@ -70,9 +70,9 @@ class ClientFault(PortFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class DropConnection(ClientFault):
-    """End the connections: at once with a reset (RST), or in order with an end (FIN); once by default."""
+    """Connections are closed, by a reset (RST) or in the regular way (FIN); once by default."""
 
-    occasion: ClassVar[str] = "each period in which somebody is connected"
+    occasion: ClassVar[str] = "each period with a connected client"
     how: Literal["reset", "end"] = "reset"
     once: bool = True
 
@@ -88,7 +88,7 @@ class DropConnection(ClientFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class RefuseConnections(ListenerFault):
-    """Nobody listens: new clients are refused by the system. Who is connected stays."""
+    """The port does not listen: the system refuses new clients. Existing connections stay."""
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         servers = self.servers(site)
@@ -105,7 +105,7 @@ class RefuseConnections(ListenerFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class TurnAway(ClientFault):
-    """New clients are connected and reset at once."""
+    """New connections are accepted and reset immediately."""
 
     occasion: ClassVar[str] = "each new connection"
 
@@ -126,7 +126,7 @@ class TurnAway(ClientFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class HalfOpen(ClientFault):
-    """New clients are connected, and that is all they ever see; reset when the fault ends."""
+    """New connections are accepted, but nothing is sent or read on them; they are reset when the fault ends."""
 
     occasion: ClassVar[str] = "each new connection"
 
@@ -139,13 +139,13 @@ class HalfOpen(ClientFault):
                 connection.stall(strikes)
             return True
 
-        def swallow(connection: Connection, direction: Direction, data: bytes) -> bytes:
+        def discard(connection: Connection, direction: Direction, data: bytes) -> bytes:
             return b"" if connection in victims else data
 
         with ExitStack() as hooks:
             for server in self.servers(site):
                 hooks.enter_context(added(server.hooks.on_connect, admits))
-                hooks.enter_context(added(server.hooks.on_bytes, swallow))
+                hooks.enter_context(added(server.hooks.on_bytes, discard))
             hooks.callback(_reset, victims)
             while not strikes.spent or any(victim.is_open for victim in victims):
                 yield
@@ -160,9 +160,12 @@ def _reset(connections: set[Connection]) -> None:
 @register
 @dataclass(frozen=True, kw_only=True)
 class KickSlowReaders(ClientFault):
-    """Reset clients that leave bytes unread for ``patience_s``, ``buffer_bytes`` beyond what their own system takes."""
+    """Clients that read too slowly are reset: when more than ``buffer_bytes`` wait for them for ``patience_s``.
 
-    occasion: ClassVar[str] = "each client that is too slow"
+    In addition to ``buffer_bytes``, bytes fit into the buffers of the client's own system.
+    """
+
+    occasion: ClassVar[str] = "each client that reads too slowly"
     patience_s: NotNegative = 1.0
     buffer_bytes: Annotated[int, Meta(ge=1024)] = 16 * 1024
 
@@ -189,7 +192,7 @@ class KickSlowReaders(ClientFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class RestartPort(ListenerFault):
-    """The server of a port crashes: its connections are reset, and for ``outage_s`` nobody listens."""
+    """The server of a port crashes: its connections are reset, and the port does not listen for ``outage_s``."""
 
     outage_s: NotNegative = 1.0
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @register
 @dataclass(frozen=True, kw_only=True)
 class ProgramNeverStarts(Fault):
-    """Programs are accepted and do not start; the last one does when the fault ends."""
+    """Programs are accepted but do not start; the last one starts when the fault ends."""
 
     def claims(self, site: Site) -> set[str]:
         return {"the start of programs"}
@@ -34,7 +34,7 @@ class ProgramNeverStarts(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class ProgramStuck(Fault):
-    """The program plays and gets no further; a movement under way comes to its end."""
+    """The program is playing but makes no progress; a movement that has begun is completed."""
 
     def claims(self, site: Site) -> set[str]:
         return {"the frames of programs"}
@@ -52,12 +52,13 @@ class ProgramStuck(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class RuntimeException(Fault):
-    """The program ends with a runtime exception where it is about to execute ``line``, once by default.
+    """The program ends with a runtime exception when it is about to execute ``line``, once by default.
 
-    Only programs that come while the fault is in force: others do not ask before each line. Lines count from 1.
+    It affects only programs that start while the fault is in force, because others do not check each line. Lines are
+    counted from 1.
     """
 
-    occasion: ClassVar[str] = "each time a program comes to the line"
+    occasion: ClassVar[str] = "each time a program reaches the line"
     line: Annotated[int, Meta(ge=1)]
     message: str = "injected fault"
     once: bool = True
@@ -69,15 +70,15 @@ class RuntimeException(Fault):
         programs = site.controller.programs
         hook_before = programs.step_hook
 
-        def ask(host: "ProgramHost", line: int, column: int, thread: "ScriptThread") -> bool:
+        def check_line(host: "ProgramHost", line: int, column: int, thread: "ScriptThread") -> bool:
             if line == self.line and not host.secondary and strikes():
                 raise RuntimeFault(self.message)
             return hook_before is not None and hook_before(host, line, column, thread)
 
-        programs.step_hook = ask
+        programs.step_hook = check_line
         try:
             while not strikes.spent:
                 yield
         finally:
-            if programs.step_hook is ask:
+            if programs.step_hook is check_line:
                 programs.step_hook = hook_before

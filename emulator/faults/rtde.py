@@ -1,4 +1,4 @@
-"""Faults of RTDE and of the state that ports show."""
+"""Faults of RTDE, and of the state that ports publish."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal
@@ -12,7 +12,7 @@ from emulator.servers.rtde_session import RTDEHost
 from emulator.snapshot import Snapshot
 from urproto.rtde.codec import PackageType
 
-_KIND: Final = 2  # place of a package's kind, after its size
+_KIND: Final = 2  # index of a package's type, after its size
 StatePort = Literal[
     "rtde",
     "realtime",
@@ -37,11 +37,11 @@ class DataFault(ClientFault):
     port: Literal["rtde"] = "rtde"
 
     def act(self, site: Site, strikes: Strikes) -> Act:
-        def pass_or_lose(connection: Connection, direction: Direction, data: bytes) -> bytes:
+        def pass_or_drop(connection: Connection, direction: Direction, data: bytes) -> bytes:
             is_data = direction is Direction.SENT and data[_KIND] == PackageType.DATA_PACKAGE
             return b"" if is_data and self.concerns(connection) and (not self.occasion or strikes()) else data
 
-        with added(site.server("rtde").hooks.on_bytes, pass_or_lose, first=True):  # where packages are whole
+        with added(site.server("rtde").hooks.on_bytes, pass_or_drop, first=True):  # while packages are still complete
             while not strikes.spent:
                 yield
 
@@ -49,13 +49,13 @@ class DataFault(ClientFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class PauseRtde(DataFault):
-    """RTDE sends no data packages, while everything else is answered."""
+    """RTDE sends no data packages, but answers every request."""
 
 
 @register
 @dataclass(frozen=True, kw_only=True)
 class SkipRtde(DataFault):
-    """RTDE data packages are left out."""
+    """Single RTDE data packages are omitted."""
 
     occasion: ClassVar[str] = "each data package"
 
@@ -63,7 +63,7 @@ class SkipRtde(DataFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class StaleData(Fault):
-    """A state port shows what was when the fault began; its time stamp ``runs`` on or ``stands``."""
+    """A state port keeps publishing the state at the beginning of the fault; its timestamp ``runs`` or ``stands``."""
 
     port: StatePort = "rtde"
     timestamp: Literal["runs", "stands"] = "runs"
@@ -76,7 +76,7 @@ class StaleData(Fault):
 
         def show(snapshot: Snapshot) -> Snapshot:
             shown = old.successor()
-            shown.step, shown.messages = snapshot.step, snapshot.messages  # when what is due, and news
+            shown.step, shown.messages = snapshot.step, snapshot.messages  # keeps the rate of packages, and messages
             if self.timestamp == "runs":
                 shown.timestamp = snapshot.timestamp
             return shown
@@ -99,12 +99,12 @@ class VariableFault(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class RtdeFieldNotFound(VariableFault):
-    """RTDE recipes with this variable are answered NOT_FOUND, as by a controller that is too old for it."""
+    """RTDE recipes with this variable are answered with NOT_FOUND, as by a controller that is too old for it."""
 
     def check(self, site: Site) -> None:
         host = _host(site)
         if self.field not in host.outputs and self.field not in host.inputs:
-            raise FaultImpossible(f"PolyScope {host.version} has no RTDE variable {self.field!r} that it could lack")
+            raise FaultImpossible(f"PolyScope {host.version} has no RTDE variable {self.field!r}")
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         host = _host(site)
@@ -119,7 +119,7 @@ class RtdeFieldNotFound(VariableFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class RtdeInputInUse(VariableFault):
-    """RTDE input recipes with this variable are answered IN_USE, as if another client had it."""
+    """RTDE input recipes with this variable are answered with IN_USE, as if another client used it."""
 
     def check(self, site: Site) -> None:
         host = _host(site)
@@ -128,7 +128,7 @@ class RtdeInputInUse(VariableFault):
 
     def act(self, site: Site, strikes: Strikes) -> Act:
         reservations = _host(site).reservations
-        while reservations.taken(self.field, strikes):  # a client had it first: it is still in use
+        while reservations.taken(self.field, strikes):  # until then a client uses it, with the same effect
             yield
         reservations.take((self.field,), strikes)
         try:
@@ -141,7 +141,7 @@ class RtdeInputInUse(VariableFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class OldRtdeProtocol(Fault):
-    """RTDE speaks its first protocol only; clients that ask for the second one are refused it."""
+    """RTDE supports protocol 1 only, and refuses requests for protocol 2."""
 
     def check(self, site: Site) -> None:
         _host(site)

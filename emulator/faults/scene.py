@@ -1,4 +1,4 @@
-"""Faults of a scene: what its parts, belts and cameras do is not what programs expect (``--physics``)."""
+"""Faults of a scene: parts, conveyors and cameras that do not behave as programs expect (``--physics``)."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ def _scene(site: Site) -> Disturbances:
     world = site.controller.world
     found = None if world is None else world.disturbances
     if found is None:
-        raise FaultImpossible("nothing around this robot moves: start it with --world and --physics")
+        raise FaultImpossible("this robot has no scene with physics: start it with --world and --physics")
     return found
 
 
 def _check(kind: str, name: str, there: Collection[str]) -> None:
     if name not in there:
-        raise FaultImpossible(f"there is no {kind} {name!r}; there are: {', '.join(there) or 'none'}")
+        raise FaultImpossible(f"there is no {kind} {name!r}: choose from {', '.join(there) or 'none'}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PartFault(Fault):
-    """Of something that moves freely, by its name in the world file."""
+    """A fault of a part that moves freely, given by its name in the world file."""
 
     part: str
 
@@ -39,9 +39,10 @@ class PartFault(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class MissingPart(PartFault):
-    """A part is not there, and what held it holds nothing.
+    """A part is missing, and a gripper that held it holds nothing.
 
-    In the end it is where it was at first, or where it was put meanwhile, say by ``reset_world``.
+    When the fault ends, the part is where it was at its beginning, or where it was put since, for example by
+    ``reset_world``.
     """
 
     def act(self, site: Site, strikes: Strikes) -> Act:
@@ -57,7 +58,7 @@ class MissingPart(PartFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class SlipperyPart(PartFault):
-    """A part slides with this coefficient of ``friction`` on all it touches, fingers too; suction cups hold it."""
+    """A part has this coefficient of ``friction`` with all it touches, also fingers; suction cups still hold it."""
 
     friction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01
 
@@ -74,7 +75,7 @@ class SlipperyPart(PartFault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class JammedConveyor(Fault):
-    """A belt stands, whatever its output says, and its encoder does not count."""
+    """A conveyor stands still, whatever the state of its output, and its encoder does not count."""
 
     conveyor: str
 
@@ -97,7 +98,7 @@ class JammedConveyor(Fault):
 @register
 @dataclass(frozen=True, kw_only=True)
 class CoveredCamera(Fault):
-    """Something is right before a camera's lens: its pictures are black, its distances 0."""
+    """A camera's lens is covered: its images are black, and its distances 0."""
 
     camera: str
 

@@ -1,4 +1,4 @@
-"""``ur-emulator fleet``: many robots on this machine, each on an address of its own."""
+"""``ur-emulator fleet``: many robots on this machine, each on its own address."""
 
 import signal
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from rich.table import Table
 from emulator.cli import (
     ROBOT_OPTIONS,
     configure,
-    mistakes_in_one_line,
+    errors_in_one_line,
     with_robot_options,
 )
 from emulator.config import ConfigError, EmulatorConfig
@@ -34,30 +34,30 @@ app = application(completion=False)
 def _fleet(
     robot: Mapping[str, Any],
     *,
-    count: Annotated[int | None, typer.Option(min=1, max=MOST_ROBOTS, help="How many robots.")] = None,
+    count: Annotated[int | None, typer.Option(min=1, max=MOST_ROBOTS, help="Number of robots.")] = None,
     fleet: Annotated[
         Path | None,
-        typer.Option(help="YAML file of different robots; the other options are the defaults of what it leaves out."),
+        typer.Option(help="YAML file of different robots; the other options are defaults for what it leaves out."),
     ] = None,
     first_host: Annotated[
-        str, typer.Option(help="Address of the first robot; the others get the following ones.")
+        str, typer.Option(help="Address of the first robot; the others get the addresses that follow.")
     ] = FIRST_HOST,
     processes: Annotated[
         int | None, typer.Option(min=1, help="Number of processes that share the robots (default: one per core).")
     ] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Restart robots whose process died.")] = False,
     ports_file: Annotated[
-        Path | None, typer.Option(help="Write hosts and ports here as JSON once all are ready.")
+        Path | None, typer.Option(help="Write hosts and ports to this file, as JSON, once all are ready.")
     ] = None,
     log_level: Annotated[
         LogLevel,
         typer.Option(help="How much to log; debug explains each transition, stop, refusal and fault, with robot time."),
     ] = LogLevel.WARNING,
-    exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Stop once every port answers.")] = False,
+    exit_when_ready: Annotated[bool, typer.Option("--exit-when-ready", help="Exit once every port answers.")] = False,
 ) -> None:
-    """Run many robots on this machine, each on an address of its own."""
+    """Run many robots on this machine, each on its own address."""
     log_to_stderr(log_level)
-    with mistakes_in_one_line():
+    with errors_in_one_line():
         configs = place(_robots(robot, fleet, count), configure, first_host)
         shown = _Screen(configs, ports_file)
         with Supervisor(configs, processes or usable_cores(), restart=restart) as supervisor:
@@ -73,12 +73,12 @@ def _robots(robot: Mapping[str, Any], fleet: Path | None, count: int | None) -> 
     if fleet is None:
         return [robot] * (count or _DEFAULT_COUNT)
     if count is not None:
-        raise ConfigError(f"how many robots there are stands in {fleet}: leave --count out")
+        raise ConfigError(f"{fleet} determines the number of robots: leave out --count")
     return [{**robot, **entry} for entry in FleetFile(ROBOT_OPTIONS).read(fleet)]
 
 
 def _stop_on_signals(supervisor: Supervisor) -> None:
-    """End cleanly on the first Ctrl-C; a second one interrupts."""
+    """Stop cleanly on the first Ctrl-C; a second one interrupts."""
 
     def stop(number: int, _: object) -> None:
         signal.signal(number, signal.SIG_DFL)
@@ -89,7 +89,7 @@ def _stop_on_signals(supervisor: Supervisor) -> None:
 
 
 class _Screen:
-    """What is said about a fleet, and written to its ports file."""
+    """Prints what happens in a fleet, and writes its ports file."""
 
     def __init__(self, configs: Sequence[EmulatorConfig], ports_file: Path | None) -> None:
         self._configs = configs
@@ -106,18 +106,18 @@ class _Screen:
                 self._console.print(f"{self._hosts((robot,))} was shut down by a client.")
             case Died(pid, robots, how):
                 self._lost |= set(robots)
-                self._console.print(f"Process {pid} {how}: {self._hosts(robots)} gone.", style="bold red")
+                self._console.print(f"Process {pid} {how}: lost {self._hosts(robots)}.", style="bold red")
             case Restarted(robots):
                 self._lost -= set(robots)
                 self._write(supervisor)
-                self._console.print(f"Ready again, with new state: {self._hosts(robots)}.", style="bold green")
+                self._console.print(f"Restarted, with new state: {self._hosts(robots)}.", style="bold green")
             case GivenUp(robots, reason):
                 if not self._lost:
                     raise ConfigError(f"not ready: {self._hosts(robots)}: {reason}")
-                self._console.print(f"Cannot be started again: {self._hosts(robots)}: {reason}.", style="bold red")
+                self._console.print(f"Cannot restart {self._hosts(robots)}: {reason}.", style="bold red")
 
     def finish(self) -> None:
-        """The last word. Raises typer.Exit when robots were lost."""
+        """Print the last line. Raises typer.Exit if robots were lost."""
         self._console.print("Stopped.")
         if self._lost:
             raise typer.Exit(_LOST)
@@ -126,7 +126,7 @@ class _Screen:
         self._write(supervisor)
         self._console.print(self._table(supervisor))
         count = len(self._configs)
-        self._console.print(f"Ready: every port of {count} robots answers. Ctrl-C ends all.", style="bold green")
+        self._console.print(f"Ready: every port of {count} robots answers. Ctrl-C ends it.", style="bold green")
 
     def _write(self, supervisor: Supervisor) -> None:
         if self._ports_file is None:
@@ -138,7 +138,7 @@ class _Screen:
         )
 
     def _table(self, supervisor: Supervisor) -> Table:
-        table = Table("host", "arm", "PolyScope", "process", "other ports than usual", box=None, padding=(0, 2))
+        table = Table("host", "arm", "PolyScope", "process", "unusual ports", box=None, padding=(0, 2))
         for config, ports, pid in zip(self._configs, supervisor.ports, supervisor.pids, strict=True):
             controller = config.controller
             table.add_row(config.host, controller.model.title, str(controller.version), str(pid), _unusual(ports))

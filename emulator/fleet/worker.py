@@ -17,7 +17,7 @@ from emulator.app import Emulator
 from emulator.config import ConfigError, EmulatorConfig
 from emulator.logs import ERROR
 from emulator.readiness import NotReady, check_ready
-from emulator.realtime import RealTime, RealTimeRefused, claim_real_time, give_way_under_overload
+from emulator.realtime import RealTime, RealTimeRefused, claim_real_time, yield_under_overload
 
 _logger = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ class _Worker:
         watching: asyncio.Task[None] | None = None
         try:
             if _claim(self._configs):
-                watching = asyncio.create_task(give_way_under_overload())
+                watching = asyncio.create_task(yield_under_overload())
             robots = [asyncio.create_task(self._live(index, each)) for index, each in enumerate(self._emulators)]
             try:
                 await asyncio.gather(*robots)

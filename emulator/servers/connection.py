@@ -16,7 +16,7 @@ from typing import Final, Protocol
 
 from emulator.servers.admission import Reason, TurnedAway
 from emulator.servers.hooks import BytesHook, Direction, Hooks
-from emulator.servers.read_budget import Intake
+from emulator.servers.read_budget import ReadBudget
 from emulator.servers.web import Opening, Visitor
 from urproto.compat_asyncio import pause_reading
 from urproto.errors import RemoteProtocolError
@@ -50,7 +50,7 @@ class Port(Protocol):
     name: str
     hooks: "Hooks[Connection]"
     turned_away: TurnedAway
-    intake: Intake
+    read_budget: ReadBudget
     connections: "list[Connection]"
 
     @property
@@ -314,7 +314,7 @@ class Connection(asyncio.BufferedProtocol):
     def buffer_updated(self, nbytes: int) -> None:
         began_s = time.thread_time()
         self._arrived(bytes(self._read_buffer[:nbytes]))
-        self.server.intake.spent(self, time.thread_time() - began_s)
+        self.server.read_budget.spent(self, time.thread_time() - began_s)
 
     def _arrived(self, data: bytes) -> None:
         if self.server.hooks.on_bytes:

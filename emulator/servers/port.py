@@ -1,7 +1,7 @@
-"""A port: who is let in, and what is published to all of its clients.
+"""A port: accepts clients, and publishes state to all of them.
 
-Requests of one connection are carried out in order, a few per control period; the
-connection is not read further while too many wait (`emulator.servers.command_queue`).
+Requests of one connection are executed in order, a few per control period. While too many wait, nothing more is read
+from the connection (`emulator.servers.command_queue`).
 """
 
 import asyncio
@@ -16,13 +16,13 @@ from emulator.mailbox import Command
 from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAway
 from emulator.servers.connection import SEND_BUFFER, Connection
 from emulator.servers.hooks import Hooks
-from emulator.servers.read_budget import Intake
-from emulator.servers.turns import Turns
+from emulator.servers.read_budget import ReadBudget
+from emulator.servers.turns import SendScheduler
 from emulator.snapshot import Snapshot
 from urproto.versions import PolyscopeVersion
 
 _BACKLOG: Final = 128
-_LISTEN_AGAIN_S: Final = 0.5  # between attempts to have a port back that somebody else took (guess)
+_RETRY_LISTEN_S: Final = 0.5  # between attempts to reopen a port that another program uses (guess)
 
 _logger = logging.getLogger(__name__)
 
@@ -30,7 +30,7 @@ Reply = Callable[[Any], None]
 
 
 class ServedController(Protocol):
-    """All that a server sees of the controller."""
+    """The part of the controller that servers use."""
 
     @property
     def version(self) -> PolyscopeVersion: ...
@@ -44,10 +44,10 @@ class ServedController(Protocol):
 
 
 class PortServer:
-    """Listens on one port and keeps the connections to it.
+    """Listens on one port and owns the connections to it.
 
-    limits: how many; turned_away: who did not get one. intake: what reading from them may cost; turns: what sending
-    state to them may.
+    limits: maximum number of connections. turned_away: counts of clients that were rejected. read_budget and
+    send_scheduler: limit the time spent on reading from clients and on sending state to them.
     """
 
     def __init__(self, name: str, controller: ServedController) -> None:
@@ -56,11 +56,11 @@ class PortServer:
         self.hooks = Hooks[Connection]()
         self.limits = ClientLimits()
         self.turned_away = TurnedAway(name)
-        self.intake = Intake()
-        self.turns = Turns()
+        self.read_budget = ReadBudget()
+        self.send_scheduler = SendScheduler()
         self.connections: list[Connection] = []
-        self._clients: dict[Connection, str] = {}  # and their addresses, also of those that are being welcomed
-        self._welcoming: set[asyncio.Task[object]] = set()
+        self._clients: dict[Connection, str] = {}  # with their addresses, including those that are being accepted
+        self._accepting: set[asyncio.Task[object]] = set()
         self._publishes = False
         self._unsubscribe: Callable[[], None] | None = None  # while it publishes and there is a client
         self._listening: Acceptor | None = None
@@ -72,10 +72,10 @@ class PortServer:
         return Connection(self)
 
     def publish(self, snapshot: Snapshot) -> None:
-        """A control period is over and somebody is connected; the place to send state."""
+        """Send state: called after each control period while clients are connected."""
 
-    def _tell(self, snapshot: Snapshot) -> None:
-        """What fails here silences a port: the robot shows it on the others."""
+    def _on_period(self, snapshot: Snapshot) -> None:
+        """Publish. An error, after which this port may be silent, is reported through the other ports."""
         try:
             self.publish(snapshot)
         except Exception as error:
@@ -88,66 +88,66 @@ class PortServer:
 
     @property
     def port(self) -> int:
-        """The port it listens on, or did last."""
+        """The port the server listens on, or listened on last."""
         return self._address[1]
 
     @property
     def listening(self) -> bool:
-        """Whether new clients are let in."""
+        """Whether new clients are accepted."""
         return self._listening is not None
 
     @property
     def peers(self) -> list[str]:
-        """Addresses of the clients, in the order they came."""
+        """Addresses of the clients, in the order in which they connected."""
         return [connection.peer for connection in self.connections]
 
     async def start(self, host: str, port: int) -> None:
-        """Listen. Port 0 takes a free one. Raises OSError saying which port and why."""
+        """Listen; port 0 selects a free port. Raises OSError that names the port and the reason."""
         await self._listen(host, port)
         self._publishes = True
-        self._heed()
+        self._subscribe()
 
     def follow(self, controller: ServedController) -> None:
         """Serve another controller from now on."""
-        self._heed_no_more()
+        self._end_subscription()
         self.controller = controller
-        self._heed()
+        self._subscribe()
 
-    def _heed(self) -> None:
-        """Hear of the control periods while there is somebody to tell of them."""
+    def _subscribe(self) -> None:
+        """Subscribe to the control periods if there are clients to publish to."""
         if self._unsubscribe is None and self._publishes and self.connections:
-            self._unsubscribe = self.controller.subscribe(self._tell)
+            self._unsubscribe = self.controller.subscribe(self._on_period)
 
-    def _heed_no_more(self) -> None:
+    def _end_subscription(self) -> None:
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
 
-    def succeed(self, other: "PortServer") -> None:
-        """Take over the hooks of a server that is gone, its counts, and its port until there is another."""
+    def take_over(self, other: "PortServer") -> None:
+        """Take over hooks, counts and, until this server listens, the port of its predecessor."""
         self.hooks, self.turned_away, self._address = other.hooks, other.turned_away, other._address
 
     async def stop(self) -> None:
-        """End every connection and listen no longer."""
+        """Close all connections and stop listening."""
         returning = self._returning
         self.leave()
         if returning is not None:
             await asyncio.wait([returning])
-        if self._welcoming:
-            await asyncio.wait(self._welcoming)
+        if self._accepting:
+            await asyncio.wait(self._accepting)
         for connection in tuple(self.connections):
             connection.close_now()
         while self.connections:
             await asyncio.sleep(0)
 
     def leave(self) -> None:
-        """Be silent: no client is let in, nothing is published, connections stay open."""
+        """Stop accepting clients and publishing; connections stay open."""
         self._publishes = False
-        self._heed_no_more()
+        self._end_subscription()
         self.close_port()
 
     def close_port(self) -> None:
-        """Let nobody in; who is connected stays. New clients are refused by the system."""
+        """Stop accepting clients: the system refuses them. Existing connections stay."""
         if self._returning is not None:
             self._returning.cancel()
             self._returning = None
@@ -156,27 +156,27 @@ class PortServer:
             self._listening = None
 
     def open_port(self) -> None:
-        """Listen again where it did, as soon as the event loop gets to it; tries on while another program is there."""
+        """Listen again on the same port, in a task that keeps trying while another program uses the port."""
         if self._listening is None and self._returning is None:
-            self._returning = asyncio.get_running_loop().create_task(self._return())
+            self._returning = asyncio.get_running_loop().create_task(self._reopen())
 
-    async def _return(self) -> None:
+    async def _reopen(self) -> None:
         while True:
             try:
                 await self._listen(*self._address)
                 break
             except OSError as error:
                 _logger.warning("%s", error)
-                await asyncio.sleep(_LISTEN_AGAIN_S)
+                await asyncio.sleep(_RETRY_LISTEN_S)
         self._returning = None
 
     async def _listen(self, host: str, port: int) -> None:
         listening = _listen(self.name, host, port)
         self._address = (host, int(listening.getsockname()[1]))
-        self._listening = Acceptor(listening, self._refusal, self._welcome, self.turned_away)
+        self._listening = Acceptor(listening, self._refusal, self._accept, self.turned_away)
 
     def _refusal(self, address: str) -> tuple[Reason, str] | None:
-        """What keeps one more client from this address out."""
+        """Why another client from this address is rejected, if it is."""
         limits, clients = self.limits, len(self._clients)
         reason = limits.broken_by(clients, list(self._clients.values()).count(address))
         if reason is None:
@@ -185,35 +185,35 @@ class PortServer:
             why = f"{clients} clients are connected to this port, as many as --most-clients allows"
         else:
             why = f"its address has {limits.address} clients here, as many as --most-clients-per-address allows"
-        return reason, f"was turned away: {why}. Close those that are not needed"
+        return reason, f"was turned away: {why}. Close connections that are not needed"
 
-    def _welcome(self, client: socket.socket, address: str) -> None:
+    def _accept(self, client: socket.socket, address: str) -> None:
         connection = self.connect()
         self._clients[connection] = address
-        welcoming = asyncio.get_running_loop().create_task(self._connect(connection, client))
-        self._welcoming.add(welcoming)
-        welcoming.add_done_callback(self._welcoming.discard)
+        accepting = asyncio.get_running_loop().create_task(self._connect(connection, client))
+        self._accepting.add(accepting)
+        accepting.add_done_callback(self._accepting.discard)
 
     async def _connect(self, connection: Connection, client: socket.socket) -> None:
         try:
             await asyncio.get_running_loop().connect_accepted_socket(lambda: connection, client)
         except OSError as error:
             self.gone(connection)
-            _logger.info("%s: a client vanished while it connected: %s", self.name, error)
+            _logger.info("%s: a client disconnected while it was being accepted: %s", self.name, error)
 
     def came(self, connection: Connection) -> None:
-        """A client is connected."""
+        """Register a client that has connected."""
         self.connections.append(connection)
-        self._heed()
+        self._subscribe()
 
     def gone(self, connection: Connection) -> None:
-        """There is room for another client."""
+        """Forget a client that has disconnected."""
         self._clients.pop(connection, None)
-        self.turns.forget(connection)
+        self.send_scheduler.forget(connection)
         if connection in self.connections:
             self.connections.remove(connection)
         if not self.connections:
-            self._heed_no_more()
+            self._end_subscription()
 
 
 def _listen(name: str, host: str, port: int) -> socket.socket:
@@ -223,7 +223,7 @@ def _listen(name: str, host: str, port: int) -> socket.socket:
     except OSError as error:
         reason = "another program uses it" if error.errno == errno.EADDRINUSE else error.strerror
         raise OSError(error.errno, f"cannot listen on {host} port {port} ({name}): {reason}") from error
-    # accepted sockets inherit these; without the first, packages wait up to 40 ms for the client's acknowledgement
+    # accepted sockets inherit these; without TCP_NODELAY, packages wait up to 40 ms for the client's acknowledgement
     listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)

@@ -94,12 +94,12 @@ class RealtimeServer(PortServer):
         return ScriptConnection(self, read_only=self._read_only)
 
     def publish(self, snapshot: Snapshot) -> None:
-        self.turns.next_period(snapshot.step)
+        self.send_scheduler.next_period(snapshot.step)
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
         packet = self._encode(snapshot)
         for connection in tuple(self.connections):
-            self.turns.send(snapshot.step, connection, packet)
+            self.send_scheduler.send(snapshot.step, connection, packet)
 
 
 EncodeState = Callable[[Snapshot, bool], bytes]
@@ -150,7 +150,7 @@ class PrimaryServer(PortServer):
 
     def publish(self, snapshot: Snapshot) -> None:
         # First those whose turn did not come last time: they have waited longest.
-        self.turns.next_period(snapshot.step)
+        self.send_scheduler.next_period(snapshot.step)
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
         shown = False
@@ -192,9 +192,9 @@ class PrimaryServer(PortServer):
         full_state = self._encode_state(snapshot, True) if fresh else b""
         for connection in tuple(self.connections):
             if connection not in fresh:
-                self.turns.send(snapshot.step, connection, *before, state)
+                self.send_scheduler.send(snapshot.step, connection, *before, state)
                 continue
-            self.turns.forget(connection)
+            self.send_scheduler.forget(connection)
             for package in (*before, full_state):
                 connection.send(package)
 

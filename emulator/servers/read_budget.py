@@ -1,9 +1,8 @@
-"""How much of its core the clients of an emulator may take by what they send.
+"""Limit on the processor time that is spent on reading what clients send.
 
-Reading, cutting into messages and handing over costs so little for a client of any use that nobody notices, and so
-much for one that floods a port that nothing else would happen any more, least of all on a core where this process runs
-before all others. So all connections share a part of the time; what would take more of it stays with the system, and
-the client is slowed down by its own TCP.
+Reading and parsing costs next to nothing for an ordinary client. A client that floods a port, however, would take all
+of the core, above all where this process has real-time priority. So all connections share a fraction of the time. Data
+beyond that stays in the system's buffers, and TCP slows the client down.
 """
 
 import asyncio
@@ -11,7 +10,7 @@ import time
 from typing import Final, Protocol
 
 SHARE: Final = 0.25
-"""Of a core (guess): as much as is left beside a program that computes and one that is compiled."""
+"""Fraction of a core (guess): what remains next to a program that computes and another that is being compiled."""
 
 
 class _Stallable(Protocol):
@@ -20,10 +19,10 @@ class _Stallable(Protocol):
     def unstall(self, reason: object) -> None: ...
 
 
-class Intake:
-    """The processor time that connections may use for reading: a share of all time; who overdraws it waits.
+class ReadBudget:
+    """The processor time that connections may use for reading. A connection that exceeds it is stalled for a while.
 
-    period_s: how much time may be saved up [s]; None: nothing is limited.
+    period_s: time over which unused budget accumulates [s]; None for no limit.
     """
 
     def __init__(self, period_s: float | None = None) -> None:
@@ -33,7 +32,7 @@ class Intake:
         self._waiting: list[_Stallable] = []
 
     def spent(self, connection: _Stallable, seconds: float) -> None:
-        """Reading from a connection took so much processor time; when nothing is left, it waits. In an event loop."""
+        """Charge the processor time of reading from a connection, and stall it if none is left. Needs an event loop."""
         if self._period_s is None:
             return
         now_s = time.monotonic()
@@ -45,9 +44,9 @@ class Intake:
         self._waiting.append(connection)
         if len(self._waiting) == 1:
             wait_s = self._period_s - self._left_s / SHARE
-            asyncio.get_running_loop().call_later(wait_s, self._go_on)
+            asyncio.get_running_loop().call_later(wait_s, self._resume)
 
-    def _go_on(self) -> None:
+    def _resume(self) -> None:
         waiting, self._waiting = self._waiting, []
         for connection in waiting:
             connection.unstall(self)

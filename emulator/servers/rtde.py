@@ -35,7 +35,7 @@ class RTDEServer(PortServer):
         failures: list[Exception] = []
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
-        self.turns.next_period(snapshot.step)
+        self.send_scheduler.next_period(snapshot.step)
         for connection in tuple(self.connections):
             assert isinstance(connection, _RTDEConnection)
             packer = connection.session.due()
@@ -44,7 +44,7 @@ class RTDEServer(PortServer):
             try:
                 if packer not in encoded:
                     encoded[packer] = packer(snapshot)
-                self.turns.send(snapshot.step, connection, encoded[packer])
+                self.send_scheduler.send(snapshot.step, connection, encoded[packer])
             except Exception as error:  # the others shall hear of it
                 failures.append(error)
         if failures:

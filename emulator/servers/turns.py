@@ -1,16 +1,16 @@
-"""How many packages of state leave in one control period, whoever listens.
+"""Limit on the number of state packages that are sent in one control period.
 
-Sending one costs some microseconds, so that a few hundred clients of the state ports would take all of an e-Series'
-period. They take turns instead: who is not served in a period is the first in the next, and gets what is newest then.
-As long as there are no more packages than a period bears, each is sent at once.
+Sending a package takes some microseconds, so a few hundred clients of the state ports would use up the whole control
+period of an e-Series. They take turns instead: clients that are not served in a period come first in the next one, and
+then get the newest state. As long as the limit is not reached, each package is sent immediately.
 """
 
 from collections.abc import Sequence
 from typing import Final, Protocol
 
 PACKAGES_PER_SECOND: Final = 15_000
-"""30 in a period of an e-Series arm, 120 in one of a CB3 arm: about a tenth of it (guess), and enough for 100 clients
-at 125 Hz."""
+"""30 per control period of an e-Series arm, 120 of a CB3 arm: they take about a tenth of it (guess), and are enough for
+100 clients at 125 Hz."""
 
 
 class _Listener(Protocol):
@@ -22,20 +22,20 @@ class _Listener(Protocol):
     def skip_state(self) -> None: ...
 
 
-class Turns:
+class SendScheduler:
     """Sends state to clients in turns.
 
-    period_s: length of a control period [s]; None: everybody is served at once.
+    period_s: length of a control period [s]; None for no limit.
     """
 
     def __init__(self, period_s: float | None = None) -> None:
         self._most = None if period_s is None else max(1, round(PACKAGES_PER_SECOND * period_s))
         self._left = 0
         self._step = -1
-        self._waiting: dict[_Listener, Sequence[bytes]] = {}  # who waits longest is first
+        self._waiting: dict[_Listener, Sequence[bytes]] = {}  # the one that waits longest comes first
 
     def send(self, step: int, listener: _Listener, *packages: bytes) -> None:
-        """Send what a client is to see in this control period, now or in one of the next, unless it is superseded."""
+        """Send a client the packages of this control period, now or in a later one unless newer ones supersede them."""
         if self._most is None:
             _serve(listener, packages)
             return
@@ -50,7 +50,7 @@ class Turns:
             _serve(listener, packages)
 
     def next_period(self, step: int) -> None:
-        """Serve those who waited, if this is another control period."""
+        """Serve the clients that wait, if a new control period has begun."""
         if self._most is None or step == self._step:
             return
         self._step, self._left = step, min(self._most, self._left + self._most)
@@ -62,7 +62,7 @@ class Turns:
                 _serve(listener, packages)
 
     def forget(self, listener: _Listener) -> None:
-        """A client got what it is to see in another way, or is gone."""
+        """Drop what waits for a client that has been served otherwise, or is gone."""
         self._waiting.pop(listener, None)
 
 

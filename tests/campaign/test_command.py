@@ -33,7 +33,7 @@ def test_it_ends_with_files_a_summary_and_a_status(tmp_path: Path) -> None:
     assert files == {"journal.jsonl", "report.html", "results.parquet"}
 
     again = campaign("trial.yaml", "--minimise", "0", folder=tmp_path)
-    assert "12 of 12 runs are done already" in again.stdout
+    assert "12 of 12 runs are already done" in again.stdout
     assert again.stdout.splitlines()[-1] == ran.stdout.splitlines()[-1]
 
 

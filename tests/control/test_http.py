@@ -257,7 +257,7 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("words", "status", "complaint"),
         [
-            (["fly"], 2, "no verb 'fly'"),
+            (["fly"], 2, "unknown verb 'fly'"),
             (["set_digital_input", "3"], 2, "level"),
             (["power_on", "now"], 2, "takes 0 arguments"),
             (["step"], 1, "pause_time"),

@@ -69,8 +69,8 @@ def test_when_a_fault_is_in_force(virtual: VirtualRobot, schedule: dict[str, flo
 @pytest.mark.parametrize(
     ("kind", "arguments", "complaint"),
     [
-        ("explosion", {}, "unknown fault 'explosion': there are drop_connection"),
-        ("stall", {"colour": "red"}, "stall has no colour: it has"),
+        ("explosion", {}, "unknown fault 'explosion': choose one of drop_connection"),
+        ("stall", {"colour": "red"}, "stall has no argument colour: choose from"),
         ("stall", {"direction": "up"}, "direction"),
         ("stall", {"port": 5}, "port"),
         ("delay", {}, "delay_s"),
@@ -84,11 +84,11 @@ def test_when_a_fault_is_in_force(virtual: VirtualRobot, schedule: dict[str, flo
         ("drop_connection", {"until": 50.0, "lasting": 1.0}, "until and lasting contradict each other"),
         ("drop_connection", {"at": 50.0, "until": 49.0}, "before it begins"),
         ("drop_connection", {"after": 10.0, "until": 42.0}, "before it begins"),
-        ("drop_connection", {"at": 3.0}, "3 s of uptime are over, it is 41"),
-        ("drop_connection", {"until": 3.0}, "are over"),
+        ("drop_connection", {"at": 3.0}, "an uptime of 3 s has passed, it is now 41"),
+        ("drop_connection", {"until": 3.0}, "has passed"),
         ("drop_connection", {"after": -3.0}, "negative"),
-        ("stall", {"once": True}, "no probability and no once"),
-        ("encoder_jump", {"joint": 1, "by_rad": 0.1, "probability": 0.5}, "no probability"),
+        ("stall", {"once": True}, "leave out once and probability"),
+        ("encoder_jump", {"joint": 1, "by_rad": 0.1, "probability": 0.5}, "leave out once and probability"),
     ],
 )
 async def test_what_makes_no_sense_is_refused(
@@ -101,7 +101,7 @@ async def test_what_makes_no_sense_is_refused(
 
 async def test_two_faults_of_one_thing_are_a_contradiction(ur3: Robot) -> None:
     first = ur3.control.inject_fault("refuse_connections", port="rtde")
-    with pytest.raises(BadArguments, match=rf"fault {first} \(refuse_connections\) has the listener of rtde"):
+    with pytest.raises(BadArguments, match=rf"fault {first} \(refuse_connections\) occupies the listener of rtde"):
         ur3.control.inject_fault("restart_port")
     ur3.control.inject_fault("restart_port", port="dashboard")
     ur3.control.clear_fault(first)

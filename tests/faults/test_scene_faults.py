@@ -166,5 +166,5 @@ def test_faults_of_a_scene_contradict_each_other_and_have_bounds(robot):
 
 
 def test_a_robot_without_a_scene_has_none():
-    with pytest.raises(NotPossible, match="nothing around this robot moves"):
+    with pytest.raises(NotPossible, match="no scene with physics"):
         virtual_robot("ur5").inject_fault("missing_part", part="part")

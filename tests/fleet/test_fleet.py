@@ -74,7 +74,7 @@ def test_a_process_that_dies_is_reported(tmp_path) -> None:
         fleet.read_until(READY)
         victim = fleet.workers[host(0)]
         os.kill(victim, signal.SIGKILL)
-        fleet.read_until(f"Process {victim} ended by SIGKILL: {host(0)}, {host(2)} gone.")
+        fleet.read_until(f"Process {victim} ended by SIGKILL: lost {host(0)}, {host(2)}.")
         assert [answers(host(index)) for index in range(4)] == [False, True, False, True]
         assert fleet.interrupt() == (1, "")
 
@@ -84,7 +84,7 @@ def test_a_process_that_dies_is_started_again(tmp_path) -> None:
         fleet.read_until(READY)
         dashboard(host(0), "power off")
         os.kill(fleet.workers[host(0)], signal.SIGKILL)
-        fleet.read_until(f"Ready again, with new state: {host(0)}, {host(2)}.")
+        fleet.read_until(f"Restarted, with new state: {host(0)}, {host(2)}.")
         assert all(answers(host(index)) for index in range(4))
         assert dashboard(host(0), "robotmode") == "Robotmode: RUNNING"
         assert fleet.interrupt() == (0, "")

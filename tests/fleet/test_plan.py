@@ -82,7 +82,7 @@ def test_mistakes_in_a_file_are_one_clear_line(tmp_path, text: str, problem: str
     [
         (["--model", "ur4"], "robot 1, 127.0.0.1: unknown robot model 'ur4'"),
         (["--fleet", "missing.yaml"], "cannot read missing.yaml: No such file"),
-        (["--fleet", "missing.yaml", "--count", "3"], "leave --count out"),
+        (["--fleet", "missing.yaml", "--count", "3"], "leave out --count"),
         (["--first-host", "here"], "the first host must be an address"),
         (["--first-host", "255.255.255.255", "--count", "2"], "the first host must be an address"),
     ],

@@ -19,7 +19,7 @@ from costs import (
 )
 
 from emulator.programs.compiling import LIBRARY_SET
-from emulator.servers.read_budget import SHARE, Intake
+from emulator.servers.read_budget import SHARE, ReadBudget
 from tests.budget import some
 from urproto.dashboard import LineDecoder
 from urproto.interpreter import StatementDecoder
@@ -194,11 +194,11 @@ async def test_clients_together_are_read_within_their_share_of_time(
 
     monkeypatch.setattr("emulator.servers.read_budget.time.monotonic", lambda: now_s)
     monkeypatch.setattr("emulator.servers.read_budget.asyncio.get_running_loop", Loop)
-    intake, readers, used_s = Intake(0.002), [_Reader() for _ in range(clients)], 0.0
+    budget, readers, used_s = ReadBudget(0.002), [_Reader() for _ in range(clients)], 0.0
     for _ in range(20_000):
         for reader in readers:
             if not reader.stalled:
-                intake.spent(reader, 0.0003)
+                budget.spent(reader, 0.0003)
                 used_s += 0.0003
                 now_s += 0.0003
         now_s += 0.0001

@@ -129,7 +129,7 @@ def arm_file(path, **changes):
 def test_an_arm_s_file_is_of_one_model(tmp_path):
     file = arm_file(tmp_path / "arm.yaml")
     assert controller_config("ur10", arm=file).model.drivetrain == DRIVES
-    with pytest.raises(ConfigError, match="is a ur10, not a ur5e: leave --model out"):
+    with pytest.raises(ConfigError, match="describes a ur10, not a ur5e: leave out --model"):
         controller_config("ur5e", arm=file)
 
 
@@ -139,7 +139,7 @@ def test_an_arm_s_file_is_of_one_model(tmp_path):
         ({"rotor_kg_m2": [1, 2, 3]}, "rotor_kg_m2 must be six numbers"),
         ({"rotor_kg_m2": [0.0] * 6}, "rotor_kg_m2 must be six numbers above 0"),
         ({"coulomb_Nm": [-1.0] * 6}, "coulomb_Nm must be six numbers, none of them negative"),
-        ({"model": 3}, "does not describe an arm"),
+        ({"model": 3}, "is not an arm file"),
         ({"model": "ur99"}, "unknown robot model"),
     ],
 )
@@ -149,7 +149,7 @@ def test_a_wrong_file_of_an_arm_is_one_clear_line(tmp_path, changes, message):
 
 
 def test_what_is_no_kind_of_arm_is_said():
-    with pytest.raises(ConfigError, match="neither ideal nor dynamic nor a file"):
+    with pytest.raises(ConfigError, match="neither ideal nor dynamic nor an existing file"):
         controller_config(arm="dynamik")
     with pytest.raises(ConfigError, match="cannot read"):
         controller_config(arm="missing.yaml")

@@ -71,7 +71,7 @@ def test_a_pendant_comes_and_goes_with_the_emulator(number: signal.Signals) -> N
 
 def test_a_taken_port_is_told_and_the_robot_stays(tmp_path: Path) -> None:
     with emulator("--pendant-port", "29999") as (process, host):
-        seen = read_until(process, "No pendant:")
+        seen = read_until(process, "No teach pendant:")
         assert f"ur-client: cannot listen on {host} port 29999: Address already in use; choose another --port" in seen
         assert "Traceback" not in seen
         assert process.poll() is None
@@ -85,7 +85,7 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
             assert (first["state"], first["starts"], first["port"], first["problem"]) == ("running", 1, 6080, "")
             with BlockingRTDEClient(host, ("timestamp",)) as robot:
                 os.kill(first["pid"], signal.SIGKILL)
-                said = read_until(process, "(started anew: start 2)")
+                said = read_until(process, "(restarted: start 2)")
                 assert robot.latest()["timestamp"] > 0.0
             again = control.pendant()
         assert "The teach pendant was killed (SIGKILL) after" in said
@@ -96,7 +96,7 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
 
 
 async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emulator.serve._WAITS_S", (0.0, 0.0))
+    monkeypatch.setattr("emulator.serve._BACKOFF_S", (0.0, 0.0))
     monkeypatch.setattr(Pendant, "_command", lambda _: ["sh", "-c", "kill -9 $$"])
     said = list[str]()
     given_up = asyncio.Event()
@@ -112,7 +112,7 @@ async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest
             await given_up.wait()
         assert robot.control.pendant() == pendant.report()
     assert [line.partition(" after ")[0] for line in said] == ["The teach pendant was killed (SIGKILL)"] * 3
-    assert "as 2 times before: it is given up" in said[-1]
+    assert "it has failed 3 times and is given up" in said[-1]
     assert "ur-client pendant --robot-ip 127.0.0.1" in said[-1]
     assert pendant.report()["state"] == "given up"
     assert pendant.report()["starts"] == 3

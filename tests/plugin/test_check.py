@@ -55,7 +55,7 @@ def test_no_robot() -> None:
     status, output = check(address.host)
     address.release()
     assert (status, len(output.splitlines())) == (3, 1)
-    assert f"nothing of a robot is reachable on {address.host}: connection refused" in output
+    assert f"no port of a robot is reachable on {address.host}: connection refused" in output
 
 
 def test_a_server_that_is_silent_and_one_that_is_another_one(robot: EmulatorProcess, tmp_path: Path) -> None:
@@ -117,15 +117,15 @@ class TestInstall:
         (tmp_path / name).touch()
         status, output = self.run(tmp_path)
         assert status == 1
-        assert f"{tmp_path / name} is found before ours by python started in {tmp_path}" in output
-        assert "cure: rename it" in output
+        assert f"python started in {tmp_path} imports {tmp_path / name} instead of ours" in output
+        assert "remedy: rename it" in output
 
     def test_on_the_pythonpath(self, tmp_path: Path) -> None:
         (other := tmp_path / "src" / "emulator").mkdir(parents=True)
         (other / "__init__.py").write_text("raise ImportError('the decoy was imported')\n")
         status, output = self.run(tmp_path, tmp_path / "src")
         assert status == 1
-        assert "take that folder off PYTHONPATH" in output
+        assert "remove that folder from PYTHONPATH" in output
 
     def test_another_distribution_of_these_files(self, tmp_path: Path) -> None:
         (metadata := tmp_path / "site" / "clients-1.0.dist-info").mkdir(parents=True)
@@ -133,5 +133,5 @@ class TestInstall:
         (metadata / "top_level.txt").write_text("client\n")
         status, output = self.run(tmp_path, tmp_path / "site")
         assert status == 1
-        assert "the distribution clients installs a package of this name too" in output
+        assert "the distribution clients also installs a package of this name" in output
         assert "pip uninstall clients" in output

@@ -16,7 +16,7 @@ from emulator.app import make_servers
 from emulator.commands.dashboard import available_commands
 from emulator.control.control import LiveControl
 from emulator.control.http import ControlServer
-from emulator.control.timing import OwnPace
+from emulator.control.timing import ManualPace
 from emulator.control.verbs import verbs_of
 from emulator.controller import Controller
 from emulator.devices.robotiq import MODELS
@@ -59,7 +59,7 @@ class Robot:
         )
         self.controller = Controller(config)
         self.servers = {server.name: server for server in make_servers(self.controller)}
-        control = LiveControl(self.controller, OwnPace(), {}, FaultInjector(self.controller))
+        control = LiveControl(self.controller, ManualPace(), {}, FaultInjector(self.controller))
         self.servers["control"] = ControlServer(self.controller, control)
         self.primary = MemoryClient(self.servers["primary"])
         self.tick(5)

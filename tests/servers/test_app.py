@@ -87,7 +87,7 @@ async def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:
         async with Emulator(EmulatorConfig(controller=controller, host=host)):
             pass
     async with Emulator(EmulatorConfig(controller=controller, host=host)) as emulator:
-        assert {**emulator.ports, **dict.fromkeys(emulator.moved, 502)} == emulator.config.wanted_ports  # 502 is low
+        assert {**emulator.ports, **dict.fromkeys(emulator.port_fallbacks, 502)} == emulator.config.wanted_ports
 
 
 async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:
@@ -96,15 +96,15 @@ async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:
     with socket.create_server((host, 20_502)):
         async with Emulator(wanted) as emulator:
             assert emulator.ports["modbus"] not in (20_502, 0)
-            assert "port 20502 (modbus): another program uses it" in emulator.moved["modbus"]
+            assert "port 20502 (modbus): another program uses it" in emulator.port_fallbacks["modbus"]
             console = Console(record=True, width=160, file=io.StringIO())
             console.print(first_screen(emulator))
             screen = console.export_text()
             assert str(emulator.ports["modbus"]) in screen
-            assert "port 20502 (modbus): another program uses it; a free one serves instead" in screen
+            assert "port 20502 (modbus): another program uses it; using a free port instead" in screen
             await check_ready(host, emulator.ports)
     async with Emulator(wanted) as emulator:
-        assert (emulator.ports["modbus"], emulator.moved) == (20_502, {})
+        assert (emulator.ports["modbus"], emulator.port_fallbacks) == (20_502, {})
 
 
 @pytest.mark.parametrize(

@@ -136,7 +136,7 @@ def test_what_is_mounted_on_the_arm_is_shown(tmp_path: Path) -> None:
     )
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "Robotiq 2F-85: lines of text" in done.stdout
+    assert "Robotiq 2F-85: text commands" in done.stdout
     assert "the tool's serial line, to /dev/" in done.stdout
 
 
@@ -159,18 +159,18 @@ def test_a_port_in_use(tmp_path: Path) -> None:
         (["--model", "ur3", "--polyscope", "5.22"], "UR3 is a CB3 arm"),
         (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--safety", "missing.yaml"], "cannot read missing.yaml: No such file"),
-        (["--programs", "missing"], "the programs folder missing is not a folder"),
+        (["--programs", "missing"], "--programs: missing is not a folder"),
         (["--speed", "0"], "the speed must be a positive number"),
-        (["--gripper", "hand"], "unknown gripper 'hand': known are robotiq-2f-85, robotiq-2f-140"),
-        (["--gripper-object", "30"], "an object to grip needs a gripper"),
-        (["--tool-device", "echo"], "UR3 has no serial line at its tool: e-Series arms do"),
+        (["--gripper", "hand"], "unknown gripper 'hand': choose one of robotiq-2f-85, robotiq-2f-140"),
+        (["--gripper-object", "30"], "--gripper-object has no effect without a gripper: add --gripper"),
+        (["--tool-device", "echo"], "UR3 has no serial line at its tool: leave out --tool-device"),
         (
             ["--model", "ur5e", "--ephemeral-ports", "--tool-device", "/dev/none"],
             "cannot open the tool device /dev/none: No such file or directory",
         ),
         (["--speed", "nan"], "the speed must be a positive number"),
         (["--port-offset", "-1"], "the port offset must be from 0 to"),
-        (["--fault", "explosion"], "fault: unknown fault 'explosion': there are drop_connection"),
+        (["--fault", "explosion"], "fault: unknown fault 'explosion': choose one of drop_connection"),
         (["--fault", "delay"], "fault: delay: Object missing required field `delay_s`"),
     ],
 )

@@ -172,7 +172,7 @@ def test_calibration_files(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> 
     changed = tmp_path / "changed.yaml"
     changed.write_text(CALIBRATION.read_text().replace("14698139022496758595", "1"))
     read_calibration(changed, nominal)
-    assert "says calib_1, but its numbers are calib_" in caplog.text
+    assert "its hash is calib_1, but that of its parameters is calib_" in caplog.text
 
 
 @pytest.mark.parametrize(

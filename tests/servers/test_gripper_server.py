@@ -226,8 +226,8 @@ def test_mistakes() -> None:
     assert choose_gripper(None, None) is None
     assert choose_gripper("Robotiq-2F-85", 30.0) is MODEL
     for name, width, problem in (
-        ("hand", None, "unknown gripper 'hand': known are robotiq-2f-85"),
-        (None, 30.0, "needs a gripper"),
+        ("hand", None, "unknown gripper 'hand': choose one of robotiq-2f-85"),
+        (None, 30.0, "no effect without a gripper"),
         ("robotiq-2f-85", 85.0, "narrower than 85 mm"),
         ("robotiq-2f-85", float("nan"), "wider than 0"),
     ):

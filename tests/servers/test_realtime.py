@@ -59,7 +59,7 @@ async def test_a_flooded_loop_gives_its_priority_up(
     monkeypatch.setattr(realtime, "_LOOK_S", 0.05)
     monkeypatch.setattr(realtime, "_CALM_FOR_S", 0.1)
     monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, parameters: asked.append(policy))
-    watching = asyncio.create_task(realtime.give_way_under_overload())
+    watching = asyncio.create_task(realtime.yield_under_overload())
     deadline = time.monotonic() + DEADLINE_S
     while not asked and time.monotonic() < deadline:  # nothing but work
         await asyncio.sleep(0)

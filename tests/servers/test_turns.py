@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from emulator.servers.turns import PACKAGES_PER_SECOND, Turns
+from emulator.servers.turns import PACKAGES_PER_SECOND, SendScheduler
 
 PERIOD_S = 0.002
 MOST = round(PACKAGES_PER_SECOND * PERIOD_S)
@@ -23,27 +23,27 @@ class Listener:
         self.skipped += 1
 
 
-def publish(turns: Turns, listeners: list[Listener], step: int) -> int:
+def publish(scheduler: SendScheduler, listeners: list[Listener], step: int) -> int:
     """One control period; how many packages left."""
     before = sum(len(listener.seen) for listener in listeners)
-    turns.next_period(step)
+    scheduler.next_period(step)
     for listener in listeners:
-        turns.send(step, listener, b"%d" % step)
+        scheduler.send(step, listener, b"%d" % step)
     return sum(len(listener.seen) for listener in listeners) - before
 
 
 @pytest.mark.parametrize("count", [1, 5, MOST])
 def test_few_get_each_package_in_its_period(count: int) -> None:
-    turns, listeners = Turns(PERIOD_S), [Listener() for _ in range(count)]
+    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(count)]
     for step in range(1, 50):
-        assert publish(turns, listeners, step) == count
+        assert publish(scheduler, listeners, step) == count
     assert all(listener.seen == [b"%d" % step for step in range(1, 50)] for listener in listeners)
 
 
 def test_many_take_turns_and_get_what_is_newest() -> None:
-    turns, listeners = Turns(PERIOD_S), [Listener() for _ in range(256)]
+    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(256)]
     for step in range(1, 300):
-        assert publish(turns, listeners, step) <= MOST
+        assert publish(scheduler, listeners, step) <= MOST
     counts = [len(listener.seen) for listener in listeners]
     assert max(counts) - min(counts) <= 0.2 * max(counts)
     for listener in listeners:
@@ -53,33 +53,33 @@ def test_many_take_turns_and_get_what_is_newest() -> None:
 
 
 def test_a_burst_is_served_within_the_next_periods() -> None:
-    turns, listeners = Turns(PERIOD_S), [Listener() for _ in range(128)]
-    publish(turns, listeners, 1)
+    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(128)]
+    publish(scheduler, listeners, 1)
     for step in range(2, 2 + 128 // MOST + 1):
-        turns.next_period(step)
+        scheduler.next_period(step)
     assert all(listener.seen == [b"1"] for listener in listeners)
 
 
 def test_who_does_not_read_takes_nobodys_turn() -> None:
-    turns, deaf, listener = Turns(PERIOD_S), [Listener(takes_state=False) for _ in range(500)], Listener()
+    scheduler, deaf, listener = SendScheduler(PERIOD_S), [Listener(takes_state=False) for _ in range(500)], Listener()
     for step in range(1, 20):
-        assert publish(turns, [*deaf, listener], step) == 1
+        assert publish(scheduler, [*deaf, listener], step) == 1
 
 
 def test_packages_that_belong_together_stay_together() -> None:
-    turns, listeners = Turns(PERIOD_S), [Listener() for _ in range(MOST)]
+    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(MOST)]
     for step in (1, 2, 3, 4):
-        turns.next_period(step)
+        scheduler.next_period(step)
         if step == 1:
             for listener in listeners:
-                turns.send(step, listener, b"program", b"state")
+                scheduler.send(step, listener, b"program", b"state")
     assert all(listener.seen == [b"program", b"state"] for listener in listeners)
 
 
 def test_who_is_gone_is_forgotten() -> None:
-    turns, listeners = Turns(PERIOD_S), [Listener() for _ in range(2 * MOST)]
-    publish(turns, listeners, 1)
-    turns.forget(listeners[-1])
-    turns.next_period(2)
+    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(2 * MOST)]
+    publish(scheduler, listeners, 1)
+    scheduler.forget(listeners[-1])
+    scheduler.next_period(2)
     assert listeners[-2].seen == [b"1"]
     assert listeners[-1].seen == []

@@ -243,5 +243,5 @@ def test_they_are_counted_and_told_once(
     assert "close the web page" in first
     assert "TLS" in second
     later = make_ports()[1]["dashboard"]
-    later.succeed(server)
+    later.take_over(server)
     assert later.turned_away.counts == {"http": 5, "tls": 1}
