@@ -75,9 +75,9 @@ def ask(model: str, place: str, queries: int, long_s: float = LONG_S) -> Tally:
             tally.solved += 1
             tally.solvable += 1
             tally.cpu_s.append(cpu_s)
-            if len(plan.way) > 2:
+            if len(plan.path) > 2:
                 tally.around_s.append(cpu_s)
-            tally.parts_s.append((plan.search_s, plan.shortening_s, plan.timing_s))
+            tally.parts_s.append((plan.search_s, plan.shortcutting_s, plan.parameterisation_s))
             tally.plans.append(plan)
             tally.nearest_m = min(tally.nearest_m, *(clearance(q) - scene.padding_m for q in samples(plan, 2)))
         elif _plan(planner, start, goal, FULL + number, long_s) is not None:
@@ -86,7 +86,7 @@ def ask(model: str, place: str, queries: int, long_s: float = LONG_S) -> Tally:
         if way is not None:
             tally.bare_solved += 1
             tally.bare_cpu_s.append(cpu_s)
-            tally.bare_blocked += not all(planner.checker.way_is_free(one, other) for one, other in pairwise(way))
+            tally.bare_blocked += not all(planner.checker.path_is_free(one, other) for one, other in pairwise(way))
     return tally
 
 
@@ -142,7 +142,7 @@ async def execute(model: str, place: str, plans: Sequence[Plan], meshes: Path | 
         with mock.patch("client.driver.endpoint.time", robot.clock):
             async with Lab(robot).arm as arm:
                 for plan in plans:
-                    await arm.move_j(plan.way[0], speed_rad_s=3.0)
+                    await arm.move_j(plan.path[0], speed_rad_s=3.0)
                     driven.append(arm.q)
                     listeners = arm.driver.robot.on_state
                     listeners.append(note := lambda state: driven.append(tuple(state["actual_q"])))

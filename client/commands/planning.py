@@ -141,7 +141,10 @@ def plan_command(
 
 async def _execute(plan: "Plan", target: Target, controller: str, drawn: "PlanningScene | None") -> Result:
     """Let the arm take the way. drawn: goes into the recording, with the way."""
-    samples = (values.tolist() for values in (plan.timed.times_s, plan.timed.q, plan.timed.qd, plan.timed.qdd))
+    samples = (
+        values.tolist()
+        for values in (plan.trajectory.times_s, plan.trajectory.q, plan.trajectory.qd, plan.trajectory.qdd)
+    )
     async with target.open() as arm:
         state = await arm.ask("robot_state")
         stands = state["positions"]  # by name, with the manager's prefix, base to wrist 3
@@ -159,7 +162,7 @@ def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
     """What draws the scene and the way into the recording of the robot's states."""
     from client.planning.markers import SceneDrawing
 
-    drawing = SceneDrawing(scene, plan.timed.q)
+    drawing = SceneDrawing(scene, plan.trajectory.q)
 
     async def draw(state: Mapping[str, Any]) -> None:
         for topic, markers in drawing.at(state["time_s"], list(state["positions"].values())):
@@ -170,9 +173,9 @@ def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
 
 def _limits(scene: "PlanningScene", jerk: float | None) -> "Limits":
     """The arm's usual ones, but for the jerk [rad/s3] if one is given."""
-    from client.planning import usual_limits
+    from client.planning import default_limits
 
-    return usual_limits(scene.model) if jerk is None else usual_limits(scene.model, jerk)
+    return default_limits(scene.model) if jerk is None else default_limits(scene.model, jerk)
 
 
 def _scene(scene: "PlanningScene", path: Path | None, tcp_offset: Pose = ZERO6) -> "PlanningScene":
@@ -197,16 +200,16 @@ def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
     if plot is not None:
         from client.recording.plots import draw_trajectory
 
-        draw_trajectory(plan.timed.times_s, plan.timed.q, plan.timed.qd, plot)
+        draw_trajectory(plan.trajectory.times_s, plan.trajectory.q, plan.trajectory.qd, plot)
     if as_json:
         print_json(_as_json(plan))
         return
-    corners = len(plan.way) - 2
+    corners = len(plan.path) - 2
     how = f"with {corners} corner{'s' if corners > 1 else ''}" if corners else "straight ahead"
     typer.echo(
         f"a way of {plan.duration_s:.2f} s {how}, by "
-        f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortened in {1000 * plan.shortening_s:.0f} ms, "
-        f"timed in {1000 * plan.timing_s:.0f} ms"
+        f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortened in {1000 * plan.shortcutting_s:.0f} ms, "
+        f"trajectory in {1000 * plan.parameterisation_s:.0f} ms"
     )
 
 
@@ -216,24 +219,26 @@ def _draw(plan: "Plan", scene: "PlanningScene", path: Path | None) -> None:
         return
     from client.planning.markers import SceneDrawing
 
-    timed = plan.timed
+    trajectory = plan.trajectory
     with Recorder(path, ("timestamp", "actual_q", "actual_qd"), {"made_by": "ur-client plan"}) as recorder:
-        draw = SceneDrawing(scene, timed.q).onto(recorder)
-        for time_s, q, qd in zip(timed.times_s.tolist(), timed.q.tolist(), timed.qd.tolist(), strict=True):
+        draw = SceneDrawing(scene, trajectory.q).onto(recorder)
+        for time_s, q, qd in zip(
+            trajectory.times_s.tolist(), trajectory.q.tolist(), trajectory.qd.tolist(), strict=True
+        ):
             state = {"timestamp": time_s, "actual_q": q, "actual_qd": qd}
             recorder.write(state)
             draw(state)
 
 
 def _as_json(plan: "Plan") -> dict[str, Any]:
-    timed = plan.timed
+    trajectory = plan.trajectory
     return {
         "planner": plan.planner,
         "duration_s": plan.duration_s,
-        "way": plan.way,
+        "way": plan.path,
         "joint_names": JOINT_NAMES,
-        "times_s": timed.times_s.tolist(),
-        "positions": timed.q.tolist(),
-        "velocities": timed.qd.tolist(),
-        "accelerations": timed.qdd.tolist(),
+        "times_s": trajectory.times_s.tolist(),
+        "positions": trajectory.q.tolist(),
+        "velocities": trajectory.qd.tolist(),
+        "accelerations": trajectory.qdd.tolist(),
     }

@@ -56,9 +56,9 @@ def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
 
 
 def _goal(text: str, degrees: bool) -> "JointGoal | PoseGoal | NamedGoal":
-    from client.planning import NAMED, JointGoal, NamedGoal, PoseGoal
+    from client.planning import NAMED_CONFIGURATIONS, JointGoal, NamedGoal, PoseGoal
 
-    if text in NAMED:
+    if text in NAMED_CONFIGURATIONS:
         return NamedGoal(text)
     match = _NUMBERS.fullmatch(text)
     if match and match[1]:

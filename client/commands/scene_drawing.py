@@ -55,9 +55,9 @@ def scene_drawing(
     if "actual_q" not in names:
         raise RecordingError("--scene and --plan need actual_q: add it to --fields")
     from client.planning import PlanningScene
-    from client.planning.markers import SceneDrawing, read_way
+    from client.planning.markers import SceneDrawing, read_plan
 
-    way_rad = None if plan is None else read_way(plan)
+    path_rad = None if plan is None else read_plan(plan)
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         scene, state = PlanningScene(_model(robot)), robot.run(robot.core.robot_state())
     if path is not None:
@@ -65,7 +65,7 @@ def scene_drawing(
             scene.update(path, ZERO6 if state.cartesian is None else state.cartesian.tcp_offset)
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
-    return SceneDrawing(scene, way_rad)
+    return SceneDrawing(scene, path_rad)
 
 
 class DrawnServer:

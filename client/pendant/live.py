@@ -20,7 +20,7 @@ from client.pendant.station import Station
 from client.pendant.web_security import Nonsense
 
 Kind = Literal["text", "state", "title", "value", "width", "bits", "cells", "plot", "samples", "lines", "sliders",
-               "ghost", "things", "goal", "way"]  # fmt: skip
+               "ghost", "objects", "goal", "path"]  # fmt: skip
 Read = Callable[[Station], Any]
 Take = Callable[[bool], Any]
 Held = Callable[[Mapping[str, Any] | None], None]

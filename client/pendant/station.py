@@ -15,7 +15,6 @@ from client.dashboard import DashboardClient
 from client.dashboard_commands import Operation
 from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
-from client.pendant.arena import Arena, Arenas, Surroundings
 from client.pendant.audience import Audience
 from client.pendant.cameras import CameraLink
 from client.pendant.checking import keep_checking
@@ -30,6 +29,7 @@ from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile
 from client.pendant.programs import Programs
 from client.pendant.saved import Poses, Tools
+from client.pendant.scene_monitor import MonitoredScene, SceneMonitor, SceneSources
 from client.pendant.situation import Known, Situation, situation
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
@@ -87,8 +87,8 @@ class Station:
     its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
     manager: the controller manager that is running for the robot, if there is one.
     program_draft: the program that is being made; drafts: the folder that keeps it, None for memory only.
-    arenas: what motions are planned in; scene: the file that says what stands around the arm, None for what an emulator
-    says.
+    scene_monitor: the scene for motion planning; scene: the world file with the obstacles around the arm, None to use the
+    emulator's world.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Station:
         self.tools = Tools(tools)
         kept = ProgramFile(drafts, f"{robot_ip}_{self.ports['primary']}")
         self.program_draft = ProgramDraft(kept, self.log.note, self.wake, lambda: (self.version, self.model))
-        self.arenas = Arenas(scene, self.wake)
+        self.scene_monitor = SceneMonitor(scene, self.wake)
         self.feeds = Feeds(self._open_feed)
         self.manager = ManagerLink(robot_ip, self.ports["rtde"], self.wake)
         self.port_registers = PortRegisters(robot_ip, self.ports["modbus"], self.wake)
@@ -162,7 +162,7 @@ class Station:
             opening.push_async_callback(self.cameras.close)
             opening.push_async_callback(self.remote_control.close)
             opening.push_async_callback(self.mover.close)
-            opening.push_async_callback(self.arenas.close)
+            opening.push_async_callback(self.scene_monitor.close)
             opening.push_async_callback(self.feeds.close)
             opening.push_async_callback(self.port_registers.close)
             opening.push_async_callback(self.manager.close)
@@ -204,19 +204,19 @@ class Station:
         return self._model
 
     @property
-    def arena(self) -> Arena | None:
-        """This arm and what stands around it, for planning; None while that is not known, see ``arenas.problem``."""
+    def planning_scene(self) -> MonitoredScene | None:
+        """This arm and its obstacles, for motion planning; None until they are known, see ``scene_monitor.problem``."""
         world = self.emulator.watch("world").value if self.emulator.available else None
         offset = self.values.get("tcp_offset")
-        return self.arenas.look(
-            Surroundings(self._core.configuration, self._core.kinematics, offset and tuple(offset), world)
+        return self.scene_monitor.update(
+            SceneSources(self._core.configuration, self._core.kinematics, offset and tuple(offset), world)
         )
 
     @property
     def has_surroundings(self) -> bool:
         """Something is known to stand around the arm."""
         world = self.emulator.watch("world").value if self.emulator.available else None
-        return self.arenas.file is not None or bool(world and world["objects"])
+        return self.scene_monitor.file is not None or bool(world and world["objects"])
 
     @property
     def robot_mode(self) -> RobotMode:

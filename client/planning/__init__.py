@@ -10,11 +10,21 @@ if find_spec("coal") is None:
     )
 
 from client.planning.cartesian import CartesianPath
-from client.planning.collisions import CollisionChecker, Nearness
+from client.planning.collisions import CollisionChecker, PairDistance
 from client.planning.constraints import OrientationConstraint, PathConstraints, PositionConstraint
-from client.planning.goals import NAMED, CircGoal, Goal, GoalSet, GoalUnreachableError, JointGoal, NamedGoal, PoseGoal
+from client.planning.goals import (
+    NAMED_CONFIGURATIONS,
+    CircGoal,
+    Goal,
+    GoalSet,
+    GoalUnreachableError,
+    JointGoal,
+    NamedGoal,
+    PoseGoal,
+)
 from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
-from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, usual_limits
+from client.planning.parameterisation import Limits, Trajectory
+from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, default_limits
 from client.planning.scene import (
     Box,
     Cylinder,
@@ -27,10 +37,9 @@ from client.planning.scene import (
     Sphere,
     read_safety,
 )
-from client.planning.timing import Limits, TimedPath
 
 __all__ = [
-    "NAMED",
+    "NAMED_CONFIGURATIONS",
     "Box",
     "CartesianLimits",
     "CartesianPath",
@@ -47,9 +56,9 @@ __all__ = [
     "Mesh",
     "MotionSequenceItem",
     "NamedGoal",
-    "Nearness",
     "NoPathError",
     "OrientationConstraint",
+    "PairDistance",
     "PathConstraints",
     "Plan",
     "Plane",
@@ -62,7 +71,7 @@ __all__ = [
     "Shape",
     "Sphere",
     "StartInCollisionError",
-    "TimedPath",
+    "Trajectory",
+    "default_limits",
     "read_safety",
-    "usual_limits",
 ]

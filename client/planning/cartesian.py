@@ -1,4 +1,4 @@
-"""Straight lines of the TCP through waypoints, as far as they can be followed."""
+"""Cartesian paths: straight lines of the TCP through waypoints, as far as the arm can follow them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,36 +11,43 @@ import numpy as np
 from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
 from client.planning.goals import PoseGoal
-from client.planning.industrial import MotionSequenceItem, Run, Segment, blocked, follower_of, runs
+from client.planning.industrial import (
+    BlendedMotion,
+    MotionSequenceItem,
+    Segment,
+    blended_motions,
+    first_collision,
+    interpolator_for,
+)
 from client.planning.lines import TURN_RAD_M, Line
+from client.planning.parameterisation import Array
 from client.planning.path import PiecewisePath
-from client.planning.timing import Array
 from urproto.robots import Joints
 
-_FEWEST: Final = 10  # steps of which an average is taken, as MoveIt's MIN_STEPS_FOR_JUMP_THRESH
-_BLEND_SHARE: Final = 0.45  # of a line that a blend at its end may take
+_MIN_STEPS: Final = 10  # over which the average step is taken, as MoveIt's MIN_STEPS_FOR_JUMP_THRESH
+_BLEND_SHARE: Final = 0.45  # largest share of a line that the blend at its end may take
 
 AnyPlan = TypeVar("AnyPlan")
 
 
 class CartesianPath(NamedTuple, Generic[AnyPlan]):
-    """What `Planner.compute_cartesian_path` gives: what can be executed, and what fraction of the waypoints it is."""
+    """The result of `Planner.compute_cartesian_path`: an executable plan, and the fraction of the path it covers."""
 
     plan: AnyPlan
     fraction: float
 
 
 @dataclass(frozen=True, slots=True)
-class CartesianRuns:
-    """The motions without a stop, the joint angles at the end of each line, the fraction, and why it is below 1."""
+class CartesianMotions:
+    """The motions between stops, the configuration at the end of each line, the fraction, and why it is below 1."""
 
-    runs: tuple[Run, ...]
-    way: tuple[Joints, ...]
+    motions: tuple[BlendedMotion, ...]
+    waypoints: tuple[Joints, ...]
     fraction: float
     stopped_by: str
 
 
-def cartesian_runs(
+def cartesian_motions(
     checker: CollisionChecker,
     start: Joints,
     waypoints: Sequence[Sequence[float]],
@@ -49,82 +56,82 @@ def cartesian_runs(
     jump_thresholds: tuple[float, float],
     avoid_collisions: bool,
     blend_radius_m: float,
-) -> CartesianRuns:
+) -> CartesianMotions:
     """See `Planner.compute_cartesian_path`."""
     _check(waypoints, max_step_m, jump_thresholds, blend_radius_m)
-    follower = follower_of(checker, PoseGoal((), tcp_offset))
+    interpolator = interpolator_for(checker, PoseGoal((), tcp_offset))
     segments: list[Segment] = []
     lengths: list[float] = []
-    fraction, why, q = 0.0, "", start
+    fraction, reason, q = 0.0, "", start
     for number, waypoint in enumerate(waypoints):
-        line = Line(follower.pose(q), waypoint)
-        found = follower.follow(line, q, max_step_m)
-        path, share, why = found.path, found.reached, found.stopped_by
+        line = Line(interpolator.pose(q), waypoint)
+        found = interpolator.interpolate(line, q, max_step_m)
+        path, share, reason = found.path, found.reached, found.stopped_by
         if path is not None:
-            steps = max(_FEWEST, int(np.ceil(max(line.length_m, line.turn_rad / TURN_RAD_M) / max_step_m)))
-            path, share, why = _cut(checker, path, share, why, steps, jump_thresholds, avoid_collisions)
+            steps = max(_MIN_STEPS, int(np.ceil(max(line.length_m, line.turn_rad / TURN_RAD_M) / max_step_m)))
+            path, share, reason = _truncate(checker, path, share, reason, steps, jump_thresholds, avoid_collisions)
         if path is not None:
             a, b, c, d, e, f = path.at(path.length)[:6].tolist()
             q = (a, b, c, d, e, f)
-            segments.append(Segment(path, (segments[-1].way[-1] if segments else start, q), follower.pose))
+            segments.append(Segment(path, (segments[-1].waypoints[-1] if segments else start, q), interpolator.pose))
             lengths.append(share * line.length_m)
         fraction = (number + share) / len(waypoints)
         if share < 1.0:
-            why = f"line {number + 1} ends after {100 * share:.1f} % of its way: {why}"
+            reason = f"line {number + 1} ends after {100 * share:.1f} % of its length: {reason}"
             break
     radii = [min(blend_radius_m, _BLEND_SHARE * min(pair)) for pair in pairwise(lengths)]
     items = [MotionSequenceItem(PoseGoal(()), "LIN", radius) for radius in (*radii, *([0.0] if segments else []))]
-    parts = tuple(runs(segments, items))
-    return CartesianRuns(parts, tuple(segment.way[1] for segment in segments), fraction, why)
+    parts = tuple(blended_motions(segments, items))
+    return CartesianMotions(parts, tuple(segment.waypoints[1] for segment in segments), fraction, reason)
 
 
 def _check(
     waypoints: Sequence[Sequence[float]], max_step_m: float, jump_thresholds: tuple[float, float], radius_m: float
 ) -> None:
     if not waypoints:
-        raise PlanningError("a Cartesian path has at least one waypoint")
+        raise PlanningError("a Cartesian path needs at least one waypoint")
     for number, pose in enumerate(waypoints, 1):
         if len(pose) != 6 or not all(map(isfinite, pose)):
-            raise PlanningError(f"waypoint {number} is not six finite numbers: {list(pose)}")
+            raise PlanningError(f"waypoint {number}: a pose must be six finite numbers, not {list(pose)}")
     if not (isfinite(max_step_m) and max_step_m > 0.0):
-        raise PlanningError(f"the largest step is above 0 m, not {max_step_m}")
+        raise PlanningError(f"the largest step must be above 0 m, not {max_step_m}")
     for value in (*jump_thresholds, radius_m):
         if not (isfinite(value) and value >= 0.0):
-            raise PlanningError(f"jump thresholds and blend radius are 0 or above, not {value}")
+            raise PlanningError(f"jump thresholds and blend radius must be 0 or above, not {value}")
 
 
-def _cut(
+def _truncate(
     checker: CollisionChecker,
     path: PiecewisePath,
     share: float,
-    why: str,
+    reason: str,
     steps: int,
     jump_thresholds: tuple[float, float],
     avoid_collisions: bool,
 ) -> tuple[PiecewisePath | None, float, str]:
-    """As much of a line as has neither a jump nor a collision."""
+    """The part of a line before its first jump or collision, its share of the line, and why it ends there."""
     jump = _jump(path, max(1, round(steps * share)), jump_thresholds)
     if jump is not None:
         share, angle = jump
-        why = f"a joint would go {angle:.3f} rad in the next step, more than the jump threshold allows"
-    near = blocked(checker, path) if avoid_collisions else None
+        reason = f"a joint would move {angle:.3f} rad in the next step, more than the jump threshold allows"
+    near = first_collision(checker, path) if avoid_collisions else None
     if near is not None and path.starts[near[0]] < share:
-        share, why = float(path.starts[near[0]]), checker.objection(near[1])
-    return path.part(0.0, share) if share > 0.0 else None, share, why
+        share, reason = float(path.starts[near[0]]), checker.violation(near[1])
+    return path.subpath(0.0, share) if share > 0.0 else None, share, reason
 
 
 def _jump(path: PiecewisePath, steps: int, thresholds: tuple[float, float]) -> tuple[float, float] | None:
-    """Where the joints jump, and how far one of them goes in that step; None for a path without jumps."""
+    """Where the first jump is, and the largest joint motion in that step; None for a path without jumps."""
     factor, farthest = thresholds
-    places: Array = np.linspace(0.0, path.length, steps + 1)
-    changes = abs(np.diff(path(places)[0][:, :6], axis=0))
-    ways = np.linalg.norm(changes, axis=1)
+    samples: Array = np.linspace(0.0, path.length, steps + 1)
+    changes = abs(np.diff(path(samples)[0][:, :6], axis=0))
+    distances = np.linalg.norm(changes, axis=1)
     jumps = np.zeros(steps, dtype=bool)
     if factor:
-        jumps |= ways > factor * ways.mean()
+        jumps |= distances > factor * distances.mean()
     if farthest:
         jumps |= changes.max(axis=1) > farthest
     if not jumps.any():
         return None
     first = int(np.argmax(jumps))
-    return float(places[first]), float(changes[first].max())
+    return float(samples[first]), float(changes[first].max())

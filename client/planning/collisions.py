@@ -12,19 +12,19 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from client.planning.layers import Layers
+from client.planning.collision_model import CollisionModel
 from client.planning.scene import PlanningScene
 from urproto.joints import JOINT_LABELS
 from urproto.vectors import ZERO3, Vector3
 
-_FINEST_M: Final = 0.001
+_RESOLUTION_M: Final = 0.001
 _SHORTEST_M: Final = 1e-9
 _NEAR_M: Final = 0.03  # what comes nearer than this beyond the padding is looked at in parts (guess)
 _Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Nearness:
+class PairDistance:
     """Two things, links or objects, and how far they are apart [m]; negative: how deep one is in the other.
 
     point: the middle between their nearest points [m], in the base frame. normal: from one towards the other.
@@ -49,39 +49,39 @@ class CollisionChecker:
         self.scene = scene
         self._low, self._high = (np.array(limits) for limits in scene.model.position_limits)
         self._revision = scene.revision
-        self._layers = Layers(scene)
+        self._model = CollisionModel(scene)
 
     def is_free(self, q_rad: Sequence[float] | _Vector) -> bool:
         """Whether the arm is within its limits, and nothing nearer than the padding."""
-        layers = self._followed()
+        model = self._current_model()
         q = np.asarray(q_rad, dtype=float)
         if (q < self._low).any() or (q > self._high).any():
             return False
-        near = layers.coarse.all_too_near(q)
+        near = model.coarse.colliding_pairs(q)
         if near:
-            layers.fine.move(q)
-        return not any(layers.fine.too_near(pair) for pair in layers.within(near))
+            model.fine.move(q)
+        return not any(model.fine.in_collision(pair) for pair in model.fine_pairs(near))
 
     def clearance(self, q_rad: Sequence[float] | _Vector) -> float:
         """The least distance of any pair that may not touch [m]; infinite when there is none."""
-        distances = self._followed().fine.distances(np.asarray(q_rad, dtype=float))
+        distances = self._current_model().fine.distances(np.asarray(q_rad, dtype=float))
         return min((float(result.min_distance) for result in distances), default=float("inf"))
 
-    def nearest(self, q_rad: Sequence[float]) -> list[Nearness]:
+    def nearest(self, q_rad: Sequence[float]) -> list[PairDistance]:
         """All pairs that may not touch, nearest first."""
-        layer = self._followed().fine
+        layer = self._current_model().fine
         found: dict[tuple[str, str], Any] = {}
         for names, result in zip(layer.names, layer.distances(np.asarray(q_rad, dtype=float)), strict=True):
             if names not in found or result.min_distance < found[names].min_distance:
                 found[names] = result
-        pairs = [_nearness(names, result) for names, result in found.items()]
+        pairs = [_pair_distance(names, result) for names, result in found.items()]
         return sorted(pairs, key=lambda pair: pair.distance_m)
 
-    def collisions(self, q_rad: Sequence[float]) -> list[Nearness]:
+    def collisions(self, q_rad: Sequence[float]) -> list[PairDistance]:
         """Pairs that are nearer than the padding, deepest first."""
         return [pair for pair in self.nearest(q_rad) if pair.distance_m < self.scene.padding_m]
 
-    def objection(self, q_rad: Sequence[float]) -> str:
+    def violation(self, q_rad: Sequence[float]) -> str:
         """Why the arm may not be there; nothing for a free place."""
         q = np.asarray(q_rad, dtype=float)
         for name, low, angle, high in zip(JOINT_LABELS, self._low, q, self._high, strict=True):
@@ -91,11 +91,11 @@ class CollisionChecker:
         kept = f", and {1000 * self.scene.padding_m:g} mm are to be kept"
         return "; ".join(map(str, pairs[:3])) + kept if pairs else ""
 
-    def way_is_free(self, start_rad: Sequence[float] | _Vector, end_rad: Sequence[float] | _Vector) -> bool:
+    def path_is_free(self, start_rad: Sequence[float] | _Vector, end_rad: Sequence[float] | _Vector) -> bool:
         """Whether the arm may go straight, in joint space, from one configuration to another."""
         start, end = np.asarray(start_rad, dtype=float), np.asarray(end_rad, dtype=float)
-        way = end - start
-        return self.is_free(end) and self.blocked_at(lambda share: start + share * way, abs(way)) is None
+        delta = end - start
+        return self.is_free(end) and self.blocked_at(lambda share: start + share * delta, abs(delta)) is None
 
     def blocked_at(self, path: Callable[[float], _Vector], travel_rad: _Vector) -> float | None:
         """Where on a path something is too near, as a share of it from 0 to 1; None for a free one.
@@ -103,12 +103,10 @@ class CollisionChecker:
         travel_rad: how far each joint goes at most (6,) if the whole path is as fast as its fastest place. It is some
         such place, not the first.
         """
-        layers, padding = self._followed(), self.scene.padding_m
-        lengths = [
-            np.maximum(layer.levers @ travel_rad, _SHORTEST_M).tolist() for layer in (layers.coarse, layers.fine)
-        ]
+        model, padding = self._current_model(), self.scene.padding_m
+        lengths = [np.maximum(layer.levers @ travel_rad, _SHORTEST_M).tolist() for layer in (model.coarse, model.fine)]
         coarse_m, fine_m = lengths  # that the two of each pair go at most
-        finest = _FINEST_M / max(coarse_m, default=_FINEST_M)
+        finest = _RESOLUTION_M / max(coarse_m, default=_RESOLUTION_M)
         parts = [(0.0, 1.0, list(range(len(coarse_m))), list[int]())]
         while parts:
             low, high, far, near = parts.pop()
@@ -120,20 +118,20 @@ class CollisionChecker:
                 list[int](),
             )  # known: how far the path is free to both sides
             if far:
-                layers.coarse.move(q)
+                model.coarse.move(q)
             for pair in far:
-                free = layers.coarse.distance(pair) - padding
+                free = model.coarse.distance(pair) - padding
                 if free >= coarse_m[pair] * half:
                     continue
                 if free > _NEAR_M:
                     known = min(known, free / coarse_m[pair])
                     still_far.append(pair)
                 else:
-                    near = near + layers.parts[pair]
+                    near = near + model.parts[pair]
             if near:
-                layers.fine.move(q)
+                model.fine.move(q)
             for pair in near:
-                free = layers.fine.distance(pair) - padding
+                free = model.fine.distance(pair) - padding
                 if free < 0.0:
                     return middle
                 if (share := max(free / fine_m[pair], finest)) < half:
@@ -143,15 +141,17 @@ class CollisionChecker:
                 parts += ((middle + known, high, still_far, still_near), (low, middle - known, still_far, still_near))
         return None
 
-    def _followed(self) -> Layers:
+    def _current_model(self) -> CollisionModel:
         """The scene as it is now."""
         if self._revision != self.scene.revision:
-            self._layers = Layers(self.scene)
+            self._model = CollisionModel(self.scene)
             self._revision = self.scene.revision
-        return self._layers
+        return self._model
 
 
-def _nearness(names: tuple[str, str], result: Any) -> Nearness:
+def _pair_distance(names: tuple[str, str], result: Any) -> PairDistance:
     x, y, z = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
     u, v, w = result.normal
-    return Nearness(*names, float(result.min_distance), (float(x), float(y), float(z)), (float(u), float(v), float(w)))
+    return PairDistance(
+        *names, float(result.min_distance), (float(x), float(y), float(z)), (float(u), float(v), float(w))
+    )

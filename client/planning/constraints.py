@@ -9,12 +9,12 @@ import numpy as np
 
 from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
+from client.planning.parameterisation import Array
 from client.planning.scene import PlanningScene
-from client.planning.timing import Array
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
 from urproto.vectors import ZERO6, Vector3
 
-_LOOKS_RAD: Final = 0.02  # between two of them on a way (guess): the TCP turns by less than six of these
+_RESOLUTION_RAD: Final = 0.02  # between two of them on a way (guess): the TCP turns by less than six of these
 _AXES: Final = ("x", "y", "z")
 
 
@@ -75,8 +75,8 @@ class PathConstraints:
         parts = [part.excess(pose) for part in (self.orientation, self.position) if part is not None]
         return np.concatenate([np.zeros(0), *parts])
 
-    def objection(self, pose: Pose) -> str:
-        """What is broken there; nothing for a pose that keeps to all."""
+    def violation(self, pose: Pose) -> str:
+        """What is broken there; nothing for a pose that satisfies_constraints to all."""
         broken = []
         for part, name, unit, scale in (
             (self.orientation, "is turned about", "rad", 1.0),
@@ -98,23 +98,23 @@ class ConstrainedChecker(CollisionChecker):
         self.constraints = constraints
 
     def is_free(self, q_rad: Sequence[float] | Array) -> bool:
-        """As of collisions, and the TCP keeps to its constraints."""
-        return self.keeps(q_rad) and super().is_free(q_rad)
+        """As of collisions, and the TCP satisfies_constraints to its constraints."""
+        return self.satisfies_constraints(q_rad) and super().is_free(q_rad)
 
     def blocked_at(self, path: Callable[[float], Array], travel_rad: Array) -> float | None:
         """As of collisions; the constraints are looked at every 0.02 rad of the joint that goes farthest."""
-        looks = np.linspace(0.0, 1.0, 2 + int(travel_rad.max() / _LOOKS_RAD))
+        looks = np.linspace(0.0, 1.0, 2 + int(travel_rad.max() / _RESOLUTION_RAD))
         for share in looks.tolist():
-            if not self.keeps(path(share)):
+            if not self.satisfies_constraints(path(share)):
                 return float(share)
         return super().blocked_at(path, travel_rad)
 
-    def objection(self, q_rad: Sequence[float]) -> str:
+    def violation(self, q_rad: Sequence[float]) -> str:
         """As of collisions, or which constraint is broken."""
-        return self.constraints.objection(self._pose(q_rad)) or super().objection(q_rad)
+        return self.constraints.violation(self._pose(q_rad)) or super().violation(q_rad)
 
-    def keeps(self, q_rad: Sequence[float] | Array) -> bool:
-        """Whether the TCP keeps to its constraints."""
+    def satisfies_constraints(self, q_rad: Sequence[float] | Array) -> bool:
+        """Whether the TCP satisfies_constraints to its constraints."""
         return not self.excess(q_rad).any()
 
     def excess(self, q_rad: Sequence[float] | Array) -> Array:

@@ -1,6 +1,6 @@
 """Where an arm is to go: joint angles, a pose of the TCP, a name, or any of several.
 
-A pose can be reached with up to eight postures, each with joints turned once more; all of them are candidates.
+A pose can be reached with up to eight solutions, each with joints turned once more; all of them are goal_configurations.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,14 +16,14 @@ from urproto.robots.kinematics import unwind
 from urproto.robots.pose import pose_inv, pose_trans
 from urproto.vectors import ZERO6, Vector3
 
-NAMED: Final[dict[str, Joints]] = {
+NAMED_CONFIGURATIONS: Final[dict[str, Joints]] = {
     "home": (0.0, -pi / 2, 0.0, 0.0, 0.0, 0.0),
     "up": (0.0, -pi / 2, 0.0, -pi / 2, 0.0, 0.0),
     "test_configuration": (1.54, -1.62, 1.4, -1.2, -1.6, -0.11),
 }
 """Those of ur_moveit_config's SRDF."""
 
-_MOST_TURNED: Final = 1.5 * pi  # a joint that would go farther is tried turned back, too
+_MAX_TURN_RAD: Final = 1.5 * pi  # a joint that would go farther is tried turned back, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class CircGoal:
 
 @dataclass(frozen=True, slots=True)
 class NamedGoal:
-    """A posture of `NAMED`."""
+    """A posture of `NAMED_CONFIGURATIONS`."""
 
     name: str
 
@@ -86,61 +86,63 @@ class GoalUnreachableError(PlanningError):
     """No joint angles take the arm there; the text says what is in the way."""
 
 
-def candidates(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
+def goal_configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
     """Joint angles that reach the goal and are free of collisions, nearest to the start first.
 
     Raises GoalUnreachableError, saying which limit or which collision is in the way of the nearest.
     """
-    reaching = _reaching(goal, start_rad, checker)
-    free = [q for q in reaching if checker.is_free(q)]
+    configurations = _configurations(goal, start_rad, checker)
+    free = [q for q in configurations if checker.is_free(q)]
     if not free:
-        raise GoalUnreachableError(f"the goal cannot be reached: {_why(reaching, checker)}")
+        raise GoalUnreachableError(f"the goal cannot be reached: {_reason(configurations, checker)}")
     return sorted(free, key=lambda q: _distance(q, start_rad))
 
 
-def _reaching(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
+def _configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
     model = checker.scene.model
     if isinstance(goal, GoalSet):
-        return _reaching_any(goal, start_rad, checker)
+        return _any_configurations(goal, start_rad, checker)
     if isinstance(goal, CircGoal):
         raise PlanningError("a CircGoal is for the planner CIRC; others go to a PoseGoal")
     if isinstance(goal, NamedGoal):
-        if goal.name not in NAMED:
-            raise GoalUnreachableError(f"there is no posture {goal.name!r}; known are {', '.join(NAMED)}")
-        return [NAMED[goal.name]]
+        if goal.name not in NAMED_CONFIGURATIONS:
+            raise GoalUnreachableError(
+                f"there is no posture {goal.name!r}; known are {', '.join(NAMED_CONFIGURATIONS)}"
+            )
+        return [NAMED_CONFIGURATIONS[goal.name]]
     if isinstance(goal, JointGoal):
-        check_six(goal.q_rad, "a JointGoal is six joint angles")
+        check_length(goal.q_rad, "a JointGoal is six joint angles")
         a, b, c, d, e, f = (float(value) for value in goal.q_rad)
         _check_limits((a, b, c, d, e, f), model)
         return [(a, b, c, d, e, f)]
     for numbers in (goal.pose, goal.tcp_offset or ZERO6):
-        check_six(numbers, "a pose is six numbers")
+        check_length(numbers, "a pose is six numbers")
     if not all(map(isfinite, (*goal.pose, *(goal.tcp_offset or ())))):
         raise GoalUnreachableError(f"the goal cannot be reached: p{list(goal.pose)} has numbers that no pose has")
     flange = pose_trans(goal.pose, pose_inv(goal.tcp_offset or ZERO6))
-    postures = checker.scene.kinematics.inverse_all(flange, start_rad)
-    if not postures:
+    solutions = checker.scene.kinematics.inverse_all(flange, start_rad)
+    if not solutions:
         raise GoalUnreachableError(
             f"the goal cannot be reached: p[{', '.join(f'{value:.4f}' for value in goal.pose)}] is out of the reach of "
             f"a {model.title}"
         )
     low, high = model.position_limits
-    nearest = [unwind(q, start_rad, low, high) for q in postures]
-    return [q for near in nearest for q in _turns(near, start_rad, low, high)]
+    nearest = [unwind(q, start_rad, low, high) for q in solutions]
+    return [q for near in nearest for q in _with_full_turns(near, start_rad, low, high)]
 
 
-def check_six(numbers: Sequence[float], what: str) -> None:
+def check_length(numbers: Sequence[float], what: str) -> None:
     """Raise PlanningError, with what they are to be, unless there are so many."""
     if len(numbers) != 6:
         raise PlanningError(f"{what}, not {len(numbers)}")
 
 
-def _reaching_any(goal: GoalSet, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
+def _any_configurations(goal: GoalSet, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
     found: list[Joints] = []
     reasons: list[str] = []
     for number, one in enumerate(goal.goals, 1):
         try:
-            found += _reaching(one, start_rad, checker)
+            found += _configurations(one, start_rad, checker)
         except GoalUnreachableError as error:
             reasons.append(f"goal {number}: {error}")
     if not found:
@@ -148,12 +150,12 @@ def _reaching_any(goal: GoalSet, start_rad: Sequence[float], checker: CollisionC
     return found
 
 
-def _turns(q: Joints, start_rad: Sequence[float], low: Joints, high: Joints) -> Iterator[Joints]:
+def _with_full_turns(q: Joints, start_rad: Sequence[float], low: Joints, high: Joints) -> Iterator[Joints]:
     """A posture, and those with one joint turned once around that would have to go far."""
     yield q
     for i, (angle, start) in enumerate(zip(q, start_rad, strict=True)):
         turned = angle - tau if angle > start else angle + tau
-        if abs(turned - start) <= _MOST_TURNED and low[i] <= turned <= high[i]:
+        if abs(turned - start) <= _MAX_TURN_RAD and low[i] <= turned <= high[i]:
             a, b, c, d, e, f = (turned if k == i else q[k] for k in range(6))
             yield (a, b, c, d, e, f)
 
@@ -169,10 +171,10 @@ def _check_limits(q_rad: Joints, model: RobotModel) -> None:
             )
 
 
-def _why(reaching: Sequence[Joints], checker: CollisionChecker) -> str:
-    least = min(reaching, key=lambda q: -min((pair.distance_m for pair in checker.collisions(q)), default=0.0))
-    many = f"in the least bad of {len(reaching)} postures, " if len(reaching) > 1 else ""
-    return many + checker.objection(least)
+def _reason(configurations: Sequence[Joints], checker: CollisionChecker) -> str:
+    least = min(configurations, key=lambda q: -min((pair.distance_m for pair in checker.collisions(q)), default=0.0))
+    many = f"in the least bad of {len(configurations)} solutions, " if len(configurations) > 1 else ""
+    return many + checker.violation(least)
 
 
 def _distance(q: Sequence[float], other: Sequence[float]) -> float:

@@ -11,8 +11,8 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from client.errors import FileError
+from client.planning.parameterisation import Array
 from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, PlanningScene, Shape, Sphere
-from client.planning.timing import Array
 from urproto.robots.pose import Pose, pose_trans, rotvec_to_quaternion
 
 SCENE_TOPIC: Final = "/planning_scene"
@@ -21,9 +21,9 @@ PATH_TOPIC: Final = "/planned_path"
 _FRAME: Final = "base"
 _TOOL: Final = "tool0"
 _CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _POINTS, _MESH = 1, 2, 3, 4, 8, 10  # visualization_msgs/Marker
-_GREY: Final = (0.6, 0.6, 0.65, 0.8)
-_CARRIED: Final = (0.9, 0.6, 0.1, 0.9)
-_WAY: Final = (0.1, 0.6, 0.2, 1.0)
+_OBJECT_COLOR: Final = (0.6, 0.6, 0.65, 0.8)
+_ATTACHED_COLOR: Final = (0.9, 0.6, 0.1, 0.9)
+_PATH_COLOR: Final = (0.1, 0.6, 0.2, 1.0)
 _PIECE_M: Final = (4.0, 4.0, 0.002)  # of a plane
 _DOT_M: Final = 0.005
 _REPEAT_S: Final = 1.0
@@ -32,7 +32,7 @@ Marker = Mapping[str, Any]
 
 
 def scene_markers(
-    scene: PlanningScene, q_rad: Sequence[float] | None, *, carried_only: bool = False, prefix: str = ""
+    scene: PlanningScene, q_rad: Sequence[float] | None, *, attached_only: bool = False, prefix: str = ""
 ) -> list[Marker]:
     """Everything in a scene with the arm at these joint angles (6,) [rad], or only what moves with the arm.
 
@@ -41,16 +41,16 @@ def scene_markers(
     """
     flange = None if q_rad is None else scene.kinematics.forward(q_rad)
     found: list[Marker] = []
-    for number, (name, thing) in enumerate(scene.objects.items()):
-        if thing.attached or not carried_only:
-            pose = pose_trans(flange, thing.pose) if thing.attached and flange else thing.pose
-            color = _CARRIED if thing.attached else _GREY
-            frame = prefix + (_TOOL if thing.attached and not flange else _FRAME)
-            found.append({**_marker(name, number, pose, color, frame), **_drawn(thing.shape)})
+    for number, (name, obj) in enumerate(scene.objects.items()):
+        if obj.attached or not attached_only:
+            pose = pose_trans(flange, obj.pose) if obj.attached and flange else obj.pose
+            color = _ATTACHED_COLOR if obj.attached else _OBJECT_COLOR
+            frame = prefix + (_TOOL if obj.attached and not flange else _FRAME)
+            found.append({**_marker(name, number, pose, color, frame), **_drawn(obj.shape)})
     return found
 
 
-class Canvas(Protocol):
+class MarkerSink(Protocol):
     """What markers are drawn on: a `client.recording.Recorder`, or its like in the background."""
 
     def write_markers(self, topic: str, markers: Sequence[Marker], time_s: float) -> None:
@@ -61,56 +61,56 @@ class SceneDrawing:
     """A scene around an arm that moves, and the way planned in it, for live streams and recordings.
 
     They are on the topics ``/planning_scene`` and ``/planned_path``: everything once a second, for those who come late
-    or look into the middle of a file, and what moves with the arm with each state. way_rad: joint angles (n, 6) [rad],
-    `Plan.timed.q`.
+    or look into the middle of a file, and what moves with the arm with each state. path_rad: joint angles (n, 6) [rad],
+    `Plan.trajectory.q`.
 
-        drawing = SceneDrawing(scene, plan.timed.q)
+        drawing = SceneDrawing(scene, plan.trajectory.q)
         robot.inner.driver.robot.on_state.append(drawing.onto(recorder))
     """
 
-    def __init__(self, scene: PlanningScene, way_rad: Array | None = None) -> None:
+    def __init__(self, scene: PlanningScene, path_rad: Array | None = None) -> None:
         self._scene = scene
-        self._way = [] if way_rad is None else [way_marker(scene, way_rad)]
+        self._path = [] if path_rad is None else [path_marker(scene, path_rad)]
         self._drawn_s: float | None = None
 
     def at(self, time_s: float, q_rad: Sequence[float]) -> Iterator[tuple[str, list[Marker]]]:
         """Topics, and what is to be drawn there at a time [s] of the robot and joint angles (6,) [rad]."""
-        carried_only = self._drawn_s is not None and 0.0 <= time_s - self._drawn_s < _REPEAT_S
-        if markers := scene_markers(self._scene, q_rad, carried_only=carried_only):
+        attached_only = self._drawn_s is not None and 0.0 <= time_s - self._drawn_s < _REPEAT_S
+        if markers := scene_markers(self._scene, q_rad, attached_only=attached_only):
             yield SCENE_TOPIC, markers
-        if not carried_only:
+        if not attached_only:
             self._drawn_s = time_s
-            if self._way:
-                yield PATH_TOPIC, self._way
+            if self._path:
+                yield PATH_TOPIC, self._path
 
-    def onto(self, canvas: Canvas) -> Callable[[Mapping[str, Any]], None]:
+    def onto(self, sink: MarkerSink) -> Callable[[Mapping[str, Any]], None]:
         """What draws each state that it is given: ``timestamp`` and ``actual_q`` of RTDE."""
 
         def draw(state: Mapping[str, Any]) -> None:
             for topic, markers in self.at(state["timestamp"], state["actual_q"]):
-                canvas.write_markers(topic, markers, state["timestamp"])
+                sink.write_markers(topic, markers, state["timestamp"])
 
         return draw
 
 
-def way_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marker:
+def path_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marker:
     """The way of the flange through joint angles (n, 6) [rad] as a line."""
     places = [scene.kinematics.forward(tuple(map(float, q)))[:3] for q in q_rad]
     line = {"type": _LINE_STRIP, "scale": _xyz((_DOT_M, 0.0, 0.0)), "points": [_xyz(place) for place in places]}
-    return {**_marker("way", 0, (0.0,) * 6, _WAY, prefix + _FRAME), **line}
+    return {**_marker("path", 0, (0.0,) * 6, _PATH_COLOR, prefix + _FRAME), **line}
 
 
-def read_way(path: Path) -> Array:
+def read_plan(path: Path) -> Array:
     """Joint angles (n, 6) [rad] of a plan as ``ur-client plan --json`` prints it. Raises FileError."""
     try:
-        way_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
+        path_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
     except OSError as error:
         raise FileError(path, error.strerror or str(error)) from error
     except (ValueError, TypeError, KeyError, RecursionError):
-        way_rad = np.empty(0)
-    if way_rad.shape[1:] != (6,) or not np.isfinite(way_rad).all():
+        path_rad = np.empty(0)
+    if path_rad.shape[1:] != (6,) or not np.isfinite(path_rad).all():
         raise FileError(path, "it is not a plan: write one with `ur-client plan GOAL --json`")
-    return way_rad
+    return path_rad
 
 
 def _marker(name: str, number: int, pose: Pose, color: Sequence[float], frame: str) -> Marker:

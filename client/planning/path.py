@@ -1,8 +1,8 @@
-"""Ways without corners, as polynomials of fifth degree one after the other; and straight ways, rounded where they turn.
+"""Smooth paths: sequences of quintic polynomials, and straight segments with rounded corners.
 
-A corner at c between the unit directions u and v is rounded by the Bezier curve of fifth degree with the points
-c - d u, c - d u / 2, c, c, c + d v / 2, c + d v. It leaves the one straight piece and meets the other with their
-direction and no curvature, so that speed and acceleration go on; it passes the corner at 0.11 d |v - u|.
+A corner at c between the unit directions u and v is rounded by the quintic Bezier curve with the control points
+c - d u, c - d u / 2, c, c, c + d v / 2, c + d v. The curve joins both straight segments with their direction and zero
+curvature, so that speed and acceleration are continuous. It passes the corner at a distance of 0.11 d |v - u|.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,14 +12,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from client.planning.timing import Array, spread
+from client.planning.parameterisation import Array, subdivide
 
-_LARGEST: Final = 0.6  # rad that a corner takes of each piece (guess): rounder ones are longer and no faster
-_SHARE: Final = 0.45  # of a straight piece that each of its corners may take
-_PARTS: Final = 24  # of each piece, where limits are looked at
-_SAME: Final = 1e-9
+_MAX_CORNER_RAD: Final = 0.6  # length of each segment that a corner takes (guess): rounder is longer and no faster
+_MAX_CORNER_SHARE: Final = 0.45  # share of a straight segment that each of its corners may take
+_GRIDPOINTS: Final = 24  # per piece, at which limits are evaluated
+_TOLERANCE: Final = 1e-9
 _POWERS: Final = np.arange(6)
-# the Bezier curve's polynomial in t of each of its six points, by powers 0..5
+# the six Bernstein polynomials in t, by powers 0..5: one row for each control point
 _BEZIER: Final = np.array(
     [
         [1, -5, 10, -10, 5, -1],
@@ -35,27 +35,28 @@ _TO_BEZIER: Final = np.linalg.inv(_BEZIER.T)
 
 
 class PiecewisePath:
-    """One polynomial after the other. The first six columns are joints [rad]; more may go with them.
+    """A sequence of polynomials in the path parameter s. The first six columns are joints [rad]; more may follow.
 
-    coefficients: (pieces, 6, columns), by powers of the way s since the piece began. sizes: of the pieces, in s.
-    length: of the whole in s. places: where limits are looked at, ``parts`` of each piece.
+    coefficients: (pieces, 6, columns), by powers of s from the start of each piece. sizes: the length of each piece in
+    s. length: of the whole path in s. gridpoints: the values of s at which limits are evaluated, ``parts`` intervals
+    per piece.
     """
 
-    def __init__(self, coefficients: Array, sizes: Sequence[float] | Array, parts: int = _PARTS) -> None:
+    def __init__(self, coefficients: Array, sizes: Sequence[float] | Array, parts: int = _GRIDPOINTS) -> None:
         self.coefficients = coefficients
         self.sizes = np.asarray(sizes, dtype=float)
         self.ends = np.cumsum(self.sizes)
         self.starts = np.concatenate(((0.0,), self.ends[:-1]))
         self.length = float(self.ends[-1])
-        self.places = spread(self.sizes.tolist(), parts)
+        self.gridpoints = subdivide(self.sizes.tolist(), parts)
 
     def at(self, s: float) -> Array:
-        """All columns at one place."""
+        """All columns at one place s."""
         q: Array = self(np.array([s]))[0][0]
         return q
 
     def __call__(self, s: Array) -> tuple[Array, Array, Array]:
-        """q, dq/ds and d2q/ds2 at these places (n,), each (n, columns)."""
+        """q, dq/ds and d2q/ds2 at the places s (n,), each (n, columns)."""
         piece = self.piece_at(s)
         t = s - self.starts[piece]
         c = self.coefficients[piece]
@@ -66,11 +67,11 @@ class PiecewisePath:
         return q, first, second
 
     def piece_at(self, s: Array) -> npt.NDArray[np.intp]:
-        """The number of the piece at each of these places (n,)."""
+        """The number of the piece at each place s (n,)."""
         return np.clip(np.searchsorted(self.ends, s, side="left"), 0, len(self.ends) - 1)
 
-    def within(self, piece: int) -> Callable[[float], Array]:
-        """The joints (6,) [rad] in one piece, of the share of its size."""
+    def piece_function(self, piece: int) -> Callable[[float], Array]:
+        """The configuration (6,) [rad] in one piece as a function of the share of its length, 0 to 1."""
         scaled = self.coefficients[piece, :, :6] * (self.sizes[piece] ** _POWERS)[:, None]
 
         def at(share: float) -> Array:
@@ -79,20 +80,20 @@ class PiecewisePath:
 
         return at
 
-    def travel(self, piece: int) -> Array:
-        """How far each column goes at most in a piece as fast as in its fastest place.
+    def max_travel(self, piece: int) -> Array:
+        """Upper bound of each column's travel in a piece: its highest rate of change, kept up for the whole piece.
 
-        It is a Bezier curve, and its derivative lies among the differences of its points.
+        A piece is a Bezier curve, so its derivative lies within the differences of its control points.
         """
         scaled = self.coefficients[piece] * (self.sizes[piece] ** _POWERS)[:, None]
         points = _TO_BEZIER @ scaled
         farthest: Array = 5.0 * abs(np.diff(points, axis=0)).max(axis=0)
         return farthest
 
-    def part(self, low: float, high: float) -> "PiecewisePath":
-        """From one place to a later one."""
+    def subpath(self, low: float, high: float) -> "PiecewisePath":
+        """The part from one place to a later one."""
         first, last = (int(i) for i in self.piece_at(np.array([low, high])))
-        if first < last and self.ends[first] - low < _SAME * self.length:
+        if first < last and self.ends[first] - low < _TOLERANCE * self.length:
             first, low = first + 1, float(self.ends[first])
         coefficients, sizes = self.coefficients[first : last + 1].copy(), self.sizes[first : last + 1].copy()
         sizes[-1] = high - self.starts[last]
@@ -102,35 +103,35 @@ class PiecewisePath:
         return PiecewisePath(coefficients, sizes, self._parts)
 
     def scaled(self, factor: float) -> "PiecewisePath":
-        """The same way with an s that is so much longer."""
+        """The same path with s multiplied by a factor."""
         coefficients = self.coefficients / (factor**_POWERS)[None, :, None]
         return PiecewisePath(coefficients, self.sizes * factor, self._parts)
 
-    def widened(self, columns: int) -> "PiecewisePath":
-        """With more columns, in which nothing happens."""
+    def with_columns(self, columns: int) -> "PiecewisePath":
+        """The same path with further columns, all zero."""
         more = columns - self.coefficients.shape[2]
         return PiecewisePath(np.pad(self.coefficients, ((0, 0), (0, 0), (0, more))), self.sizes, self._parts)
 
     @property
     def _parts(self) -> int:
-        return (len(self.places) - 1) // len(self.sizes)
+        return (len(self.gridpoints) - 1) // len(self.sizes)
 
 
-def joined(paths: Sequence[PiecewisePath]) -> PiecewisePath:
-    """One after the other; each begins where and as the one before ends."""
+def concatenate(paths: Sequence[PiecewisePath]) -> PiecewisePath:
+    """Join paths, each of which begins where the one before ends and with the same derivatives."""
     whole = PiecewisePath(
         np.concatenate([path.coefficients for path in paths]), np.concatenate([path.sizes for path in paths])
     )
-    places, begin = [np.zeros(1)], 0.0
+    gridpoints, begin = [np.zeros(1)], 0.0
     for path in paths:
-        places.append(path.places[1:] + begin)
+        gridpoints.append(path.gridpoints[1:] + begin)
         begin += path.length
-    whole.places = np.concatenate(places)
+    whole.gridpoints = np.concatenate(gridpoints)
     return whole
 
 
 def hermite(begin: Sequence[Array], end: Sequence[Array], size: float) -> Array:
-    """The polynomial (6, columns) with these values, and first and second derivatives, at both ends."""
+    """The quintic polynomial (6, columns) with these values and first and second derivatives at its ends."""
     (p0, v0, a0), (p5, v5, a5) = begin, end
     p1, p4 = p0 + v0 * size / 5.0, p5 - v5 * size / 5.0
     p2, p3 = 2.0 * p1 - p0 + a0 * size**2 / 20.0, 2.0 * p4 - p5 + a5 * size**2 / 20.0
@@ -139,25 +140,26 @@ def hermite(begin: Sequence[Array], end: Sequence[Array], size: float) -> Array:
 
 
 def _shifted(coefficients: Array, by: float) -> Array:
-    """The same polynomial with its zero moved."""
+    """The same polynomial with its origin moved."""
     shift = np.array([[comb(j, k) * by ** (j - k) if j >= k else 0.0 for j in range(6)] for k in range(6)])
     moved: Array = shift @ coefficients
     return moved
 
 
 class RoundedPath(PiecewisePath):
-    """Through these points (n, 6) [rad], n at least 2, neighbours apart.
+    """A path through points (n, 6) [rad] with rounded corners; n is at least 2, and neighbouring points differ.
 
-    roundness: 0 to 1 of what each corner may take. s is the way [rad] on straight pieces.
+    roundness: 0 to 1, the share of the available room that each corner takes. On straight pieces s is the joint-space
+    distance [rad].
     """
 
     def __init__(
         self, points: Sequence[Sequence[float] | Array] | Array, roundness: float | Sequence[float] = 1.0
     ) -> None:
         corners = np.asarray(points, dtype=float)
-        ways = np.diff(corners, axis=0)
-        lengths = np.linalg.norm(ways, axis=1)
-        directions = ways / lengths[:, None]
+        legs = np.diff(corners, axis=0)
+        lengths = np.linalg.norm(legs, axis=1)
+        directions = legs / lengths[:, None]
         share = np.broadcast_to(np.asarray(roundness, dtype=float), (max(0, len(corners) - 2),))
         around = zip(lengths[:-1].tolist(), lengths[1:].tolist(), share.tolist(), strict=True)
         cut = [_cut(one, other, r) for one, other, r in around]
@@ -168,23 +170,23 @@ class RoundedPath(PiecewisePath):
             straight = float(lengths[i]) - before[i] - after[i]
             pieces.append(_straight(start + before[i] * direction, direction))
             sizes.append(straight)
-            if i < len(cut) and cut[i] > _SAME:
+            if i < len(cut) and cut[i] > _TOLERANCE:
                 pieces.append(_corner(corners[i + 1], direction, directions[i + 1], cut[i]))
                 sizes.append(2.5 * cut[i])
         super().__init__(np.array(pieces), sizes)
 
 
 def rounded_corner(before: Array, corner: Array, after: Array, roundness: float) -> PiecewisePath:
-    """The curve alone that a `RoundedPath` through these three points (6,) [rad] has."""
-    ways = (corner - before, after - corner)
-    one, other = (float(np.linalg.norm(way)) for way in ways)
+    """Just the corner of a `RoundedPath` through these three points (6,) [rad]."""
+    legs = (corner - before, after - corner)
+    one, other = (float(np.linalg.norm(leg)) for leg in legs)
     cut = _cut(one, other, roundness)
-    return PiecewisePath(_corner(corner, ways[0] / one, ways[1] / other, cut)[None], [2.5 * cut])
+    return PiecewisePath(_corner(corner, legs[0] / one, legs[1] / other, cut)[None], [2.5 * cut])
 
 
 def _cut(before: float, after: float, roundness: float) -> float:
-    """How much of the pieces beside it a corner takes [rad]."""
-    return float(roundness * min(_LARGEST, _SHARE * before, _SHARE * after))
+    """The length [rad] that a corner takes of each neighbouring segment."""
+    return float(roundness * min(_MAX_CORNER_RAD, _MAX_CORNER_SHARE * before, _MAX_CORNER_SHARE * after))
 
 
 def _straight(start: Array, direction: Array) -> Array:

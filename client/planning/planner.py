@@ -1,7 +1,7 @@
-"""A way from here to there: found or given, shortened, rounded and timed.
+"""Plan a trajectory from start to goal: find a path, shortcut it, round its corners and parameterise it over time.
 
-OMPL looks for the way. It asks only every tenth of a radian whether the arm is free, which is cheap; each piece of the
-way that it finds is then shown to be free as a whole, and where one is not, the search goes on with finer steps.
+OMPL searches for the path. It checks configurations only every tenth of a radian, which is cheap. Each segment of the
+path it returns is then verified as a whole; if one is in collision, the search is repeated at a finer resolution.
 """
 
 import time
@@ -16,97 +16,98 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from client.errors import PlanningError
-from client.planning.cartesian import CartesianPath, cartesian_runs
+from client.planning.cartesian import CartesianPath, cartesian_motions
 from client.planning.collisions import CollisionChecker
 from client.planning.constraints import ConstrainedChecker, PathConstraints
-from client.planning.goals import Goal, GoalSet, PoseGoal, candidates, check_six
+from client.planning.goals import Goal, GoalSet, PoseGoal, check_length, goal_configurations
 from client.planning.industrial import (
     INDUSTRIAL,
+    BlendedMotion,
     CartesianLimits,
     IncompletePathError,
     MotionSequenceItem,
-    Run,
     Segment,
-    blocked,
-    follower_of,
-    runs,
-    straight_segment,
-    tool_segment,
+    blended_motions,
+    cartesian_segment,
+    first_collision,
+    interpolator_for,
+    ptp_segment,
 )
 from client.planning.lines import COLUMNS
+from client.planning.parameterisation import Array, Limits, Trajectory, parameterise
 from client.planning.path import RoundedPath, rounded_corner
 from client.planning.scene import PlanningScene
-from client.planning.search import searched
-from client.planning.timing import Array, Limits, TimedPath, time_optimal
-from client.planning.tool_search import ToolSearch
+from client.planning.search import search_joint_space
+from client.planning.task_space import TaskSpaceSearch
 from urproto.robots import Joints, RobotModel
 
 PlannerName = Literal["RRTConnect", "RRTstar", "PRM", "PTP", "LIN", "CIRC"]
 PLANNERS: Final[tuple[str, ...]] = get_args(PlannerName)
 
-_STEPS_RAD: Final = (0.1, 0.04, 0.015)  # between looks at a way, ever finer
-_SHORTCUTS: Final = 40  # tries
-_AWAY_RAD: Final = 0.02  # guess: more than an arm sags, less than any clearance
-_APART: Final = 1e-6  # rad; nearer points are one
+_RESOLUTIONS_RAD: Final = (0.1, 0.04, 0.015)  # between OMPL's validity checks; finer on each further attempt
+_SHORTCUT_ATTEMPTS: Final = 40
+_START_TOLERANCE_RAD: Final = 0.02  # guess: more than an arm sags, less than any clearance
+_DISTINCT_RAD: Final = 1e-6  # closer waypoints count as the same one
 _SEEDS: Final = 2**31  # OMPL takes 32 bits
-_ROUNDINGS: Final = 7  # halvings of a corner that comes too near to something
-_STEP_S: Final = 0.04  # between points of a trajectory (guess)
+_ROUNDINGS: Final = 7  # times that the roundness of a corner in collision is halved
+_SAMPLE_S: Final = 0.04  # between points of a trajectory (guess)
 _A_RAD_S2: Final = 5.0  # ur_moveit_config/config/joint_limits.yaml, all joints; that file limits no jerk
 _J_RAD_S3: Final = 200.0  # guess
 
 
 class StartInCollisionError(PlanningError):
-    """The arm touches something, or is too near, where it is."""
+    """The start configuration is in collision, closer to something than the padding, or violates a constraint."""
 
 
 class NoPathError(PlanningError):
-    """None was found in time."""
+    """No path was found within the time limit."""
 
 
-def usual_limits(model: RobotModel, jerk_rad_s3: float = _J_RAD_S3) -> Limits:
-    """Of an arm: its joints' speeds (ur_description), and the accelerations of ur_moveit_config's joint_limits.yaml."""
+def default_limits(model: RobotModel, jerk_rad_s3: float = _J_RAD_S3) -> Limits:
+    """Joint limits of an arm: speeds from ur_description, accelerations from ur_moveit_config's joint_limits.yaml."""
     return Limits(np.array(model.qd_max), np.full(6, _A_RAD_S2), np.full(6, jerk_rad_s3))
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A trajectory that is free of collisions, and how it came about.
+    """A collision-free trajectory, and how it was computed.
 
-    way: the corners of the path [rad]; of lines and arcs their ends. search_s, shortening_s, timing_s: what that took.
-    planner: which one. stopped_by: why it ends before its goal, for a path of which a fraction was wanted.
+    path: the configurations [rad] at its corners; for lines and arcs, at their ends. planner: the planner that found
+    it. search_s, shortcutting_s, parameterisation_s: wall-clock time of each step. stopped_by: why it ends before the
+    goal, if it covers only a fraction of a Cartesian path.
     """
 
-    timed: TimedPath
-    way: tuple[Joints, ...]
+    trajectory: Trajectory
+    path: tuple[Joints, ...]
     planner: str
     search_s: float
-    shortening_s: float
-    timing_s: float
+    shortcutting_s: float
+    parameterisation_s: float
     stopped_by: str = ""
 
     @property
     def duration_s(self) -> float:
-        """Of the motion."""
-        return self.timed.duration_s
+        """Duration of the motion."""
+        return self.trajectory.duration_s
 
     def check_start(self, q_rad: Sequence[float]) -> None:
-        """Raise PlanningError when an arm that stands there (6,) [rad] is not where the plan begins."""
-        off = max(abs(one - other) for one, other in zip(q_rad, self.way[0], strict=True))
-        if off > _AWAY_RAD:
+        """Raise PlanningError unless the plan begins at this configuration (6,) [rad]."""
+        off = max(abs(one - other) for one, other in zip(q_rad, self.path[0], strict=True))
+        if off > _START_TOLERANCE_RAD:
             raise PlanningError(
-                f"the arm is {off:.3f} rad from where the plan begins: it has moved since; plan again from where it is"
+                f"the arm is {off:.3f} rad from the start of the plan: it has moved since; plan again from where it is"
             )
 
 
 class Planner:
-    """Plans in one scene, as it is at each call."""
+    """Plans in one scene, each time as the scene is at the call."""
 
     def __init__(
         self, scene: PlanningScene, limits: Limits | None = None, cartesian_limits: CartesianLimits | None = None
     ) -> None:
         self.scene = scene
         self.checker: CollisionChecker = CollisionChecker(scene)
-        self.limits = limits or usual_limits(scene.model)
+        self.limits = limits or default_limits(scene.model)
         self.cartesian_limits = cartesian_limits or CartesianLimits()
 
     def plan(
@@ -121,12 +122,12 @@ class Planner:
         acceleration_scaling: float = 1.0,
         path_constraints: PathConstraints | None = None,
     ) -> Plan:
-        """The way from these joint angles [rad] (6,) to a goal, from rest to rest.
+        """Plan a motion from a start configuration (6,) [rad] to a goal, from rest to rest.
 
-        planner: RRTConnect, RRTstar and PRM look for a way around what is in the way; PTP, LIN and CIRC do not, see
-        `plan_sequence`. seed: the same one in the same scene gives the same plan. time_limit_s: for the search;
-        RRTstar uses all of it to find shorter ways. Raises StartInCollisionError, GoalUnreachableError, NoPathError,
-        IncompletePathError, PlanningError.
+        planner: RRTConnect, RRTstar and PRM search for a path around obstacles; PTP, LIN and CIRC do not, see
+        `plan_sequence`. seed: the same seed in the same scene gives the same plan. time_limit_s: for the search;
+        RRTstar uses all of it to shorten the path. path_constraints: hold along the whole path. Raises
+        StartInCollisionError, GoalUnreachableError, NoPathError, IncompletePathError, PlanningError.
         """
         item = MotionSequenceItem(goal, planner)
         return self.plan_sequence(
@@ -150,15 +151,15 @@ class Planner:
         acceleration_scaling: float = 1.0,
         path_constraints: PathConstraints | None = None,
     ) -> Plan:
-        """Motions one after the other, without a stop where they blend.
+        """Plan several motions one after the other, without a stop where they blend.
 
-        PTP: all joints go straight to the goal (of a pose, to the nearest posture) and arrive together. LIN: the TCP of
-        a `PoseGoal` goes straight. CIRC: on the arc of a `CircGoal`. time_limit_s: for each search. Blends keep within
-        a sphere of their radius about the goal. path_constraints: what the tool keeps to all the way. Raises as `plan`;
-        IncompletePathError says where a motion ends and why.
+        PTP moves all joints straight to the goal (for a pose, to the nearest configuration that reaches it), arriving
+        together. LIN moves the TCP straight to a `PoseGoal`. CIRC moves it along the arc of a `CircGoal`. A blend stays
+        within a sphere of its radius about the goal. time_limit_s: for each search. path_constraints: hold along the
+        whole path. Raises the same as `plan`; IncompletePathError says where a motion ends and why.
         """
         if path_constraints is not None:
-            return self._under(path_constraints).plan_sequence(
+            return self._constrained(path_constraints).plan_sequence(
                 start_rad,
                 items,
                 time_limit_s=time_limit_s,
@@ -166,27 +167,27 @@ class Planner:
                 velocity_scaling=velocity_scaling,
                 acceleration_scaling=acceleration_scaling,
             )
-        limits = self._wanted(items, time_limit_s, seed).scaled(velocity_scaling, acceleration_scaling)
+        limits = self._checked_limits(items, time_limit_s, seed).scaled(velocity_scaling, acceleration_scaling)
         start = self._checked_start(start_rad)
         began_s = time.perf_counter()
         self.check_start(start)
         segments: list[Segment] = []
         for item in items:
-            begin = segments[-1].way[-1] if segments else start
+            begin = segments[-1].waypoints[-1] if segments else start
             segments.append(self._segment(begin, item, time_limit_s, seed))
-        parts = list(runs(segments, items))
+        parts = list(blended_motions(segments, items))
         for part in parts:
             self._check_free(part, items)
         found_s = time.perf_counter()
-        shortening_s = sum(segment.shortening_s for segment in segments)
-        timed = self._timed(parts, limits, start)
-        corners = [segment.way[1:] for segment in segments]
+        shortcutting_s = sum(segment.shortcutting_s for segment in segments)
+        trajectory = self._parameterise(parts, limits, start)
+        corners = [segment.waypoints[1:] for segment in segments]
         return Plan(
-            timed,
-            (start, *(q for way in corners for q in way)),
-            _title(items),
-            found_s - began_s - shortening_s,
-            shortening_s,
+            trajectory,
+            (start, *(q for waypoints in corners for q in waypoints)),
+            _planner_names(items),
+            found_s - began_s - shortcutting_s,
+            shortcutting_s,
             time.perf_counter() - found_s,
         )
 
@@ -205,22 +206,24 @@ class Planner:
         acceleration_scaling: float = 1.0,
         path_constraints: PathConstraints | None = None,
     ) -> CartesianPath[Plan]:
-        """The TCP straight from waypoint to waypoint as far as it can go: a plan, and the fraction of it, 0 to 1.
+        """Move the TCP straight from waypoint to waypoint as far as possible; return the plan and the fraction covered.
 
-        waypoints: poses of the TCP (n, 6) in the base frame; each line counts the same in the fraction, as in MoveIt.
-        max_step_m: between places where joint angles are computed (turns: 3.5 rad are one m). jump_threshold: the path
-        ends before a step in which the joints go so many times as far as on average; revolute_jump_threshold_rad: or
-        one joint so far; 0: neither. Postures never change on a line, whatever the thresholds. avoid_collisions: it
-        ends before a collision. blend_radius_m: 0 stops at each waypoint; larger ones are cut to what the lines leave.
-        The plan's stopped_by says why the fraction is below 1. Raises StartInCollisionError, PlanningError.
+        waypoints: poses of the TCP (n, 6) in the base frame; each line counts equally in the fraction, as in MoveIt.
+        max_step_m: largest distance between computed configurations (3.5 rad of rotation count as 1 m).
+        jump_threshold: the path ends before a step whose joint-space distance exceeds this multiple of the average
+        step. revolute_jump_threshold_rad: it ends before a step in which one joint moves farther than this. 0 disables
+        either check. The arm never changes its kinematic branch on a line, whatever the thresholds. avoid_collisions:
+        the path ends before a collision. blend_radius_m: 0 stops at each waypoint; larger radii are reduced to what the
+        lines leave room for. The plan's ``stopped_by`` says why the fraction is below 1. Raises StartInCollisionError,
+        PlanningError.
         """
         limits = self.limits.scaled(velocity_scaling, acceleration_scaling)
         start = self._checked_start(start_rad)
         began_s = time.perf_counter()
         if avoid_collisions:
             self.check_start(start)
-        checker = self.checker if path_constraints is None else self._under(path_constraints).checker
-        found = cartesian_runs(
+        checker = self.checker if path_constraints is None else self._constrained(path_constraints).checker
+        found = cartesian_motions(
             checker,
             start,
             waypoints,
@@ -231,70 +234,71 @@ class Planner:
             blend_radius_m,
         )
         found_s = time.perf_counter()
-        timed = self._timed(found.runs, limits, start)
-        timing_s = time.perf_counter() - found_s
-        plan = Plan(timed, (start, *found.way), "LIN", found_s - began_s, 0.0, timing_s, found.stopped_by)
+        trajectory = self._parameterise(found.motions, limits, start)
+        parameterisation_s = time.perf_counter() - found_s
+        path = (start, *found.waypoints)
+        plan = Plan(trajectory, path, "LIN", found_s - began_s, 0.0, parameterisation_s, found.stopped_by)
         return CartesianPath(plan, found.fraction)
 
     def check_start(self, start_rad: Sequence[float]) -> None:
-        """Raise StartInCollisionError, saying what touches what, and how deep."""
+        """Raise StartInCollisionError, saying what collides and how deeply, unless this configuration is valid."""
         if not self.checker.is_free(start_rad):
-            objection = self.checker.objection(start_rad)
+            violation = self.checker.violation(start_rad)
             raise StartInCollisionError(
-                f"the arm cannot start here: {objection}. Move it away, or change the scene or the constraints"
+                f"the arm cannot start here: {violation}. Move it away, or change the scene or the constraints"
             )
 
-    def _under(self, constraints: PathConstraints) -> "Planner":
-        """The same planner, for ways that keep to these."""
+    def _constrained(self, constraints: PathConstraints) -> "Planner":
+        """The same planner with path constraints."""
         other = copy(self)
         other.checker = ConstrainedChecker(self.scene, constraints)
         return other
 
-    def _wanted(self, items: Sequence[MotionSequenceItem], time_limit_s: float, seed: int) -> Limits:
-        """The limits, for what can be asked for. Raises PlanningError."""
+    def _checked_limits(self, items: Sequence[MotionSequenceItem], time_limit_s: float, seed: int) -> Limits:
+        """The limits, once the arguments of a request are valid. Raises PlanningError."""
         if not items:
-            raise PlanningError("a sequence has at least one motion")
+            raise PlanningError("a sequence needs at least one motion")
         for item in items:
             if item.planner not in PLANNERS:
-                raise PlanningError(f"there is no planner {item.planner!r}; there are {', '.join(PLANNERS)}")
+                raise PlanningError(f"unknown planner {item.planner!r}: choose one of {', '.join(PLANNERS)}")
         if not 0 <= seed < _SEEDS:
-            raise PlanningError(f"a seed is from 0 to {_SEEDS - 1}, not {seed}")
+            raise PlanningError(f"a seed must be from 0 to {_SEEDS - 1}, not {seed}")
         if not 0.0 < time_limit_s < float("inf"):
-            raise PlanningError(f"the time limit is above 0 s, not {time_limit_s}")
+            raise PlanningError(f"the time limit must be above 0 s, not {time_limit_s}")
         return self.limits
 
     def _checked_start(self, start_rad: Sequence[float]) -> Joints:
-        check_six(start_rad, "the start is six joint angles")
+        check_length(start_rad, "the start must be six joint angles")
         start = _six(start_rad)
         if not all(map(isfinite, start)):
-            raise PlanningError(f"the start has numbers that no joint has: {list(start)}")
+            raise PlanningError(f"the start has joint angles that are not finite: {list(start)}")
         return start
 
     def _segment(self, start: Joints, item: MotionSequenceItem, time_limit_s: float, seed: int) -> Segment:
         if item.planner == "PTP":
-            return straight_segment(self.checker, start, item.goal)
+            return ptp_segment(self.checker, start, item.goal)
         if item.planner in INDUSTRIAL:
-            return tool_segment(self.checker, start, item.goal, item.planner, self.cartesian_limits)
-        goals = candidates(item.goal, start, self.checker)
+            return cartesian_segment(self.checker, start, item.goal, item.planner, self.cartesian_limits)
+        goals = goal_configurations(item.goal, start, self.checker)
         if isinstance(self.checker, ConstrainedChecker):
-            wanted = item.goal.goals if isinstance(item.goal, GoalSet) else [item.goal]
-            any_turn = all(isinstance(one, PoseGoal) for one in wanted)
-            found = ToolSearch(self.checker, start, goals, any_turn).find(item.planner, 0.5 * time_limit_s, seed)
+            targets = item.goal.goals if isinstance(item.goal, GoalSet) else [item.goal]
+            any_turn = all(isinstance(one, PoseGoal) for one in targets)
+            found = TaskSpaceSearch(self.checker, start, goals, any_turn).find(item.planner, 0.5 * time_limit_s, seed)
             if found is not None:
                 return found
-            time_limit_s *= 0.5  # for ways through other postures
-        way = self._search(start, goals, item.planner, time_limit_s, seed)
+            time_limit_s *= 0.5  # the other half, for paths that change the kinematic branch
+        path = self._search(start, goals, item.planner, time_limit_s, seed)
         began_s = time.perf_counter()
-        way = self._shortened(way, Random(seed))
-        path = self._rounded(way).widened(COLUMNS) if len(way) > 1 else None
-        pose_of = follower_of(self.checker, item.goal).pose
-        return Segment(path, tuple(_six(q) for q in way), pose_of, time.perf_counter() - began_s)
+        path = self._shortcut(path, Random(seed))
+        curve = self._rounded(path).with_columns(COLUMNS) if len(path) > 1 else None
+        pose_of = interpolator_for(self.checker, item.goal).pose
+        return Segment(curve, tuple(_six(q) for q in path), pose_of, time.perf_counter() - began_s)
 
-    def _check_free(self, part: Run, items: Sequence[MotionSequenceItem]) -> None:
-        """What was found by search alone is. Raises IncompletePathError."""
+    def _check_free(self, part: BlendedMotion, items: Sequence[MotionSequenceItem]) -> None:
+        """Raise IncompletePathError if a motion is in collision. Motions from a search alone were checked already."""
         if len(set(part.items)) == 1 and items[part.items[0]].planner not in INDUSTRIAL:
             return
-        found = blocked(self.checker, part.path)
+        found = first_collision(self.checker, part.path)
         if found is None:
             return
         piece, q = found
@@ -305,8 +309,8 @@ class Planner:
         fraction = float(sizes[: piece - first].sum() / sizes.sum())
         which = f"motion {number + 1} ({items[number].planner})" if len(items) > 1 else items[number].planner
         raise IncompletePathError(
-            f"{which} is free for {100 * fraction:.0f} % of its way, then {self.checker.objection(q)}. RRTConnect "
-            "looks for a way around",
+            f"{which} is free for {100 * fraction:.0f} % of its path, then {self.checker.violation(q)}. To plan around "
+            "it, use RRTConnect",
             fraction,
             _six(part.path.at(float(part.path.starts[piece]))[:6]),
         )
@@ -316,97 +320,98 @@ class Planner:
     def _search(
         self, start: Joints, goals: Sequence[Joints], planner: str, time_limit_s: float, seed: int
     ) -> list[Array]:
-        if self.checker.way_is_free(start, goals[0]):  # as it mostly is, and shorter than any other
+        if self.checker.path_is_free(start, goals[0]):  # it usually is, and no other path is shorter
             return [np.array(start), np.array(goals[0])]
         until_s = time.perf_counter() + time_limit_s
-        for attempt in count():  # what was found may touch something between two looks, another way may not
+        for attempt in count():  # a path may be in collision between two checks; another attempt may not be
             left_s = until_s - time.perf_counter()
             if left_s <= 0.0:
                 break
-            step = _STEPS_RAD[min(attempt, len(_STEPS_RAD) - 1)]
-            way = searched(self.checker, start, goals, planner, left_s, seed + attempt, step)
-            if way is None:
+            step = _RESOLUTIONS_RAD[min(attempt, len(_RESOLUTIONS_RAD) - 1)]
+            path = search_joint_space(self.checker, start, goals, planner, left_s, seed + attempt, step)
+            if path is None:
                 break
-            if all(self.checker.way_is_free(one, other) for one, other in pairwise(way)):
-                return way
+            if all(self.checker.path_is_free(one, other) for one, other in pairwise(path)):
+                return path
         raise NoPathError(
-            f"no way was found within {time_limit_s:g} s: {planner} looked for one to {len(goals)} "
-            f"posture{'s' if len(goals) > 1 else ''} that reach the goal. Give it longer, or more room: the padding is "
-            f"{1000 * self.scene.padding_m:g} mm"
+            f"no path was found within {time_limit_s:g} s: {planner} searched for one to {len(goals)} "
+            f"configuration{'s' if len(goals) > 1 else ''} that reach the goal. Allow more time or more room: the "
+            f"padding is {1000 * self.scene.padding_m:g} mm"
         )
 
-    # shortening
+    # shortcutting
 
-    def _shortened(self, way: list[Array], random: Random) -> list[Array]:
-        """Corners are cut between random places of the way while that is shorter and free."""
-        way = self._without_detours(_distinct(way))
-        for _ in range(_SHORTCUTS if len(way) > 2 else 0):
-            way = self._cut(way, random)
-        return self._without_detours(_distinct(way))
+    def _shortcut(self, path: list[Array], random: Random) -> list[Array]:
+        """Try to connect random places of the path directly, where that is shorter and free."""
+        path = self._reduce_vertices(_distinct(path))
+        for _ in range(_SHORTCUT_ATTEMPTS if len(path) > 2 else 0):
+            path = self._try_shortcut(path, random)
+        return self._reduce_vertices(_distinct(path))
 
-    def _without_detours(self, way: list[Array]) -> list[Array]:
-        """Corners are left out where the arm may go straight past them."""
+    def _reduce_vertices(self, path: list[Array]) -> list[Array]:
+        """Remove each waypoint that the arm can bypass on a straight segment."""
         i = 0
-        while i + 2 < len(way):
-            if self._may_go(way[i], way[i + 2]):
-                del way[i + 1]
+        while i + 2 < len(path):
+            if self._motion_is_valid(path[i], path[i + 2]):
+                del path[i + 1]
                 i = max(0, i - 1)
             else:
                 i += 1
-        return way
+        return path
 
-    def _cut(self, way: list[Array], random: Random) -> list[Array]:
-        ends = np.cumsum([0.0, *(float(np.linalg.norm(other - one)) for one, other in pairwise(way))])
+    def _try_shortcut(self, path: list[Array], random: Random) -> list[Array]:
+        ends = np.cumsum([0.0, *(float(np.linalg.norm(other - one)) for one, other in pairwise(path))])
         low, high = sorted((random.uniform(0.0, ends[-1]), random.uniform(0.0, ends[-1])))
         i, j = (int(np.searchsorted(ends, at, side="right")) - 1 for at in (low, high))
         if i == j:
-            return way
-        begin, end = (_at(way, ends, k, at) for k, at in ((i, low), (min(j, len(way) - 2), high)))
-        if high - low - float(np.linalg.norm(end - begin)) < 1e-3 or not self._may_go(begin, end):
-            return way
-        return _distinct([*way[: i + 1], begin, end, *way[j + 1 :]])
+            return path
+        begin, end = (_at(path, ends, k, at) for k, at in ((i, low), (min(j, len(path) - 2), high)))
+        if high - low - float(np.linalg.norm(end - begin)) < 1e-3 or not self._motion_is_valid(begin, end):
+            return path
+        return _distinct([*path[: i + 1], begin, end, *path[j + 1 :]])
 
-    def _may_go(self, one: Array, other: Array) -> bool:
-        """Cheap looks first: most shortcuts are blocked in their middle."""
+    def _motion_is_valid(self, one: Array, other: Array) -> bool:
+        """Check single configurations first, which is cheap: most shortcuts collide near their middle."""
         return all(self.checker.is_free(one + share * (other - one)) for share in (0.5, 0.25, 0.75)) and (
-            self.checker.way_is_free(one, other)
+            self.checker.path_is_free(one, other)
         )
 
-    # timing
+    # time parameterisation
 
-    def _timed(self, parts: Sequence[Run], limits: Limits, start: Joints) -> TimedPath:
-        wide = self.cartesian_limits.beside(limits)
-        timed = TimedPath.still(start)
+    def _parameterise(self, parts: Sequence[BlendedMotion], limits: Limits, start: Joints) -> Trajectory:
+        wide = self.cartesian_limits.combined_with(limits)
+        trajectory = Trajectory.at_rest(start)
         for part in parts:
-            whole = time_optimal(part.path, part.path.places, wide, step_s=_STEP_S, shares=part.shares())
-            timed = timed.then(whole.joints())
-        return timed
+            scalings = part.scaling_function()
+            whole = parameterise(part.path, part.path.gridpoints, wide, step_s=_SAMPLE_S, scalings=scalings)
+            trajectory = trajectory.followed_by(whole.joint_columns())
+        return trajectory
 
-    def _rounded(self, way: list[Array]) -> RoundedPath:
-        """Each corner as round as what is around it allows."""
-        roundness = [1.0] * max(0, len(way) - 2)
+    def _rounded(self, path: list[Array]) -> RoundedPath:
+        """Round each corner as much as the obstacles around it allow."""
+        roundness = [1.0] * max(0, len(path) - 2)
         for i in range(len(roundness)):
             for _ in range(_ROUNDINGS):
-                corner = rounded_corner(way[i], way[i + 1], way[i + 2], roundness[i])
-                if blocked(self.checker, corner) is None:
+                corner = rounded_corner(path[i], path[i + 1], path[i + 2], roundness[i])
+                if first_collision(self.checker, corner) is None:
                     break
                 roundness[i] *= 0.5
             else:
-                raise PlanningError(f"corner {i + 1} of the way cannot be rounded: the scene leaves no room there")
-        return RoundedPath(way, roundness)
+                raise PlanningError(f"corner {i + 1} of the path cannot be rounded: the scene leaves no room there")
+        return RoundedPath(path, roundness)
 
 
-def _distinct(way: Sequence[Array]) -> list[Array]:
-    kept = [way[0]]
-    for q in way[1:]:
-        if float(np.linalg.norm(q - kept[-1])) > _APART:
+def _distinct(path: Sequence[Array]) -> list[Array]:
+    kept = [path[0]]
+    for q in path[1:]:
+        if float(np.linalg.norm(q - kept[-1])) > _DISTINCT_RAD:
             kept.append(q)
     return kept
 
 
-def _at(way: Sequence[Array], ends: Array, i: int, place: float) -> Array:
-    share = (place - float(ends[i])) / float(ends[i + 1] - ends[i])
-    at: Array = way[i] + share * (way[i + 1] - way[i])
+def _at(path: Sequence[Array], ends: Array, i: int, distance: float) -> Array:
+    share = (distance - float(ends[i])) / float(ends[i + 1] - ends[i])
+    at: Array = path[i] + share * (path[i + 1] - path[i])
     return at
 
 
@@ -415,6 +420,6 @@ def _six(q: Sequence[float] | Array) -> Joints:
     return (a, b, c, d, e, f)
 
 
-def _title(items: Sequence[MotionSequenceItem]) -> str:
-    """The planners, each once."""
+def _planner_names(items: Sequence[MotionSequenceItem]) -> str:
+    """The planners of a sequence, each once."""
     return ", ".join(dict.fromkeys(item.planner for item in items))

@@ -28,8 +28,8 @@ LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", 
 """From the base on; one capsule each."""
 
 PADDING_M: Final = 0.01
-_FARTHEST_M: Final = 100.0  # no arm is near such a thing (guess)
-_FLAT_M: Final = 1e-6  # thinner things have no hull (guess)
+_MAX_COORDINATE_M: Final = 100.0  # no arm is near such a obj (guess)
+_MIN_THICKNESS_M: Final = 1e-6  # thinner things have no hull (guess)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """The convex hull of what an STL, OBJ or DAE file holds, scaled. A hollow thing is several meshes."""
+    """The convex hull of what an STL, OBJ or DAE file holds, scaled. A hollow obj is several meshes."""
 
     path: Path
     scale: float = 1.0
@@ -136,43 +136,43 @@ class PlanningScene:
         return self._objects
 
     def add(self, name: str, shape: Shape, pose: Sequence[float] = ZERO6) -> None:
-        """Put a thing into the scene, or another one in its place. Raises SceneError."""
-        self._put(name, SceneObject(_checked(name, shape), _pose(name, pose)))
+        """Put a obj into the scene, or another one in its place. Raises SceneError."""
+        self._put(name, SceneObject(_validated(name, shape), _pose(name, pose)))
 
     def attach(self, name: str, shape: Shape | None = None, pose: Sequence[float] = ZERO6) -> None:
-        """Let a thing move with the flange: a tool, or a part that was gripped. Raises SceneError.
+        """Let a obj move with the flange: a tool, or a part that was gripped. Raises SceneError.
 
         shape: None takes what is in the scene by this name. A part that the arm holds touches the tool that holds it:
         see `allow`.
         """
         if shape is None:
-            shape = self._of(name).shape
+            shape = self._find(name).shape
         if isinstance(shape, Plane):
             raise SceneError(f"{name} is a plane, which has no end: an arm cannot carry it")
-        self._put(name, SceneObject(_checked(name, shape), _pose(name, pose), attached=True))
+        self._put(name, SceneObject(_validated(name, shape), _pose(name, pose), attached=True))
 
     def pick(self, name: str, q_rad: Sequence[float]) -> None:
-        """Attach a thing of the scene as it is to the flange that is where these joint angles take it."""
-        thing = self._of(name)
-        if thing.attached:
+        """Attach a obj of the scene as it is to the flange that is where these joint angles take it."""
+        obj = self._find(name)
+        if obj.attached:
             raise SceneError(f"{name} is attached already")
         flange = self.kinematics.forward(q_rad)
-        self.attach(name, thing.shape, pose_trans(pose_inv(flange), thing.pose))
+        self.attach(name, obj.shape, pose_trans(pose_inv(flange), obj.pose))
 
     def place(self, name: str, q_rad: Sequence[float]) -> None:
-        """Leave an attached thing where the flange has it with these joint angles."""
-        thing = self._of(name)
-        if not thing.attached:
+        """Leave an attached obj where the flange has it with these joint angles."""
+        obj = self._find(name)
+        if not obj.attached:
             raise SceneError(f"{name} is not attached")
-        self._put(name, SceneObject(thing.shape, pose_trans(self.kinematics.forward(q_rad), thing.pose)))
+        self._put(name, SceneObject(obj.shape, pose_trans(self.kinematics.forward(q_rad), obj.pose)))
 
     def move(self, name: str, pose: Sequence[float]) -> None:
-        """Give a thing another pose."""
-        self._put(name, replace(self._of(name), pose=_pose(name, pose)))
+        """Give a obj another pose."""
+        self._put(name, replace(self._find(name), pose=_pose(name, pose)))
 
     def remove(self, name: str) -> None:
-        """Take a thing away."""
-        self._of(name)
+        """Take a obj away."""
+        self._find(name)
         del self._objects[name]
         self._allowed = {pair for pair in self._allowed if name not in pair}
         self.revision += 1
@@ -180,7 +180,7 @@ class PlanningScene:
     # what may touch
 
     def allow(self, one: str, other: str) -> None:
-        """Let two things, or a thing and a link, or two links, touch."""
+        """Let two things, or a obj and a link, or two links, touch."""
         self._allowed.add(frozenset((self._known(one), self._known(other))))
         self.revision += 1
 
@@ -237,36 +237,36 @@ class PlanningScene:
         except WorldFileError as error:
             raise SceneError(str(error)) from error
         try:
-            for name, thing in world.things.items():
-                self.add(name, _shape(thing, path.parent), thing.pose)
+            for name, obj in world.things.items():
+                self.add(name, _shape(obj, path.parent), obj.pose)
             if world.tool is not None:
                 pose = pose_trans(_pose("the TCP", tcp_offset), world.tool.pose)
                 self.attach("tool", _shape(world.tool, path.parent), pose)
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from None
 
-    def _put(self, name: str, thing: SceneObject) -> None:
+    def _put(self, name: str, obj: SceneObject) -> None:
         if not name or name in LINKS:
-            raise SceneError(f"{name!r} cannot be the name of a thing: it is empty or a link's")
-        self._objects[name] = thing
+            raise SceneError(f"{name!r} cannot be the name of a obj: it is empty or a link's")
+        self._objects[name] = obj
         self.revision += 1
 
-    def _of(self, name: str) -> SceneObject:
+    def _find(self, name: str) -> SceneObject:
         if name not in self._objects:
             raise SceneError(f"the scene has no {name!r}; it has {', '.join(sorted(self._objects)) or 'nothing'}")
         return self._objects[name]
 
     def _known(self, name: str) -> str:
         if name not in LINKS:
-            self._of(name)
+            self._find(name)
         return name
 
 
 _SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 
 
-def _shape(thing: Thing, folder: Path) -> Shape:
-    match thing.shape, thing.sizes:
+def _shape(obj: Thing, folder: Path) -> Shape:
+    match obj.shape, obj.sizes:
         case "box", (x, y, z):
             return Box((x, y, z))
         case "sphere", (radius,):
@@ -274,11 +274,11 @@ def _shape(thing: Thing, folder: Path) -> Shape:
         case "cylinder", (radius, length):
             return Cylinder(radius, length)
         case "mesh", _:
-            return Mesh(folder / thing.mesh)
+            return Mesh(folder / obj.mesh)
     return Plane()
 
 
-def _checked(name: str, shape: Shape) -> Shape:
+def _validated(name: str, shape: Shape) -> Shape:
     sizes: tuple[float, ...] = ()
     match shape:
         case Box(size):
@@ -293,22 +293,22 @@ def _checked(name: str, shape: Shape) -> Shape:
                 raise SceneError(f"{name}: there is no file {path}")
         case Hull(points):
             _check_points(name, points)
-    if not all(_is_number(size) and 0.0 < size < _FARTHEST_M for size in sizes):
-        raise SceneError(f"{name}: sizes are above 0 and below {_FARTHEST_M:g} m, not {list(sizes)}")
+    if not all(_is_number(size) and 0.0 < size < _MAX_COORDINATE_M for size in sizes):
+        raise SceneError(f"{name}: sizes are above 0 and below {_MAX_COORDINATE_M:g} m, not {list(sizes)}")
     return shape
 
 
 def _check_points(name: str, points: Sequence[Vector3]) -> None:
     places = np.array(points, dtype=float).reshape(-1, 3)
-    if not (abs(places) < _FARTHEST_M).all():
-        raise SceneError(f"{name}: points are below {_FARTHEST_M:g} m, and numbers")
-    if len(places) < 4 or np.linalg.matrix_rank(places - places[0], tol=_FLAT_M) < 3:
+    if not (abs(places) < _MAX_COORDINATE_M).all():
+        raise SceneError(f"{name}: points are below {_MAX_COORDINATE_M:g} m, and numbers")
+    if len(places) < 4 or np.linalg.matrix_rank(places - places[0], tol=_MIN_THICKNESS_M) < 3:
         raise SceneError(f"{name}: its {len(places)} points are flat: a hull has a volume")
 
 
 def _pose(name: str, pose: Sequence[float]) -> Pose:
-    if len(pose) != 6 or not all(_is_number(value) and abs(value) < _FARTHEST_M for value in pose):
-        raise SceneError(f"{name}: a pose is six numbers below {_FARTHEST_M:g}, not {list(pose)}")
+    if len(pose) != 6 or not all(_is_number(value) and abs(value) < _MAX_COORDINATE_M for value in pose):
+        raise SceneError(f"{name}: a pose is six numbers below {_MAX_COORDINATE_M:g}, not {list(pose)}")
     x, y, z, rx, ry, rz = map(float, pose)
     return (x, y, z, rx, ry, rz)
 

@@ -1,4 +1,4 @@
-"""OMPL looks for a way between joint angles."""
+"""Path search by OMPL, in joint space or in any other six coordinates."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
@@ -7,15 +7,15 @@ import numpy as np
 
 from client.errors import PlanningError
 from client.planning.collisions import CollisionChecker
-from client.planning.timing import Array
+from client.planning.parameterisation import Array
 from urproto.robots import Joints
 
-# of a tree's step: of 24 ways past wall and board it missed 2 in 8 s, and OMPL's own choice, 4 rad, missed 8
+# Largest step of a tree: of 24 paths past a wall and a board, this missed 2 in 8 s; OMPL's own choice, 4 rad, missed 8.
 _RANGE_RAD: Final = 0.5
-_AROUND_RAD: Final = np.pi  # how far from start and goals joints are tried
+_MARGIN_RAD: Final = np.pi  # how far beyond start and goals each joint is sampled
 
 
-def searched(
+def search_joint_space(
     checker: CollisionChecker,
     start: Joints,
     goals: Sequence[Joints],
@@ -24,12 +24,12 @@ def searched(
     seed: int,
     step_rad: float,
 ) -> list[Array] | None:
-    """The way between joint angles that OMPL finds with looks so far apart; None without one."""
-    bounds = list(_box(checker, start, goals))
-    return solved(bounds, checker.is_free, start, goals, planner, limit_s, seed, step_rad, _RANGE_RAD)
+    """Search for a path between configurations, checking every ``step_rad``; None if none was found in time."""
+    bounds = list(_bounds(checker, start, goals))
+    return solve(bounds, checker.is_free, start, goals, planner, limit_s, seed, step_rad, _RANGE_RAD)
 
 
-def solved(
+def solve(
     bounds: Sequence[tuple[float, float]],
     is_free: Callable[[Array], bool],
     start: Sequence[float] | Array,
@@ -40,11 +40,15 @@ def solved(
     step: float,
     tree_step: float,
 ) -> list[Array] | None:
-    """The way that OMPL finds in a box, of any six coordinates. None without one."""
+    """Search for a path within the bounds of six coordinates with OMPL; None if none was found within ``limit_s``.
+
+    step: between validity checks. tree_step: the longest extension of a tree (OMPL's range). Raises PlanningError
+    without OMPL.
+    """
     try:
         from ompl import base, geometric, util
     except ImportError as error:
-        raise PlanningError("planning needs OMPL: in the folder of ur-emulator, pip install '.[plan]'") from error
+        raise PlanningError("planning needs OMPL: run pip install '.[plan]' in the folder of ur-emulator") from error
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)
     space = base.RealVectorStateSpace(6)
@@ -75,11 +79,14 @@ def solved(
     return [np.array([state[i] for i in range(6)]) for state in states]
 
 
-def _box(checker: CollisionChecker, start: Joints, goals: Sequence[Joints]) -> Iterator[tuple[float, float]]:
-    """What is tried of each joint: around start and goals, within its limits; whole turns more only cost time."""
+def _bounds(checker: CollisionChecker, start: Joints, goals: Sequence[Joints]) -> Iterator[tuple[float, float]]:
+    """The range in which each joint is sampled: around start and goals, within its limits.
+
+    Further whole turns would only cost time.
+    """
     for i, (low, high) in enumerate(zip(*checker.scene.model.position_limits, strict=True)):
         angles = [start[i], *(goal[i] for goal in goals)]
-        yield max(low, min(angles) - _AROUND_RAD), min(high, max(angles) + _AROUND_RAD)
+        yield max(low, min(angles) - _MARGIN_RAD), min(high, max(angles) + _MARGIN_RAD)
 
 
 def _state(space: Any, q: Sequence[float] | Array) -> Any:

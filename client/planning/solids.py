@@ -20,17 +20,17 @@ _RIM: Final = 24  # corners of a polygon around a cylinder's end
 
 def placed_capsule(part: Capsule) -> tuple[Any, Any]:
     """Where it is in its link, and the solid."""
-    placement, length = _between(part.start, part.end)
+    placement, length = _axis_frame(part.start, part.end)
     return placement, coal.Capsule(part.radius, length)
 
 
 def placed_cylinder(part: LinkCylinder) -> tuple[Any, Any]:
     """Where it is in its link, and the solid."""
-    placement, length = _between(part.start, part.end)
+    placement, length = _axis_frame(part.start, part.end)
     return placement, coal.Cylinder(part.radius, length)
 
 
-def _between(start: Vector3, end: Vector3) -> tuple[Any, float]:
+def _axis_frame(start: Vector3, end: Vector3) -> tuple[Any, float]:
     along = sub3(end, start)
     length = sqrt(dot(along, along))
     z = np.array((0.0, 0.0, 1.0))
@@ -40,7 +40,7 @@ def _between(start: Vector3, end: Vector3) -> tuple[Any, float]:
 
 def capsule_around(start: Vector3, end: Vector3, parts: Sequence[LinkCylinder]) -> Capsule:
     """The thinnest capsule about this axis that holds the parts."""
-    return Capsule(start, end, max(_beside(point, start, end) for part in parts for point in _rims(part)))
+    return Capsule(start, end, max(_distance_to_segment(point, start, end) for part in parts for point in _rims(part)))
 
 
 def extent_of(part: LinkCylinder | Capsule) -> float:
@@ -63,7 +63,7 @@ def _rims(part: LinkCylinder) -> Iterator[Vector3]:
         yield add3(part.end, out)
 
 
-def _beside(point: Vector3, start: Vector3, end: Vector3) -> float:
+def _distance_to_segment(point: Vector3, start: Vector3, end: Vector3) -> float:
     """How far a point is from a line with two ends."""
     along, there = sub3(end, start), sub3(point, start)
     share = max(0.0, min(1.0, dot(there, along) / dot(along, along)))
@@ -80,9 +80,9 @@ def placed(pose: Pose) -> Any:
     return pin.SE3(np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3), np.array(pose[:3]))
 
 
-def solid(name: str, thing: SceneObject) -> Any:
+def solid(name: str, obj: SceneObject) -> Any:
     """Its shape. Raises SceneError."""
-    match thing.shape:
+    match obj.shape:
         case Box(size):
             return coal.Box(*size)
         case Sphere(radius):
@@ -92,13 +92,13 @@ def solid(name: str, thing: SceneObject) -> Any:
         case Plane():
             return coal.Halfspace(np.array((0.0, 0.0, 1.0)), 0.0)
         case Mesh(path, scale):
-            return _hull(name, str(path), scale)
+            return _mesh_hull(name, str(path), scale)
         case Hull(points):
-            return _around(points)
+            return _hull_of_points(points)
     raise SceneError(f"{name} has a shape that is not known")
 
 
-def _hull(name: str, path: str, scale: float) -> Any:
+def _mesh_hull(name: str, path: str, scale: float) -> Any:
     try:
         mesh = coal.MeshLoader().load(path, np.full(3, scale))
         mesh.buildConvexHull(True, "Qt")
@@ -107,7 +107,7 @@ def _hull(name: str, path: str, scale: float) -> Any:
     return mesh.convex
 
 
-def _around(points: Sequence[Sequence[float]]) -> Any:
+def _hull_of_points(points: Sequence[Sequence[float]]) -> Any:
     corners = coal.StdVec_Vec3s()
     for point in points:
         corners.append(np.array(point, dtype=float))
@@ -119,21 +119,21 @@ def hull_of(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
 
     Raises SceneError.
     """
-    hull = _hull(mesh.path.name, str(mesh.path), mesh.scale)
+    hull = _mesh_hull(mesh.path.name, str(mesh.path), mesh.scale)
     triangles = [[int(hull.polygons(i)[k]) for k in range(3)] for i in range(hull.num_polygons)]
     return hull.points().tolist(), triangles
 
 
-def reach_of(name: str, thing: SceneObject) -> float:
+def reach_of(name: str, obj: SceneObject) -> float:
     """How far the farthest point of what is attached is from the flange [m]."""
-    away = hypot(*thing.pose[:3])
-    match thing.shape:
+    away = hypot(*obj.pose[:3])
+    match obj.shape:
         case Box(size):
             return away + 0.5 * hypot(*size)
         case Sphere(radius):
             return away + radius
         case Cylinder(radius, length):
             return away + hypot(radius, 0.5 * length)
-    hull = solid(name, thing)
+    hull = solid(name, obj)
     hull.computeLocalAABB()
     return away + float(np.linalg.norm(hull.aabb_center)) + float(hull.aabb_radius)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from client.calibration import shaped
-from client.errors import PlanningError, WayBlockedError
+from client.errors import PathBlockedError, PlanningError
 from client.robot.moves import Moves
 from client.robot.state import RobotState
 from urproto.external_control import TrajectoryPoint
@@ -72,12 +72,18 @@ class PlannedMotion:
     async def execute(self, plan: "Plan", *, wait: bool = True) -> None:
         """Let the robot follow a plan, from where it begins. Raises PlanningError when the arm stands elsewhere."""
         plan.check_start(self._driver.state["actual_q"])
-        timed = plan.timed
-        if len(timed.times_s) < 2:
+        trajectory = plan.trajectory
+        if len(trajectory.times_s) < 2:
             if plan.stopped_by:
                 raise PlanningError(f"there is nothing to execute: {plan.stopped_by}")
             return  # the arm is there
-        steps = zip(timed.q[1:], timed.qd[1:], timed.qdd[1:], timed.times_s[1:] - timed.times_s[:-1], strict=True)
+        steps = zip(
+            trajectory.q[1:],
+            trajectory.qd[1:],
+            trajectory.qdd[1:],
+            trajectory.times_s[1:] - trajectory.times_s[:-1],
+            strict=True,
+        )
         points = [
             TrajectoryPoint.spline(q.tolist(), qd.tolist(), float(step), qdd.tolist()) for q, qd, qdd, step in steps
         ]
@@ -89,7 +95,7 @@ class PlannedMotion:
         """Plan and execute; options are those of `plan`.
 
         When another task changes the scene so that the rest of the way is blocked, the arm stops, and goes on by
-        another way, ``replan`` times at most; then that is a WayBlockedError. With ``wait=False`` nobody looks.
+        another way, ``replan`` times at most; then that is a PathBlockedError. With ``wait=False`` nobody looks.
         """
         for left in reversed(range(replan + 1)):
             seen = scene.revision
@@ -100,12 +106,12 @@ class PlannedMotion:
             if not blocked:
                 return
             if not left:
-                raise WayBlockedError(blocked)
+                raise PathBlockedError(blocked)
 
     async def _watched(self, plan: "Plan", scene: "PlanningScene", seen: int) -> str:
         """Execute a plan of a scene of this revision. If something comes into the way, the arm stops; this is what."""
         from client.planning import CollisionChecker
-        from client.planning.watching import in_the_way
+        from client.planning.monitoring import blocking_reason
 
         executing = asyncio.ensure_future(self.execute(plan))
         try:
@@ -114,7 +120,7 @@ class PlannedMotion:
                     continue
                 seen = scene.revision
                 checker = CollisionChecker(scene.copy())
-                blocked = await asyncio.to_thread(in_the_way, checker, plan.timed, self._q_rad)
+                blocked = await asyncio.to_thread(blocking_reason, checker, plan.trajectory, self._q_rad)
                 if blocked and not executing.done():
                     executing.cancel()
                     await asyncio.wait({executing})

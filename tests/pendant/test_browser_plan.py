@@ -20,17 +20,17 @@ Open = Callable[[str], Page]
 DRAWN = """() => {
   const scene = Object.values(window).find((value) => value?.isScene);
   const red = (part) => part.material.color.getHexString() === "d02020";
-  const found = { things: [], red: [], links: 0, way: false, ghost: null };
+  const found = { objects: [], red: [], links: 0, path: false, ghost: null };
   scene.traverse((part) => {
-    if (part.name.startsWith("thing ")) {
-      found.things.push(part.name.slice(6));
-      if (red(part)) found.red.push(part.name.slice(6));
+    if (part.name.startsWith("object ")) {
+      found.objects.push(part.name.slice(7));
+      if (red(part)) found.red.push(part.name.slice(7));
     } else if (part.isMesh) {
       let top = part;
       while (top && top.name !== "ghost") top = top.parent;
       if (top && red(part)) found.links += 1;
     }
-    if (part.name === "way") found.way = true;
+    if (part.name === "path") found.path = true;
     if (part.name === "ghost joint 0") found.ghost = part.rotation.z;
   });
   return found;
@@ -100,7 +100,7 @@ def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig
     bent.control.add_object("table", {"plane": {}, "pose": [0.0, 0.0, -0.02]})
     page = plan_tab(open_page)
     status = page.get_by_test_id("plan-status")
-    eventually(lambda: drawn(page)["things"] == ["table"])
+    eventually(lambda: drawn(page)["objects"] == ["table"])
     drag(page, 0.0, 250.0)
     expect(status).to_contain_text(re.compile(r"wrist_3_link is \d+\.\d mm deep in table"))
     eventually(lambda: drawn(page)["red"] == ["table"] and drawn(page)["links"] > 0)
@@ -112,13 +112,13 @@ def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig
     eventually(lambda: not drawn(page)["red"] and not drawn(page)["links"])
     page.get_by_test_id("plan").click()
     expect(status).to_contain_text(re.compile(r"A way of \d+\.\d s"))
-    eventually(lambda: drawn(page)["way"])
+    eventually(lambda: drawn(page)["path"])
     assert q(bent) == pytest.approx(BENT, abs=1e-3)
     goal = target(page)
     page.get_by_test_id("plan-move").click()
     eventually(lambda: q(bent) == pytest.approx(goal, abs=1e-3))
     expect(status).to_contain_text("Drag the ball")
-    eventually(lambda: not drawn(page)["way"])
+    eventually(lambda: not drawn(page)["path"])
 
 
 @pytest.mark.long
@@ -143,7 +143,7 @@ def test_a_way_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig,
     bent.control.add_object("post", POST)
     page = plan_tab(open_page)
     status = page.get_by_test_id("plan-status")
-    eventually(lambda: drawn(page)["things"] == ["post"])
+    eventually(lambda: drawn(page)["objects"] == ["post"])
     typed(page, BESIDE)
     page.get_by_test_id("plan").click()
     expect(status).to_contain_text("by RRTConnect")
@@ -197,7 +197,7 @@ def test_a_robot_has_the_things_of_a_file_and_moves_after_a_question(
         page.get_by_test_id("target-plan").click()
         expect(page.get_by_test_id("plan-source")).to_contain_text("what cell.yaml has")
         expect(page.get_by_test_id("plan-status")).to_contain_text("Drag the ball")
-        eventually(lambda: drawn(page)["things"] == ["post"])
+        eventually(lambda: drawn(page)["objects"] == ["post"])
         drag(page, 30.0, 0.0)
         expect(page.get_by_test_id("plan-status")).to_contain_text("The target is free")
         page.get_by_test_id("plan").click()

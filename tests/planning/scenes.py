@@ -52,10 +52,19 @@ def free_postures(checker: CollisionChecker, random: Random, count: int) -> list
 
 def samples(plan: Plan, count: int = 5) -> np.ndarray:
     """So many times as many as the trajectory has, by the splines of fifth degree that a robot makes of its points."""
-    timed, rows = plan.timed, []
+    trajectory, rows = plan.trajectory, []
     powers = np.arange(6)
-    for i, step in enumerate(np.diff(timed.times_s)):
-        known = np.array([timed.q[i], timed.qd[i], timed.qdd[i], timed.q[i + 1], timed.qd[i + 1], timed.qdd[i + 1]])
+    for i, step in enumerate(np.diff(trajectory.times_s)):
+        known = np.array(
+            [
+                trajectory.q[i],
+                trajectory.qd[i],
+                trajectory.qdd[i],
+                trajectory.q[i + 1],
+                trajectory.qd[i + 1],
+                trajectory.qdd[i + 1],
+            ]
+        )
         equations = np.array(
             [
                 [1, 0, 0, 0, 0, 0],
@@ -69,4 +78,4 @@ def samples(plan: Plan, count: int = 5) -> np.ndarray:
         )
         spline = np.linalg.solve(equations, known)
         rows += [(share * step) ** powers @ spline for share in np.linspace(0.0, 1.0, count, endpoint=False)]
-    return np.array([*rows, timed.q[-1]])
+    return np.array([*rows, trajectory.q[-1]])

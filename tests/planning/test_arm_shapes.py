@@ -18,7 +18,7 @@ from urproto.robots.model import LinkCylinders
 def test_a_folded_arm_touches_itself(model: str) -> None:
     """Wrist 1 meets the upper arm, which the elbow's own limits do not prevent."""
     checker = CollisionChecker(PlanningScene(model))
-    assert "wrist_1_link" in checker.objection((0.0, -1.5, 3.0, -1.5, 1.5, 0.0))
+    assert "wrist_1_link" in checker.violation((0.0, -1.5, 3.0, -1.5, 1.5, 0.0))
     assert checker.is_free((0.0, -1.5, 1.5, -1.5, 1.5, 0.0))
 
 

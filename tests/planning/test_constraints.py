@@ -24,7 +24,7 @@ from client.planning import (
     StartInCollisionError,
 )
 from client.planning.constraints import ConstrainedChecker
-from client.planning.tool_search import ToolSearch
+from client.planning.task_space import TaskSpaceSearch
 from urproto.robots import Kinematics, load_model
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_matrix
 
@@ -55,12 +55,12 @@ def test_a_level_tool_stays_level_around_a_post() -> None:
     start = reaching(scene, (-0.45, 0.35, 0.3, *DOWN))
     goal = PoseGoal((-0.45, -0.35, 0.25, *DOWN), TCP)
     level = PathConstraints(OrientationConstraint(DOWN, (TILT, TILT, pi)), tcp_offset=TCP)
-    assert not planner.checker.way_is_free(start, reaching(scene, goal.pose))
+    assert not planner.checker.path_is_free(start, reaching(scene, goal.pose))
     plan = planner.plan(start, goal, path_constraints=level, time_limit_s=30.0)
     assert max(tilts(plan, (0.0, 0.0, -1.0))) < TILT * 2**0.5 + 1e-3
-    assert len(plan.way) > 2
-    assert (abs(plan.timed.qd) <= planner.limits.velocity * 1.001).all()
-    pose = scene.kinematics.forward(plan.way[-1], TCP)
+    assert len(plan.path) > 2
+    assert (abs(plan.trajectory.qd) <= planner.limits.velocity * 1.001).all()
+    pose = scene.kinematics.forward(plan.path[-1], TCP)
     assert pose[:3] == pytest.approx(goal.pose[:3], abs=1e-5)
 
 
@@ -74,7 +74,7 @@ def test_poses_are_searched_where_no_joint_is_constant() -> None:
     checker = ConstrainedChecker(scene, constraints)
     pose = (0.6, -0.1, 0.3, *AHEAD)
     goals = scene.kinematics.inverse_all(scene.kinematics.forward(reaching(scene, pose)))
-    found = ToolSearch(checker, start, goals, True).find("RRTConnect", 20.0, 0)
+    found = TaskSpaceSearch(checker, start, goals, True).find("RRTConnect", 20.0, 0)
     assert found is not None
     assert found.path is not None
     for s in np.linspace(0.0, found.path.length, 300):

@@ -15,7 +15,7 @@ pytest.importorskip("ompl")
 from clearance import Clearance
 from driver_rig import HOME, Lab, emulator
 
-from client.errors import PlanningError, WayBlockedError
+from client.errors import PathBlockedError, PlanningError
 from client.planning import (
     Box,
     CircGoal,
@@ -25,7 +25,7 @@ from client.planning import (
     PlanningScene,
     PoseGoal,
     Sphere,
-    usual_limits,
+    default_limits,
 )
 
 
@@ -47,7 +47,7 @@ async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.Monkey
         there = (HOME[0] + 1.6, *HOME[1:])
         middle = scene.kinematics.forward((HOME[0] + 0.8, *HOME[1:]))
         scene.add("post", Box((0.08, 0.08, 2.0)), (*middle[:2], 0.0, 0.0, 0.0, 0.0))
-        assert not CollisionChecker(scene).way_is_free(HOME, there)
+        assert not CollisionChecker(scene).path_is_free(HOME, there)
         driven: list[tuple[float, ...]] = []
         arm.driver.robot.on_state.append(lambda state: driven.append(tuple(state["actual_q"])))
         await arm.plan_to(JointGoal(there), scene, velocity_scaling=0.5, acceleration_scaling=0.3)
@@ -57,7 +57,7 @@ async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.Monkey
         # back, by the pose of the TCP that the robot has
         pose = arm.tcp_pose_at(HOME)
         plan = await arm.planning.plan(PoseGoal(pose), scene)
-        assert arm.tcp_pose_at(plan.way[-1]) == pytest.approx(pose, abs=1e-4)
+        assert arm.tcp_pose_at(plan.path[-1]) == pytest.approx(pose, abs=1e-4)
         await arm.move_j((there[0] + 0.1, *there[1:]))
         with pytest.raises(PlanningError, match=r"0\.100 rad from where the plan begins"):
             await arm.planning.execute(plan)
@@ -70,7 +70,7 @@ async def test_what_comes_into_the_way_stops_the_arm_which_goes_on_by_another_wa
         arm = lab.arm
         there = (HOME[0] + 1.8, *HOME[1:])
         way_on = scene.kinematics.forward((HOME[0] + 1.3, *HOME[1:]))
-        limits = replace(usual_limits(scene.model), velocity=np.full(6, 0.5))
+        limits = replace(default_limits(scene.model), velocity=np.full(6, 0.5))
 
         async def meets_a_post(**options: Any) -> None:
             going = asyncio.create_task(arm.plan_to(JointGoal(there), scene, limits=limits, **options))
@@ -79,7 +79,7 @@ async def test_what_comes_into_the_way_stops_the_arm_which_goes_on_by_another_wa
             scene.add("post", Box((0.08, 0.08, 2.0)), (*way_on[:2], 0.0, 0.0, 0.0, 0.0))
             await going
 
-        with pytest.raises(WayBlockedError, match="the scene has changed, and the way is blocked"):
+        with pytest.raises(PathBlockedError, match="the scene has changed, and the way is blocked"):
             await meets_a_post()
         assert lab.at_rest
         assert 0.15 < lab.distance() < 1.0

@@ -88,7 +88,7 @@ def test_the_tools_limits_count_on_lines_and_arcs_and_not_on_ptp() -> None:
     assert 0.7 < speed["CIRC"] <= 1.001
     assert speed["PTP"] > 1.2
     slow = planner.plan(START, PoseGoal(goal, TCP), planner="LIN", velocity_scaling=0.5, acceleration_scaling=0.5)
-    assert (abs(slow.timed.qd) <= 0.5 * planner.limits.velocity * 1.001).all()
+    assert (abs(slow.trajectory.qd) <= 0.5 * planner.limits.velocity * 1.001).all()
 
 
 @pytest.mark.parametrize("by", ["interim", "center"])
@@ -137,7 +137,7 @@ def test_a_sequence_keeps_to_its_lines_but_for_its_blends() -> None:
         if dist(pose[:3], corner[:3]) > radius:
             assert min(off_line(pose, start, corner)[0], off_line(pose, corner, end)[0]) < ON_M
     assert min(dist(pose[:3], corner[:3]) for pose in poses) == pytest.approx(0.16 * radius, rel=0.3)
-    speeds = abs(blended.timed.qd).max(axis=1)
+    speeds = abs(blended.trajectory.qd).max(axis=1)
     assert min(speeds[3:-3]) > 0.1  # it does not stop at the corner
     assert poses[-1] == pytest.approx(end, abs=1e-6)
 
@@ -154,15 +154,15 @@ def test_motions_of_all_kinds_follow_each_other() -> None:
     ]
     plan = planner.plan_sequence(START, items)
     assert plan.planner == "LIN, CIRC, PTP, RRTConnect"
-    assert plan.timed.q[-1] == pytest.approx((1.0, *START[1:]), abs=1e-6)
-    assert (abs(plan.timed.qd) <= planner.limits.velocity * 1.001).all()
-    assert (abs(plan.timed.qdd) <= planner.limits.acceleration * 1.001).all()
-    assert (np.diff(plan.timed.times_s) > 0.0).all()
+    assert plan.trajectory.q[-1] == pytest.approx((1.0, *START[1:]), abs=1e-6)
+    assert (abs(plan.trajectory.qd) <= planner.limits.velocity * 1.001).all()
+    assert (abs(plan.trajectory.qdd) <= planner.limits.acceleration * 1.001).all()
+    assert (np.diff(plan.trajectory.times_s) > 0.0).all()
     way = [pose[:3] for pose in tool(plan, "ur5e", 1)]
     slow = [dist(one, other) / 0.04 for one, other in pairwise(way) if dist(one, side[:3]) > 0.031 and one[1] < side[1]]
     first = slow[: int(0.1 / 0.004)]
     assert max(first) < 0.103  # a tenth of 1 m/s on the first line alone
-    assert plan.way[0] == START
+    assert plan.path[0] == START
 
 
 def test_sequences_that_cannot_be_blended_say_why() -> None:
@@ -226,9 +226,9 @@ def test_near_a_singularity_a_line_is_slow_and_at_one_it_ends() -> None:
     planner = Planner(PlanningScene("ur5e"))
     start, goal = (planner.scene.kinematics.forward(q, TCP) for q in (straight, turned))
     plan = planner.plan(straight, PoseGoal(goal, TCP), planner="LIN")
-    assert abs(plan.way[-1][3] - straight[3]) > 3.0  # joints 4 and 6 turn over on the way
+    assert abs(plan.path[-1][3] - straight[3]) > 3.0  # joints 4 and 6 turn over on the way
     assert max(off_line(pose, start, goal)[0] for pose in tool(plan, "ur5e")) < ON_M
-    assert (abs(plan.timed.qd) <= planner.limits.velocity * 1.001).all()
+    assert (abs(plan.trajectory.qd) <= planner.limits.velocity * 1.001).all()
     # a smaller arm is stretched before it is there, where another posture would have to take over
     planner = Planner(PlanningScene("ur3"))
     tcp = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
@@ -242,8 +242,8 @@ def test_ptp_goes_straight_or_says_what_is_in_the_way() -> None:
     planner = Planner(scene)
     there = (3.6, *START[1:])
     plan = planner.plan(START, JointGoal(there), planner="PTP")
-    assert (abs(plan.timed.q[:, 1:] - np.array(START)[1:]) < 1e-9).all()
-    assert abs(plan.timed.qd[:, 0]).max() == pytest.approx(planner.limits.velocity[0], rel=0.15)
+    assert (abs(plan.trajectory.q[:, 1:] - np.array(START)[1:]) < 1e-9).all()
+    assert abs(plan.trajectory.qd[:, 0]).max() == pytest.approx(planner.limits.velocity[0], rel=0.15)
     x, y, *_ = scene.kinematics.forward((2.0, *START[1:]))
     scene.add("post", Box((0.08, 0.08, 2.0)), (x, y, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(IncompletePathError, match=r"PTP is free for \d+ % of its way, then .* post.*RRTConnect looks"):
@@ -269,7 +269,7 @@ def test_a_cartesian_path_goes_as_far_as_it_can() -> None:
     assert 1 / 3 < fraction < 2 / 3
     assert "line 2 ends after" in plan.stopped_by
     assert "post, and 10 mm are to be kept" in plan.stopped_by
-    ends = scene.kinematics.forward(plan.way[-1], TCP)
+    ends = scene.kinematics.forward(plan.path[-1], TCP)
     assert ends == pytest.approx(moved(start, 0.0, (3 * fraction - 1) * 0.3, 0.1), abs=1e-4)
     blind = planner.compute_cartesian_path(START, waypoints, 0.01, tcp_offset=TCP, avoid_collisions=False)
     assert blind.fraction == 1.0
@@ -287,7 +287,7 @@ def test_jumps_end_a_cartesian_path_where_the_threshold_says() -> None:
     waypoint = [planner.scene.kinematics.forward((0.4, -1.3, 1.6, -1.9, -0.005, 1.2), TCP)]
     whole = planner.compute_cartesian_path(near, waypoint, 0.01, tcp_offset=TCP)
     assert whole.fraction == 1.0
-    steps = abs(np.diff(whole.plan.timed.q, axis=0)).max()
+    steps = abs(np.diff(whole.plan.trajectory.q, axis=0)).max()
     assert steps > 0.04
     for options, threshold in (({"revolute_jump_threshold_rad": 0.03}, 0.03), ({"jump_threshold": 1.5}, None)):
         cut = planner.compute_cartesian_path(near, waypoint, 0.01, tcp_offset=TCP, **options)

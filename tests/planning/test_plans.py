@@ -51,19 +51,19 @@ def test_plans_keep_clear_and_within_the_limits(model: str, place: str) -> None:
         except NoPathError:
             continue
         found += 1
-        assert plan.timed.q[0] == pytest.approx(start, abs=NEAR)
-        assert plan.timed.q[-1] == pytest.approx(goal, abs=NEAR)
-        assert not plan.timed.qd[[0, -1]].any()
+        assert plan.trajectory.q[0] == pytest.approx(start, abs=NEAR)
+        assert plan.trajectory.q[-1] == pytest.approx(goal, abs=NEAR)
+        assert not plan.trajectory.qd[[0, -1]].any()
         nearest = min(clearance(q) for q in samples(plan))
         assert nearest > scene.padding_m - 0.001, f"{number}: {nearest}"
-        step = np.diff(plan.timed.times_s)[:, None]
+        step = np.diff(plan.trajectory.times_s)[:, None]
         for values, rates, limit in (
-            (plan.timed.q, plan.timed.qd, planner.limits.velocity),
-            (plan.timed.qd, plan.timed.qdd, planner.limits.acceleration),
+            (plan.trajectory.q, plan.trajectory.qd, planner.limits.velocity),
+            (plan.trajectory.qd, plan.trajectory.qdd, planner.limits.acceleration),
         ):
             assert (abs(rates) <= limit * (1 + NEAR)).all()
             assert (abs(np.diff(values, axis=0) / step) <= limit * 1.01).all()
-        assert (abs(np.diff(plan.timed.qdd, axis=0) / step) <= planner.limits.jerk * 1.01).all()
+        assert (abs(np.diff(plan.trajectory.qdd, axis=0) / step) <= planner.limits.jerk * 1.01).all()
     assert found >= 3
 
 
@@ -72,7 +72,7 @@ def test_a_seed_gives_the_same_plan_again() -> None:
     start, goal = free_postures(planner.checker, Random(5), 2)
     one, other = (planner.plan(start, JointGoal(goal), seed=3, time_limit_s=20.0) for _ in range(2))
     assert one.way == other.way
-    assert (one.timed.q == other.timed.q).all()
+    assert (one.trajectory.q == other.trajectory.q).all()
 
 
 @pytest.mark.parametrize("planner", ["RRTConnect", "RRTstar", "PRM"])
@@ -80,7 +80,7 @@ def test_each_planner_finds_a_way_around_a_post(planner: str) -> None:
     scene = PlanningScene("ur3")
     scene.add("post", Box((0.1, 0.1, 1.0)), (0.3, 0.0, 0.5, 0.0, 0.0, 0.0))
     start, goal = (2.0, -1.0, 1.5, -1.0, 0.5, 0.0), (4.2, -1.0, 1.5, -1.0, 0.5, 0.0)
-    assert not CollisionChecker(scene).way_is_free(start, goal)
+    assert not CollisionChecker(scene).path_is_free(start, goal)
     plan = Planner(scene).plan(
         start, JointGoal(goal), planner=planner, time_limit_s=5.0 if planner == "RRTstar" else 20.0
     )
@@ -95,12 +95,12 @@ def test_poses_are_reached_by_any_posture(model: str) -> None:
     q = (0.4, -1.3, 1.4, -1.6, -1.5, 0.2)
     pose = Kinematics(arm.dh).forward(q, tcp)
     plan = Planner(PlanningScene(arm)).plan((0.4 + np.pi, -1.3, 1.4, -1.6, -1.5, 0.2), PoseGoal(pose, tcp))
-    assert Kinematics(arm.dh).forward(plan.way[-1], tcp) == pytest.approx(pose, abs=1e-6)
+    assert Kinematics(arm.dh).forward(plan.path[-1], tcp) == pytest.approx(pose, abs=1e-6)
 
 
 def test_names_are_those_of_moveit() -> None:
     plan = Planner(PlanningScene("ur5e")).plan(START_Q, NamedGoal("up"))
-    assert plan.way[-1] == pytest.approx((0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0))
+    assert plan.path[-1] == pytest.approx((0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0))
 
 
 def test_of_a_set_of_goals_the_one_that_can_be_reached_is() -> None:
@@ -169,7 +169,7 @@ def test_a_way_that_touches_something_between_two_looks_is_not_the_last_that_is_
     start = (0.2111106006283685, -2.5909163579147267, 1.1463831298044607, -1.62657327, 0.26685483958120493, -1.22441638)
     goal = (1.0548333969381773, -2.2623695889905715, -2.396985062573857, 1.9316017931364171, 0.80756918465, 1.72507299)
     plan = Planner(scene_of("slot", "ur20")).plan(start, JointGoal(goal), seed=187)
-    assert len(plan.way) > 2
+    assert len(plan.path) > 2
 
 
 def test_things_are_carried_and_left() -> None:
@@ -230,5 +230,5 @@ def test_a_way_that_is_free_has_no_place_that_is_not(start: tuple[float, ...], w
     checker = CollisionChecker(scene_of("shelf", "ur3"))
     end = [one + other for one, other in zip(start, way, strict=True)]
     places = [np.array(start) + share * np.array(way) for share in np.linspace(0.0, 1.0, 200)]
-    if checker.is_free(start) and checker.way_is_free(start, end):
+    if checker.is_free(start) and checker.path_is_free(start, end):
         assert min(map(checker.clearance, places)) > checker.scene.padding_m - 0.0006

@@ -482,7 +482,7 @@ async def test_scene_and_way_are_drawn(lab: Lab) -> None:
         ("post", 1, "base"), ("probe", 2, "tool0")]  # fmt: skip
     assert drawn[0]["pose"]["position"]["x"] == pytest.approx(-0.5)
     answer = await plan(lab)
-    (line,) = (await lab.peer.echo("/move_group/way_markers", array, latched=True))["markers"]
+    (line,) = (await lab.peer.echo("/move_group/path_markers", array, latched=True))["markers"]
     assert np.array([list(point.values()) for point in line["points"]]) == pytest.approx(way(answer))
 
 

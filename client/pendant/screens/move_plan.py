@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 from nicegui import ui
 
 from client.errors import MotionStoppedError, PlanningError
-from client.pendant.arena import Arena, lacking, red_links
 from client.pendant.arm_scene import ArmScene
 from client.pendant.page import Page
+from client.pendant.scene_monitor import MonitoredScene, links_in, missing_extra
 from client.pendant.screens.move_jog import JOINT_TOP, MoveSettings
 from client.pendant.situation import Action
 from client.pendant.station import Station
@@ -21,24 +21,24 @@ from urproto.robots import Joints
 from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec, rotvec_to_quaternion
 
 if TYPE_CHECKING:
-    from client.planning import Nearness, Plan, PlanningScene
+    from client.planning import PairDistance, Plan, PlanningScene
 
-_THERE_RAD: Final = 0.002  # nearer targets need no way
+_AT_GOAL_RAD: Final = 0.002  # nearer targets need no way
 _RAMP: Final = 0.14  # of planning's accelerations: those of the motions beside it, 1.4 rad/s2
 _MOST_SAMPLES: Final = 200  # of a way, for the picture
 _DIGITS: Final = 4
-_LOOK_S: Final = 0.1  # between looks whether the scene has changed
+_CHECK_PERIOD_S: Final = 0.1  # between looks whether the scene has changed
 _STILL_RAD_S: Final = 1e-3
-_MOST_WAYS: Final = 10  # one after the other to one goal (guess)
+_MAX_REPLANS: Final = 10  # one after the other to one goal (guess)
 _FARTHEST_M: Final = 10.0  # of a handle
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
+class _PlannedPath:
     """A way, and for which goal it was found where. moving: without what plays along, for when the arm itself moves."""
 
     goal: tuple[float, ...]
-    arena: Arena
+    monitored: MonitoredScene
     plan: "Plan"
     playing: dict[str, Any]
     moving: dict[str, Any]
@@ -50,24 +50,24 @@ class PlannedMove:
     def __init__(self, page: Page, settings: MoveSettings) -> None:
         self._page = page
         self._settings = settings
-        self._looked_at = False
+        self._visible = False
         self._far = False  # the handle is out of reach
         self._busy = False
-        self._found: _Found | None = None
+        self._planned_path: _PlannedPath | None = None
         self._failed: tuple[tuple[float, ...] | None, str] | None = None  # the goal, and why there is no way
-        self._pairs: tuple[Arena, tuple[float, ...], list[Nearness]] | None = None
+        self._pairs: tuple[MonitoredScene, tuple[float, ...], list[PairDistance]] | None = None
         page.live.hear("goal", self._drag)
 
-    def look(self, looked_at: bool) -> None:
+    def look(self, visible: bool) -> None:
         """Whether a person looks at the panel now: only then is there a handle in the view."""
-        self._looked_at = looked_at
+        self._visible = visible
 
     def draw(self, scene: ArmScene) -> None:
         """Into the view: what stands around the arm, the handle of the target, the way."""
         live = self._page.live
-        live.bind(scene, "things", self._things)
+        live.bind(scene, "objects", self._objects)
         live.bind(scene, "goal", self._handle)
-        live.bind(scene, "way", self._way)
+        live.bind(scene, "path", self._path)
         ui.run_javascript(f"pendant.plan({scene.id})")
 
     def panel(self) -> None:
@@ -78,8 +78,8 @@ class PlannedMove:
             text.props("role=status data-testid=plan-status")
             live.bind(text, "state", lambda station: self._status(station)[0])
             live.text(_source, "plan-note").props("data-testid=plan-source")
-            if lack := lacking():
-                ui.label(lack).classes("plan-note plan-lacking").props("data-testid=plan-lacking")
+            if lack := missing_extra():
+                ui.label(lack).classes("plan-note plan-missing_extra").props("data-testid=plan-missing_extra")
         with ui.row().classes("target-buttons"):
             present = ui.button("Present", icon="my_location", on_click=self._reset)
             present.props("flat no-caps data-testid=plan-present")
@@ -89,55 +89,55 @@ class PlannedMove:
             move = ui.button("Move", icon="near_me", on_click=self._page.doing(self._move))
             move.props("unelevated no-caps data-testid=plan-move")
         live.effect(lambda station: not self._busy, plan.set_enabled)
-        live.effect(lambda station: not self._why_not(station), move.set_enabled)
-        live.bind(move, "title", self._why_not)
+        live.effect(lambda station: not self._why_disabled(station), move.set_enabled)
+        live.bind(move, "title", self._why_disabled)
 
     # what is known
 
-    def _arena(self, station: Station) -> Arena | None:
-        return station.arena if self._looked_at or station.has_surroundings else None
+    def _scene(self, station: Station) -> MonitoredScene | None:
+        return station.planning_scene if self._visible or station.has_surroundings else None
 
     def _target(self, station: Station) -> tuple[float, ...] | None:
         q: Sequence[float] | None = self._settings.preview or station.values.get("actual_q")
         return None if q is None else tuple(q)
 
-    def _near(self, station: Station) -> "list[Nearness]":
+    def _collisions(self, station: Station) -> "list[PairDistance]":
         """Pairs that would be nearer than the padding at the target, deepest first; of the arm itself without one."""
-        arena, q = self._arena(station), self._target(station)
-        if arena is None or q is None:
+        monitored, q = self._scene(station), self._target(station)
+        if monitored is None or q is None:
             return []
-        if self._pairs is None or self._pairs[0] is not arena or self._pairs[1] != q:
-            self._pairs = (arena, q, arena.checker.collisions(q))
+        if self._pairs is None or self._pairs[0] is not monitored or self._pairs[1] != q:
+            self._pairs = (monitored, q, monitored.checker.collisions(q))
         return self._pairs[2]
 
-    def _way_found(self, station: Station) -> _Found | None:
+    def _valid_path(self, station: Station) -> _PlannedPath | None:
         """The way to this target, if nothing has changed since it was found."""
-        found = self._found
-        if found is None or found.goal != self._settings.preview or found.arena is not station.arena:
+        found = self._planned_path
+        if found is None or found.goal != self._settings.preview or found.monitored is not station.planning_scene:
             return None
         return found
 
-    def _why_not(self, station: Station) -> str:
+    def _why_disabled(self, station: Station) -> str:
         why = station.situation.why_not(Action.MOVE)
-        return why or ("" if self._way_found(station) is not None else "There is no way yet: press Plan first.")
+        return why or ("" if self._valid_path(station) is not None else "There is no way yet: press Plan first.")
 
     def _status(self, station: Station) -> tuple[str, str]:
         """Of which kind it is, and the text."""
-        if not self._looked_at:
+        if not self._visible:
             return "off", ""
-        if station.arena is None:
-            problem = station.arenas.problem
+        if station.planning_scene is None:
+            problem = station.scene_monitor.problem
             return ("bad", problem) if problem else ("off", "The arm is not known yet.")
         if self._busy:
             return "off", "Looking for a way \N{HORIZONTAL ELLIPSIS}"
         if self._far:
             return "warn", "The handle is out of reach: the ghost shows how far the arm gets."
-        if found := self._way_found(station):
-            return "good", _described(found.plan)
+        if found := self._valid_path(station):
+            return "good", _summary(found.plan)
         if self._failed is not None and self._failed[0] == self._settings.preview:
             return "bad", self._failed[1]
-        if near := self._near(station):
-            padding_mm = 1000 * station.arena.scene.padding_m
+        if near := self._collisions(station):
+            padding_mm = 1000 * station.planning_scene.scene.padding_m
             return "bad", f"{'; '.join(map(str, near[:3]))}. {padding_mm:g} mm are to be kept."
         if self._settings.preview is None:
             return "off", "Drag the ball, the arrows or the rings at the tool, or type joint angles: then Plan."
@@ -145,28 +145,28 @@ class PlannedMove:
 
     # what is drawn
 
-    def _things(self, station: Station) -> dict[str, Any] | None:
-        arena = self._arena(station)
-        if arena is None:
+    def _objects(self, station: Station) -> dict[str, Any] | None:
+        monitored = self._scene(station)
+        if monitored is None:
             return None
-        red = {name for pair in self._near(station) for name in (pair.one, pair.other)}
-        return {"things": arena.things, "red": sorted(red)}
+        red = {name for pair in self._collisions(station) for name in (pair.one, pair.other)}
+        return {"objects": monitored.objects, "red": sorted(red)}
 
     def _handle(self, station: Station) -> dict[str, Any] | None:
-        arena, q = self._arena(station), self._target(station)
-        if arena is None or q is None or not self._looked_at:
+        monitored, q = self._scene(station), self._target(station)
+        if monitored is None or q is None or not self._visible:
             return None
-        x, y, z, *turn = arena.scene.kinematics.forward(q, arena.tcp_offset)
+        x, y, z, *turn = monitored.scene.kinematics.forward(q, monitored.tcp_offset)
         return {
             "position": [round(value, _DIGITS) for value in (x, y, z)],
             "quaternion": [round(value, _DIGITS) for value in rotvec_to_quaternion(*turn)],
             "turned": self._settings.feature == "tool",
-            "red": red_links(self._near(station)) if self._settings.preview is not None else [],
+            "red": links_in(self._collisions(station)) if self._settings.preview is not None else [],
             "far": self._far,
         }
 
-    def _way(self, station: Station) -> dict[str, Any] | None:
-        found = self._way_found(station)
+    def _path(self, station: Station) -> dict[str, Any] | None:
+        found = self._valid_path(station)
         if found is None:
             return None
         return found.moving if station.mover.doing else found.playing
@@ -176,12 +176,12 @@ class PlannedMove:
     def _drag(self, said: Any) -> None:
         """The handle, as far as the arm gets there. Raises ValueError for what no handle says."""
         station = self._page.station
-        arena, q = self._arena(station), self._target(station)
-        if said is None or arena is None or q is None:
+        monitored, q = self._scene(station), self._target(station)
+        if said is None or monitored is None or q is None:
             self._far = False
             return
-        flange = pose_trans(_pose(said), pose_inv(arena.tcp_offset))
-        reached = arena.scene.kinematics.inverse_near(flange, q, *arena.scene.model.position_limits)
+        flange = pose_trans(_pose(said), pose_inv(monitored.tcp_offset))
+        reached = monitored.scene.kinematics.inverse_near(flange, q, *monitored.scene.model.position_limits)
         self._far = reached is None
         if reached is not None:
             self._settings.preview = reached
@@ -192,67 +192,67 @@ class PlannedMove:
                     tell(_six(target))
 
     def _reset(self) -> None:
-        self._settings.preview = self._found = self._failed = None
+        self._settings.preview = self._planned_path = self._failed = None
 
     async def _plan(self) -> None:
         station, goal = self._page.station, self._settings.preview
-        arena, start = station.arena, station.values.get("actual_q")
-        if arena is None or start is None:
-            why = station.arenas.problem or "the robot has not said yet which arm it is and where"
+        monitored, start = station.planning_scene, station.values.get("actual_q")
+        if monitored is None or start is None:
+            why = station.scene_monitor.problem or "the robot has not said yet which arm it is and where"
             raise RobotRefused("planning", why, "wait until it is connected")
-        self._found = self._failed = None
-        if goal is None or dist(goal, start) < _THERE_RAD:
+        self._planned_path = self._failed = None
+        if goal is None or dist(goal, start) < _AT_GOAL_RAD:
             self._failed = (goal, "The arm is there already: drag the handle, or type joint angles, first.")
             return
         self._busy = True
         try:
-            plan = await asyncio.to_thread(_plan_way, arena.scene, start, goal, self._settings.speed)
+            plan = await asyncio.to_thread(_plan_path, monitored.scene, start, goal, self._settings.speed)
         except PlanningError as error:
             self._failed = (goal, str(error))
         else:
-            self._found = _found(goal, arena, plan)
+            self._planned_path = _planned_path(goal, monitored, plan)
         finally:
             self._busy = False
             station.wake()
 
     async def _move(self) -> None:
-        found = self._way_found(self._page.station)
+        found = self._valid_path(self._page.station)
         if found is None:
             raise RobotRefused("motion", "there is no way for this target", "press Plan first")
 
         async def follow() -> None:
             await self._follow(found)
-            self._settings.preview = self._found = None
+            self._settings.preview = self._planned_path = None
 
         await self._settings.move(follow)
 
-    async def _follow(self, found: _Found) -> None:
+    async def _follow(self, found: _PlannedPath) -> None:
         """To the goal, on another way when something comes into this one. Raises PlanningError, MotionStoppedError."""
         station = self._page.station
-        for _ in range(_MOST_WAYS):
-            blocked = await self._watched(found)
+        for _ in range(_MAX_REPLANS):
+            blocked = await self._follow_monitored(found)
             if not blocked:
                 return
             stops = station.mover.stops
             self._page.tell(f"{blocked}. Looking for another way.")
             while any(abs(speed) > _STILL_RAD_S for speed in station.values.get("actual_qd", ())):
-                await asyncio.sleep(_LOOK_S)
-            found = self._found = await self._another(found)
+                await asyncio.sleep(_CHECK_PERIOD_S)
+            found = self._planned_path = await self._replan(found)
             if station.mover.stops != stops:
                 raise MotionStoppedError("Moving as planned", "it was stopped")
-        raise PlanningError(f"{_MOST_WAYS} ways were blocked one after the other: plan again when the scene is quiet")
+        raise PlanningError(f"{_MAX_REPLANS} ways were blocked one after the other: plan again when the scene is quiet")
 
-    async def _watched(self, found: _Found) -> str:
+    async def _follow_monitored(self, found: _PlannedPath) -> str:
         """Let the arm take a way. If something comes into it, the arm is stopped, and this says what."""
-        station, arena = self._page.station, found.arena
+        station, monitored = self._page.station, found.monitored
         follow = asyncio.ensure_future(station.mover.follow(found.plan))
         try:
-            while not (await asyncio.wait({follow}, timeout=_LOOK_S))[0]:
-                now, q = station.arena, station.values.get("actual_q")
-                if now is None or now is arena or q is None:
+            while not (await asyncio.wait({follow}, timeout=_CHECK_PERIOD_S))[0]:
+                now, q = station.planning_scene, station.values.get("actual_q")
+                if now is None or now is monitored or q is None:
                     continue
-                arena = now
-                blocked = await asyncio.to_thread(_blocked, now, found.plan, q)
+                monitored = now
+                blocked = await asyncio.to_thread(_blocking_reason, now, found.plan, q)
                 if blocked and not follow.done():
                     stops = station.mover.stops
                     await station.mover.stop()
@@ -266,22 +266,22 @@ class PlannedMove:
             follow.cancel()
         return ""
 
-    async def _another(self, found: _Found) -> _Found:
+    async def _replan(self, found: _PlannedPath) -> _PlannedPath:
         """A way to the same goal from where the arm stands, in the scene as it is now. Raises PlanningError."""
         station = self._page.station
-        arena = station.arena or found.arena
+        monitored = station.planning_scene or found.monitored
         start = _six(station.values["actual_q"])
-        plan = await asyncio.to_thread(_plan_way, arena.scene, start, found.goal, self._settings.speed)
-        return _found(found.goal, arena, plan)
+        plan = await asyncio.to_thread(_plan_path, monitored.scene, start, found.goal, self._settings.speed)
+        return _planned_path(found.goal, monitored, plan)
 
 
-def _blocked(arena: Arena, plan: "Plan", q_rad: Sequence[float]) -> str:
-    from client.planning.watching import in_the_way
+def _blocking_reason(monitored: MonitoredScene, plan: "Plan", q_rad: Sequence[float]) -> str:
+    from client.planning.monitoring import blocking_reason
 
-    return in_the_way(arena.checker, plan.timed, q_rad)
+    return blocking_reason(monitored.checker, plan.trajectory, q_rad)
 
 
-def _plan_way(scene: "PlanningScene", start: Joints, goal: tuple[float, ...], speed: float) -> "Plan":
+def _plan_path(scene: "PlanningScene", start: Joints, goal: tuple[float, ...], speed: float) -> "Plan":
     """No joint faster than by the other motions of the screen at this share of their speed."""
     from client.planning import JointGoal, Planner
 
@@ -290,26 +290,28 @@ def _plan_way(scene: "PlanningScene", start: Joints, goal: tuple[float, ...], sp
     return planner.plan(start, JointGoal(goal), velocity_scaling=velocity, acceleration_scaling=_RAMP)
 
 
-def _found(goal: tuple[float, ...], arena: Arena, plan: "Plan") -> _Found:
-    every = ceil(len(plan.timed.q) / _MOST_SAMPLES)
-    samples = [[round(float(angle), _DIGITS) for angle in q] for q in (*plan.timed.q[:-1:every], plan.timed.q[-1])]
-    forward = arena.scene.kinematics.forward
-    points = [[round(value, _DIGITS) for value in forward(q, arena.tcp_offset)[:3]] for q in samples]
+def _planned_path(goal: tuple[float, ...], monitored: MonitoredScene, plan: "Plan") -> _PlannedPath:
+    every = ceil(len(plan.trajectory.q) / _MOST_SAMPLES)
+    samples = [
+        [round(float(angle), _DIGITS) for angle in q] for q in (*plan.trajectory.q[:-1:every], plan.trajectory.q[-1])
+    ]
+    forward = monitored.scene.kinematics.forward
+    points = [[round(value, _DIGITS) for value in forward(q, monitored.tcp_offset)[:3]] for q in samples]
     playing = {"points": points, "angles": samples, "duration": plan.duration_s}
-    return _Found(goal, arena, plan, playing, {**playing, "angles": []})
+    return _PlannedPath(goal, monitored, plan, playing, {**playing, "angles": []})
 
 
-def _described(plan: "Plan") -> str:
-    corners = len(plan.way) - 2
+def _summary(plan: "Plan") -> str:
+    corners = len(plan.path) - 2
     how = f"{corners} corner{'s' if corners > 1 else ''}, by {plan.planner}" if corners else "straight ahead"
-    took = plan.search_s + plan.shortening_s + plan.timing_s
+    took = plan.search_s + plan.shortcutting_s + plan.parameterisation_s
     return f"A way of {plan.duration_s:.1f} s, {how}; it took {1000 * took:.0f} ms to find."
 
 
 def _source(station: Station) -> str:
     """Where it is from what is planned around: whoever trusts a way wants to know."""
-    if station.arenas.file is not None:
-        return f"Around what {station.arenas.file.name} has, and the arm itself."
+    if station.scene_monitor.file is not None:
+        return f"Around what {station.scene_monitor.file.name} has, and the arm itself."
     if station.emulator.available:
         return "Around the things of the emulator's world, and the arm itself."
     return (

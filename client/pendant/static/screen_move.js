@@ -1,11 +1,11 @@
 "use strict";
-// Move, Plan: what stands around the arm, a handle that drags the target, the way there. See screens/move_plan.py.
+// Move, Plan: the obstacles around the arm, a handle that drags the target, the planned path. See screens/move_plan.py.
 (() => {
   const TELL_MS = 60;
   const ARROW_M = 0.17;
   const RING_M = 0.12;
-  const WAY_M = 0.004; // radius of its line
-  const WAY = "#b0267a";
+  const PATH_M = 0.004; // radius of its line
+  const PATH = "#b0267a";
   const TARGET = "#e07b00";
   const RED = "#d02020";
   const FAR = "#8a949d";
@@ -18,7 +18,7 @@
     constructor(scene) {
       this.scene = scene; // NiceGUI's
       this.root = scene.scene;
-      this.things = [];
+      this.objects = [];
       this.version = 1;
       this.drag = null;
       this.told = 0;
@@ -69,28 +69,28 @@
       return mesh;
     }
 
-    showThings(value) {
-      for (const mesh of this.things) mesh.removeFromParent();
-      this.things = [];
-      for (const thing of value?.things || []) {
-        const color = value.red.includes(thing.name) ? RED : undefined;
+    showObjects(value) {
+      for (const mesh of this.objects) mesh.removeFromParent();
+      this.objects = [];
+      for (const object of value?.objects || []) {
+        const color = value.red.includes(object.name) ? RED : undefined;
         // what the arm carries is at its flange and at the ghost's, in the frame of the last joint
-        for (const name of thing.attached ? ["joint 5", "ghost joint 5"] : [null]) {
+        for (const name of object.attached ? ["joint 5", "ghost joint 5"] : [null]) {
           const parent = name ? this.root.getObjectByName(name) : this.root;
           if (!parent) return false; // the arm is not drawn yet
-          const mesh = pendant.thing(THREE, thing, color);
-          mesh.name = `thing ${thing.name}`;
+          const mesh = pendant.thing(THREE, object, color);
+          mesh.name = `object ${object.name}`;
           mesh.userData.version = this.version++;
-          pendant.place(mesh, thing);
+          pendant.place(mesh, object);
           parent.add(mesh);
-          this.things.push(mesh);
+          this.objects.push(mesh);
         }
       }
       return true;
     }
 
-    lacksThings() {
-      return this.things.some((mesh) => {
+    lacksObjects() {
+      return this.objects.some((mesh) => {
         let top = mesh;
         while (top.parent) top = top.parent;
         return top !== this.root;
@@ -104,7 +104,7 @@
       this.ball.material.color.set(value.far ? FAR : value.red.length ? RED : TARGET);
       const ghost = this.root.getObjectByName("ghost");
       ghost?.traverse((part) => {
-        if (!part.isMesh || part.name.startsWith("thing ")) return;
+        if (!part.isMesh || part.name.startsWith("object ")) return;
         let link = part;
         while (link !== ghost && !link.name.startsWith("ghost joint ")) link = link.parent;
         const number = link === ghost ? 0 : 1 + Number(link.name.slice(12));
@@ -123,20 +123,20 @@
       else this.handle.quaternion.identity();
     }
 
-    showWay(id, value) {
-      this.way?.removeFromParent();
-      this.way = null;
+    showPath(id, value) {
+      this.path?.removeFromParent();
+      this.path = null;
       pendant.play(id, value);
       if (!value) return;
       const points = value.points.map((point) => new THREE.Vector3(...point));
       const apart = points.filter((point, i) => i === 0 || point.distanceTo(points[i - 1]) > 1e-4);
       if (apart.length < 2) return; // the tool turns on the spot
       const curve = new THREE.CatmullRomCurve3(apart, false, "centripetal");
-      const geometry = new THREE.TubeGeometry(curve, 2 * apart.length, WAY_M, 6);
-      this.way = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: WAY }));
-      this.way.name = "way";
-      this.way.userData.version = this.version++;
-      this.root.add(this.way);
+      const geometry = new THREE.TubeGeometry(curve, 2 * apart.length, PATH_M, 6);
+      this.path = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: PATH }));
+      this.path.name = "path";
+      this.path.userData.version = this.version++;
+      this.root.add(this.path);
     }
 
     // dragging
@@ -186,8 +186,8 @@
         this.turn.copy(by).multiply(turn);
         if (this.goal.turned) this.handle.quaternion.copy(by).multiply(axes);
       } else {
-        const way = at.sub(start);
-        this.handle.position.copy(center).add(what === "arrow" ? along.clone().multiplyScalar(way.dot(along)) : way);
+        const offset = at.sub(start);
+        this.handle.position.copy(center).add(what === "arrow" ? along.clone().multiplyScalar(offset.dot(along)) : offset);
       }
       this.tell(false);
     }
@@ -211,9 +211,9 @@
   }
 
   const kinds = {
-    things: (found, value) => found.showThings(value),
+    objects: (found, value) => found.showObjects(value),
     goal: (found, value) => found.showGoal(value),
-    way: (found, value, id) => found.showWay(id, value),
+    path: (found, value, id) => found.showPath(id, value),
   };
 
   function view(id) {
@@ -236,7 +236,7 @@
     for (const [id, values] of shown) {
       const known = views.get(id);
       const found = view(id);
-      if (found && (found !== known || found.lacksThings()))
+      if (found && (found !== known || found.lacksObjects()))
         for (const kind of Object.keys(values)) kinds[kind](found, values[kind], id);
     }
   }, 500);

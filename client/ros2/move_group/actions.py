@@ -7,8 +7,8 @@ from typing import Any, Final
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from client.errors import ClientError, PlanningError
-from client.planning import CollisionChecker, TimedPath
-from client.planning.watching import in_the_way
+from client.planning import CollisionChecker, Trajectory
+from client.planning.monitoring import blocking_reason
 from client.ros2.host import NodeHost, interface
 from client.ros2.move_group.arm import RefusedError, set_code
 from client.ros2.move_group.execution import Execution
@@ -180,11 +180,13 @@ class _PlanAndMove(_Action):
         self._note(result, plan, executed=False)
         self._show(plan)
         self._check_canceled(handle)
-        if plan_only or not plan.timed.duration_s:  # it is there
+        if plan_only or not plan.trajectory.duration_s:  # it is there
             return
         self._tell(handle, "MONITOR")
-        seen = await self._looked_at(seen, plan.timed)  # it may have changed while the way was planned
-        await self._watched(self._follow(handle, self._monitor.arm.trajectory_message(plan.timed)), plan.timed, seen)
+        seen = await self._looked_at(seen, plan.trajectory)  # it may have changed while the way was planned
+        await self._watched(
+            self._follow(handle, self._monitor.arm.trajectory_message(plan.trajectory)), plan.trajectory, seen
+        )
         self._note(result, plan, executed=True)
 
     async def _planned(self, goal: Any, *, plan_only: bool) -> Planned:
@@ -196,17 +198,17 @@ class _PlanAndMove(_Action):
             self._first(goal).start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
         return await asyncio.to_thread(self._plan, state, goal, q)
 
-    async def _looked_at(self, seen: SceneState, timed: TimedPath) -> SceneState:
+    async def _looked_at(self, seen: SceneState, trajectory: Trajectory) -> SceneState:
         """The scene as it is now. Raises RefusedError where it is not the one that was seen, and blocks the way."""
         now = self._monitor.state
         if now is not seen:
             q = self._monitor.stands()
-            blocked = await asyncio.to_thread(lambda: in_the_way(CollisionChecker(now.scene()), timed, q))
+            blocked = await asyncio.to_thread(lambda: blocking_reason(CollisionChecker(now.scene()), trajectory, q))
             if blocked:
                 raise RefusedError("MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE", blocked)
         return now
 
-    async def _watched(self, following: Awaitable[None], timed: TimedPath, seen: SceneState) -> None:
+    async def _watched(self, following: Awaitable[None], trajectory: Trajectory, seen: SceneState) -> None:
         """Follow, and look at the rest of the way whenever the scene is no longer the one that was seen."""
         follow = asyncio.ensure_future(following)
         try:
@@ -217,7 +219,7 @@ class _PlanAndMove(_Action):
                     change.cancel()
                     continue
                 try:
-                    seen = await self._looked_at(seen, timed)
+                    seen = await self._looked_at(seen, trajectory)
                 except RefusedError:
                     if follow.done():  # it got past
                         break
@@ -248,7 +250,7 @@ class MoveAction(_PlanAndMove):
             result.executed_trajectory = result.planned_trajectory
             return
         result.trajectory_start = arm.state_message(plan.start_rad)
-        result.planned_trajectory = arm.trajectory_message(plan.timed)
+        result.planned_trajectory = arm.trajectory_message(plan.trajectory)
         result.planning_time = plan.time_s
 
 

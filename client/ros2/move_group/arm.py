@@ -10,7 +10,7 @@ from math import isfinite
 from typing import Any, Final
 
 from client.errors import ClientError
-from client.planning import TimedPath
+from client.planning import Trajectory
 from client.planning.scene import LINKS
 from client.ros2.frames import Frames
 from client.ros2.host import interface, stamp
@@ -126,14 +126,14 @@ class Arm:
         message.joint_state.position = [float(q) for q in q_rad]
         return message
 
-    def trajectory_message(self, timed: TimedPath) -> Any:
+    def trajectory_message(self, trajectory: Trajectory) -> Any:
         """A moveit_msgs/RobotTrajectory; its first point is where the arm stands."""
         message = interface("moveit_msgs/msg/RobotTrajectory")()
         joints = message.joint_trajectory
         joints.header.frame_id = self.root
         joints.joint_names = list(self.joints)
         kind = interface("trajectory_msgs/msg/JointTrajectoryPoint")
-        for time_s, q, qd, qdd in zip(timed.times_s, timed.q, timed.qd, timed.qdd, strict=True):
+        for time_s, q, qd, qdd in zip(trajectory.times_s, trajectory.q, trajectory.qd, trajectory.qdd, strict=True):
             point = kind(positions=q.tolist(), velocities=qd.tolist(), accelerations=qdd.tolist())
             set_duration(point.time_from_start, float(time_s))
             joints.points.append(point)

@@ -44,7 +44,7 @@ def path_constraints(arm: Arm, state: SceneState, message: Any, start: Joints) -
             _position(arm, state, places[0], start) if places else None,
             beyond,
         )
-        broken = found.objection(pose_trans(arm.kinematics.forward(start), beyond))
+        broken = found.violation(pose_trans(arm.kinematics.forward(start), beyond))
     except PlanningError as error:
         raise _refused(str(error)) from None
     if broken:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from client.planning.markers import Marker, scene_markers, way_marker
+from client.planning.markers import Marker, path_marker, scene_markers
 from client.ros2.host import LATCHED, interface
 from client.ros2.move_group.arm import Arm
 from client.ros2.move_group.requests import Planned
@@ -14,12 +14,12 @@ _DELETE_ALL: Final = 3  # visualization_msgs/Marker
 
 
 class Drawing:
-    """Publishes ``~/scene_markers`` and ``~/way_markers``, latched."""
+    """Publishes ``~/scene_markers`` and ``~/path_markers``, latched."""
 
     def __init__(self, node: Any, arm: Arm) -> None:
         self._arm = arm
         self._scene = node.create_publisher(interface(_ARRAY), "~/scene_markers", LATCHED)
-        self._way = node.create_publisher(interface(_ARRAY), "~/way_markers", LATCHED)
+        self._way = node.create_publisher(interface(_ARRAY), "~/path_markers", LATCHED)
 
     def scene(self, state: SceneState) -> None:
         """Draw a scene in the place of the last."""
@@ -28,7 +28,7 @@ class Drawing:
 
     def way(self, state: SceneState, plan: Planned) -> None:
         """Draw the way of the flange."""
-        self._way.publish(_message([way_marker(state.scene(), plan.timed.q, prefix=self._arm.prefix)]))
+        self._way.publish(_message([path_marker(state.scene(), plan.trajectory.q, prefix=self._arm.prefix)]))
 
 
 def _message(markers: Sequence[Marker]) -> Any:

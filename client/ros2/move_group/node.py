@@ -159,6 +159,6 @@ class MoveGroupNode:
         message = interface("moveit_msgs/msg/DisplayTrajectory")()
         message.model_id = self._arm.model.name
         message.trajectory_start = self._arm.state_message(plan.start_rad)
-        message.trajectory = [self._arm.trajectory_message(plan.timed)]
+        message.trajectory = [self._arm.trajectory_message(plan.trajectory)]
         self._way.publish(message)
         self._drawing.way(self._monitor.state, plan)

@@ -25,7 +25,7 @@ def plan_kinematic_path(now: Situation, request: Any, response: Any) -> Planned:
     answer.group_name = wanted.group_name
     plan = planned(now.arm, now.state, wanted, now.q_rad)
     answer.trajectory_start = now.arm.state_message(plan.start_rad)
-    answer.trajectory = now.arm.trajectory_message(plan.timed)
+    answer.trajectory = now.arm.trajectory_message(plan.trajectory)
     answer.planning_time = plan.time_s
     return plan
 
@@ -43,7 +43,7 @@ def plan_sequence_path(now: Situation, request: Any, response: Any) -> Planned |
 def note_sequence(arm: Arm, answer: Any, plan: Planned) -> None:
     """Into a moveit_msgs/MotionSequenceResponse what was planned."""
     answer.sequence_start = arm.state_message(plan.start_rad)
-    answer.planned_trajectories = [arm.trajectory_message(plan.timed)]
+    answer.planned_trajectories = [arm.trajectory_message(plan.trajectory)]
     answer.planning_time = plan.time_s
 
 
@@ -81,9 +81,9 @@ def compute_cartesian_path(now: Situation, request: Any, response: Any) -> Plann
         )
     except PlanningError as error:
         raise refusal(arm, error, start) from None
-    response.solution = arm.trajectory_message(found.plan.timed)
+    response.solution = arm.trajectory_message(found.plan.trajectory)
     response.fraction = float(found.fraction)
-    return Planned(start, found.plan.timed, found.plan.search_s + found.plan.timing_s)
+    return Planned(start, found.plan.trajectory, found.plan.search_s + found.plan.parameterisation_s)
 
 
 def _from_pose_to_pose(now: Situation, request: Any, start: Joints, beyond: Pose) -> list[Pose]:

@@ -23,7 +23,7 @@ from client.planning import (
     PlannerName,
     PoseGoal,
     StartInCollisionError,
-    TimedPath,
+    Trajectory,
 )
 from client.ros2.move_group.arm import Arm, RefusedError, pose_of
 from client.ros2.move_group.constraints import is_empty, orientation_of, path_constraints
@@ -50,7 +50,7 @@ class Planned:
     """What came of a request. start_rad: where it begins. time_s: that it took."""
 
     start_rad: Joints
-    timed: TimedPath
+    trajectory: Trajectory
     time_s: float
 
 
@@ -64,13 +64,13 @@ def planned(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -
     kept = None if name == "CIRC" else path_constraints(arm, state, request.path_constraints, start)
     for target in goals(arm, state, request, start, name):
         try:
-            timed = planner.plan(
+            trajectory = planner.plan(
                 start, target, planner=name, time_limit_s=limit_s, path_constraints=kept, **shares
-            ).timed
+            ).trajectory
         except PlanningError as error:
             refused = refusal(arm, error, start, target)
         else:
-            return Planned(start, timed, time.perf_counter() - began_s)
+            return Planned(start, trajectory, time.perf_counter() - began_s)
     raise refused
 
 
@@ -84,10 +84,10 @@ def planned_sequence(arm: Arm, state: SceneState, message: Any, q_rad: Sequence[
     items = [_item(arm, state, one, start) for one in message.items]
     planner = planner_in(arm, state, first, start)
     try:
-        timed = planner.plan_sequence(start, items, time_limit_s=time_limit(first)).timed
+        trajectory = planner.plan_sequence(start, items, time_limit_s=time_limit(first)).trajectory
     except PlanningError as error:
         raise refusal(arm, error, start) from None
-    return Planned(start, timed, time.perf_counter() - began_s)
+    return Planned(start, trajectory, time.perf_counter() - began_s)
 
 
 def _item(arm: Arm, state: SceneState, message: Any, start: Joints) -> MotionSequenceItem:

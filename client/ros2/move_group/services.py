@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from client.errors import PlanningError
-from client.planning import CollisionChecker, Nearness
+from client.planning import CollisionChecker, PairDistance
 from client.ros2.host import interface
 from client.ros2.move_group.arm import Arm, RefusedError, pose_of, set_code
 from client.ros2.move_group.constraints import is_empty
@@ -116,7 +116,7 @@ def _judge(now: Situation, request: Any, state: Any, response: Any) -> None:
     response.valid = checker.is_free(q) and _keeps(arm, request.constraints, q)
 
 
-def _contact(state: SceneState, arm: Arm, pair: Nearness) -> Any:
+def _contact(state: SceneState, arm: Arm, pair: PairDistance) -> Any:
     """Of two things that are nearer than the padding, as if each link had it around it."""
     message = interface("moveit_msgs/msg/ContactInformation")()
     arm.stamp(message.header)

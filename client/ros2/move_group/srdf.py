@@ -3,7 +3,7 @@
 from itertools import combinations
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from client.planning import NAMED
+from client.planning import NAMED_CONFIGURATIONS
 from client.ros2.move_group.arm import GROUP, Arm
 from client.ros2.move_group.scene import SceneState
 
@@ -13,7 +13,7 @@ def srdf(arm: Arm) -> str:
     root = Element("robot", name=arm.model.name)
     group = SubElement(root, "group", name=GROUP)
     SubElement(group, "chain", base_link=arm.root, tip_link=arm.tip)
-    for name, q_rad in NAMED.items():
+    for name, q_rad in NAMED_CONFIGURATIONS.items():
         state = SubElement(root, "group_state", name=name, group=GROUP)
         for joint, angle in zip(arm.joints, q_rad, strict=True):
             SubElement(state, "joint", name=joint, value=repr(angle))

@@ -12,7 +12,14 @@ from typer.testing import CliRunner
 
 from client.cli import app
 from client.errors import PlanningError, SceneError
-from client.pendant.arena import Arena, Arenas, Surroundings, lacking, make_arena, red_links
+from client.pendant.scene_monitor import (
+    MonitoredScene,
+    SceneMonitor,
+    SceneSources,
+    build_scene,
+    links_in,
+    missing_extra,
+)
 from client.planning import Box, Sphere
 from emulator.servers.primary_state import configuration_data, kinematics_info
 from urproto.compat_asyncio import timeout
@@ -31,20 +38,20 @@ def world(objects: Mapping[str, Any], tool: Mapping[str, Any] = POINT) -> dict[s
     return {"objects": objects, "tool": tool, "push": None, "payload": None}
 
 
-def made(of: Mapping[str, Any] | None = None, file: Path | None = None) -> Arena:
-    arena = make_arena(Surroundings(ARM, KINEMATICS, TCP, of), file)
-    assert arena is not None
-    return arena
+def made(of: Mapping[str, Any] | None = None, file: Path | None = None) -> MonitoredScene:
+    monitored = build_scene(SceneSources(ARM, KINEMATICS, TCP, of), file)
+    assert monitored is not None
+    return monitored
 
 
 def test_an_emulator_world_is_a_scene_and_a_picture() -> None:
     plane = {"plane": {}, "pose": [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]}
-    arena = made(world({"box": BOX, "floor": plane}))
-    assert arena.scene.objects["box"].shape == Box((0.1, 0.2, 0.3))
-    assert [thing["name"] for thing in arena.things] == ["box", "floor"]
-    assert arena.things[0]["box"] == [0.1, 0.2, 0.3]
-    assert arena.things[0]["pose"][:3] == [0.3, 0.0, 0.15]
-    assert "tool" not in arena.scene.objects  # a point needs no room
+    monitored = made(world({"box": BOX, "floor": plane}))
+    assert monitored.scene.objects["box"].shape == Box((0.1, 0.2, 0.3))
+    assert [obj["name"] for obj in monitored.objects] == ["box", "floor"]
+    assert monitored.objects[0]["box"] == [0.1, 0.2, 0.3]
+    assert monitored.objects[0]["pose"][:3] == [0.3, 0.0, 0.15]
+    assert "tool" not in monitored.scene.objects  # a point needs no room
 
 
 def test_a_tool_is_where_world_files_have_it_at_the_tcp() -> None:
@@ -59,7 +66,7 @@ def test_a_file_is_taken_and_a_mesh_is_seen_as_what_is_kept_clear_of(tmp_path: P
     (tmp_path / "tip.obj").write_text(TETRAHEDRON)
     file = tmp_path / "cell.yaml"
     file.write_text("objects:\n  tip: {mesh: tip.obj, pose: [0.5, 0, 0]}\n  rod: {cylinder: [0.03, 0.5]}\n")
-    drawn = {thing["name"]: thing for thing in made(world({"box": BOX}), file).things}
+    drawn = {obj["name"]: obj for obj in made(world({"box": BOX}), file).objects}
     assert set(drawn) == {"tip", "rod"}
     assert drawn["rod"]["cylinder"] == [0.03, 0.5]
     assert sorted(drawn["tip"]["mesh"]["points"]) == [[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]]
@@ -69,54 +76,54 @@ def test_a_file_is_taken_and_a_mesh_is_seen_as_what_is_kept_clear_of(tmp_path: P
 def test_who_is_in_the_way_is_named_and_numbered() -> None:
     q = (0.0, -1.4, 1.5, -1.7, -1.5, 0.0)
     flange = made().scene.kinematics.forward(q)
-    arena = made(world({"ball": {"sphere": 0.03, "pose": list(flange)}}))
-    pairs = arena.checker.collisions(q)
+    monitored = made(world({"ball": {"sphere": 0.03, "pose": list(flange)}}))
+    pairs = monitored.checker.collisions(q)
     assert {pair.other for pair in pairs} == {"ball"}
-    assert 6 in red_links(pairs)
+    assert 6 in links_in(pairs)
     assert "wrist_3_link is" in str(pairs[0])
 
 
 def test_what_cannot_be_a_scene_says_why() -> None:
-    assert make_arena(Surroundings(ARM, KINEMATICS), None) is None
+    assert build_scene(SceneSources(ARM, KINEMATICS), None) is None
     with pytest.raises(SceneError, match="wheel has a shape that is not known"):
         made(world({"wheel": {"torus": 0.1, "pose": [0.0] * 6}}))
     with pytest.raises(PlanningError, match="no model that is known here"):
-        make_arena(Surroundings(replace(ARM, robot_type=99), KINEMATICS, TCP), None)
+        build_scene(SceneSources(replace(ARM, robot_type=99), KINEMATICS, TCP), None)
 
 
 def test_an_arena_is_made_anew_when_the_world_is_another_one() -> None:
     async def work() -> None:
         news = asyncio.Event()
-        arenas = Arenas(None, news.set)
+        monitor = SceneMonitor(None, news.set)
 
-        async def next_one(of: Mapping[str, Any]) -> Arena | None:
+        async def next_one(of: Mapping[str, Any]) -> MonitoredScene | None:
             news.clear()
-            known = Surroundings(ARM, KINEMATICS, TCP, of)
-            arenas.look(known)
+            known = SceneSources(ARM, KINEMATICS, TCP, of)
+            monitor.update(known)
             async with timeout(20.0):
                 await news.wait()
-            return arenas.look(known)
+            return monitor.update(known)
 
         first = await next_one(world({"box": BOX}))
         assert first is not None
-        assert arenas.look(Surroundings(ARM, KINEMATICS, TCP, world({"box": BOX}))) is first
+        assert monitor.update(SceneSources(ARM, KINEMATICS, TCP, world({"box": BOX}))) is first
         second = await next_one(world({}))
         assert second is not None
         assert second is not first
-        assert not second.things
+        assert not second.objects
         assert await next_one(world({"box": {"box": [0.0, 0.1, 0.1]}})) is None
-        assert "sizes are above 0" in arenas.problem
+        assert "sizes are above 0" in monitor.problem
         assert await next_one(world({})) is not None
-        assert not arenas.problem
-        await arenas.close()
+        assert not monitor.problem
+        await monitor.close()
 
     asyncio.run(work())
 
 
 def test_what_planning_lacks_is_said_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert lacking() == ""
+    assert missing_extra() == ""
     monkeypatch.setitem(sys.modules, "ompl", None)
-    assert lacking().endswith("in the folder of ur-emulator, pip install '.[plan]'")
+    assert missing_extra().endswith("in the folder of ur-emulator, pip install '.[plan]'")
 
 
 def test_a_file_that_is_no_scene_is_refused_before_anything_starts(tmp_path: Path) -> None:

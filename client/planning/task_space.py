@@ -16,88 +16,88 @@ import numpy as np
 
 from client.errors import PlanningError
 from client.planning.constraints import ConstrainedChecker
-from client.planning.industrial import Segment, blend, blocked
-from client.planning.lines import Follower
-from client.planning.path import PiecewisePath, joined
-from client.planning.search import solved
-from client.planning.timing import Array
+from client.planning.industrial import Segment, blend, first_collision
+from client.planning.lines import CartesianInterpolator
+from client.planning.parameterisation import Array
+from client.planning.path import PiecewisePath, concatenate
+from client.planning.search import solve
 from urproto.robots import Joints
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans, rotvec_to_matrix
 from urproto.vectors import ZERO6
 
-_TURN_M_RAD: Final = 0.2  # what a turn counts beside a way (guess)
+_ROTATION_WEIGHT_M_RAD: Final = 0.2  # what a turn counts beside a path (guess)
 _RANGE_M: Final = 0.2  # of a tree's step (guess)
-_STEPS_M: Final = (0.02, 0.01)  # between looks at a way
+_RESOLUTIONS_M: Final = (0.02, 0.01)  # between looks at a path
 _INNER: Final = 0.9  # of the tolerances: corners are cut inside of them
-_SHORTCUTS: Final = 12
+_SHORTCUT_ATTEMPTS: Final = 12
 _ATTEMPTS: Final = 4
 _BLENDS: Final = 8  # halvings
 _LARGEST_BLEND_M: Final = 0.1
 _NUDGE: Final = 1e-5
 
 
-class ToolSpace:
+class TaskSpace:
     """The poses that keep to a checker's constraints, as (6,) coordinates within ``low`` and ``high``."""
 
     def __init__(self, checker: ConstrainedChecker, poses: Sequence[Pose]) -> None:
         given = checker.constraints
         tcp = given.tcp_offset or ZERO6
         self._frame = tuple(given.position.pose) if given.position else ZERO6
-        self._turned = np.array(
+        self._rotation = np.array(
             rotvec_to_matrix(*(given.orientation.orientation if given.orientation else poses[0][3:]))
         ).reshape(3, 3)
         far = checker.scene.model.reach_m + hypot(*tcp[:3])
         half = 0.5 * np.array(given.position.size) if given.position else np.full(3, far)
         turns = np.array(given.orientation.tolerance_rad if given.orientation else (pi, pi / 2, pi))
-        most = np.concatenate((half, _TURN_M_RAD * turns))
+        most = np.concatenate((half, _ROTATION_WEIGHT_M_RAD * turns))
         ends = np.array([self.coordinates(pose) for pose in poses])
         self.high = np.maximum(_INNER * most, ends.max(axis=0))
         self.low = np.minimum(-_INNER * most, ends.min(axis=0))
         self.around = turns[2] >= pi - 1e-6  # z turns freely, also beyond pi
         if self.around:
-            self.low[5], self.high[5] = -tau * _TURN_M_RAD, tau * _TURN_M_RAD
+            self.low[5], self.high[5] = -tau * _ROTATION_WEIGHT_M_RAD, tau * _ROTATION_WEIGHT_M_RAD
 
     def coordinates(self, pose: Pose) -> Array:
         """Of a pose of the TCP."""
         place = pose_trans(pose_inv(self._frame), pose)[:3]
-        r = self._turned.T @ np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3)
+        r = self._rotation.T @ np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3)
         turns = (atan2(-r[1, 2], r[2, 2]), asin(max(-1.0, min(1.0, r[0, 2]))), atan2(-r[0, 1], r[0, 0]))
-        return np.array([*place, *(_TURN_M_RAD * turn for turn in turns)])
+        return np.array([*place, *(_ROTATION_WEIGHT_M_RAD * turn for turn in turns)])
 
     def pose(self, at: Array) -> Pose:
         """Of the TCP in the base frame."""
         x, y, z, *_ = pose_trans(self._frame, (*at[:3], 0.0, 0.0, 0.0))
-        r = self._turned @ _turn_matrix(*(at[3:] / _TURN_M_RAD))
+        r = self._rotation @ _turn_matrix(*(at[3:] / _ROTATION_WEIGHT_M_RAD))
         return (x, y, z, *matrix_to_rotvec(r.ravel().tolist()))
 
     def velocity(self, at: Array, rate: Array) -> Array:
         """Of the TCP (6,), linear and angular, in base axes, when the coordinates change so fast."""
-        a, b, _ = at[3:] / _TURN_M_RAD
+        a, b, _ = at[3:] / _ROTATION_WEIGHT_M_RAD
         axes = np.array([[1.0, 0.0, sin(b)], [0.0, cos(a), -sin(a) * cos(b)], [0.0, sin(a), cos(a) * cos(b)]])
-        turned = np.array(rotvec_to_matrix(*self._frame[3:])).reshape(3, 3)
-        return np.concatenate((turned @ rate[:3], self._turned @ axes @ (rate[3:] / _TURN_M_RAD)))
+        rotation = np.array(rotvec_to_matrix(*self._frame[3:])).reshape(3, 3)
+        return np.concatenate((rotation @ rate[:3], self._rotation @ axes @ (rate[3:] / _ROTATION_WEIGHT_M_RAD)))
 
 
 class CoordinateLine:
     """A `ToolPath` straight in the coordinates of a space, which keeps to its bounds."""
 
-    def __init__(self, space: ToolSpace, start: Array, end: Array) -> None:
-        self._space, self._start, self._way = space, start, end - start
-        self.length_m = float(np.linalg.norm(self._way[:3]))
-        self.turn_rad = float(np.linalg.norm(self._way[3:])) / _TURN_M_RAD
+    def __init__(self, space: TaskSpace, start: Array, end: Array) -> None:
+        self._space, self._start, self._displacement = space, start, end - start
+        self.length_m = float(np.linalg.norm(self._displacement[:3]))
+        self.turn_rad = float(np.linalg.norm(self._displacement[3:])) / _ROTATION_WEIGHT_M_RAD
 
     def pose(self, share: float) -> Pose:
         """See `ToolPath`."""
-        return self._space.pose(self._start + share * self._way)
+        return self._space.pose(self._start + share * self._displacement)
 
     def motion(self, share: float) -> tuple[Array, Array]:
         """See `ToolPath`."""
-        at, step = self._start + share * self._way, _NUDGE * self._way
-        ahead, behind = (self._space.velocity(at + sign * step, self._way) for sign in (1.0, -1.0))
-        return self._space.velocity(at, self._way), (ahead - behind) / (2.0 * _NUDGE)
+        at, step = self._start + share * self._displacement, _NUDGE * self._displacement
+        ahead, behind = (self._space.velocity(at + sign * step, self._displacement) for sign in (1.0, -1.0))
+        return self._space.velocity(at, self._displacement), (ahead - behind) / (2.0 * _NUDGE)
 
 
-class ToolSearch:
+class TaskSpaceSearch:
     """For one start and the joint angles that reach the goal, of which those in the start's posture count.
 
     any_turn: whether whole turns of joints more or less reach the goal as well.
@@ -107,38 +107,38 @@ class ToolSearch:
         self._checker = checker
         self._kinematics, model = checker.scene.kinematics, checker.scene.model
         tcp = checker.constraints.tcp_offset or ZERO6
-        self._follower = Follower(model, self._kinematics, tcp)
+        self._interpolator = CartesianInterpolator(model, self._kinematics, tcp)
         self._flange = pose_inv(tcp)
-        self._start, self._posture = start, self._posture_of(start)
-        self._goals = [goal for goal in goals if self._posture_of(goal) == self._posture]
+        self._start, self._branch = start, self._branch_of(start)
+        self._goals = [goal for goal in goals if self._branch_of(goal) == self._branch]
         self._any_turn = any_turn
-        self._space = ToolSpace(checker, [self._follower.pose(q) for q in (start, *self._goals)])
+        self._space = TaskSpace(checker, [self._interpolator.pose(q) for q in (start, *self._goals)])
 
     def find(self, planner: str, limit_s: float, seed: int) -> Segment | None:
-        """The way, None without one."""
+        """The path, None without one."""
         if not self._goals:
             return None
-        start = self._space.coordinates(self._follower.pose(self._start))
-        ends = [self._space.coordinates(self._follower.pose(q)) for q in self._goals]
+        start = self._space.coordinates(self._interpolator.pose(self._start))
+        ends = [self._space.coordinates(self._interpolator.pose(q)) for q in self._goals]
         if self._space.around:
-            ends += [end + sign * tau * _TURN_M_RAD * np.eye(6)[5] for end in ends for sign in (1.0, -1.0)]
+            ends += [end + sign * tau * _ROTATION_WEIGHT_M_RAD * np.eye(6)[5] for end in ends for sign in (1.0, -1.0)]
         ends = [end for end in ends if (end >= self._space.low - 1e-9).all() and (end <= self._space.high + 1e-9).all()]
         for end in sorted(ends, key=lambda end: float(np.linalg.norm(end - start))):
-            if segments := self._followed([start, end]):
+            if segments := self._interpolated([start, end]):
                 return self._rounded(segments)
         bounds = list(zip(self._space.low, self._space.high, strict=True))
         until_s = time.perf_counter() + limit_s
-        for attempt in range(_ATTEMPTS):  # what was found may lead beyond the joints' limits, another way may not
+        for attempt in range(_ATTEMPTS):  # what was found may lead beyond the joints' limits, another path may not
             left_s = until_s - time.perf_counter()
             if left_s <= 0.0:
                 break
-            step = _STEPS_M[min(attempt, len(_STEPS_M) - 1)]
-            way = solved(bounds, self._is_free, start, ends, planner, left_s, seed + attempt, step, _RANGE_M)
-            if way is not None and (segments := self._followed(self._shortened(way, Random(seed)))):
+            step = _RESOLUTIONS_M[min(attempt, len(_RESOLUTIONS_M) - 1)]
+            path = solve(bounds, self._is_free, start, ends, planner, left_s, seed + attempt, step, _RANGE_M)
+            if path is not None and (segments := self._interpolated(self._shortcut(path, Random(seed)))):
                 return self._rounded(segments)
         return None
 
-    def _posture_of(self, q: Joints) -> tuple[bool, bool, bool]:
+    def _branch_of(self, q: Joints) -> tuple[bool, bool, bool]:
         """Shoulder, elbow and wrist: within one of these, joint angles go with the pose without jumps."""
         x, y, *_ = pose_trans(
             self._kinematics.forward(q), (0.0, 0.0, -self._checker.scene.model.dh.d[5], 0.0, 0.0, 0.0)
@@ -148,37 +148,37 @@ class ToolSearch:
     def _is_free(self, at: Array) -> bool:
         flange = pose_trans(self._space.pose(at), self._flange)
         reaching = self._kinematics.inverse_all(flange)
-        return any(self._posture_of(q) == self._posture and self._checker.is_free(q) for q in reaching)
+        return any(self._branch_of(q) == self._branch and self._checker.is_free(q) for q in reaching)
 
-    def _followed(self, way: Sequence[Array]) -> list[Segment]:
-        """The joints' motions along it; none where they cannot follow, touch something, or arrive turned otherwise."""
+    def _interpolated(self, path: Sequence[Array]) -> list[Segment]:
+        """The joints' motions along it; none where they cannot follow, touch something, or arrive rotation otherwise."""
         q, segments = self._start, list[Segment]()
-        for one, other in pairwise(way):
-            found = self._follower.follow(CoordinateLine(self._space, one, other), q)
+        for one, other in pairwise(path):
+            found = self._interpolator.interpolate(CoordinateLine(self._space, one, other), q)
             if found.stopped_by:
                 return []
             if found.path is None:
                 continue
-            if blocked(self._checker, found.path) is not None:
+            if first_collision(self._checker, found.path) is not None:
                 return []
             coefficients = found.path.coefficients.copy()
             coefficients[:, :, 6:] = 0.0  # the tool has no limits here
-            path = PiecewisePath(coefficients, found.path.sizes, 4)
-            segments.append(Segment(path, (q, found.q_end), self._follower.pose))
+            curve = PiecewisePath(coefficients, found.path.sizes, 4)
+            segments.append(Segment(curve, (q, found.q_end), self._interpolator.pose))
             q = found.q_end
         arrived = self._any_turn or any(np.allclose(q, goal, atol=1e-6) for goal in self._goals)
         return segments if arrived else []
 
-    def _shortened(self, way: list[Array], random: Random) -> list[Array]:
+    def _shortcut(self, path: list[Array], random: Random) -> list[Array]:
         """Corners are left out where the tool may go straight past them."""
-        for _ in range(_SHORTCUTS):
-            if len(way) < 3:
+        for _ in range(_SHORTCUT_ATTEMPTS):
+            if len(path) < 3:
                 break
-            i, j = sorted(random.sample(range(len(way)), 2))
-            looks = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(way[j] - way[i]) / _STEPS_M[0]))
-            if j - i > 1 and all(self._is_free(way[i] + share * (way[j] - way[i])) for share in looks):
-                del way[i + 1 : j]
-        return way
+            i, j = sorted(random.sample(range(len(path)), 2))
+            looks = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(path[j] - path[i]) / _RESOLUTIONS_M[0]))
+            if j - i > 1 and all(self._is_free(path[i] + share * (path[j] - path[i])) for share in looks):
+                del path[i + 1 : j]
+        return path
 
     def _rounded(self, segments: Sequence[Segment]) -> Segment | None:
         """Without stops: each corner as round as constraints and things around allow; None where they allow none."""
@@ -194,15 +194,15 @@ class ToolSearch:
                 except PlanningError:  # larger than what the motions leave
                     radius *= 0.5
                     continue
-                if blocked(self._checker, between) is None:
+                if first_collision(self._checker, between) is None:
                     break
                 radius *= 0.5
             else:
                 return None
             done += (one, between)
             last = other
-        way = (segments[0].way[0], *(segment.way[-1] for segment in segments))
-        return Segment(joined([*done, last]), way, self._follower.pose)
+        waypoints = (segments[0].waypoints[0], *(segment.waypoints[-1] for segment in segments))
+        return Segment(concatenate([*done, last]), waypoints, self._interpolator.pose)
 
 
 def _turn_matrix(a: float, b: float, c: float) -> Array:

@@ -18,14 +18,14 @@ from client.errors import PlanningError
 
 Array: TypeAlias = npt.NDArray[np.float64]
 PathFunction = Callable[[Array], tuple[Array, Array, Array]]
-"""Of places s (n,): q, dq/ds and d2q/ds2, each (n, columns)."""
+"""Of gridpoints s (n,): q, dq/ds and d2q/ds2, each (n, columns)."""
 
-Shares = Callable[[Array], Array]
-"""Of places s (n,): what share of the velocities and of the accelerations may be used there (n, 2)."""
+Scalings = Callable[[Array], Array]
+"""Of gridpoints s (n,): what share of the velocities and of the accelerations may be used there (n, 2)."""
 
 _TINY: Final = 1e-9
 _ALMOST: Final = 1.0 - 1e-9
-_MOST_STEPS: Final = 12
+_MAX_ITERATIONS: Final = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Limits:
     jerk: Array
 
     def scaled(self, velocity: float, acceleration: float) -> "Limits":
-        """Slower: shares from above 0 to 1; the jerk goes with the acceleration. Raises PlanningError."""
+        """Slower: scalings from above 0 to 1; the jerk goes with the acceleration. Raises PlanningError."""
         for name, share in (("velocity", velocity), ("acceleration", acceleration)):
             if not 0.0 < share <= 1.0:
                 raise PlanningError(f"the {name} scaling is above 0 and at most 1, not {share}")
@@ -45,7 +45,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class TimedPath:
+class Trajectory:
     """Samples: times [s] (n,), q [rad], qd [rad/s], qdd [rad/s2], each (n, 6).
 
     Their distances in time are equal between two rests.
@@ -62,17 +62,17 @@ class TimedPath:
         return float(self.times_s[-1])
 
     @classmethod
-    def still(cls, q_rad: Sequence[float]) -> "TimedPath":
+    def at_rest(cls, q_rad: Sequence[float]) -> "Trajectory":
         """An arm that does not move."""
         return cls(np.zeros(1), np.array([q_rad], dtype=float), np.zeros((1, 6)), np.zeros((1, 6)))
 
-    def joints(self) -> "TimedPath":
+    def joint_columns(self) -> "Trajectory":
         """Without the columns that are none."""
-        return TimedPath(self.times_s, self.q[:, :6], self.qd[:, :6], self.qdd[:, :6])
+        return Trajectory(self.times_s, self.q[:, :6], self.qd[:, :6], self.qdd[:, :6])
 
-    def then(self, other: "TimedPath") -> "TimedPath":
+    def followed_by(self, other: "Trajectory") -> "Trajectory":
         """This and, from where it ends, another one."""
-        return TimedPath(
+        return Trajectory(
             np.concatenate((self.times_s, self.duration_s + other.times_s[1:])),
             np.concatenate((self.q, other.q[1:])),
             np.concatenate((self.qd, other.qd[1:])),
@@ -80,40 +80,40 @@ class TimedPath:
         )
 
 
-def time_optimal(
-    path: PathFunction, places: Array, limits: Limits, *, step_s: float, shares: Shares | None = None
-) -> TimedPath:
+def parameterise(
+    path: PathFunction, gridpoints: Array, limits: Limits, *, step_s: float, scalings: Scalings | None = None
+) -> Trajectory:
     """A path as fast as the limits allow, from rest to rest.
 
-    limits: of each column of the path. places: ascending, from the path's beginning to its end, dense where it bends.
-    step_s: between the samples. shares: of the limits; between places of different ones the greater counts while the
+    limits: of each column of the path. gridpoints: ascending, from the path's beginning to its end, dense where it bends.
+    step_s: between the samples. scalings: of the limits; between gridpoints of different ones the greater counts while the
     acceleration changes.
     """
-    shares = shares or _whole
-    speeds = _fastest(path, places, limits, shares(places))
-    when = _times(places, speeds)
+    scalings = scalings or _unscaled
+    speeds = _velocity_profile(path, gridpoints, limits, scalings(gridpoints))
+    when = _times(gridpoints, speeds)
     smooth_s = float(np.max(limits.acceleration / limits.jerk))
     stretch = 1.0
-    for _ in range(_MOST_STEPS):
-        timed, behind, ahead = _sampled(path, places, speeds, when, smooth_s, stretch, step_s)
-        excess = _excess(timed, limits, np.maximum(shares(behind), shares(ahead)))
+    for _ in range(_MAX_ITERATIONS):
+        trajectory, behind, ahead = _sampled(path, gridpoints, speeds, when, smooth_s, stretch, step_s)
+        excess = _excess(trajectory, limits, np.maximum(scalings(behind), scalings(ahead)))
         if excess <= 1.0 + 1e-6:
             break
         stretch *= excess * 1.001
-    return timed
+    return trajectory
 
 
-def _whole(s: Array) -> Array:
+def _unscaled(s: Array) -> Array:
     return np.ones((len(s), 2))
 
 
-def _fastest(path: PathFunction, s: Array, limits: Limits, shares: Array) -> Array:
+def _velocity_profile(path: PathFunction, s: Array, limits: Limits, scalings: Array) -> Array:
     """The largest ds/dt at each place."""
     _, first, second = path(s)
     with np.errstate(divide="ignore"):
-        largest = np.min((limits.velocity * shares[:, :1] / np.maximum(abs(first), _TINY)) ** 2, axis=1)
+        largest = np.min((limits.velocity * scalings[:, :1] / np.maximum(abs(first), _TINY)) ** 2, axis=1)
     steps = np.diff(s)
-    a, b, c = first, second, limits.acceleration * shares[:, 1:]
+    a, b, c = first, second, limits.acceleration * scalings[:, 1:]
     x = np.empty(len(s))
     x[-1] = 0.0
     for i in range(len(s) - 2, -1, -1):
@@ -140,9 +140,9 @@ def _controllable(a: Array, b: Array, c: Array, largest: float, after: float, st
     the highest lower line is below the lowest upper one.
     """
     moving = abs(a) > _TINY
-    still = ~moving & (b != 0.0)
-    if still.any():
-        largest = min(largest, float(np.min(c[still] / abs(b[still]))))
+    at_rest = ~moving & (b != 0.0)
+    if at_rest.any():
+        largest = min(largest, float(np.min(c[at_rest] / abs(b[at_rest]))))
     am, bm, cm = a[moving], b[moving], c[moving]
     slope, half = -bm / am, abs(cm / am)
     low0, low1 = np.append(-half, 0.0), np.append(slope, -0.5 / step)
@@ -155,17 +155,17 @@ def _controllable(a: Array, b: Array, c: Array, largest: float, after: float, st
 
 
 def _times(s: Array, speed: Array) -> Array:
-    """When each place is reached, with constant acceleration between places."""
+    """When each place is reached, with constant acceleration between gridpoints."""
     mean = 0.5 * (speed[1:] + speed[:-1])
     return np.concatenate(((0.0,), np.cumsum(np.diff(s) / np.maximum(mean, _TINY))))
 
 
 def _sampled(
     path: PathFunction, s: Array, speed: Array, when: Array, smooth_s: float, stretch: float, step_s: float
-) -> tuple[TimedPath, Array, Array]:
+) -> tuple[Trajectory, Array, Array]:
     """The path over time, its way along it averaged over ``smooth_s``, which bounds the jerk, and slowed down.
 
-    And the places between which each average is taken.
+    And the gridpoints between which each average is taken.
     """
     total = float(when[-1]) + smooth_s
     times = np.linspace(0.0, total, max(2, int(np.ceil(total * stretch / step_s)) + 1))
@@ -175,7 +175,7 @@ def _sampled(
     q, first, second = path(np.clip(place, s[0], s[-1]))
     qd = first * rate[:, None] / stretch
     qdd = (first * gain[:, None] + second * (rate**2)[:, None]) / stretch**2
-    return TimedPath(times * stretch, q, qd, qdd), behind[1], ahead[1]
+    return Trajectory(times * stretch, q, qd, qdd), behind[1], ahead[1]
 
 
 def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, Array, Array]:
@@ -194,21 +194,21 @@ def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, 
     return area, place, np.where(moving, speed[i] + quickening[i] * t, 0.0)
 
 
-def _excess(timed: TimedPath, limits: Limits, allowed: Array) -> float:
+def _excess(trajectory: Trajectory, limits: Limits, allowed: Array) -> float:
     """By what factor it has to be slower to keep all limits; at most 1 when it keeps them."""
-    step = float(timed.times_s[1] - timed.times_s[0])
-    jerk = np.diff(timed.qdd, axis=0) / step
+    step = float(trajectory.times_s[1] - trajectory.times_s[0])
+    jerk = np.diff(trajectory.qdd, axis=0) / step
     fast, quick = allowed[:, :1], allowed[:, 1:]
     used = (
-        timed.qd / (limits.velocity * fast),
-        timed.qdd / (limits.acceleration * quick),
+        trajectory.qd / (limits.velocity * fast),
+        trajectory.qdd / (limits.acceleration * quick),
         jerk / (limits.jerk * np.maximum(quick[:-1], quick[1:])),
     )
     excess: float = max(float(np.max(abs(share))) ** (1.0 / order) for order, share in enumerate(used, 1))
     return excess
 
 
-def spread(lengths: Sequence[float], finest: int) -> Array:
+def subdivide(lengths: Sequence[float], finest: int) -> Array:
     """Places along pieces of these lengths, each cut into so many parts."""
     ends = np.concatenate(((0.0,), np.cumsum(lengths)))
     parts = [np.linspace(low, high, finest, endpoint=False) for low, high in pairwise(ends)]

@@ -1,4 +1,4 @@
-"""What may touch what, at two grains: fat capsules around links to tell what is far away, then what a link is within.
+"""What may touch what, at two grains: fat capsules around links to tell what is far away, then what a link is fine_pairs.
 
 Links are the cylinders of the arm's data file, which nothing of the real arm is beside. Most of them are far from
 everything most of the time, which one look at a capsule around them shows.
@@ -33,19 +33,21 @@ _Vector = npt.NDArray[np.float64]
 
 # of the links: neighbours, base and upper arm, forearm and wrist 2, wrist 1 and 3 are beside each other and cannot
 # touch, as ur_description's meshes show
-_APART: Final = 3
-OWN_PAIRS: Final = tuple(
-    (i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _APART or (i, j) in ((1, 3), (2, 4))
+_MIN_SEPARATION: Final = 3
+SELF_COLLISION_PAIRS: Final = tuple(
+    (i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _MIN_SEPARATION or (i, j) in ((1, 3), (2, 4))
 )
 """Links that could touch each other, by their places in `LINKS`."""
 
-_MOVED: Final = range(2, 7)  # the links that things are kept from: the base stands, the shoulder turns on the spot
-_BEFORE_WRIST: Final = range(4)  # what is attached is kept from these; the wrists are where it is mounted
+_MOVING_LINKS: Final = range(
+    2, 7
+)  # the links that objects are kept from: the base stands, the shoulder turns on the spot
+_ARM_LINKS: Final = range(4)  # what is attached is kept from these; the wrists are where it is mounted
 _ELBOW: Final = 3  # the joint whose axis the elbow is on
 _POINT_M: Final = 0.001  # radius of what has none
 
 
-class Layer:
+class GeometryLayer:
     """Solids, and pairs of them that may not touch.
 
     names: of the two of each pair. levers: how far a point of one can be from each joint's axis that moves it as seen
@@ -92,11 +94,11 @@ class Layer:
         found: float = pin.computeDistance(self.geometry, self.data, pair).min_distance
         return found
 
-    def too_near(self, pair: int) -> bool:
+    def in_collision(self, pair: int) -> bool:
         """Whether a pair is nearer than the padding, where it was moved to."""
         return bool(pin.computeCollision(self.geometry, self.data, pair))
 
-    def all_too_near(self, q_rad: _Vector) -> list[int]:
+    def colliding_pairs(self, q_rad: _Vector) -> list[int]:
         """Pairs that are nearer than the padding with these joint angles (6,) [rad]."""
         if not pin.computeCollisions(self._arm, self._joints, self.geometry, self.data, q_rad, False):
             return []
@@ -117,7 +119,7 @@ class Layer:
         return lever
 
 
-class Layers:
+class CollisionModel:
     """Of a scene as it is. parts: pairs of the fine layer that are in each pair of the coarse one."""
 
     def __init__(self, scene: PlanningScene) -> None:
@@ -128,11 +130,11 @@ class Layers:
         for number, frame in enumerate(chain):
             placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
             joint = arm.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{number}")
-        self.coarse, self.fine = Layer(arm, chain), Layer(arm, chain)
+        self.coarse, self.fine = GeometryLayer(arm, chain), GeometryLayer(arm, chain)
         self.parts: list[list[int]] = []
         self._solids: dict[str, tuple[int, list[int]]] = {}  # numbers in both layers, by name
         self._add_links()
-        self._add_things()
+        self._add_objects()
         self._add_safety()
         data = arm.createData()
         self.coarse.finish(data, scene.padding_m)
@@ -151,21 +153,21 @@ class Layers:
                 self.coarse.add(number, *placed_capsule(capsule), extent_of(capsule)),
                 fine,
             )
-        for i, j in OWN_PAIRS:
+        for i, j in SELF_COLLISION_PAIRS:
             self._pair(LINKS[i], LINKS[j])
 
-    def _add_things(self) -> None:
-        things = self._scene.objects
-        carried = [name for name, thing in things.items() if thing.attached]
-        for name, thing in things.items():
-            extent_m = reach_of(name, thing) if thing.attached else 0.0
-            self._add(name, 6 if thing.attached else 0, placed(thing.pose), solid(name, thing), extent_m)
-        for name in things:
+    def _add_objects(self) -> None:
+        objects = self._scene.objects
+        carried = [name for name, obj in objects.items() if obj.attached]
+        for name, obj in objects.items():
+            extent_m = reach_of(name, obj) if obj.attached else 0.0
+            self._add(name, 6 if obj.attached else 0, placed(obj.pose), solid(name, obj), extent_m)
+        for name in objects:
             if name in carried:
-                for i in _BEFORE_WRIST:
+                for i in _ARM_LINKS:
                     self._pair(LINKS[i], name)
                 continue
-            for i in _MOVED:
+            for i in _MOVING_LINKS:
                 self._pair(LINKS[i], name)
             for other in carried:
                 self._pair(other, name)
@@ -202,7 +204,7 @@ class Layers:
         self.coarse.pair(one, first, other, second)
         self.parts.append([self.fine.pair(one, a, other, b) for a in firsts for b in seconds])
 
-    def within(self, pairs: Sequence[int]) -> Iterator[int]:
+    def fine_pairs(self, pairs: Sequence[int]) -> Iterator[int]:
         """The pairs of the fine layer that are in these of the coarse one."""
         for pair in pairs:
             yield from self.parts[pair]

@@ -1,6 +1,6 @@
 """The arm and what stands around it, as motions are planned there: of a scene file, or of an emulator's world.
 
-Planning's libraries are loaded by the first look at an arena, in a thread: a pendant that nobody plans with does
+Planning's libraries are loaded by the first look at an scene, in a thread: a pendant that nobody plans with does
 without them.
 """
 
@@ -25,8 +25,8 @@ _TOOL: Final = "tool"  # its name in world files
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What an arena is made of, as far as it is known. world: the verb of that name, None without an emulator."""
+class SceneSources:
+    """What an scene is made of, as far as it is sources. world: the verb of that name, None without an emulator."""
 
     arm: ConfigurationData | None = None
     kinematics: KinematicsInfo | None = None
@@ -35,82 +35,82 @@ class Surroundings:
 
 
 @dataclass(frozen=True, slots=True)
-class Arena:
-    """tcp_offset: flange to TCP (6,). things: as static/screen_arm.js draws them."""
+class MonitoredScene:
+    """tcp_offset: flange to TCP (6,). objects: as static/screen_arm.js draws them."""
 
     scene: "PlanningScene"
     checker: "CollisionChecker"
     tcp_offset: tuple[float, ...]
-    things: list[dict[str, Any]] = field(default_factory=list)
+    objects: list[dict[str, Any]] = field(default_factory=list)
 
 
-class Arenas:
-    """The newest arena of a robot. Looking at it is what keeps it new.
+class SceneMonitor:
+    """The newest scene of a robot. Looking at it is what keeps it new.
 
-    file: a world file, which is taken instead of the emulator's world. problem: why there is no arena, "" while one is
-    made. tell: called when there is another one.
+    file: a world file, which is taken instead of the emulator's world. problem: why there is no scene, "" while one is
+    made. on_change: called when there is another one.
     """
 
-    def __init__(self, file: Path | None, tell: Callable[[], object]) -> None:
+    def __init__(self, file: Path | None, on_change: Callable[[], object]) -> None:
         self.file = file
         self.problem = ""
-        self._tell = tell
-        self._arena: Arena | None = None
-        self._known = Surroundings()
-        self._making: asyncio.Task[None] | None = None
+        self._on_change = on_change
+        self._scene: MonitoredScene | None = None
+        self._sources = SceneSources()
+        self._building: asyncio.Task[None] | None = None
 
-    def look(self, known: Surroundings) -> Arena | None:
-        """The arena of these surroundings, or of the last ones while it is being made."""
+    def update(self, sources: SceneSources) -> MonitoredScene | None:
+        """The scene of these surroundings, or of the last ones while it is being made."""
         if self.file is not None:
-            known = Surroundings(known.arm, known.kinematics, known.tcp_offset)
-        if known != self._known and self._making is None:
-            self._known = known
-            self._making = asyncio.get_running_loop().create_task(self._make(known))
-        return self._arena
+            sources = SceneSources(sources.arm, sources.kinematics, sources.tcp_offset)
+        if sources != self._sources and self._building is None:
+            self._sources = sources
+            self._building = asyncio.get_running_loop().create_task(self._build(sources))
+        return self._scene
 
     async def close(self) -> None:
         """Make no more."""
-        if self._making is not None:
-            self._making.cancel()
-            await asyncio.gather(self._making, return_exceptions=True)
+        if self._building is not None:
+            self._building.cancel()
+            await asyncio.gather(self._building, return_exceptions=True)
 
-    async def _make(self, known: Surroundings) -> None:
+    async def _build(self, sources: SceneSources) -> None:
         self.problem = ""
         try:
-            self._arena = await asyncio.to_thread(make_arena, known, self.file)
+            self._scene = await asyncio.to_thread(build_scene, sources, self.file)
         except (URError, OSError, ValueError) as error:  # CalibrationError is one
-            self._arena, self.problem = None, str(error)
+            self._scene, self.problem = None, str(error)
         finally:
-            self._making = None
-        self._tell()
+            self._building = None
+        self._on_change()
 
 
-def lacking() -> str:
+def missing_extra() -> str:
     """What planning lacks on this machine and how to get it; "" for nothing."""
     if find_spec("ompl") is not None:
         return ""
     return str(MissingExtraError("planning around what is in the way", "plan"))
 
 
-def make_arena(known: Surroundings, file: Path | None) -> Arena | None:
-    """None while the arm is not known. Raises SceneError, PlanningError, CalibrationError, OSError."""
-    if known.arm is None or known.kinematics is None or known.tcp_offset is None:
+def build_scene(sources: SceneSources, file: Path | None) -> MonitoredScene | None:
+    """None while the arm is not sources. Raises SceneError, PlanningError, CalibrationError, OSError."""
+    if sources.arm is None or sources.kinematics is None or sources.tcp_offset is None:
         return None
-    model = shaped(known.arm, known.kinematics)
+    model = shaped(sources.arm, sources.kinematics)
     from client.planning import CollisionChecker, PlanningScene
 
     scene = PlanningScene(model)
     if file is not None:
-        scene.update(file, known.tcp_offset)
-    elif known.world is not None:
-        _take(scene, known.world, known.tcp_offset)
-    things = [_drawn(name, thing) for name, thing in scene.objects.items()]
-    return Arena(scene, CollisionChecker(scene), known.tcp_offset, things)
+        scene.update(file, sources.tcp_offset)
+    elif sources.world is not None:
+        _add_world(scene, sources.world, sources.tcp_offset)
+    objects = [_drawing(name, obj) for name, obj in scene.objects.items()]
+    return MonitoredScene(scene, CollisionChecker(scene), sources.tcp_offset, objects)
 
 
-def _take(scene: "PlanningScene", world: Mapping[str, Any], tcp_offset: Sequence[float]) -> None:
-    for name, thing in world["objects"].items():
-        scene.add(name, _shape(name, thing), thing.get("pose", ZERO6))
+def _add_world(scene: "PlanningScene", world: Mapping[str, Any], tcp_offset: Sequence[float]) -> None:
+    for name, obj in world["objects"].items():
+        scene.add(name, _shape(name, obj), obj.get("pose", ZERO6))
     if world["tool"].get("sphere"):  # a point is no shape to keep clear
         pose = pose_trans(tcp_offset, world["tool"].get("pose", ZERO6))  # the world has it from the TCP
         scene.attach(_TOOL, _shape(_TOOL, world["tool"]), pose)
@@ -126,17 +126,17 @@ def _shape(name: str, described: Mapping[str, Any]) -> "Shape":
             return Sphere(radius)
         case {"plane": _}:
             return Plane()
-    raise SceneError(f"the emulator's {name} has a shape that is not known here")
+    raise SceneError(f"the emulator's {name} has a shape that is not sources here")
 
 
-def _drawn(name: str, thing: "SceneObject") -> dict[str, Any]:
-    rotation = list(rotvec_to_matrix(*thing.pose[3:]))
+def _drawing(name: str, obj: "SceneObject") -> dict[str, Any]:
+    rotation = list(rotvec_to_matrix(*obj.pose[3:]))
     return {
         "name": name,
-        **_form(thing.shape),
-        "pose": list(thing.pose),
+        **_form(obj.shape),
+        "pose": list(obj.pose),
         "rotation": rotation,
-        "attached": thing.attached,
+        "attached": obj.attached,
     }
 
 
@@ -157,7 +157,7 @@ def _form(shape: "Shape") -> dict[str, Any]:
     return {"plane": {}}
 
 
-def red_links(pairs: Sequence[Any]) -> list[int]:
+def links_in(pairs: Sequence[Any]) -> list[int]:
     """Numbers of the links, from the base on, that are in one of these pairs."""
     from client.planning.scene import LINKS
 
