@@ -4,11 +4,11 @@
     controller.post(DashboardLine("power on"), reply=print)
     snapshot = controller.tick()
 
-A tick latches what was posted since the last one, gives every script thread its frame,
-advances the motion by one period, moves the arm, judges it, and publishes one snapshot.
-There is no clock in here: time is the number of ticks.
+A tick processes the commands posted since the last one, runs every script thread for one frame,
+advances the motion by one period, moves the arm, checks it, and publishes one snapshot.
+There is no clock: time is the number of ticks.
 
-A tick never raises: what its stages raise ends in the guard (`emulator.guard`).
+A tick never raises: exceptions of its stages are handled by the guard (`emulator.guard`).
 """
 
 from collections.abc import Callable
@@ -67,14 +67,14 @@ _CHECKED: Final = {
     "TCP force": "tcp_force",
     "force sensor": "ft_raw_wrench",
 }
-"""What must make sense of an arm, and its attribute."""
+"""Values of the arm that are checked for plausibility, and their attributes."""
 _vectors_of = attrgetter(*_CHECKED.values())
-# an ideal arm is a simulator's; earlier ones report other currents and temperatures (the versions: guess)
+# an ideal arm is that of a simulator; early simulators report other currents and temperatures (versions: guess)
 _LATE_SIMULATOR: Final = Availability.since("3.10", "5.4")
 
 
 class Controller(Machine):
-    """The whole controller but its sockets and its clock."""
+    """The whole controller, except for its sockets and its clock."""
 
     programs: Programs
 
@@ -87,11 +87,11 @@ class Controller(Machine):
         self._frequency_hz = self.version.series.frequency_hz
         self.step_count = self._first_step = round(config.uptime_s * self._frequency_hz)
         self.shutdown_requested = False
-        self.execution_time_ms = 0.0  # the clock may tell how long the last tick took
+        self.execution_time_ms = 0.0  # duration of the last tick, set by the clock
         self.user_role = "NONE"
         self.operational_mode = "NONE"
         self.remote_control = config.remote_control  # the pendant's switch
-        self.reports_dir: Path | None = None  # where reports go without a programs directory; made when needed
+        self.reports_dir: Path | None = None  # folder for reports without a programs directory; created when needed
 
         self.messages = MessageLog(self._time_us)
         self.popups = Popups(self.messages, lambda: self.time_s, config.popup_auto_close_s)
@@ -101,15 +101,15 @@ class Controller(Machine):
         self.signals = Signals(early_simulator=early)
         self.encoders = Encoders(self.period_s, config.encoder_speeds)
         self.rtde_inputs: dict[str, Any] = {}  # last value of every RTDE input by name
-        self.rtde_refreshed: dict[str, int] = {}  # step at which it came
-        self.rtde_refused: set[str] = set()  # inputs that came with values which are none, and were told of
+        self.rtde_refreshed: dict[str, int] = {}  # step of its last update
+        self.rtde_refused: set[str] = set()  # inputs with unusable values that have been reported
         self.installation = Installation()
         self.world_model = WorldModel()
         self.base_light = BaseLight()
         self.speed = Speed(round(START_S / self.period_s) if config.dynamic else 1)
         self.power = Power(config.timings, running=config.running)
         self.safety = Safety()
-        self.external_wrench: Vector6 = ZERO6  # what the world does to the TCP, base frame [N, Nm]
+        self.external_wrench: Vector6 = ZERO6  # external wrench on the TCP, base frame [N, Nm]
         self.world: World | None = config.world.build(self.model, self.period_s) if config.world else None
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
@@ -127,19 +127,19 @@ class Controller(Machine):
         self.programs = Programs(self)
         if self.world is not None:
             self.world.wire(Wiring(self.signals, self.encoders, self.gripper))
-        # for faults: called at the beginning of each period, and with each snapshot before it is published
+        # hooks for faults: called at the beginning of each period, and with each snapshot before it is published
         self.on_tick: list[Callable[[], None]] = []
         self.snapshot_hooks: list[Callable[[Snapshot], None]] = []
 
         self.guard = Guard(self, self.programs, self.safety_board)
         self.safety_board.on_restart = self.guard.restarted
-        self.last_good_q = self.motion.q  # where the arm was in the last period in which its state made sense
+        self.last_good_q = self.motion.q  # position in the last period with a plausible state
         self.startup = Startup(self, self.programs)
         self._mailbox = Mailbox(self)
         self._subscribers: list[Callable[[Snapshot], None]] = []
         self._own_sensor = self.model.series is Series.E
         self._power_seen = PowerState.OFF
-        self._publishing = False  # when a period begins: the last one failed at it
+        self._publishing = False  # True at the beginning of a period: publishing the last one failed
         self._arm_changed = False
         self._fault: MotionFault | None = None
         self._stages: tuple[tuple[str, Callable[[], None]], ...] = (
@@ -175,19 +175,19 @@ class Controller(Machine):
     def _time_us(self) -> int:
         return self.step_count * 1_000_000 // self._frequency_hz
 
-    # what servers call
+    # interface for servers
 
     def post(self, command: Command, reply: Reply | None = None) -> None:
         """Queue a command for the next tick. ``reply`` is called with its answer, once."""
         self._mailbox.post(command, reply)
 
     def subscribe(self, callback: Callable[[Snapshot], None]) -> Callable[[], None]:
-        """Call back with every snapshot from now on; returns what ends the subscription."""
+        """Call back with every snapshot from now on; returns a function that ends the subscription."""
         self._subscribers.append(callback)
         return lambda: self._subscribers.remove(callback)
 
     def tick(self) -> Snapshot:
-        """One control period; returns its snapshot. Raises nothing."""
+        """Advance one control period; returns its snapshot. Raises nothing."""
         self.step_count += 1
         for name, stage in self._stages:
             try:
@@ -206,7 +206,7 @@ class Controller(Machine):
                 self.guard.listener_failed(callback, error)
         return self.snapshot
 
-    # what programs, commands and faults call
+    # interface for programs, commands and faults
 
     @property
     def standing(self) -> bool:
@@ -263,12 +263,12 @@ class Controller(Machine):
 
     def set_tcp(self, tcp_offset: Pose) -> None:
         if not plausible(*tcp_offset):
-            raise ValueError(f"no tool has its TCP at {list(tcp_offset)}")
+            raise ValueError(f"the TCP is implausible: {list(tcp_offset)}")
         self.installation.tcp = tcp_offset
         self.motion.tcp_offset = tcp_offset
 
     def load_installation(self, path: Path) -> None:
-        """Apply an installation file. Raises OSError or InstallationError; then nothing changed."""
+        """Apply an installation file. Raises OSError or InstallationError; nothing has changed then."""
         self.installation.load(path)
         self._installed()
 
@@ -277,7 +277,7 @@ class Controller(Machine):
         self._installed()
 
     def use_installation(self, path: Path, file: InstallationFile, section: str) -> None:
-        """Use a file of which one section has changed; of tool and mounting, the rest stays as programs set it."""
+        """Apply a file in which one section has changed; other settings of the arm stay as programs have set them."""
         before = self.installation.file
         self.installation.name, self.installation.path, self.installation.file = path.name, path, file
         if section == "tcps" and file.tcp != before.tcp:
@@ -298,19 +298,19 @@ class Controller(Machine):
         if on is self.simulation.on:
             return
         if self.programs.busy or self.programs.state is not RuntimeState.STOPPED:
-            raise ValueError("a program runs: stop it before you switch between simulation and the real robot")
+            raise ValueError("a program is running: stop it before switching between simulation and real robot")
         if not (self.standing and self.motion.idle):
-            raise ValueError("the arm moves: wait until it stands before you switch between simulation and real robot")
+            raise ValueError("the arm is moving: wait until it stands, then switch between simulation and real robot")
         place = self.simulation.place
         self.arm = self.simulation.begin() if on else self.simulation.end()
         self.safety_board.governor.watch(self.arm)
         self.motion.stand_at(place)
-        self.messages.note("simulation: the real arm stands" if on else "simulation is over: the real arm moves")
+        self.messages.note("simulation: the real arm stands still" if on else "simulation is over: the real arm moves")
 
     def forget_movement(self) -> None:
         self._fault, self._arm_changed = None, False
 
-    # the tick's steps
+    # stages of a tick
 
     def _call_hooks(self) -> None:
         for step in tuple(self.on_tick):
@@ -340,7 +340,7 @@ class Controller(Machine):
             if self.world.failure and not failed:
                 self.safety_board.trip(Cause.WORLD_FAILURE, text=self.world.failure)
         if wrench != ZERO6 and not plausible(*wrench):
-            wrench = ZERO6  # nothing pushes like that
+            wrench = ZERO6  # no real wrench is that large
         self.arm.sensor_in_flange = self._own_sensor and not self.ft_input.enabled
         motion = self.motion
         real_changed = False
@@ -377,15 +377,15 @@ class Controller(Machine):
         )
 
     def _check_arm(self) -> None:
-        """Nothing that no arm can do may be published, or become part of the next period."""
+        """Raise ArithmeticError on implausible values, which must neither be published nor reach the next period."""
         vectors = _vectors_of(self.arm)
         if not plausible(*chain.from_iterable(vectors)):
             name, values = next(pair for pair in zip(_CHECKED, vectors, strict=True) if not plausible(*pair[1]))
-            raise ArithmeticError(f"the {name} left all bounds: {values}")
+            raise ArithmeticError(f"the {name} exceeded all bounds: {values}")
         self.last_good_q = self.arm.q
 
     def _advance_tool(self) -> None:
-        """What is mounted on the arm has power only while the arm has."""
+        """Advance gripper and tool line, which have power only while the arm has."""
         powered = self.power.report.powered
         if self.gripper is not None:
             self.gripper.advance(self.period_s, powered=powered)
@@ -393,7 +393,7 @@ class Controller(Machine):
             self.tool_line.advance(powered=powered and self.signals.tool_voltage > 0)
 
     def _judge(self) -> None:
-        """A movement that cannot go on stops the arm, and so does what the safety system finds."""
+        """Stop the arm if its movement cannot continue, or if the safety system detects a violation."""
         if self._fault is not None:
             self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text, self._fault.joint))
             self._fault = None
@@ -404,7 +404,7 @@ class Controller(Machine):
     # the snapshot
 
     def _publish_least(self) -> None:
-        """As in the last period, but for time, modes and messages: they must get out whatever else fails."""
+        """Publish the last snapshot with new time, modes and messages, which must be available whatever else fails."""
         snapshot = self.snapshot.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
         self.power.publish(snapshot)
@@ -418,12 +418,12 @@ class Controller(Machine):
 
     def _publish(self) -> None:
         failed, self._publishing = self._publishing, True
-        if failed:  # what parts wrote to the last snapshot is lost
+        if failed:  # the changes that parts wrote to the last snapshot are lost
             for part in (self.electrics, self.installation, self.signals, *self.registers.banks):
                 part.mark()
         snapshot = self._unaltered.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s
-        if self._arm_changed or failed:  # at rest, it is in the copy already
+        if self._arm_changed or failed:  # at rest, the values are already in the copy
             self.arm.publish(snapshot)
         powered = self.power.report.powered
         self.electrics.publish(snapshot, powered=powered)

@@ -1,11 +1,11 @@
-"""The guard under the tick: what the emulator does when it fails itself.
+"""The guard of the tick: the emulator's reaction to its own failures.
 
-An exception in a control period is a bug of the emulator, or a number that nobody thought of. Whatever it is, the robot
-must not stand there with ports that say nothing. So the program ends, the arm is switched off as by a fault of the
-safety system, clients read that on every port, and the controller goes on publishing. `restart safety`, `power on` and
-`brake release` lead out of it, as out of any fault.
+An exception in a control period is a bug of the emulator, or an unexpected number. In either case, the robot's ports
+must not fall silent. The program therefore ends, the arm is powered off as after a fault of the safety system, clients
+receive that on every port, and the controller continues to publish. `restart safety`, `power on` and `brake release`
+recover from it, as from any fault.
 
-What happened is logged once, not once a period, and saved as a bundle that a bug report needs nothing beside.
+The failure is logged once, not once a period, and saved as a bundle that contains everything needed for a bug report.
 """
 
 import logging
@@ -31,7 +31,7 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """The failure that keeps the arm off. ``stage``: of the control period; ``text``: exception and place."""
+    """The failure that keeps the arm off. ``stage``: of the control period; ``text``: exception and location."""
 
     stage: str
     text: str
@@ -39,7 +39,7 @@ class Problem:
 
 
 class Guard:
-    """Catches what a control period raises. ``problem``: what keeps the arm off; None when nothing does."""
+    """Handles exceptions of control periods. ``problem``: the failure that keeps the arm off, or None."""
 
     def __init__(self, machine: Machine, programs: Programs, safety_board: SafetyBoard) -> None:
         self._machine, self._programs, self._safety_board = machine, programs, safety_board
@@ -47,7 +47,7 @@ class Guard:
         self.problem: Problem | None = None
 
     def caught(self, stage: str, error: Exception) -> None:
-        """A stage of the control period has failed: bring the robot into its fault state. Raises nothing."""
+        """A stage of the control period has failed: put the robot into its fault state. Raises nothing."""
         first = self.problem is None
         if first:
             text = f"{type(error).__name__}: {error} ({place_of(error)})"
@@ -58,12 +58,12 @@ class Guard:
             self._let_go()
 
     def listener_failed(self, listener: object, error: Exception) -> None:
-        """Somebody who is told of each period has failed: that is not the robot's fault, and logged once."""
+        """A subscriber of snapshots has failed: this does not affect the robot, and is logged once."""
         if self._reported.is_new(error, listener):
             _logger.error("a listener of the controller failed", exc_info=error)
 
     def restarted(self) -> None:
-        """The safety system has been restarted: what fails from now on is another problem."""
+        """The safety system has been restarted: a later failure is another problem."""
         self.problem = None
 
     def _tell(self, stage: str, text: str, error: Exception) -> None:
@@ -76,8 +76,8 @@ class Guard:
         except Exception as problem:
             saved = f"not saved: {problem}"
         _logger.critical(
-            "the emulator failed while %s, which is a bug: the program is stopped and the arm switched off; "
-            "restart safety, power on and brake release lead on. Script, state and log are %s\n%s",
+            "the emulator failed while %s, which is a bug: the program is stopped and the arm powered off; "
+            "recover with restart safety, power on and brake release. Script, state and log are %s\n%s",
             stage,
             saved,
             trace.rstrip(),
@@ -85,13 +85,13 @@ class Guard:
         self._machine.messages.note(f"the emulator failed while {stage}; script, state and log are {saved}")
 
     def _trip(self, stage: str, text: str) -> None:
-        """The orderly way: a fault of the safety system, with all that follows."""
+        """Regular reaction: a fault of the safety system, with all its consequences."""
         machine = self._machine
         self._safety_board.trip(Cause.EMULATOR_FAILURE, text=f"the emulator failed while {stage}: {text}")
         machine.popups.show(f"The emulator failed while {stage}: {text}", title="Fault", error=True)
 
     def _let_go(self) -> None:
-        """The other way: every part is put to rest by itself, so that none is kept from it by another."""
+        """Fallback: bring each part to rest separately, so that the failure of one does not prevent the others."""
         machine = self._machine
         machine.forget_movement()
         for rest in (

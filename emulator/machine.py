@@ -1,7 +1,7 @@
-"""What the parts of a controller see of each other: the machine as they find it, whoever built it.
+"""The interface through which the parts of a controller access each other.
 
-The safety system, programs with their built-ins and the field bus act on more than their own state. What they may reach
-stands here and nowhere else; `emulator.controller.Controller` is what implements it.
+The safety system, programs with their built-ins and the field bus act on more than their own state. This module defines
+everything they may access; `emulator.controller.Controller` implements it.
 """
 
 from abc import ABC, abstractmethod
@@ -36,29 +36,28 @@ from urproto.versions import PolyscopeVersion
 from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.safety_configuration import SafetyConfiguration
 
-# As found in program files of the vendor's simulators; clients want digits only, starting with 20.
+# As found in program files of the vendor's simulators; clients expect digits only, starting with 20.
 _NEW_YEAR_2024_S: Final = 1_704_067_200.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerConfig:
-    """What a controller is born with.
+    """Initial configuration of a controller.
 
-    version: None takes the default of the model's series. initial_q: where the arm
-    stands [rad]. running: start with the brakes released. uptime_s: clients wait for 40 s of it.
-    programs_dir: where ``load`` looks and reports are written; its default.installation, and the program which that
-    names, are loaded at boot. external_control: where the driver hands out the program of External Control nodes,
-    before what the installation says. remote_control: what ``is in remote control`` answers; commands are accepted
-    either way, as by a simulator, unless enforce_remote_control says that a local arm takes none, as a real
-    e-Series arm.
-    encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
-    gripper: what is mounted on the arm; gripper_object_mm: width of what its fingers meet.
-    safety: limits, planes and safety inputs; None takes a simulator's, which limits the joints only.
-    self_collision: stop when links touch each other, which a controller itself does not look after.
-    wall_clock_s: date and time of its start [s since 1970, GMT]; always the same unless given.
-    world: what stands around the arm; None for nothing.
-    dynamic: torques move the arm, which follows its targets as well as servo loops can, and measures with noise;
-    otherwise it is where its targets are. seed: of the noise.
+    version: None selects the default of the model's series. initial_q: initial joint angles [rad].
+    running: start with the brakes released. uptime_s: initial uptime; clients wait until it is 40 s.
+    programs_dir: folder for ``load`` and for reports; its default.installation, and the program named there, are
+    loaded at boot. external_control: address at which the driver serves the program of External Control nodes; takes
+    precedence over the installation. remote_control: the answer to ``is in remote control``; commands are accepted
+    either way, like by a simulator, unless enforce_remote_control makes an arm in local control refuse them, like a
+    real e-Series arm. encoder_speeds: ticks/s of the emulated conveyors at encoder 0 and 1.
+    gripper: mounted on the arm; gripper_object_mm: width of the object between its fingers.
+    safety: limits, planes and safety inputs; None selects those of a simulator, which limits the joints only.
+    self_collision: stop when links touch each other, which a controller itself does not monitor.
+    wall_clock_s: date and time of the start [s since 1970, GMT]; constant unless given.
+    world: the objects around the arm; None for none.
+    dynamic: torques move the arm, which follows its targets as well as servo loops can, with noisy measurements;
+    otherwise, it is exactly at its targets. seed: of the noise.
     """
 
     model: RobotModel
@@ -85,26 +84,26 @@ class ControllerConfig:
 
 
 class ProgramControl(Protocol):
-    """The main program, to those who stop it and let it go on."""
+    """Control of the main program, for parts that stop and resume it."""
 
     state: RuntimeState
 
     @property
     def paused(self) -> bool:
-        """The main program is being paused, or is."""
+        """Whether the main program is paused or being paused."""
 
     def stop(self, reason: str = "") -> bool:
-        """End the main program, paused or not, and those about to start; False when there is none."""
+        """End the main program, paused or not, and those about to start; returns False if there is none."""
 
     def pause(self, reason: str = "") -> bool:
-        """Let the arm come to rest on its path and hold the program; False when none runs."""
+        """Bring the arm to rest on its path and hold the program; returns False if none runs."""
 
     def resume(self) -> bool:
-        """Go on after a pause; False when the program is not paused or the arm may not move."""
+        """Continue after a pause; returns False if the program is not paused or the arm may not move."""
 
 
 class Machine(ABC):
-    """One controller with its arm, from the inside."""
+    """One controller with its arm, as its parts see it."""
 
     config: ControllerConfig
     model: RobotModel
@@ -115,17 +114,17 @@ class Machine(ABC):
     step_count: int
     """Control periods since the controller was switched on."""
     snapshot: Snapshot
-    """What was published last."""
+    """The snapshot published last."""
 
     messages: MessageLog
     popups: Popups
     power: Power
     safety: Safety
-    """The safety mode; what leads to it is the safety board's."""
+    """The safety mode; the safety board determines it."""
     speed: Speed
-    """The speed slider, and what else scales the speed."""
+    """The speed slider and other scaling of the speed."""
     arm: Arm
-    """The arm that programs move: in simulation not the real one."""
+    """The arm that programs move: in simulation, not the real one."""
     simulation: Simulation
     motion: Motion
     programs: ProgramControl
@@ -138,14 +137,14 @@ class Machine(ABC):
     ft_input: ForceInput
     freedrive_inputs: FreedriveInputs
     modbus: ModbusSignals
-    """Signals of programs on other devices."""
+    """Programs' signals on other devices."""
     tool_line: ToolLine
     rtde_inputs: dict[str, Any]
     """The last value of every RTDE input by name."""
     rtde_refreshed: dict[str, int]
-    """The control period in which each RTDE input came last."""
+    """The control period in which each RTDE input was last received."""
     rtde_refused: set[str]
-    """RTDE inputs that came with unusable values, and were reported."""
+    """RTDE inputs whose unusable values have been reported."""
 
     installation: Installation
     world_model: WorldModel
@@ -153,9 +152,9 @@ class Machine(ABC):
     """NONE, MANUAL or AUTOMATIC, as the dashboard answers."""
     shutdown_requested: bool
     last_good_q: Vector6
-    """Where the arm was in the last period in which its state made sense [rad]."""
+    """Joint angles in the last period with a plausible state [rad]."""
     reports_dir: Path | None
-    """Where reports go without a programs directory; made when needed."""
+    """Folder for reports without a programs directory; created when needed."""
 
     @property
     @abstractmethod
@@ -170,64 +169,64 @@ class Machine(ABC):
     @property
     @abstractmethod
     def wall_clock_ns(self) -> int:
-        """Time since 1970 [ns]: that of the start, and the control periods since."""
+        """Time since 1970 [ns]: that of the start plus the control periods since."""
 
     @property
     @abstractmethod
     def standing(self) -> bool:
-        """The arm stands and is to stand."""
+        """Whether arm and target are at rest."""
 
     @property
     @abstractmethod
     def may_run(self) -> bool:
-        """True when the arm may move: brakes released and no stop in force."""
+        """Whether the arm may move: brakes released and no stop active."""
 
     @property
     @abstractmethod
     def may_play(self) -> bool:
-        """True when a program may run: the arm may move, and stands inside its limits."""
+        """Whether a program may run: the arm may move and is inside its limits."""
 
     @property
     @abstractmethod
     def local_control(self) -> bool:
-        """True while the arm takes no orders from the network; an arm of the CB3 series always does."""
+        """Whether the arm refuses commands from the network; a CB3 arm never does."""
 
     @property
     @abstractmethod
     def external_control(self) -> DriverAddress:
-        """Where a driver is asked for its program: as configured, else as the installation says."""
+        """Address at which a driver is asked for its program: as configured, else from the installation."""
 
     @abstractmethod
     def power_event(self, event: PowerEvent) -> bool:
-        """Apply an event to the power state; False when the safety system forbids it."""
+        """Apply an event to the power state; returns False if the safety system forbids it."""
 
     @abstractmethod
     def safety_event(self, event: SafetyEvent) -> bool:
-        """Apply an event to the safety mode with all its consequences; True when it changed."""
+        """Apply an event to the safety mode with all its consequences; returns True if the mode changed."""
 
     @abstractmethod
     def protective_stop(self, cause: StopCause) -> None:
-        """Stop the arm protectively and log why; nothing more happens when it is stopped already.
+        """Trigger a protective stop and log its cause; does nothing if the arm is already stopped.
 
-        Where the program asked for it, it is paused instead.
+        If the program has requested it (pause_on_error_code), it is paused instead.
         """
 
     @abstractmethod
     def warn(self, code: int, argument: int, text: str) -> None:
-        """Report something that stops nothing; a program that asked for it (pause_on_error_code) is paused."""
+        """Report a condition that does not stop the arm; it pauses a program with pause_on_error_code() for it."""
 
     @abstractmethod
     def set_tcp(self, tcp_offset: Pose) -> None:
-        """Use another TCP (flange to TCP) from now on, within this period. Raises ValueError for an absurd one."""
+        """Set the TCP (flange to TCP) immediately, within this period. Raises ValueError if it is implausible."""
 
     @abstractmethod
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
-        """Apply what was read from an installation file."""
+        """Apply the contents of an installation file."""
 
     @abstractmethod
     def simulate(self, on: bool) -> None:
-        """Turn the pendant's switch to Simulation, or back to Real Robot. Raises ValueError while anything moves."""
+        """Set the pendant's switch to Simulation or Real Robot. Raises ValueError during programs and movements."""
 
     @abstractmethod
     def forget_movement(self) -> None:
-        """For the guard: what this period computed of the arm is neither judged nor published."""
+        """Discard this period's results of the arm, so that they are neither checked nor published; for the guard."""

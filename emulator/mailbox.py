@@ -1,8 +1,8 @@
-"""What was posted to a controller: each command waits for the next tick and is applied there, in order.
+"""Queue of commands posted to a controller: each waits for the next tick and is applied there, in order.
 
-A command's ``apply`` returns its answer at once, or is a generator that yields once for
-every control period it waits and returns the answer. ``failure`` is the answer when
-applying it raised.
+A command's ``apply`` returns its answer immediately, or is a generator that yields once for
+every control period it waits and returns the answer. ``failure`` is the answer if applying
+it raised an exception.
 """
 
 import logging
@@ -23,17 +23,17 @@ class Command:
     """Base of everything that can be posted to the controller."""
 
     def apply(self, controller: Any) -> Any:
-        """Carry the command out on an `emulator.controller.Controller`; the answer, or a generator that returns it."""
+        """Apply the command to an `emulator.controller.Controller`; returns the answer, or a generator that does."""
         raise NotImplementedError
 
     @property
     def failure(self) -> Any:
-        """The answer when ``apply`` raised."""
+        """The answer if ``apply`` raised an exception."""
         return None
 
 
 class Mailbox:
-    """What was posted to a controller and is not answered yet."""
+    """Posted commands that are not answered yet."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -46,7 +46,7 @@ class Mailbox:
         self._posted.append((command, reply))
 
     def carry_out(self) -> None:
-        """One control period: what takes longer goes on, then what was posted since the last period."""
+        """Advance one control period: continue longer commands, then apply those posted since the last period."""
         if not (self._waiting or self._posted):
             return
         waiting, self._waiting = self._waiting, []
@@ -75,7 +75,7 @@ class Mailbox:
             self._waiting.append((frames, command, reply))
 
     def _failed(self, command: Command, reply: Reply | None, error: Exception) -> None:
-        """A command must never end the tick, nor fill the log: clients repeat what fails."""
+        """Log the failure once: clients repeat failing commands, which must neither end the tick nor fill the log."""
         if self._reported.is_new(error):
             shown = f"{command!r:.200}"
             _logger.error("carrying out %s failed", shown, exc_info=error)
@@ -91,11 +91,11 @@ class Mailbox:
             reply(answer)
         except Exception as error:
             if self._reported.is_new(error, reply):
-                _logger.error("who asked could not take the answer", exc_info=error)
+                _logger.error("the recipient of an answer failed", exc_info=error)
 
 
 def deliver(callback: Callable[[Any], None], value: Any) -> None:
-    """Call a listener back; its failure is logged and harms nothing here."""
+    """Call a listener; its failure is logged and has no other effect."""
     try:
         callback(value)
     except Exception:

@@ -1,11 +1,11 @@
-"""What the controller publishes once per control period.
+"""The snapshot that the controller publishes once per control period.
 
-A snapshot is the only thing servers see of the controller. Its attributes carry the
-names of the RTDE output fields, so that the RTDE field table needs no getter of its own:
-the row's name is the attribute. Vectors are tuples of floats in the field's units.
+Servers see nothing else of the controller. Its attributes have the names of the RTDE output
+fields, so that the RTDE field table needs no getters: the row's name is the attribute.
+Vectors are tuples of floats in the field's units.
 
-Each period's snapshot starts as a shallow copy of the one before (``successor``) and only
-what changed is written to it (`Marked`); at rest a snapshot costs a few microseconds.
+Each period's snapshot starts as a shallow copy of the previous one (``successor``), and only
+changes are written to it (`Marked`); at rest, a snapshot takes a few microseconds.
 """
 
 from dataclasses import dataclass
@@ -29,23 +29,23 @@ from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 
-_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: no arm reaches that, and nothing it carries (guess)
+_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: beyond any arm and its load (guess)
 
 
 def plausible(*numbers: float) -> bool:
-    """Whether numbers in SI units could be of an arm, or of something near it: finite, and not absurd."""
-    if hypot(*numbers) < _MOST:  # as nearly always, and looked at in one go
+    """Whether numbers in SI units are plausible for an arm and its surroundings: finite, and not absurdly large."""
+    if hypot(*numbers) < _MOST:  # the usual case, checked in a single operation
         return True
     return all(-_MOST < number < _MOST for number in numbers)
 
 
 @dataclass(kw_only=True)
 class Snapshot:
-    """One control period, as seen from outside. Never changed after it is published.
+    """One control period as seen from outside. Never changed after it has been published.
 
     Joint vectors: base, shoulder, elbow, wrist 1-3. Poses: x, y, z [m] and rotation
     vector rx, ry, rz [rad] of the TCP in the base frame. The defaults are those of an arm
-    that is off and stands at zero.
+    that is off, at zero joint angles.
     """
 
     # time
@@ -135,12 +135,12 @@ class Snapshot:
     tool_analog_input1: float = 0.0
     tool_output_voltage: int = 0
     tool_output_current: float = 0.0
-    tool_output_voltage_2: int = 0  # the second supply of newer tool flanges: not there
+    tool_output_voltage_2: int = 0  # the second supply of newer tool flanges, which is not emulated
     tool_output_current_2: float = 0.0
     tool_temperature: float = 0.0
     tool_output_mode: int = ToolOutputMode.DIGITAL
     tool_communication: SerialSettings = AS_DELIVERED
-    tool_bytes: bytes = b""  # what came in over the tool's serial line in this period
+    tool_bytes: bytes = b""  # received over the tool's serial line in this period
     tool_digital_output0_mode: int = ToolDigitalOutputMode.SINKING_NPN
     tool_digital_output1_mode: int = ToolDigitalOutputMode.SINKING_NPN
     # registers: 128 booleans packed into one integer (bit n is register n), 48 integers, 48 doubles
@@ -155,31 +155,31 @@ class Snapshot:
     program_name: str = ""
     program_running: bool = False  # playing (not paused)
     program_paused: bool = False
-    # what happened in this period, in order
+    # messages of this period, in order
     messages: tuple[RobotMessage | VariableMessage, ...] = ()
-    # of the primary interface only
+    # for the primary interface only
     force_mode_frame: Vector6 = ZERO6  # task frame in the base frame, zero without force mode
     board_temperature: float = 0.0  # degC, of the control box
     io_freedrive: bool = False  # an input holds the arm in freedrive
-    safety_checksum: int = 0  # of the safety configuration in force
-    simulation: bool = False  # the pendant's switch is on Simulation: the real arm stands
-    switched_on: bool = False  # the arm was, since the controller is there
-    local_control: bool = False  # an e-Series arm that takes no orders from the network
+    safety_checksum: int = 0  # of the active safety configuration
+    simulation: bool = False  # the pendant's switch is on Simulation: the real arm stands still
+    switched_on: bool = False  # the arm has been on since the controller started
+    local_control: bool = False  # an e-Series arm that refuses commands from the network
 
     def successor(self) -> Self:
-        """A shallow copy to write the next period into."""
+        """A shallow copy for the next period."""
         copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)
         return copy
 
 
 class Marked:
-    """A part of the machine that notices when it is changed, so that its snapshot is written anew only then.
+    """Base of machine parts that track changes, so that they are written to the snapshot only after a change.
 
-    Every assignment to an attribute counts, and to an item of a list in one: nobody has to remember to say so.
+    Every assignment to an attribute, or to an item of a list in one, is tracked automatically.
     """
 
-    if not TYPE_CHECKING:  # type checkers would let any name be assigned to
+    if not TYPE_CHECKING:  # otherwise, type checkers would allow assignments to any name
 
         def __setattr__(self, name: str, value: Any) -> None:
             own = vars(self)
@@ -187,19 +187,19 @@ class Marked:
             own["_changed"] = True
 
     def take_change(self) -> bool:
-        """Whether anything was changed since this was asked the last time."""
+        """Whether anything has changed since the last call."""
         own = vars(self)
         changed: bool = own["_changed"]
         own["_changed"] = False
         return changed
 
     def mark(self) -> None:
-        """Count as changed."""
+        """Mark as changed."""
         vars(self)["_changed"] = True
 
 
 class _MarkedList(list[Any]):
-    """Of a fixed length."""
+    """A list of fixed length that marks its owner."""
 
     def __init__(self, values: list[Any], owner: dict[str, Any]) -> None:
         super().__init__(values)

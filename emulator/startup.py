@@ -1,8 +1,7 @@
-"""What a controller does by itself: load an installation and a program when it boots, release the brakes and start the
-program when an input says so.
+"""Automatic start: load an installation and a program at boot, release the brakes and start the program by inputs.
 
-As the installation's page Default Program has it (Software Manual of both series). What the manual tells of PolyScope's
-screens is left out, for there are none here: the Run screen counts as open.
+This implements the installation's page Default Program (Software Manual of both series). Rules that depend on
+PolyScope's screens are left out, because there are none: the Run screen counts as open.
 """
 
 import logging
@@ -32,7 +31,7 @@ _logger = logging.getLogger(__name__)
 class Startup:
     """Boots a machine, then watches the inputs that its installation names.
 
-    A controller that takes time to boot loads meanwhile; one that is up at once has loaded before it is there.
+    A controller that takes time to boot loads in the meantime; one that boots instantly loads in its constructor.
     """
 
     def __init__(self, machine: Machine, programs: Programs) -> None:
@@ -49,14 +48,14 @@ class Startup:
             run_to_end(self._boot_steps())
 
     def allow_start(self, allowed: bool) -> None:
-        """Who stops a program does not want an input to start it again; who plays one does."""
+        """Allow or forbid inputs to start the program: a stop by a client forbids it, playing allows it again."""
         self._start_allowed = allowed
 
     def advance(self) -> None:
-        """One control period, before programs run."""
+        """Advance one control period, before programs run."""
         machine = self._machine
         if self._boot is not None:
-            self._go_on_booting(self._boot)
+            self._continue_boot(self._boot)
             return
         wanted = machine.installation.file.default_program
         if wanted is not self._wanted:
@@ -64,13 +63,13 @@ class Startup:
         if self._release.switched(wanted.release_brakes) and not machine.power.running:
             self._act(wanted.release_brakes, "release the brakes", self._release_brakes)
         if wanted.start is not None and not self._start.known and not self._ready():
-            return  # the first look is when the program can be started, for then the level is enough
+            return  # the input is first read when the program can be started: then the level alone is sufficient
         if self._start.switched(wanted.start) and self._start_allowed and self._ready():
             self._act(wanted.start, "start the default program", self._play)
 
     # booting
 
-    def _go_on_booting(self, boot: Generator[None, None, None]) -> None:
+    def _continue_boot(self, boot: Generator[None, None, None]) -> None:
         try:
             next(boot)
         except StopIteration:
@@ -78,7 +77,7 @@ class Startup:
 
     def _boot_steps(self) -> Steps[None]:
         machine = self._machine
-        if machine.version.is_polyscope_x:  # whose programs have their installations in them
+        if machine.version.is_polyscope_x:  # its programs contain their installations
             yield from self._programs.load_default_steps(DEFAULT_URPX)
             return
         folder = ProgramsFolder(machine.config.programs_dir)
@@ -89,7 +88,7 @@ class Startup:
             file = yield from read_installation_steps(installation)
             machine.apply_installation(installation, file)
         except (OSError, ValueError) as error:
-            self._say(f"{installation.name} is not used: {error}")
+            self._say(f"{installation.name} cannot be used: {error}")
             return
         wanted = file.default_program
         if not (wanted.load and wanted.name):
@@ -106,7 +105,7 @@ class Startup:
     # acting
 
     def _ready(self) -> bool:
-        """The default program is loaded, nothing runs, and the arm can move."""
+        """Whether the default program is loaded, no program runs, and the arm can move."""
         programs = self._programs
         loaded = programs.loaded is not None and programs.loaded.path == self._path
         return loaded and programs.state is RuntimeState.STOPPED and self._machine.may_play
@@ -129,7 +128,7 @@ class Startup:
 
 
 class _Watch:
-    """One input. Its level is unknown when the controller comes up: the wanted one counts as just reached."""
+    """Monitors one input. Its level is unknown when the controller starts: the trigger level then counts as reached."""
 
     def __init__(self, machine: Machine) -> None:
         self.known = False
@@ -139,7 +138,7 @@ class _Watch:
         self._before: bool | None = None
 
     def switched(self, trigger: InputTrigger | None) -> bool:
-        """Whether the input has reached the wanted level in this period. Another input starts with the level it has."""
+        """Whether the input has reached its trigger level in this period. A new input starts with its present level."""
         if trigger is not self._trigger:
             self._trigger, self._level = trigger, None if trigger is None else self._reader(trigger)
             self._before = self._level() if self.known and self._level is not None else None
@@ -158,6 +157,6 @@ class _Watch:
             return lambda: machine.signals.get_digital_input(group, index)
         if kind == "GP_bool_in" and index < BIT_COUNT:
             return lambda: machine.registers.input.get_bit(index)
-        text = f"{machine.installation.name}: {trigger.pin} is not a digital input, and starts or initializes nothing"
+        text = f"{machine.installation.name}: {trigger.pin} is not a digital input: it triggers nothing"
         machine.messages.note(text)
         return None

@@ -63,9 +63,7 @@ def path_offset_set_alpha_filter(host: ProgramHost, alpha: Num) -> None:
 def path_offset_set_max_offset(host: ProgramHost, transLimit: Num, rotLimit: Num) -> None:
     """Limit each component of offsets set from now on to `transLimit` [m] and `rotLimit` [rad]."""
     if not (transLimit >= 0 and rotLimit >= 0):
-        raise RuntimeFault(
-            f"path_offset_set_max_offset: the limits must be 0 or more, not {transLimit} and {rotLimit}"
-        )
+        raise RuntimeFault(f"path_offset_set_max_offset: the limits must be 0 or more, not {transLimit} and {rotLimit}")
     settings = host.motion.superposition.settings
     settings.translation_limit, settings.rotation_limit = float(transLimit), float(rotLimit)
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 from emulator.control.verbs import BadArguments, ControlledRobot, NotPossible, Verbs, Waiting, verb
 from emulator.controller import Controller
 from emulator.programs.compiling import in_periods
-from emulator.programs.own_folder import have_programs_folder
+from emulator.programs.own_folder import ensure_programs_folder
 from emulator.services.urcap import DriverAddress
 from urscript.polyscope.document import DocumentError, Element, packed, read_steps, write_document
 from urscript.polyscope.folder import ProgramsFolder
@@ -85,7 +85,7 @@ class InstallationVerbs(Verbs):
         self._saving = True
         try:
             controller = self.controller
-            path = _place(controller) or have_programs_folder(controller).resolve() / _DEFAULT
+            path = _place(controller) or ensure_programs_folder(controller).resolve() / _DEFAULT
             root = yield from self._document(path, section)
             try:
                 change(root)

@@ -13,7 +13,7 @@ from emulator.commands import dashboard
 from emulator.control.verbs import BadArguments, NotPossible, Verbs, Waiting, verb
 from emulator.programs.compiling import Submission, in_periods
 from emulator.programs.loading import DRIVER_PROGRAMS, program_files
-from emulator.programs.own_folder import have_programs_folder
+from emulator.programs.own_folder import ensure_programs_folder
 from emulator.programs.runner import Programs
 from emulator.services.urcap import DriverAddress
 from urproto.modes import RuntimeState
@@ -59,7 +59,7 @@ class ProgramVerbs(Verbs):
         affected until it is loaded again. An emulator without ``--programs`` creates a temporary folder, which its log
         names.
         """
-        have_programs_folder(self.controller)
+        ensure_programs_folder(self.controller)
         place = self._place(path)
         try:
             content = base64.b64decode(data, validate=True)

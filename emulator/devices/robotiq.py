@@ -21,24 +21,24 @@ SLAVE_ID: Final = 9  # of a gripper as delivered
 _MOST: Final = 255
 _ACTIVATION_SPEED: Final = 255  # as SPE (guess)
 _RELEASE_SPEED: Final = 0  # as SPE: automatic release is slow
-# as `GET DST` tells them: the names are in the maker's programs
+# as `GET DST` reports them; the names are from the maker's programs
 _DRIVER_LISTENS: Final = 1
 _DRIVER_RUNS: Final = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class GripperModel:
-    """One kind of gripper.
+    """One model of gripper.
 
-    stroke_mm: from closed to open. slowest, fastest: of the fingers [mm/s], at SPE 0 and 255.
-    open_stop, closed_stop: counts at which the fingers cannot go further; what lies between is linear.
+    stroke_mm: from closed to open. slowest, fastest: finger speeds [mm/s] at SPE 0 and 255.
+    open_stop, closed_stop: counts at the mechanical stops; the opening is linear between them.
     """
 
     title: str
     stroke_mm: float
     slowest: float
     fastest: float
-    open_stop: int = 3  # these two: what the maker's calibration left in a program of one 2F-85
+    open_stop: int = 3  # both stops: from the maker's calibration in a program for one 2F-85
     closed_stop: int = 230
 
     @property
@@ -100,7 +100,7 @@ class Fault(IntEnum):
 
 
 class Phase(Enum):
-    """What the gripper is about."""
+    """Phase of the gripper's state machine."""
 
     RESET = auto()
     CLOSING = auto()  # activation, first half
@@ -112,7 +112,7 @@ class Phase(Enum):
 
 
 class Event(Enum):
-    """What changes the phase."""
+    """Events that change the phase."""
 
     ACTIVATE = auto()
     RESET = auto()
@@ -140,7 +140,7 @@ _MOTION_FAULT: Final = {
 
 _WRITABLE: Final[Mapping[str, int]] = {  # name: greatest value
     "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": _MOST, "SPE": _MOST, "FOR": _MOST,
-    # of other grippers of the maker; kept, without effect on this one (their programs read them all)
+    # of the maker's other grippers; stored without effect, because the maker's programs read them all
     "MOD": _MOST, "LBP": _MOST, "LRD": _MOST, "LBL": _MOST, "LGN": _MOST, "MSC": _MOST,
 }  # fmt: skip
 _ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
@@ -149,7 +149,7 @@ _TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What a gripper's motor is to do: an opening, the speed to it, and its share of the greatest force (``FOR``)."""
+    """Command to a gripper's motor: opening, speed, and the fraction of the maximum force (``FOR``)."""
 
     width_mm: float
     mm_per_s: float
@@ -159,11 +159,11 @@ class Drive:
 class Gripper:
     """One gripper on the arm.
 
-    object_mm: width of something the fingers cannot pass, None for nothing; it is held from
+    object_mm: width of an object between the fingers, None without one. The fingers hold it from
     outside when they close on it and from inside when they open against it. In a world with
-    physics it is the scene that says where the fingers are (``drive``, ``feel``). ``position``:
-    count, a float. ``powered`` follows the arm: a gripper without power answers nothing and
-    forgets that it was active.
+    physics, the scene determines where the fingers are (``drive``, ``feel``). ``position``:
+    count, a float. ``powered`` follows the arm: a gripper without power does not answer and
+    loses its activation.
     """
 
     def __init__(self, model: GripperModel, object_mm: float | None = None) -> None:
@@ -174,9 +174,9 @@ class Gripper:
         self.phase = Phase.RESET
         self.cycles = 0
         self._failure = Fault.NONE
-        self._stopped: bool | None = None  # by something in a scene; None without a scene
+        self._stopped: bool | None = None  # by an object in a scene; None without a scene
         self._moving = False
-        self._closing = True  # the way the fingers moved last
+        self._closing = True  # the direction the fingers moved last
         self._set: dict[str, int] = dict.fromkeys(_WRITABLE, 0) | {"SPE": _MOST, "FOR": _MOST}  # guess: full
         self._read = {
             "POS": lambda: f"{round(self.position)}",
@@ -187,7 +187,7 @@ class Gripper:
             "NCY": lambda: f"{self.cycles}",
         }
 
-    # what it says
+    # variables that clients read
 
     @property
     def status(self) -> Status:
@@ -196,7 +196,7 @@ class Gripper:
 
     @property
     def object_status(self) -> ObjectStatus:
-        """On the way, stopped by something, or there. Without GTO as if there (guess: the manual says ignore it)."""
+        """Moving, stopped by an object, or arrived. Without GTO: arrived (guess; the manual says to ignore it then)."""
         goal = self._goal()
         if goal is None or goal == self.position:
             return ObjectStatus.AT_REQUEST
@@ -214,7 +214,7 @@ class Gripper:
         return _MOTION_FAULT.get(self.phase, Fault.NONE) if self._set["GTO"] else Fault.NONE
 
     def get(self, name: str) -> str | None:
-        """A variable as text. None when there is none of that name, or nothing answers."""
+        """A variable as text; None if it does not exist or the gripper has no power."""
         name = _ALIASES.get(name, name)
         if name == "PCO":  # problem of the connection
             return f"{int(not self.powered)}"
@@ -228,16 +228,16 @@ class Gripper:
             return f"{self._set[name]}"
         return _TEXTS.get(name)
 
-    # what it is told
+    # commands
 
     def accepts(self, name: str, value: int) -> bool:
-        """True for a variable that can be set, and a value it can have."""
+        """Whether the variable can be set, and to this value."""
         return 0 <= value <= _WRITABLE.get(_ALIASES.get(name, name), -1)
 
     def set(self, name: str, value: int) -> None:
-        """Set a variable. Raises ValueError for what it does not accept; nothing happens without power."""
+        """Set a variable; without power, do nothing. Raises ValueError for an invalid name or value."""
         if not self.accepts(name, value):
-            raise ValueError(f"the gripper has no variable {name} that could be {value}")
+            raise ValueError(f"the gripper has no writable variable {name} that can be {value}")
         if not self.powered:
             return
         name = _ALIASES.get(name, name)
@@ -248,13 +248,13 @@ class Gripper:
             self._handle(Event.RELEASE)
 
     def fail(self, fault: Fault) -> None:
-        """Let it have a fault: a minor one, which stops the fingers, until ``recover``, a major one until a reset."""
+        """Set a fault: a minor one stops the fingers until ``recover``, a major one lasts until a reset."""
         self._failure = fault
         if fault >= Fault.UNDER_VOLTAGE:
             self._handle(Event.FAIL)
 
     def recover(self) -> None:
-        """The cause of a minor fault is gone; does nothing for a major one."""
+        """Clear a minor fault; a major one stays."""
         if self.phase is not Phase.FAILED:
             self._failure = Fault.NONE
 
@@ -274,7 +274,7 @@ class Gripper:
 
     @property
     def drive(self) -> Drive | None:
-        """What the motor is to do in a scene; None while the fingers are to stay where they are."""
+        """Command to the motor in a scene; None while the fingers hold their position."""
         goal = self._goal()
         if goal is None or not self.powered:
             return None
@@ -283,7 +283,7 @@ class Gripper:
         return Drive(self.model.width_mm(goal), per_s, share)
 
     def feel(self, width_mm: float, *, stopped: bool) -> None:
-        """Where the fingers are in a scene, and whether something there stops them."""
+        """Take over where the fingers are in a scene, and whether an object there stops them."""
         count, goal = self.model.count(width_mm), self._goal()
         self._stopped = stopped
         self.position = goal if goal is not None and abs(count - goal) < 1.0 else count
@@ -306,7 +306,7 @@ class Gripper:
         return _RELEASE_SPEED if self.phase is Phase.RELEASING else _ACTIVATION_SPEED
 
     def _goal(self) -> float | None:
-        """Where the fingers are going or would like to be; None where they are held."""
+        """Target of the fingers; None while they hold their position."""
         model = self.model
         if self.phase is Phase.ACTIVE and self._set["GTO"] and not self._failure:
             return float(min(max(self._set["POS"], model.open_stop), model.closed_stop))
@@ -322,7 +322,7 @@ class Gripper:
         return None if self.object_mm is None else self.model.count(self.object_mm)
 
     def _blocked(self, goal: float) -> bool:
-        """True when the fingers touch something that is in the way to the goal."""
+        """Whether an object between the fingers blocks their path to the goal."""
         if self._stopped is not None:
             return self._stopped
         return self._stop() == self.position and (goal > self.position) is self._closing

@@ -1,19 +1,19 @@
 """The serial line through the tool connector of an e-Series arm (RS-485).
 
-Bytes of the network reach the tool's device as fast as the baud rate allows, and those of the
-device come back the same way. The line carries nothing, and what is sent on it is lost, unless
-a program or the installation enabled it and the tool has power. Both directions at once work,
-which a real two-wire line would garble.
+Bytes from the network reach the tool's device as fast as the baud rate allows, and those of the
+device return the same way. Unless a program or the installation has enabled the line and the tool
+has power, everything sent on it is lost. Unlike on a real two-wire line, both directions work at
+the same time.
 """
 
 from typing import Final, NamedTuple, Protocol
 
-_MOST_WAITING: Final = 4096  # bytes each way; more are left to the network, or lost on the device's side (guess)
+_MOST_WAITING: Final = 4096  # bytes per direction; more stay in the network, or are lost on the device's side (guess)
 _DATA_BITS: Final = 8
 
 
 class SerialSettings(NamedTuple):
-    """``set_tool_communication``. parity: 0 none, 1 odd, 2 even. Defaults as a simulator's capture has them."""
+    """``set_tool_communication``. parity: 0 none, 1 odd, 2 even. The defaults are those in a capture of a simulator."""
 
     enabled: bool = False
     baud_rate: int = 115200
@@ -24,7 +24,7 @@ class SerialSettings(NamedTuple):
 
     @property
     def bytes_per_s(self) -> float:
-        """What the line carries at most: start, data, parity and stop bits are all sent."""
+        """Capacity of the line: start, data, parity and stop bits are all sent."""
         return self.baud_rate / (1 + _DATA_BITS + (self.parity != 0) + self.stop_bits)
 
 
@@ -32,7 +32,7 @@ AS_DELIVERED: Final = SerialSettings()
 
 
 class SerialDevice(Protocol):
-    """What is connected to the line."""
+    """A device connected to the line."""
 
     def configure(self, settings: SerialSettings) -> None:
         """The line's settings changed."""
@@ -43,12 +43,12 @@ class SerialDevice(Protocol):
         ...
 
     def read(self, most: int) -> bytes:
-        """Take at most so many bytes of the device's."""
+        """Take at most this many bytes from the device."""
         ...
 
 
 class EchoDevice:
-    """Sends back what it gets."""
+    """Sends back every byte it receives."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
@@ -76,11 +76,11 @@ class ToolLine:
         self._period_s = period_s
         self._settings = AS_DELIVERED
         self._waiting = bytearray()
-        self._credit = 0.0  # bytes each way that the line can carry and has not
+        self._credit = 0.0  # bytes per direction that the line could have carried but has not
 
     @property
     def settings(self) -> SerialSettings:
-        """How the line is set up."""
+        """Present settings of the line."""
         return self._settings
 
     @settings.setter

@@ -1,1 +1,1 @@
-"""What is wired to the controller: signals, registers, encoders, lights."""
+"""Signals, registers, encoders and lights of the controller."""

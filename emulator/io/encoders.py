@@ -1,11 +1,11 @@
-"""The two conveyor encoders: counting pulses, counts fed by a program, and what is made of them.
+"""The two conveyor encoders: pulse counting, counts fed by a program, and filtering.
 
-Pulses are counted from the digital inputs once per control period, so at most one edge a period is seen on an input
-(a real controller decodes 40 kHz in hardware). ``simulated_speed`` stands for a conveyor that nobody wired: its ticks
+Pulses are counted from the digital inputs once per control period, so at most one edge per period is seen on an input
+(a real controller decodes 40 kHz in hardware). ``simulated_speed`` stands for a conveyor that is not wired: its ticks
 are counted as if the decoder had seen them.
 
-Programs read, and conveyor tracking follows, the filtered count: ticks are interpolated, with no lag behind a
-conveyor at constant speed. That a real controller interpolates is in the Script Manual, how it does is not.
+Programs read, and conveyor tracking follows, the filtered count: ticks are interpolated, without lag behind a conveyor
+at constant speed. That a real controller interpolates is in the Script Manual; how it does so is not.
 """
 
 from math import exp
@@ -18,9 +18,10 @@ from urproto.compat import IntEnum
 RANGES: Final = ((-(2**31), 2**32), (0, 2**8), (0, 2**16), (0, 2**24), (0, 2**32))
 _PULSE_RANGE: Final = RANGES[2]  # Script Manual, encoder_get_tick_count: filtered counts are 0 to 65536
 _BANDWIDTH: Final = 20.0  # rad/s, of the filter (guess)
-_SETTLED_TICKS: Final = 1e-4  # nearer to the count, and slower, the filter stands on it (guess)
+_SETTLED_TICKS: Final = 1e-4  # closer to the count and slower than this, the filter settles on it (guess)
 _SETTLED_TICKS_S: Final = 1e-2
-# change of the count from one pair of levels (A + 2 B) to another, A leading B counts up (guess); both at once: unknown
+# change of the count from one pair of levels (A + 2 B) to another; A leading B counts up (guess); a simultaneous
+# change of both is ambiguous and not counted
 _QUADRATURE: Final = {
     (0b00, 0b01): 1, (0b01, 0b11): 1, (0b11, 0b10): 1, (0b10, 0b00): 1,
     (0b01, 0b00): -1, (0b11, 0b01): -1, (0b10, 0b11): -1, (0b00, 0b10): -1,
@@ -52,7 +53,7 @@ class Encoder:
         self._gains = (1.0 - decay**2, (1.0 - decay) ** 2 / period_s)  # critically damped
         self._decoder = DecoderType.DISABLED
         self._pins = (0, 0)
-        self._levels = -1  # of the inputs one period ago; -1: not yet seen
+        self._levels = -1  # of the inputs one period ago; -1: unknown
         self._fraction = 0.0  # of a simulated tick
         self._range: tuple[int, int] | None = None  # lowest count, number of counts; None while disabled
         self._total = 0  # unwrapped count
@@ -60,7 +61,7 @@ class Encoder:
 
     @property
     def enabled(self) -> bool:
-        """Pulses are decoded, or a program feeds counts."""
+        """Whether pulses are decoded, or a program feeds counts."""
         return self._range is not None
 
     @property
@@ -75,7 +76,7 @@ class Encoder:
         return low + (self.travel - low) % size
 
     def decode(self, decoder: DecoderType, a: int, b: int) -> None:
-        """Count pulses on the digital inputs of these bits. Counting starts at 0 unless nothing changes (guess)."""
+        """Count pulses on these digital inputs. Counting restarts at 0 unless the set-up is unchanged (guess)."""
         if decoder is DecoderType.DISABLED:
             self._decoder, self._range, self.speed, self._fed = decoder, None, 0.0, False
         elif (decoder, (a, b), False) != (self._decoder, self._pins, self._fed):
@@ -83,17 +84,17 @@ class Encoder:
             self._decoder, self._pins, self._levels = decoder, (a, b), -1
 
     def expect_counts(self, range_id: int) -> None:
-        """Take counts from `feed`. Raises ValueError for an unknown range."""
+        """Accept counts from `feed`. Raises ValueError for an unknown range."""
         if not 0 <= range_id < len(RANGES):
-            raise ValueError(f"there is no encoder range {range_id}: they are 0 to {len(RANGES) - 1}")
+            raise ValueError(f"there is no encoder range {range_id}: use 0 to {len(RANGES) - 1}")
         if not self._fed or self._range != RANGES[range_id]:
             self._restart(RANGES[range_id], fed=True)
             self._decoder, self._levels = DecoderType.DISABLED, -1
 
     def feed(self, count: int) -> None:
-        """A count from outside; the first one is where counting starts. Raises ValueError outside the range."""
+        """Feed a count; the first one is the start of counting. Raises ValueError outside the range."""
         if self._range is None or not self._fed:
-            raise ValueError("the encoder does not expect counts: call encoder_enable_set_tick_count first")
+            raise ValueError("the encoder does not expect counts: call encoder_enable_set_tick_count() first")
         low, size = self._range
         if not low <= count < low + size:
             raise ValueError(f"the count {count} is outside the encoder's range {low} to {low + size - 1}")
@@ -103,7 +104,7 @@ class Encoder:
             self._total += round(self.unwound(count - self._total))
 
     def unwound(self, delta: float) -> float:
-        """A difference of counts, taken the short way round the range. Raises ValueError while disabled."""
+        """A difference of counts, corrected for a wrap-around of the range. Raises ValueError while disabled."""
         if self._range is None:
             raise ValueError("the encoder is not enabled")
         size = self._range[1]
@@ -133,7 +134,7 @@ class Encoder:
         return int(wanted[self._decoder])
 
     def _simulated(self) -> int:
-        """Whole ticks of the emulated conveyor; only quadrature knows its direction."""
+        """Whole ticks of the emulated conveyor; only quadrature decoding detects its direction."""
         speed = self.simulated_speed
         if speed == 0.0:
             return 0
@@ -154,7 +155,7 @@ class Encoder:
 
 
 class Encoders:
-    """Encoder 0 and 1. ``enabled``: one of them has been set up; until then there is nothing to advance."""
+    """Encoders 0 and 1. ``enabled``: at least one has been set up; until then there is nothing to advance."""
 
     def __init__(self, period_s: float, simulated_speeds: tuple[float, float] = (0.0, 0.0)) -> None:
         self._encoders = (Encoder(period_s), Encoder(period_s))
@@ -163,9 +164,9 @@ class Encoders:
         self.enabled = False
 
     def __getitem__(self, index: int) -> Encoder:
-        """Raises IndexError for an encoder that is not there."""
+        """Encoder by index. Raises IndexError for an unknown one."""
         if index not in (0, 1):
-            raise IndexError(f"there is no encoder {index}: they are 0 and 1")
+            raise IndexError(f"there is no encoder {index}: use 0 or 1")
         return self._encoders[index]
 
     @property

@@ -57,7 +57,7 @@ class RegisterBank(Marked):
     def set_int(self, index: int, value: int) -> None:
         """Write integer register 0-47. Raises IndexError, or OverflowError beyond 32 bits."""
         if not _INT32_MIN <= value <= _INT32_MAX:
-            raise OverflowError(f"{value} does not fit an integer register: it holds 32 bits, signed")
+            raise OverflowError(f"{value} does not fit an integer register, which has 32 bits, signed")
         if self.ints[_checked(index, NUMBER_COUNT)] != value:
             self.ints = (*self.ints[:index], int(value), *self.ints[index + 1 :])
 
@@ -81,7 +81,7 @@ class Registers:
         self.banks = self.input, self.output
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write to a snapshot what was changed since the last one."""
+        """Write the registers that have changed since the last snapshot."""
         given, made = self.input, self.output
         if given.take_change():
             snapshot.input_bit_registers = given.bits
@@ -92,11 +92,11 @@ class Registers:
 
 
 MODBUS_GENERAL_PURPOSE: Final = range(128, 256)
-"""Registers of the Modbus server that mean what programs and clients agree on."""
+"""Registers of the Modbus server that programs and clients may use as they like."""
 
 
 class ModbusRegisters:
-    """Those of the Modbus server that show nothing else: the general purpose ones, and the uptime latched last."""
+    """Registers that belong to the Modbus server alone: the general-purpose ones, and the uptime latched last."""
 
     def __init__(self) -> None:
         self.general = [0] * len(MODBUS_GENERAL_PURPOSE)
@@ -111,14 +111,14 @@ class ModbusRegisters:
 
 def _checked(index: int, count: int) -> int:
     if not 0 <= index < count:
-        raise IndexError(f"there is no register {index}: they are numbered 0 to {count - 1}")
+        raise IndexError(f"there is no register {index}: use 0 to {count - 1}")
     return index
 
 
 @dataclass(frozen=True, slots=True)
 class BaseLight:
-    """``mode``: "iec" shows the state of the arm in the colours of IEC 60204-1 (how it begins is a guess), "solid"
-    the ``colour`` (red, green, blue, each 0 to 255), "off" nothing."""
+    """The base light. ``mode``: "iec" shows the state of the arm in the colours of IEC 60204-1 (that it starts like
+    this is a guess), "solid" the ``colour`` (red, green, blue, each 0 to 255), "off" nothing."""
 
     mode: Literal["iec", "solid", "off"] = "iec"
     colour: tuple[int, int, int] | None = None
@@ -126,11 +126,11 @@ class BaseLight:
 
 @dataclass
 class ForceInput:
-    """What ``ft_rtde_input_enable`` sets and the RTDE input external_force_torque feeds.
+    """External force/torque sensor: enabled by ``ft_rtde_input_enable``, fed by RTDE's external_force_torque.
 
-    wrench_flange: measured, in the flange's axes, at ``measuring_offset`` from the flange
+    wrench_flange: measured in the flange's axes, at ``measuring_offset`` from the flange
     [N, Nm, m] (that the axes are the flange's is a guess). sensor_mass and sensor_cog: the
-    sensor's own weight [kg, m], kept for programs to read; its readings are taken as
+    sensor's own weight [kg, m], stored for programs to read; its readings are taken as
     already free of it.
     """
 
@@ -164,8 +164,8 @@ _TOOL_VOLTAGES: Final = (0, 12, 24)  # V
 class Signals(Marked):
     """State of all signals. Inputs are set from outside the robot, outputs by programs and clients.
 
-    early_simulator: analog inputs of the box measure currents to begin with, as in a recording of one; in captures of
-    later simulators, and of an arm, they measure voltages.
+    early_simulator: analog inputs of the control box initially measure currents, as in a recording of one; in captures
+    of later simulators, and of an arm, they measure voltages.
     """
 
     def __init__(self, *, early_simulator: bool = False) -> None:
@@ -206,14 +206,16 @@ class Signals(Marked):
         self.digital_outputs = self.digital_outputs & ~word_mask | levels << group.first & word_mask
 
     def set_analog_output(self, index: int, ratio: float) -> None:
-        """Set analog output 0 or 1 to a ratio of its range, clipped to 0..1; no number changes
-        nothing. Raises IndexError."""
+        """Set analog output 0 or 1 to a ratio of its range, clipped to 0..1; NaN is ignored.
+
+        Raises IndexError.
+        """
         slot = _analog(index)
         if not math.isnan(ratio):
             self.analog_output_ratios[slot] = min(max(float(ratio), 0.0), 1.0)
 
     def analog_output(self, index: int) -> float:
-        """Analog output 0 or 1 in A or V, by its domain. Raises IndexError."""
+        """Analog output 0 or 1 in A or V, depending on its domain. Raises IndexError."""
         ratio = self.analog_output_ratios[_analog(index)]
         if self.analog_output_domains[index] is AnalogDomain.VOLTAGE:
             return ratio * _VOLTAGE_HIGH_V
@@ -222,7 +224,7 @@ class Signals(Marked):
     def set_tool_voltage(self, voltage: int) -> None:
         """Tool supply voltage: 0, 12 or 24 V. Raises ValueError for another one."""
         if voltage not in _TOOL_VOLTAGES:
-            raise ValueError(f"the tool supply can be 0, 12 or 24 V, not {voltage}")
+            raise ValueError(f"the tool voltage must be 0, 12 or 24 V, not {voltage}")
         self.tool_voltage = int(voltage)
 
     @property
@@ -238,7 +240,7 @@ class Signals(Marked):
         return first | second << 1
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write inputs and outputs to a snapshot, if any was changed since the last one."""
+        """Write inputs and outputs to a snapshot, if any have changed since the last one."""
         if not self.take_change():
             return
         snapshot.actual_digital_input_bits = self.digital_inputs
@@ -258,5 +260,5 @@ class Signals(Marked):
 
 def _analog(index: int) -> int:
     if index not in (0, 1):
-        raise IndexError(f"there is no analog signal {index}: they are 0 and 1")
+        raise IndexError(f"there is no analog signal {index}: use 0 or 1")
     return index

@@ -1,1 +1,1 @@
-"""State machines as tables: power, safety, program run state; and the speed they allow."""
+"""State machines as tables: power, safety, and the run state of programs; and the speed scaling."""

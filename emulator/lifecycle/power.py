@@ -4,8 +4,8 @@
     IDLE --brake release--> RELEASING --timer--> RUNNING
     any --power off--> OFF
 
-Releasing the brakes of an arm that is off powers it on first. Each state says what the
-robot mode, the joints and the tool report; RELEASING is reported as IDLE.
+Releasing the brakes of an arm that is off powers it on first. Each state determines what
+robot mode, joints and tool report; RELEASING is reported as IDLE.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from urproto.modes import JointMode, RobotMode, ToolMode
 
 
 class PowerState(Enum):
-    """Where the arm is between off and running."""
+    """Stages of the arm between off and running."""
 
     CONTROLLER_BOOTING = auto()
     OFF = auto()
@@ -29,7 +29,7 @@ class PowerState(Enum):
 
 
 class PowerEvent(Enum):
-    """What can happen to the arm's power. TIMEOUT: the timed step under way is complete."""
+    """Events of the arm's power. TIMEOUT: the timed step in progress is complete."""
 
     POWER_ON = auto()
     BRAKE_RELEASE = auto()
@@ -39,7 +39,7 @@ class PowerEvent(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PowerReport:
-    """What one power state looks like from outside."""
+    """What the interfaces report in a power state."""
 
     robot_mode: RobotMode
     joint_mode: JointMode
@@ -49,15 +49,15 @@ class PowerReport:
 
 @dataclass(frozen=True, slots=True)
 class PowerTimings:
-    """How long the steps take [s].
+    """Durations of the steps [s].
 
-    No recording of a simulator is public. What bounds it are suites that pass on simulators: ur_rtde's gives an arm
-    that is off 3 s from `brake release` until it moves; the official C++ library's sends a script 0.7 s after it, and
-    after loading a program, which takes less than a second. The split is a guess. A real arm takes longer: its
-    users wait 5 s for each of both (shadow-robot/sr_interface, pull request 493).
+    No recording of a simulator is public. Upper bounds are given by test suites that pass on simulators: ur_rtde's
+    allows an arm that is off 3 s from `brake release` until it moves; the official C++ library's sends a script 0.7 s
+    after it, and after loading a program, which takes less than a second. How the time is split is a guess. A real arm
+    takes longer: its users wait 5 s for each of both (shadow-robot/sr_interface, pull request 493).
     """
 
-    controller_boot_s: float = 0.0  # 0: the controller is up when the emulator is
+    controller_boot_s: float = 0.0  # 0: the controller is up as soon as the emulator is
     joint_boot_s: float = 0.4
     power_on_s: float = 0.2
     brake_release_s: float = 0.5
@@ -93,7 +93,7 @@ _ON_THE_WAY: Final = frozenset({PowerState.OFF, PowerState.BOOTING, PowerState.P
 
 
 class Power:
-    """The power state, its timer, and whether the brakes shall be released on reaching IDLE."""
+    """The power state, its timer, and whether the brakes are to be released on reaching IDLE."""
 
     def __init__(self, timings: PowerTimings, *, running: bool = False) -> None:
         self.timings = timings
@@ -101,11 +101,11 @@ class Power:
         self._remaining_s: float | None = None
         self.state = PowerState.OFF
         self.report = REPORTS[self.state]
-        """What robot mode, joints and tool say."""
+        """What robot mode, joints and tool report."""
         self.running = False
-        """The brakes are released and the arm may move."""
+        """Whether the brakes are released and the arm may move."""
         self.switched_on = False
-        """It was on at some time."""
+        """Whether it has been on at any time."""
         if running:
             self._enter(PowerState.RUNNING)
         elif timings.controller_boot_s > 0.0:
@@ -127,16 +127,16 @@ class Power:
             self._enter(state)
 
     def put(self, state: PowerState) -> None:
-        """Be in a state at once, without the steps that lead there."""
+        """Enter a state immediately, without the steps that lead there."""
         self._release_wanted = False
         self._enter(state)
 
     def advance(self, period_s: float) -> None:
-        """One control period of the timed step under way."""
+        """Advance the timed step in progress by one control period."""
         if self._remaining_s is None:
             return
         self._remaining_s -= period_s
-        if self._remaining_s <= period_s / 2:  # rounding must not add a period
+        if self._remaining_s <= period_s / 2:  # rounding errors must not add a period
             self.handle(PowerEvent.TIMEOUT)
 
     def publish(self, snapshot: Snapshot) -> None:

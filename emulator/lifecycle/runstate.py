@@ -1,9 +1,9 @@
 """State of the running program as a table.
 
-PAUSING and STOPPING are passed through while the arm comes to rest or the script's sockets
-close, RESUMING for a tenth of a second while the arm gains speed; SETTLED ends each of them.
-Names and numbers: runtime-state enumeration of RTDE. Which events a state ignores is a guess, chosen so that pressing a
-button twice does no harm.
+PAUSING and STOPPING last while the arm comes to rest or the script's sockets close, RESUMING a
+tenth of a second while the arm gains speed; SETTLED ends each of them. Names and numbers are
+those of RTDE's runtime-state enumeration. Which events a state ignores is a guess, chosen so
+that pressing a button twice does no harm.
 """
 
 import math
@@ -17,7 +17,7 @@ from urproto.modes import RuntimeState
 
 @dataclass(frozen=True, slots=True)
 class StopCause:
-    """Why a protective stop happened: ``C<code>A<argument>``, a text of its own, and the joint to blame if one is."""
+    """Cause of a protective stop: ``C<code>A<argument>``, an optional text, and the joint that caused it, if any."""
 
     code: int
     argument: int = 0
@@ -29,17 +29,17 @@ SCRIPT_PROTECTIVE_STOP: Final = StopCause(209)
 READ_ONLY_SOCKET: Final = 210
 BUSY_PROTECTIVE_STOP: Final = StopCause(271, 1)
 
-# Until a program's time has its full pace. Measured: target speeds of a UR3 and a UR5 that begin a movel with a program
+# Ramp of a program's time when it starts. Measured: target speeds of a UR3 and a UR5 that start a program with a movel
 # (el-Lennard/Robotik, Modularbeit/Aufgabe4 and Modularbeit Code/A2_movel.csv: a t (t / 0.16 s)^2 / 2 in each of 20
 # periods, to the last digit), angles of a UR10e (shamilmamedov/dynamic_calibration, the first moves of two files)
 START_S: Final = 0.16
 
 
 class Speed:
-    """``slider`` is what clients set and read (target_speed_fraction), ``scaling`` what the
-    limiter leaves of it (speed_scaling). The motion follows their product smoothly.
+    """Speed slider and scaling. ``slider`` is the value that clients set and read (target_speed_fraction),
+    ``scaling`` the factor of the limiter (speed_scaling). The motion follows their product smoothly.
 
-    ``start_periods``: control periods in which the time of a program that starts gains its full pace, evenly.
+    ``start_periods``: control periods in which a starting program's time gains its full pace, linearly.
     """
 
     def __init__(self, start_periods: int = 1) -> None:
@@ -66,27 +66,29 @@ class Speed:
             self._periods += 1
 
     def set_slider(self, fraction: float) -> None:
-        """Move the slider, clipped to 0..1; no number changes nothing."""
+        """Set the slider, clipped to 0..1; NaN is ignored."""
         if not math.isnan(fraction):
             self.slider = min(max(float(fraction), 0.0), 1.0)
 
     def publish(self, snapshot: Snapshot, path_share: float) -> None:
-        """Write slider and scaling to a snapshot that knows the program's state. ``path_share``: of the speed wanted,
-        what the joints' limits leave."""
+        """Write slider and scaling to a snapshot that already has the program's state.
+
+        ``path_share``: fraction of the commanded speed that the joints' limits permit.
+        """
         snapshot.target_speed_fraction = self.slider
         # captures of controllers show 0 while no program plays, and 1 while one plays undisturbed
         snapshot.speed_scaling = self.scaling * self._gained * path_share if snapshot.program_running else 0.0
 
 
 class RunEvent(Enum):
-    """What can happen to a program."""
+    """Events of a program."""
 
     START = auto()  # a program begins
-    PAUSE = auto()  # operator, watchdog or safety asks for a pause
-    RESUME = auto()  # a paused program shall go on
-    STOP = auto()  # stop, halt, error, or another program takes over
-    FINISH = auto()  # the program came to its end
-    SETTLED = auto()  # the transition under way is complete
+    PAUSE = auto()  # operator, watchdog or safety system requests a pause
+    RESUME = auto()  # a paused program is to continue
+    STOP = auto()  # stop, halt, error, or another program replaces it
+    FINISH = auto()  # the program has reached its end
+    SETTLED = auto()  # the transition in progress is complete
 
 
 RUN_TABLE: dict[tuple[RuntimeState, RunEvent], RuntimeState] = {
@@ -114,5 +116,5 @@ def next_run_state(state: RuntimeState, event: RunEvent) -> RuntimeState:
 
 
 def is_running(state: RuntimeState) -> bool:
-    """True while a program is loaded into the interpreter and not paused or over."""
+    """Whether a program is loaded into the interpreter and neither paused nor over."""
     return state in (RuntimeState.PLAYING, RuntimeState.PAUSING, RuntimeState.RESUMING)

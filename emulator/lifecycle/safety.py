@@ -1,9 +1,9 @@
-"""Safety modes as a table, the conditions that hold them, and the unlocking rules.
+"""Safety modes as a table, the conditions that maintain them, and the unlocking rules.
 
 A protective stop lasts until it is unlocked. Emergency stop, safeguard stop, recovery and
-reduced mode last as long as their condition (button, gate, input, position) does: when a mode
-is left, the conditions that still hold are applied again. Violations and faults last until the
-safety system is restarted.
+reduced mode last as long as their condition (button, gate, input, position): when a mode
+ends, the conditions that are still present are applied again. Violations and faults last until
+the safety system is restarted.
 """
 
 from enum import Enum, auto
@@ -16,15 +16,15 @@ PROTECTIVE_STOP_LOCK_S: Final = 5.0  # dashboard manual: no unlock earlier than 
 
 
 class StopCategory(IntEnum):
-    """IEC 60204-1: how a stop is carried out."""
+    """Stop categories of IEC 60204-1."""
 
-    POWER_REMOVED = 0  # at once; the brakes bring the arm to rest
-    CONTROLLED_THEN_OFF = 1  # along the path, power is removed once the arm stands
-    CONTROLLED = 2  # along the path, power stays
+    POWER_REMOVED = 0  # immediately; the brakes bring the arm to rest
+    CONTROLLED_THEN_OFF = 1  # along the path; power is removed once the arm has stopped
+    CONTROLLED = 2  # along the path; power stays on
 
 
 class SafetyEvent(Enum):
-    """What can happen to the safety system."""
+    """Events of the safety system."""
 
     PROTECTIVE_STOP = auto()
     UNLOCK = auto()
@@ -33,13 +33,13 @@ class SafetyEvent(Enum):
     EMERGENCY_STOP_RELEASED = auto()
     SAFEGUARD_OPEN = auto()
     SAFEGUARD_CLOSED = auto()
-    AUTOMATIC_SAFEGUARD_OPEN = auto()  # e-Series: the safeguard that counts in automatic mode only
+    AUTOMATIC_SAFEGUARD_OPEN = auto()  # e-Series: the safeguard that is active in automatic mode only
     AUTOMATIC_SAFEGUARD_CLOSED = auto()
     ENABLING_RELEASED = auto()  # e-Series: three-position enabling device, in manual mode only
     ENABLING_HELD = auto()
     REDUCED = auto()
     NOT_REDUCED = auto()
-    OUTSIDE_LIMITS = auto()  # the arm stands outside its limits when it could begin to move
+    OUTSIDE_LIMITS = auto()  # the arm is outside its limits when it could start to move
     INSIDE_LIMITS = auto()
     VIOLATION = auto()
     FAULT = auto()
@@ -53,7 +53,7 @@ _STOPPED: Final = (_M.PROTECTIVE_STOP, _M.SAFEGUARD_STOP)
 _EMERGENCY: Final = (_M.SYSTEM_EMERGENCY_STOP, _M.ROBOT_EMERGENCY_STOP)
 _HARD: Final = (_M.VIOLATION, _M.FAULT)
 _POWERLESS: Final = (*_EMERGENCY, *_HARD)
-# what opens -> what closes it, and the safety status meanwhile; the safety mode is the same for all
+# opening event -> closing event and the safety status in between; the safety mode is the same for all
 _SAFEGUARDS: Final = {
     _E.SAFEGUARD_OPEN: (_E.SAFEGUARD_CLOSED, SafetyStatus.SAFEGUARD_STOP),
     _E.AUTOMATIC_SAFEGUARD_OPEN: (_E.AUTOMATIC_SAFEGUARD_CLOSED, SafetyStatus.AUTOMATIC_MODE_SAFEGUARD_STOP),
@@ -111,7 +111,7 @@ _STATUS_BITS: Final[dict[SafetyMode, SafetyStatusBits]] = {
 
 
 class Safety:
-    """The safety mode, how long it has lasted, and the conditions that hold."""
+    """The safety mode, its age, and the present conditions."""
 
     def __init__(self, mode: SafetyMode = SafetyMode.NORMAL) -> None:
         self._conditions: set[SafetyEvent] = set()
@@ -125,27 +125,27 @@ class Safety:
 
     @property
     def stopped(self) -> bool:
-        """True while the arm must not move."""
+        """Whether the arm must not move."""
         return self.mode not in _OPERATIONAL
 
     @property
     def power_allowed(self) -> bool:
-        """False while the safety system keeps the arm switched off."""
+        """Whether the arm may have power; False while the safety system keeps it off."""
         return self.mode not in _POWERLESS
 
     @property
     def may_unlock_remotely(self) -> bool:
-        """False during the first 5 s of a protective stop: the dashboard refuses to unlock."""
+        """False during the first 5 s of a protective stop, when the dashboard refuses to unlock."""
         return self.mode is not SafetyMode.PROTECTIVE_STOP or self.mode_age_s >= PROTECTIVE_STOP_LOCK_S
 
     @property
     def programs_allowed(self) -> bool:
-        """False while no program may run: stopped, or outside the limits."""
+        """Whether programs may run; False while stopped, or outside the limits."""
         return self.mode in (_M.NORMAL, _M.REDUCED)
 
     @property
     def status(self) -> SafetyStatus:
-        """As the mode, but which safeguard it is that stops the arm."""
+        """Status: like the mode, but it distinguishes which safeguard stops the arm."""
         if self.mode is _M.SAFEGUARD_STOP:
             for opened, (_, status) in _SAFEGUARDS.items():
                 if opened in self._conditions:
@@ -153,11 +153,11 @@ class Safety:
         return self._status
 
     def holds(self, condition: SafetyEvent) -> bool:
-        """A lasting condition, by the event that began it, has not ended yet."""
+        """Whether a condition, named by the event that starts it, is present."""
         return condition in self._conditions
 
     def handle(self, event: SafetyEvent) -> bool:
-        """Apply an event; True when the mode changed. A pair not in the table changes nothing."""
+        """Apply an event; returns whether the mode changed. A pair that is not in the table changes nothing."""
         if event in _CONDITIONS:
             self._conditions.add(event)
         self._conditions -= {begun for begun, ended in _CONDITIONS.items() if ended is event}

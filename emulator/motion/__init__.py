@@ -1,8 +1,8 @@
 """Motion generators: from movement commands to a target joint configuration each control period.
 
-`Motion` is the face for the rest of the emulator, and says what its parts are; `MotionCommands` has one method a script
-function. The movements themselves are generators, one family a module. The package knows no program, no power and no
-network, and reads no clock.
+`Motion` is the interface to the rest of the emulator and describes its parts; `MotionCommands` has one method per
+script function. The movements themselves are generators, one family per module. The package knows nothing about
+programs, power or networks, and reads no clock.
 """
 
 from emulator.motion.commands import MotionCommands

@@ -1,14 +1,14 @@
-"""Rounding the corner between two moves, and taking over from an arm in motion.
+"""Blends between two moves, and the hand-over from an arm in motion.
 
-A blend adds two motions around the waypoint W they share: leaving leg A, whose last r0 of path is run with steadily
-falling speed, and entering leg B, whose first r1 of path is run with steadily rising speed:
+A blend adds two motions around their common waypoint W: leaving leg A, whose last r0 of path is run with linearly
+decreasing speed, and entering leg B, whose first r1 of path is run with linearly increasing speed:
 
     position(u) = A(L - r0 (1-u)^2) + B(r1 u^2) - W,   u = t / T from 0 to 1
 
-so the speed is always a convex combination of A's speed at the begin (2 r0 / T) and B's at the end (2 r1 / T), and
-cannot exceed the larger one. A is entered at the speed its own profile has there, from which it could still stop at W;
-so nothing is lost when no next move comes. Between two tool paths positions and orientations are composed; every other
-pair is added in joint space. A hand-over is the same with A = "coast to a standstill".
+so the speed is always a convex combination of A's speed at the beginning (2 r0 / T) and B's at the end (2 r1 / T), and
+cannot exceed the larger one. The blend starts at the speed that A's own profile has there, from which A could still
+stop at W, so nothing is lost if no next move follows. Between two tool paths, positions and orientations are composed;
+every other pair is added in joint space. A hand-over is the same with A = "coast to a standstill".
 """
 
 from math import acos, cos, dist, sin, sqrt, tan
@@ -20,12 +20,12 @@ from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add, pose_sub
 from urproto.vectors import Vector3, as_six, lerp, norm3, scaled_sum3, sub
 
-_TOUCHING_M = 1e-5  # blends that overlap by less touch: people write radii of half a leg (guess)
-_CORNERS_ROUNDED = (0.01, 2.8)  # rad: movep rounds corners that turn by this much; sharper or flatter ones are added
+_TOUCHING_M = 1e-5  # blends that overlap by less only touch: programs often use radii of half a leg (guess)
+_CORNERS_ROUNDED = (0.01, 2.8)  # rad: movep rounds corners with a turn in this range; others are blended by addition
 
 
 class Leaving(Protocol):
-    """The end of a motion: r0 of path, left with steadily falling speed."""
+    """The end of a motion: r0 of path, run with linearly decreasing speed."""
 
     duration: float
     corner: Joints
@@ -35,7 +35,7 @@ class Leaving(Protocol):
 
 
 class LegEnd:
-    """The rest of a leg, from path length s, where the joints are at q, at the speed it has there."""
+    """The rest of a leg from path length s, where the joints are at q, starting with the speed it has there."""
 
     def __init__(self, leg: Leg, s: float, speed: float, q: Joints) -> None:
         self.leg = leg
@@ -55,7 +55,7 @@ class LegEnd:
 
 
 class Coast:
-    """An arm in motion brakes evenly; all joints come to rest together, one straight line in joint space."""
+    """An arm in motion brakes evenly: all joints come to rest together, on a straight line in joint space."""
 
     def __init__(self, q: Joints, qd: Joints, duration: float) -> None:
         self.duration = duration
@@ -67,7 +67,7 @@ class Coast:
 
 
 class Blend:
-    """The sum in joint space. ``exit_s`` and ``exit_speed`` say where and how fast leg B goes on."""
+    """Blend by addition in joint space. ``exit_s``, ``exit_speed``: where and how fast leg B continues after it."""
 
     def __init__(self, leaving: Leaving, entering: Leg, exit_speed: float) -> None:
         self.duration = leaving.duration
@@ -85,7 +85,7 @@ class Blend:
 
 
 class ToolBlend(Blend):
-    """The sum of two tool paths: positions add, orientations compose."""
+    """Blend of two tool paths: positions are added, orientations composed."""
 
     def __init__(self, leaving: LegEnd, before: ToolLeg, after: ToolLeg, exit_speed: float) -> None:
         super().__init__(leaving, after, exit_speed)
@@ -102,7 +102,7 @@ class ToolBlend(Blend):
 
 
 class RoundedCorner(ToolBlend):
-    """movep: the corner is an arc of a circle, run at constant tool speed."""
+    """Blend of two movep: a circular arc, run at constant tool speed."""
 
     def __init__(self, leaving: LegEnd, before: LineLeg, after: LineLeg, turn_rad: float) -> None:
         self._turn = turn_rad
@@ -146,10 +146,10 @@ def blend_into(leaving: Leaving, entering: Leg, radius_m: float | None) -> Blend
 
 
 def overlap(leg: Leg, radius_m: float, before_m: float) -> MotionWarning | None:
-    """What is wrong with the blends at a leg's ends: ``before_m`` is the radius at its start, ``radius_m`` at its goal.
+    """Warning about the blends at a leg's ends: ``before_m`` is the radius at its start, ``radius_m`` at its goal.
 
-    C171: the waypoint at the goal has to be skipped, since both blends do not fit into the leg (Script Manual).
-    Where only one end has a blend there is nothing to overlap with; one that is longer than the leg is cut (guess).
+    C171: the waypoint at the goal has to be skipped, because both blends do not fit into the leg (Script Manual).
+    If only one end has a blend, there is no overlap; a blend that is longer than the leg is cut (guess).
     """
     if radius_m <= 0.0 and before_m <= 0.0:
         return None
@@ -162,7 +162,7 @@ def overlap(leg: Leg, radius_m: float, before_m: float) -> MotionWarning | None:
 
 
 def _skipped(leg: Leg) -> int:
-    """The argument of C171. There are four for movej and movel; which of them means what is a guess."""
+    """Argument of C171. There are four for movej and movel; their assignment is a guess."""
     if isinstance(leg, ArcLeg):
         return 0
     if isinstance(leg, JointLeg):
@@ -171,20 +171,20 @@ def _skipped(leg: Leg) -> int:
 
 
 def _same_tool(before: Leg, after: Leg) -> bool:
-    """False for two tool paths between which the TCP was set: their poses cannot be added."""
+    """False if the TCP was changed between two tool paths: their poses cannot be added then."""
     if isinstance(before, ToolLeg) and isinstance(after, ToolLeg):
         return before.reach.tcp_offset == after.reach.tcp_offset
     return True
 
 
 def _exit_speed(duration: float, leg: Leg) -> float:
-    """The highest speed on the leg that can be reached in this time, in its first half, and stopped from."""
+    """The highest speed reachable in this time within the leg's first half, from which the arm can still stop."""
     a = leg.limits.acceleration
     return min(leg.limits.speed, leg.length / duration, a * duration, sqrt(a * leg.length))
 
 
 def _corner_to_round(leaving: LegEnd, before: LineLeg, after: LineLeg) -> float | None:
-    """The angle by which the path turns, when an arc at constant speed fits there; else None."""
+    """Angle by which the path turns, if an arc at constant speed fits into the corner; else None."""
     speed, rest = leaving.speed, leaving.rest
     straight_enough = before.is_translation and after.is_translation
     if not straight_enough or rest > 0.5 * after.length or speed > after.limits.speed:

@@ -1,7 +1,7 @@
-"""The movements a program can ask for, one method each.
+"""The movements that a program can command, one method each.
 
-Every method returns a `Move`; the program waits until it is ready. A command that cannot be begun (target out of reach,
-outside the joint limits, not a number) gives a failed Move, and the next period reports the fault and stops the arm.
+Every method returns a `Move`; the program waits until it is ready. A command that cannot start (target out of reach,
+outside the joint limits, not a number) returns a failed Move, and the next period reports the fault and stops the arm.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,16 +31,16 @@ from urproto.vectors import ZERO6, all_finite, as_six, largest, norm3, scaled
 
 _HANDOVER_RAD_S2 = 10.0  # leading joint, when a movement of another kind takes over from an arm in motion (guess)
 _TURN_ACCELERATION_MAX = TOOL_LIMITS.acceleration / 0.25  # rad/s2, at the equivalent radius (guess)
-# A tool path at least this long is a direction, followed as far as the arm reaches: PolyScope's Direction nodes end
-# 1000 m away and are stopped before. From which length on this is so is a guess.
+# A tool path of at least this length is a direction, followed as far as the arm reaches: PolyScope's Direction nodes
+# end 1000 m away and are stopped on the way. The threshold is a guess.
 _DIRECTION_M = 100.0
 
 
 class MotionCommands:
-    """What a program asks of the arm. Joint vectors (6,) base to wrist 3 [rad]; poses base to TCP [m, rotation vector].
+    """Motion commands. Joint vectors (6,) base to wrist 3 [rad]; poses base to TCP [m, rotation vector].
 
-    Commands come between two periods. They plan, and make what they planned the movement in progress; nothing moves
-    before the next period. ``wrench_limit``: tool_wrench_limit_set.
+    Commands arrive between two periods. They plan a movement and make it the movement in progress; nothing moves
+    before the next period. ``wrench_limit``: the limit set by tool_wrench_limit_set, or None.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class MotionCommands:
         return self._line("movel", pose, a, v, t, r, process=False)
 
     def movep(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Move:
-        """As movel, with corners between two movep rounded by arcs at constant tool speed."""
+        """Like movel, with corners between two movep rounded by arcs at constant tool speed."""
         return self._line("movep", pose, a, v, 0.0, r, process=True)
 
     def movec(
@@ -86,7 +86,7 @@ class MotionCommands:
         r: float = 0.0,
         mode: int = 0,
     ) -> Move:
-        """Circular tool path over ``via``; mode 1 keeps the orientation relative to the arc."""
+        """Circular tool path through ``via``; mode 1 keeps the orientation relative to the arc."""
         fault = _not_usable("movec", (*via, *to, r), a, v)
         if fault is not None:
             return self._refuse(fault)
@@ -109,15 +109,15 @@ class MotionCommands:
         return self._follow(lambda start: LineLeg(self._target.reach, start, goal, Limits(v, a), t, process=process), r)
 
     def _follow(self, make_leg: Callable[[Joints], Leg], radius_m: float) -> Move:
-        """Begin a leg: from rest, by blending with the leg before, or by taking over from an arm in motion.
+        """Start a leg: from rest, by blending with the previous leg, or by taking over from an arm in motion.
 
-        A waypoint whose blend overlaps the one before is skipped: the leg before goes on, and the next move may blend
-        with that.
+        A waypoint whose blend overlaps the previous one is skipped: the previous leg continues, and the next move may
+        blend with it.
         """
         before, radius_m = self._movement.generator, max(radius_m, 0.0)
         end = None
-        # All that can fail comes before anything is changed: a move that is refused leaves the one before alone until
-        # the arm stops in the next period.
+        # Everything that can fail comes before any change of state: a refused move must not affect the previous one
+        # until the arm stops in the next period.
         try:
             if isinstance(before, PathMotion) and self._blendable:
                 end = before.leg_end(self._start()[0])
@@ -133,11 +133,11 @@ class MotionCommands:
                 return Move(ready=True)
         blend = None if leaving is None else blend_into(leaving, leg, corner_m)
         if end is None:
-            self._take_over()  # a blend goes on at the time scale that the leg before has
+            self._take_over()  # a blend, in contrast, continues at the time scale of the previous leg
         return self._begin(PathMotion(leg, radius_m, blend))
 
     def _planned(self, make_leg: Callable[[Joints], Leg], leaving: Leaving | None) -> Leg:
-        """The leg from where the motion before ends. Raises MotionFault when the tool cannot get to its goal."""
+        """Plan the leg from where the previous motion ends. Raises MotionFault if the tool cannot reach its goal."""
         leg = make_leg(self._start()[0] if leaving is None else leaving.corner)
         if self.wrench_limit is not None:
             self.wrench_limit.slow(leg, self._target.reach.tcp_offset)
@@ -146,7 +146,7 @@ class MotionCommands:
         return leg
 
     def _coast(self) -> Coast | None:
-        """From the present speed to rest within the position limits; None at rest."""
+        """Motion from the present speed to rest within the position limits; None at rest."""
         q, qd = self._start()
         fastest = largest(qd)
         if fastest == 0.0:
@@ -155,9 +155,9 @@ class MotionCommands:
         return Coast(q, qd, duration) if duration > 0.0 else None
 
     def abort(self) -> None:
-        """End a movej or movel: stop on the path, or with a blend radius let the next move blend in from here.
+        """End a movej or movel: stop on the path or, if it has a blend radius, let the next move blend in from here.
 
-        Nothing else can be aborted (Script Manual), and nothing happens while the arm is paused (guess).
+        No other movement can be aborted (Script Manual), and a paused one is left alone (guess).
         """
         movement = self._movement.generator
         if not isinstance(movement, PathMotion) or self._movement.paused or self._movement.stopping:
@@ -170,7 +170,7 @@ class MotionCommands:
     def stop(self, decel: float | None = None) -> None:
         """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement.
 
-        A path that is displaced no longer leads on from where the arm is: then all joints slow together.
+        If the path is displaced, it no longer continues from where the arm is: all joints slow down together then.
         """
         displaced = self._superposition.active
         self._superposition.release()
@@ -179,7 +179,7 @@ class MotionCommands:
     # streaming
 
     def servoj(self, q: Sequence[float], *, t: float, lookahead_time: float = 0.1, gain: float = 300.0) -> Move:
-        """Follow q for t seconds of the program's time (one period at least), then keep heading for it."""
+        """Follow q for t seconds of program time (at least one period), then keep moving towards it."""
         numbers, target = (*q, t, lookahead_time, gain), as_six(q)
         fault = bad_setpoint("servoj's target") if not all_finite(numbers) else self._limits.outside(target)
         if fault is not None:
@@ -192,7 +192,7 @@ class MotionCommands:
         return self._begin(servo)
 
     def servoc(self, pose: Sequence[float], *, a: float = 1.2, v: float = 0.25, r: float = 0.0) -> Move:
-        """Head for the pose at tool speed v; ready within r of it."""
+        """Move towards the pose at tool speed v; ready within r of it."""
         fault = _not_usable("servoc", (*pose, r), a, v)
         if fault is not None:
             return self._refuse(fault)
@@ -209,7 +209,7 @@ class MotionCommands:
         return self._begin(servo)
 
     def speedj(self, qd: Sequence[float], *, a: float, t: float | None = None) -> Move:
-        """Accelerate to joint speeds and hold them; ready after t, or without t at that speed."""
+        """Accelerate to joint speeds and hold them; ready after t or, without t, once they are reached."""
         fault = _not_finite("speedj", qd, a, t)
         if fault is not None:
             return self._refuse(fault)
@@ -243,16 +243,16 @@ class MotionCommands:
 
     @property
     def _blendable(self) -> bool:
-        """The movement in progress is where its generator says, and on its way."""
+        """Whether a blend is possible: the arm is where its generator says, and the movement is not being stopped."""
         return not (self._force_control.active or self._movement.stopping)
 
     @property
     def _streaming(self) -> bool:
-        """A stream may go on from its own state; after force mode the arm is elsewhere."""
+        """Whether a stream may continue from its own state: after force mode, the arm is elsewhere."""
         return not self._force_control.released
 
     def direct_torque(self, command: TorqueCommand, respond: TorqueResponse) -> Move:
-        """Let torques move the arm for one control period; ``respond`` tells where they take it."""
+        """Let torques move the arm for one control period; ``respond`` calculates where it moves."""
         if not all_finite((*command.torque, *command.viscous_scale, *command.coulomb_scale)):
             return self._refuse(bad_setpoint("direct_torque's torque"))
         generator = self._movement.generator
@@ -278,46 +278,46 @@ class MotionCommands:
         a, turn_a = min(a, TOOL_LIMITS.acceleration), min(turn_a, _TURN_ACCELERATION_MAX)
         return self._begin(ToolStop(self._target.reach, *self._start(), a, turn_a))
 
-    # giving way, and paths displaced no more
+    # freedrive, and the end of path offsets and tracking
 
     def freedrive(self, free_axes: Sequence[float] = (1,) * 6, feature: Pose | None = ZERO6) -> None:
         """Stop, and let the external wrench move the tool along the free axes of a frame given in the base frame.
 
-        None is the tool's own frame. Until `ForceControl.end`.
+        None stands for the tool's own frame. Active until `ForceControl.end`.
         """
         if self._movement.generator is not None:
             self.stopj(_HANDOVER_RAD_S2)
         self._force_control.freedrive(free_axes, feature)
 
     def disable_path_offset(self, a: float) -> Move:
-        """Add no offset any more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        """End the path offset and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
         return self._end_source(Kind.PATH_OFFSET, a)
 
     def stop_tracking(self, a: float) -> Move:
-        """Track no conveyor any more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        """End conveyor tracking and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
         return self._end_source(Kind.CONVEYOR, a)
 
     def stop_tracking_frame(self, a: float) -> Move:
-        """Track no frame any more and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
+        """End frame tracking and stop all joints, the leading one by ``a`` [rad/s2]; ready at rest."""
         return self._end_source(Kind.FRAME, a)
 
     def _end_source(self, kind: Kind, a: float) -> Move:
-        """Where the source took the path to becomes the path; from there all joints stop."""
+        """Make the displaced path the path itself; from there, all joints stop."""
         try:
             self._superposition.end(kind)
         except MotionFault as fault:
             return self._refuse(fault)
         return self._stop_joints(a)
 
-    # what is told of them
+    # reports
 
     def take_refusal(self) -> MotionFault | None:
-        """Why a command since the last call could not be begun."""
+        """Reason why a command since the last call could not start, or None."""
         refusal, self._refusal = self._refusal, None
         return refusal
 
     def take_warnings(self) -> tuple[MotionWarning, ...]:
-        """What was wrong with the commands since the last call, though the arm moves."""
+        """Warnings about the commands since the last call, which the arm executes nevertheless."""
         if not self._warnings:
             return ()
         warnings = tuple(self._warnings)
@@ -327,9 +327,9 @@ class MotionCommands:
     # beginning a movement
 
     def _start(self) -> tuple[Joints, Joints]:
-        """Where a new movement starts, and how fast: like the arm, or on the path when that is displaced.
+        """Position and speed at which a new movement starts: the arm's or, if the path is displaced, the path's.
 
-        What force mode has left behind would stay beside a displaced path for ever, so it becomes part of that first.
+        A deviation left by force mode would remain next to a displaced path for ever, so it first becomes part of it.
         """
         if not self._superposition.active:
             return self._target.q, self._target.qd
@@ -338,31 +338,31 @@ class MotionCommands:
         return self._movement.q, self._movement.qd
 
     def _begin(self, generator: Generator) -> Move:
-        """Make this the movement in progress; whoever waited for the one before waits no longer."""
+        """Make this the movement in progress; the wait for the previous one ends."""
         start = self._start()
         if self._force_control.released and not self._superposition.active:
-            self._force_control.drop()  # the movement starts where that has left the arm
+            self._force_control.drop()  # the movement starts where force mode has left the arm
         return self._movement.begin(generator, *start)
 
     def _take_over(self) -> None:
-        """A movement of another kind starts from the arm's present speed."""
+        """Start a movement of another kind from the arm's present speed."""
         self._movement.take_over(largest(self._start()[1]))
 
     def _stop_joints(self, a: float) -> Move:
         return self._begin(brake_together(*self._start(), min(a, *self._target.model.qdd_max)))
 
     def _refuse(self, fault: MotionFault) -> Move:
-        """A command that cannot be begun: it fails now, and the arm stops protectively in the next period."""
+        """Fail a command that cannot start; the next period causes a protective stop."""
         self._refusal = fault
         return Move(failed=fault)
 
     def _reachable(self, pose_base_tcp: Pose) -> None:
-        """Raise MotionFault when no joint configuration has this pose."""
+        """Raise MotionFault if no joint configuration has this pose."""
         self._target.reach.joints(pose_base_tcp, self._target.q)
 
 
 def _not_usable(name: str, numbers: Sequence[float], a: float, v: float, t: float = 0.0) -> MotionFault | None:
-    """A fault unless the numbers are finite and speed and acceleration (where no time is given) positive."""
+    """A fault unless all numbers are finite and, without a given time, speed and acceleration are positive."""
     if not all_finite((*numbers, a, v)):
         return bad_setpoint(f"{name}'s target")
     if t <= 0.0 and (a <= 0.0 or v <= 0.0):

@@ -1,13 +1,13 @@
-"""Force mode and freedrive: the tool gives way in chosen directions of a frame.
+"""Force mode and freedrive: the tool is compliant in selected directions of a frame.
 
-In a compliant direction the tool behaves like a mass with viscous friction pushed by the wanted force plus the external
-one; in the others it follows the movement in progress. Where the arm is singular, stretched for instance, it cannot
-follow each push: it then gives way as far as its joints can, and stands where that would take it off in a direction
-that is not compliant. Mass and friction are guesses: a real controller's force loop is
+In a compliant direction, the tool behaves like a mass with viscous friction that is pushed by the commanded force plus
+the external one; in the others, it follows the movement in progress. In a singular configuration, for example with a
+stretched arm, the tool cannot follow every push. It then yields as far as its joints allow, and stops if that would
+make it deviate in a direction that is not compliant. Mass and friction are guesses: a real controller's force loop is
 not documented.
 
-The loop's equilibrium is where wanted and external force cancel, whatever mass, friction and gain: pressing on
-something with 10 N ends at 10 N.
+The loop is in equilibrium when commanded and external force cancel, whatever the mass, friction and gain: pressing on
+an object with 10 N results in 10 N.
 """
 
 from collections.abc import Sequence
@@ -44,28 +44,28 @@ from urproto.vectors import (
     unit,
 )
 
-_MASS = 20.0  # kg, kg m2 for turning: gives time constants around 0.1 s (guess)
+_MASS = 20.0  # kg, and kg m2 for rotation: gives time constants around 0.1 s (guess)
 _INERTIA = 1.0
 _FRICTION = (200.0, 1800.0)  # N s/m at damping 0, and how much full damping adds (guess)
 _TURN_FRICTION = (10.0, 90.0)  # Nm s/rad
 _TOOL, _FIXED = 0, 2  # kinds of task frame
-_REST = 1e-6  # m/s, rad/s: slower than this the tool stands (guess)
-_STILL = 1e-9  # m in a period: less is no motion to turn a frame along
-_SLACK = 1e-4  # m, rad: how far a singular arm may come off in directions that are not compliant (guess)
+_REST = 1e-6  # m/s, rad/s: a slower tool counts as at rest (guess)
+_STILL = 1e-9  # m per period: a shorter motion has no direction to align a frame with
+_SLACK = 1e-4  # m, rad: permitted deviation of a singular arm in directions that are not compliant (guess)
 _FREEDRIVE_LIMITS: Joints = (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)  # m/s, rad/s (guess)
-_SUDDEN = 5.0  # times a joint's acceleration limit: only a singular arm, or a hard contact, asks for more (guess)
+_SUDDEN = 5.0  # times a joint's acceleration limit: only a singular arm or a hard contact demands more (guess)
 _MOTION = 3  # kind of task frame
 _STIFF = (False,) * 6
-_BRAKE_DAMPING = 0.25  # of force mode and freedrive once they end or pause: standing within 0.5 s (guess)
+_BRAKE_DAMPING = 0.25  # of force mode and freedrive when they end or pause: at rest within 0.5 s (guess)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to comply with: ``frame`` in the base frame, six flags, wrench [N, Nm] and speed limits in that frame.
+    """A compliance task: ``frame`` in the base frame, six flags, wrench [N, Nm] and speed limits in that frame.
 
-    ``kind`` as in force_mode: 1 turns y towards the frame's origin, 2 takes the frame as it is, 3 turns x along the
-    tool's velocity, and complies only once the tool has moved (user manual, "Motion"). 0: the tool's own axes, whatever
-    the frame.
+    ``kind`` as in force_mode: 1 turns y towards the frame's origin, 2 uses the frame as it is, 3 turns x along the
+    tool's velocity and complies only once the tool has moved (user manual, "Motion"). 0 uses the tool's own axes,
+    whatever the frame.
     """
 
     frame: Pose
@@ -79,9 +79,9 @@ class Task:
     def force(
         cls, frame: Pose, selection: Sequence[float], wrench: Sequence[float], kind: int, limits: Sequence[float]
     ) -> "Task":
-        """From force_mode's arguments. ValueError for a type other than 1, 2, 3."""
+        """Create a task from force_mode's arguments. Raises ValueError for a type other than 1, 2, 3."""
         if kind not in (1, 2, 3):
-            raise ValueError(f"force mode type {kind} is unknown: give 1, 2 or 3")
+            raise ValueError(f"force_mode: type must be 1, 2 or 3, not {kind}")
         return cls(frame, tuple(flag != 0 for flag in selection), as_six(wrench), kind, as_six(limits))
 
     @classmethod
@@ -92,13 +92,13 @@ class Task:
 
     @classmethod
     def free(cls, frame: Pose | None, free_axes: Sequence[float]) -> "Task":
-        """Freedrive: only outside forces count. None is the tool's own frame."""
+        """Freedrive: only external forces count. None stands for the tool's own frame."""
         free, kind = tuple(flag != 0 for flag in free_axes), _TOOL if frame is None else _FIXED
         return cls(frame or ZERO6, free, ZERO6, kind, _FREEDRIVE_LIMITS, freedrive=True)
 
 
 class Pushing(NamedTuple):
-    """What acts on the tool at its TCP, base frame [N, Nm]; the present forces of ``contacts`` are part of it."""
+    """External wrench on the tool at its TCP, base frame [N, Nm]; it includes the present forces of ``contacts``."""
 
     wrench: Joints = ZERO6
     contacts: tuple[Contact, ...] = ()
@@ -106,7 +106,7 @@ class Pushing(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
-    """The force loop in one period: friction and what it leaves of a speed, axis by axis; gain."""
+    """The force loop in one period: friction and the factor by which it reduces a speed, axis by axis; gain."""
 
     dt: float
     friction: Joints
@@ -114,9 +114,9 @@ class _Loop:
     gain: float
 
     @staticmethod
-    @lru_cache(maxsize=8)  # nearly every period has those of the one before
+    @lru_cache(maxsize=8)  # nearly every period has the values of the previous one
     def of(dt: float, damping: float, gain: float) -> "_Loop":
-        """The loop for a period of dt seconds; ``damping`` from 0 to 1."""
+        """Loop for a period of dt seconds; ``damping`` from 0 to 1."""
         linear, turning = _FRICTION[0] + _FRICTION[1] * damping, _TURN_FRICTION[0] + _TURN_FRICTION[1] * damping
         moving, spinning = exp(-dt * linear / _MASS), exp(-dt * turning / _INERTIA)
         return _Loop(dt, (linear,) * 3 + (turning,) * 3, (moving,) * 3 + (spinning,) * 3, gain)
@@ -126,42 +126,42 @@ class Compliance:
     """Turns movements of the nominal arm into movements of the compliant one."""
 
     def __init__(self, reach: Reach, q: Joints, moved: Joints, task: Task) -> None:
-        """``moved``: what the joints did in the last period [rad]."""
+        """``moved``: the joints' displacement in the last period [rad]."""
         self.reach = reach
         self.task = task
         self.released = False
         self._pose = reach.pose(q)
-        self._speed = ZERO6  # of the tool's own motion, in the task frame
+        self._speed = ZERO6  # of the compliant motion alone, in the task frame
         self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
         self._moved = moved
-        self._heading: Vector3 | None = None  # x axis of a frame along the motion
+        self._heading: Vector3 | None = None  # x axis of a task frame of kind 3
         self._next = (self._pose, ZERO6, ZERO6)
-        self._path = (q, self._pose)  # the nominal arm's last place, as joints and as a pose
+        self._path = (q, self._pose)  # the nominal arm's last configuration, as joints and as a pose
 
     def standing(self) -> bool:
-        """No motion of its own."""
+        """Whether the compliant motion is at rest."""
         return self._speed == ZERO6
 
     def halt(self) -> None:
-        """The last step cannot be: stay, and lose the speed of the compliant directions."""
+        """Discard the last step: stay in place, and lose the speed in compliant directions."""
         self._next = (self._pose, ZERO6, ZERO6)
 
     def comply(self, task: Task) -> None:
-        """Another task, also after a release."""
+        """Start another task, also after a release."""
         if task.kind != self.task.kind:
             self._heading = None
         self.task, self.released = task, False
 
     def release(self) -> None:
-        """Comply no more; what speed there is dies away."""
+        """End compliance; the remaining speed decays."""
         self.released = True
         kind = _TOOL if self.task.kind == _TOOL else _FIXED
         self.task = Task(self.task.frame, (False,) * 6, ZERO6, kind, self.task.limits)
 
     def check(self, actual_q: Joints) -> None:
-        """Raise MotionFault when the arm is further off than force mode's limits of the stiff axes allow.
+        """Raise MotionFault if the arm deviates more than force mode's limits of the stiff axes allow.
 
-        ``actual_q``: where the last step has really taken it.
+        ``actual_q``: where the arm actually is after the last step.
         """
         task = self.task
         if task.freedrive or task.kind == _TOOL or self.released:
@@ -175,9 +175,9 @@ class Compliance:
     def step(
         self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Pushing, damping: float, gain: float
     ) -> Joints:
-        """Propose the joints after dt, while the nominal arm goes from the first to the second of ``nominal``.
+        """Propose the joints after dt, while the nominal arm moves from the first to the second of ``nominal``.
 
-        Raises MotionFault where the arm cannot go.
+        Raises MotionFault if the arm cannot follow.
         """
         before, after = nominal
         shift = ZERO6 if before == after else self._shift(before, after)
@@ -199,14 +199,14 @@ class Compliance:
         return target
 
     def _shift(self, before: Joints, after: Joints) -> Joints:
-        """The way of the nominal arm's tool, in the base frame."""
+        """Displacement of the nominal arm's tool, in the base frame."""
         known, pose = self._path
         start = pose if before == known else self.reach.pose(before)
         self._path = (after, self.reach.pose(after))
         return pose_sub(self._path[1], start)
 
     def _exact(self, dt: float, pose: Pose, q: Joints, *, alone: bool, touching: bool) -> Joints | None:
-        """The joints for this pose. With no movement beside, None when they cannot get there, or only by a jerk."""
+        """Joints for this pose. Without a simultaneous movement: None if they cannot get there, or only with a jerk."""
         model = self.reach.model
         try:
             target = self.reach.joints(pose, q)
@@ -225,14 +225,14 @@ class Compliance:
         return target
 
     def _hardest(self, step: Joints) -> float:
-        """How suddenly the joints would change their speed: of the hardest one, as a share of its limit, times dt2."""
+        """Largest change of a joint's speed, as a fraction of its acceleration limit, times dt squared."""
         changes = zip(step, self._moved, self.reach.model.qdd_max, strict=True)
         return max([abs(now - last) / most for now, last, most in changes])
 
     def _yielded(
         self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints, *, touching: bool
     ) -> tuple[Joints, Pose, Joints]:
-        """Towards the pose as far as a singular arm can; what compliant directions miss of it and of speed is lost."""
+        """Move towards the pose as far as a singular arm can; compliant directions lose the rest, and its speed."""
         pose, own = wanted
         step = self.reach.step_towards(pose, q)
         sudden = self._hardest(step) / (_SUDDEN * dt * dt)
@@ -248,18 +248,18 @@ class Compliance:
         return target, pose_add(out_of6(axes, lost), pose), as_six(map(_slowed, own, lerp(own, lost, 1.0 / dt)))
 
     def commit(self) -> None:
-        """The last step came true."""
+        """The last step has been executed."""
         self._pose, self._speed, self._moved = self._next
         self._yielding = self._compliant
 
     @property
     def _compliant(self) -> tuple[bool, ...]:
-        """The directions that give way in this period: none of a frame along the motion before there was one."""
+        """The directions that are compliant in this period. A frame of kind 3 has none before the first motion."""
         waiting = self.task.kind == _MOTION and self._heading is None
         return _STIFF if waiting else self.task.compliant
 
     def _handed_over(self, wanted: Joints) -> Joints:
-        """The own speed; a direction that begins or ends to comply does not change the tool's speed at once.
+        """Compliant speed, corrected to keep the tool's speed continuous when a direction becomes stiff or compliant.
 
         ``wanted``: speed of the movement in progress, task frame.
         """
@@ -269,9 +269,9 @@ class Compliance:
         return as_six(own + change * speed for own, change, speed in zip(self._speed, changes, wanted, strict=True))
 
     def _accelerated(self, loop: _Loop, before: Joints, axes: Axes, external: Pushing, given: Joints) -> Joints:
-        """The own speed after the period: what mass and friction make of it, contacts, and the task's speed limits.
+        """Compliant speed after the period, given mass, friction, contacts and the task's speed limits.
 
-        ``before``: the own speed now, ``given``: speed of the movement in progress, both in the task frame.
+        ``before``: the compliant speed now, ``given``: speed of the movement in progress, both in the task frame.
         """
         compliant = self._compliant
         net = self.task.wrench
@@ -292,7 +292,7 @@ class Compliance:
         return as_six(speed[i] if compliant[i] else free[i] for i in range(6))
 
     def _unhindered(self, loop: _Loop, before: Joints, net: Joints) -> Joints:
-        """Exact response of mass and friction to a force that stays, bounded by the task's speed limits."""
+        """Exact response of mass and friction to a constant force, bounded by the task's speed limits."""
         speeds = []
         directions = zip(self._compliant, self.task.limits, net, before, loop.friction, loop.decay, strict=True)
         for gives_way, limit, force, speed, friction, decay in directions:
@@ -320,15 +320,15 @@ class Compliance:
 
 
 def _slowed(speed: float, left: float) -> float:
-    """What is left of a speed, which is neither gained nor reversed: else an arm that corrects itself never stands."""
+    """Reduce a speed without increasing or reversing it: otherwise an arm that corrects itself would never stop."""
     return max(0.0, min(speed, left)) if speed >= 0.0 else min(0.0, max(speed, left))
 
 
 class ForceControl:
-    """Force mode, screw driving and freedrive, one at a time: the arm gives way beside whatever else moves it.
+    """Force mode, screw driving and freedrive, one at a time: the arm is compliant in addition to other movements.
 
-    ``damping``, ``gain_scaling``: force_mode_set_damping and force_mode_set_gain_scaling. ``contacts``: of the tool and
-    the world, whose forces are part of the external wrench.
+    ``damping``, ``gain_scaling``: force_mode_set_damping and force_mode_set_gain_scaling. ``contacts``: those between
+    tool and world, whose forces are part of the external wrench.
     """
 
     def __init__(self, target: ArmTarget, limits: PositionLimits) -> None:
@@ -336,18 +336,18 @@ class ForceControl:
         self.gain_scaling = 1.0
         self.contacts: tuple[Contact, ...] = ()
         self._external_wrench: Joints = ZERO6
-        self._actual_q: Joints | None = None  # None: where it was told to be
+        self._actual_q: Joints | None = None  # None: at its target
         self._target, self._limits = target, limits
         self._compliance: Compliance | None = None
 
     @property
     def active(self) -> bool:
-        """The arm gives way, or has not come to rest since."""
+        """Whether the arm is compliant, or has not come to rest since."""
         return self._compliance is not None
 
     @property
     def released(self) -> bool:
-        """It gives way no more, and what it gave way by is still beside the path."""
+        """Whether compliance has ended but its displacement from the path remains."""
         return self._compliance is not None and self._compliance.released
 
     @property
@@ -364,10 +364,10 @@ class ForceControl:
         return compliance.task.frame if compliance is not None and self.mode is ControlMode.FORCE else ZERO6
 
     def feel(self, external_wrench: Joints, actual_q: Joints | None = None) -> None:
-        """What pushes the tool at its TCP, base frame [N, Nm], and where the arm is when not at its target [rad]."""
+        """Set the external wrench at the TCP, base frame [N, Nm], and where the arm is if not at its target [rad]."""
         self._external_wrench, self._actual_q = external_wrench, actual_q
 
-    # what a program asks for
+    # commands of a program
 
     def force_mode(
         self,
@@ -377,32 +377,32 @@ class ForceControl:
         type: int,  # noqa: A002 - the name of the script function's parameter
         limits: Sequence[float],
     ) -> None:
-        """Comply in the selected directions of task_frame (in the base frame), beside any other movement.
+        """Comply in the selected directions of task_frame (in the base frame), during any other movement.
 
         ``limits`` are speeds [m/s, rad/s] in compliant directions. Raises ValueError for an unknown type.
         """
         if not all_finite((*task_frame, *selection, *wrench, *limits)):
-            raise ValueError("force mode needs finite numbers")
+            raise ValueError("force_mode: all numbers must be finite")
         self._comply(Task.force(as_six(task_frame), selection, wrench, type, limits))
 
     def screw_driving(self, force_N: float, speed_m_s: float) -> None:
-        """Push along the tool's own z axis, no faster than ``speed_m_s``, beside any other movement."""
+        """Push along the tool's own z axis, no faster than ``speed_m_s``, during any other movement."""
         self._comply(Task.screw(force_N, speed_m_s))
 
     def freedrive(self, free_axes: Sequence[float], feature: Pose | None) -> None:
         """Let the external wrench move the tool along the free axes of a frame given in the base frame.
 
-        None is the tool's own frame. Movements go on beside it: `MotionCommands.freedrive` stops them.
+        None stands for the tool's own frame. Movements continue meanwhile: `MotionCommands.freedrive` stops them.
         """
         self._comply(Task.free(None if feature is None else as_six(feature), free_axes))
 
     def end(self) -> None:
-        """Comply no more; the arm comes to rest where it is."""
+        """End compliance; the arm comes to rest where it is."""
         if self._compliance is not None:
             self._compliance.release()
 
     def drop(self) -> None:
-        """Comply no more, at once: the arm is taken for being on its path."""
+        """End compliance immediately; the arm counts as being on its path."""
         self._compliance = None
 
     def _comply(self, task: Task) -> None:
@@ -415,10 +415,10 @@ class ForceControl:
     # one control period
 
     def advance(self, before: Joints, after: Joints, *, running: bool, alone: bool) -> Joints:
-        """Propose where the arm gives way to, while the path goes from ``before`` to ``after``.
+        """Propose the compliant arm's joints, while the path advances from ``before`` to ``after``.
 
-        ``running``: the movement is not held; held, nothing pushes. ``alone``: nothing else moves the arm, so force
-        mode or freedrive that has ended and come to rest is over. Raises MotionFault.
+        ``running``: the movement is not held; while it is, nothing pushes. ``alone``: nothing else moves the arm, so
+        compliance that has ended and come to rest is removed. Raises MotionFault.
         """
         compliance, here = self._compliance, self._target.q
         if compliance is None:
@@ -434,13 +434,13 @@ class ForceControl:
         except MotionFault:
             if after != before:
                 raise
-            # Nothing but a push asks for this: the end of the work space is a wall to the hand, and no fault.
+            # Only a push demands this: the end of the workspace acts like a wall for a hand, and is not a fault.
             compliance.halt()
             return here
         return target
 
     def commit(self) -> bool:
-        """The last proposal came true; whether the arm has no motion of its own beside its path."""
+        """The last proposal has been executed. Returns whether the compliant motion is at rest."""
         if self._compliance is None:
             return True
         self._compliance.commit()

@@ -1,10 +1,10 @@
-"""Contacts of the tool, as a compliant tool has to know them: what each will do in the next control period.
+"""Contacts of a compliant tool, and their effect in the next control period.
 
-A contact is a spring and a damper along one direction, which push and never pull, and friction across it. A stiff
-spring whose force is only taken over from one period to the next is entered at full speed before it pushes, and
-throws the tool out faster than it came in. So the compliant tool looks ahead: its next speed is the one whose force the
-contact will have then (backward Euler), which takes energy away at any stiffness and period. Contacts not reached yet
-(negative depth) are known too.
+A contact is a spring and a damper along one direction, which push and never pull, and friction across it. If the force
+of a stiff spring only took effect in the following period, the tool would enter it at full speed before it pushes, and
+leave it faster than it came. The compliant tool therefore looks ahead: its next speed is the one that is consistent
+with the contact force at that speed (backward Euler), which dissipates energy at any stiffness and period. Contacts
+that are not reached yet (negative depth) are included.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,16 +16,16 @@ from urproto.robots.model import Joints
 from urproto.vectors import Axes, Vector3, as_six, cross, dot, into6, lerp
 
 _EXACT = 1.0 + 1e-9
-_ROUNDS = 4  # of finding out which contacts will push: two are the rule
+_ROUNDS = 4  # to determine which contacts will push: usually two suffice
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
     """Where tool and world touch, or soon will. Vectors in the base frame.
 
-    lever: from the TCP [m]. normal: the direction in which the tool is pushed. depth: how far the tool is inside,
-    negative where it is not there yet [m]. stiffness [N/m], damping [N s/m]. grip: friction over the sliding speed
-    [N s/m]. force: the present one [N], friction included.
+    lever: from the TCP [m]. normal: the direction in which the tool is pushed. depth: penetration of the tool [m],
+    negative before it touches. stiffness [N/m], damping [N s/m]. grip: friction force per sliding speed [N s/m].
+    force: the present one [N], friction included.
     """
 
     lever: Vector3
@@ -52,7 +52,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How the tool answers to forces in one period, axis by axis of the task frame.
+    """How the tool responds to forces in one period, axis by axis of the task frame.
 
     speed' = (kept + gain * force) / resistance in compliant axes, and at most ``bound``. given: the speeds of the
     others [m/s, rad/s].
@@ -71,8 +71,8 @@ def solve(
 ) -> Joints:
     """The tool's speed in the task frame at the end of the period: [m/s, rad/s].
 
-    ``wrench``: everything that acts on the tool and is not one of these contacts, in the task frame. ``alone``: the
-    speed that the tool would have then without the contacts.
+    ``wrench``: everything that acts on the tool except these contacts, in the task frame. ``alone``: the speed that the
+    tool would have without the contacts.
     """
     pushing: list[Contact] = []
     rows = [(contact, _generalised(axes, contact)) for contact in contacts]
@@ -124,7 +124,7 @@ def _speed(
 def _unbounded(
     response: Response, force: Sequence[float], resisting: Sequence[Sequence[float]], fixed: Mapping[int, float]
 ) -> Joints:
-    """As _speed, with some speeds fixed."""
+    """Solve the equation of _speed with some speeds fixed."""
     free = [i for i in range(6) if i not in fixed]
     left, right = [], []
     for i in free:
@@ -155,7 +155,7 @@ def _eliminated(matrix: list[list[float]], right: list[float]) -> list[float]:
 
 
 def without(total: Joints, contacts: Sequence[Contact]) -> Joints:
-    """What is left of a wrench when the present forces of these contacts are taken out."""
+    """A wrench without the present forces of these contacts."""
     for contact in contacts:
         total = lerp(total, contact.wrench, -1.0)
     return total

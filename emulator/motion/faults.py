@@ -1,8 +1,8 @@
-"""Why a movement had to end in a protective stop, or went another way than it was told to."""
+"""Reasons why a movement ends in a protective stop, or deviates from its command."""
 
 from dataclasses import dataclass
 
-# Report codes and arguments of the controller's error list. Which of them a real controller gives for a pose out of
+# Report codes and arguments of the controller's error list. Which of them a real controller reports for a pose out of
 # reach is a guess; the others are named in that list.
 _CLOSE_TO_JOINT_LIMIT = 150
 _CONVEYOR_SPEED = 195
@@ -17,11 +17,11 @@ _SINGULARITY = 7
 
 
 @dataclass(eq=False)
-class MotionFault(Exception):  # noqa: N818 - it is what the controller calls a fault, raised or not
-    """A movement cannot go on; the arm is being stopped protectively.
+class MotionFault(Exception):  # noqa: N818 - the controller's term, whether it is raised or not
+    """A movement cannot continue; the arm makes a protective stop.
 
     ``code`` and ``argument`` form the report code (C204A7), ``text`` says what happened and what to do next,
-    ``joint`` is 0-5 or None when no single joint is to blame.
+    ``joint`` is 0-5, or None if no single joint is the cause.
     """
 
     code: int
@@ -35,7 +35,7 @@ class MotionFault(Exception):  # noqa: N818 - it is what the controller calls a 
 
 @dataclass(frozen=True, slots=True)
 class MotionWarning:
-    """Something that a program should know of a movement that goes on; ``code`` and ``argument`` as of a fault."""
+    """A remark about a movement that continues; ``code`` and ``argument`` as in a fault."""
 
     code: int
     argument: int
@@ -43,27 +43,27 @@ class MotionWarning:
 
     @property
     def skips(self) -> bool:
-        """The arm does not go to the waypoint."""
+        """Whether the arm skips the waypoint."""
         return self.code == _BLEND_ISSUE
 
 
 def waypoint_skipped(argument: int, radius_m: float, before_m: float, distance_m: float) -> MotionWarning:
-    """Two blends overlap: the arm does not go to the second waypoint. The argument tells the kind of move."""
+    """Two blends overlap: the arm skips the second waypoint. The argument is the kind of move."""
     return MotionWarning(
         _BLEND_ISSUE,
         argument,
-        f"overlapping blends, a waypoint is skipped: its blend radius of {radius_m:.4f} m and that of the waypoint "
-        f"before, {before_m:.4f} m, do not fit into the {distance_m:.4f} m between them; make the radii smaller",
+        f"overlapping blends, a waypoint is skipped: its blend radius of {radius_m:.4f} m and that of the one "
+        f"before, {before_m:.4f} m, do not fit into the {distance_m:.4f} m between them; reduce them",
     )
 
 
 def blend_cut(radius_m: float, distance_m: float) -> MotionWarning:
-    """A blend would reach beyond the waypoint at the other end of a move. When a controller gives this code: guess."""
+    """A blend would reach beyond the waypoint at the other end of a move. When controllers report this is a guess."""
     return MotionWarning(
         _BLEND_OVERLAP,
         0,
         f"a blend radius of {radius_m:.4f} m reaches beyond the waypoint at the other end of the move, "
-        f"{distance_m:.4f} m away: the blend is cut to half of that; make the radius smaller",
+        f"{distance_m:.4f} m away: the blend is cut to half of that distance; reduce the radius",
     )
 
 
@@ -84,28 +84,28 @@ def unreachable(pose_base_tcp: tuple[float, ...]) -> MotionFault:
     return MotionFault(
         _PATH_SANITY,
         _INVALID_SETPOINT,
-        f"p[{place}] is out of reach for this arm and TCP; choose a pose inside the work space",
+        f"p[{place}] is out of reach for this arm and TCP; choose a pose inside the workspace",
     )
 
 
 def path_out_of_reach(pose_base_tcp: tuple[float, ...], goal_base_tcp: tuple[float, ...]) -> MotionFault:
-    """The way of the tool leaves the work space before its goal."""
+    """The path of the tool leaves the workspace before its goal."""
     place, goal = (", ".join(f"{value:.4f}" for value in pose) for pose in (pose_base_tcp, goal_base_tcp))
     return MotionFault(
         _PATH_SANITY,
         _INVALID_SETPOINT,
         f"the tool's path to p[{goal}] leads through p[{place}], which is out of reach for this arm and TCP; "
-        "go there with movej, or move the start or the goal",
+        "use movej, or move the start or the goal",
     )
 
 
 def bad_setpoint(what: str) -> MotionFault:
-    """The program asked for something that is not a finite number."""
+    """The program commanded a value that is not a finite number."""
     return MotionFault(_PATH_SANITY, _INVALID_SETPOINT, f"{what} is not finite; check the program's arithmetic")
 
 
 def near_singularity() -> MotionFault:
-    """The path cannot be followed within the joint speed limits, however slowly."""
+    """The path cannot be followed within the joint speed limits at any speed."""
     return MotionFault(
         _PATH_SANITY,
         _SINGULARITY,
@@ -114,35 +114,35 @@ def near_singularity() -> MotionFault:
 
 
 def off_the_path(axis: int, deviation: float, limit: float) -> MotionFault:
-    """In force mode the arm is not where it should be along, or about, an axis that does not comply.
+    """In force mode, the arm deviates too far along, or about, an axis that is not compliant.
 
-    That it stops protectively: user manual, "Force". The code is that of other deviations (guess).
+    Source of the protective stop: user manual, "Force". The code is that of other deviations (guess).
     """
     way, unit = ("along", "m") if axis < 3 else ("about", "rad")
     return MotionFault(
         _POSITION_DEVIATES,
         0,
-        f"in force mode the tool is {deviation:.4f} {unit} off its path {way} the task frame's {'xyz'[axis % 3]} axis, "
-        f"and {limit:.4f} {unit} are allowed; raise force_mode's limit of that axis, make it compliant, or push less",
+        f"in force mode the tool is {deviation:.4f} {unit} off its path {way} the task frame's {'xyz'[axis % 3]} axis: "
+        f"{limit:.4f} {unit} are allowed; raise force_mode's limit of that axis, make it compliant, or push less",
     )
 
 
 def sudden_jump(joint: int, change_rad_s: float, speed_rad_s: float) -> MotionFault:
-    """What is added to the path asks too much of a joint within one control period."""
+    """The displacement of the path demands too large a change of a joint's speed within one control period."""
     return MotionFault(
         _PATH_SANITY,
         _SUDDEN_JUMP,
-        f"the path offset, conveyor or frame asks joint {joint} to change its speed by {change_rad_s:.2f} rad/s to "
-        f"{speed_rad_s:.2f} rad/s within one control period; make what is added to the path smoother, or filter it",
+        f"the path offset, conveyor or frame makes joint {joint} change its speed by {change_rad_s:.2f} rad/s to "
+        f"{speed_rad_s:.2f} rad/s within one control period; make the added motion smoother, or filter it",
         joint,
     )
 
 
 def slider_raised() -> MotionFault:
-    """The time of a servoj goes on after it has stood still.
+    """The speed slider was at 0 during a servoj and is raised again.
 
     Issues 58 of the official C++ library and 90 of the ROS 2 driver: with the speed slider at 0, the next higher value
-    stopped the arm protectively. The drivers keep it at 1 % or more since. The code is a guess.
+    caused a protective stop. Since then, the drivers keep it at 1 % or more. The code is a guess.
     """
     return MotionFault(
         _PATH_SANITY,
@@ -152,29 +152,29 @@ def slider_raised() -> MotionFault:
 
 
 def conveyor_too_fast(speed_m_s: float, limit_m_s: float) -> MotionFault:
-    """The conveyor moves the tool faster than it may go."""
+    """The conveyor moves the tool faster than allowed."""
     return MotionFault(
         _CONVEYOR_SPEED,
         _TOOL_SPEED,
-        f"the conveyor runs at {abs(speed_m_s):.3f} m/s at the tool and at most {limit_m_s:.3f} m/s can be tracked; "
+        f"the conveyor runs at {abs(speed_m_s):.3f} m/s at the tool, but at most {limit_m_s:.3f} m/s can be tracked; "
         "slow it down, or check its ticks per metre or revolution",
     )
 
 
 def frame_too_fast(name: str, speed_m_s: float, limit_m_s: float, turn_rad_s: float, limit_rad_s: float) -> MotionFault:
-    """A tracked frame moves the tool faster than it may go. The code is a guess."""
+    """A tracked frame moves the tool faster than allowed. The code is a guess."""
     return MotionFault(
         _PATH_SANITY,
         _SUDDEN_JUMP,
-        f'the frame "{name}" moves the tool at {speed_m_s:.3f} m/s and {turn_rad_s:.3f} rad/s, and at most '
+        f'the frame "{name}" moves the tool at {speed_m_s:.3f} m/s and {turn_rad_s:.3f} rad/s, but at most '
         f"{limit_m_s:.3f} m/s and {limit_rad_s:.3f} rad/s can be tracked; move it more slowly",
     )
 
 
 def frame_lost(name: str, why: str) -> MotionFault:
-    """A tracked frame cannot be tracked any more. The code is a guess."""
+    """A tracked frame has been lost. The code is a guess."""
     return MotionFault(
         _PATH_SANITY,
         _INVALID_SETPOINT,
-        f'the frame "{name}" cannot be tracked any more: {why}; call frame_tracking_disable() before',
+        f'the frame "{name}" can no longer be tracked: {why}; call frame_tracking_disable() first',
     )

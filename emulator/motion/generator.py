@@ -1,4 +1,4 @@
-"""What a movement is to the rest of this package, whichever script function asked for it."""
+"""The interface of a movement to the rest of this package, whichever script function commanded it."""
 
 from typing import Protocol
 
@@ -9,28 +9,28 @@ from urproto.robots.pose import Pose
 class Generator(Protocol):
     """One movement in progress.
 
-    Each control period asks for a proposal, perhaps several times with ever shorter steps, and commits the last one.
-    So a proposal must not change what the next one starts from: only ``commit`` does.
+    Each control period requests a proposal, possibly several times with shorter and shorter steps, and commits the last
+    one. A proposal must therefore not change the state from which the next one starts: only ``commit`` does.
 
     ``scaled`` generators run in stretched time (speed slider, pause, joint speed limits); the others, which bring the
-    arm to rest, run by the clock.
+    arm to rest, run in real time.
     """
 
     scaled: bool
 
     def propose(self, h: float, q: Joints) -> Joints:
-        """Configuration h seconds after the last commit, coming from q. Raises MotionFault when there is none."""
+        """Configuration h seconds after the last commit, coming from q. Raises MotionFault if there is none."""
 
     def commit(self) -> None:
-        """The last proposal came true."""
+        """The last proposal has been executed."""
 
     @property
     def done(self) -> bool:
-        """The arm has arrived and stands."""
+        """Whether the arm has arrived and stands still."""
 
     @property
     def ready(self) -> bool:
-        """The program may go on."""
+        """Whether the program may continue."""
 
     def goal(self) -> Pose | None:
-        """The TCP pose moved to, in the base frame; None when the movement has no goal."""
+        """The target TCP pose in the base frame; None if the movement has no goal."""

@@ -1,4 +1,4 @@
-"""One move's geometry: where the arm is at a path length s, and how fast it may go there.
+"""Geometry of one move: where the arm is at a path length s, and how fast it may move there.
 
 A leg is planned once, from a standstill at its start to a standstill at its end. Its path unit is m for tool paths
 and rad of the leading joint for joint paths.
@@ -14,12 +14,12 @@ from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_add, pose_sub
 from urproto.vectors import Vector3, add3, cross, dot, largest, lerp, norm3, scaled, scaled3, sub, sub3
 
-# Bounds of what a program may ask of a tool path [m/s, m/s2]. 1.5 m/s is the default tool speed limit of the safety
-# configuration; the acceleration is a guess (the joints' 40 rad/s2 at a lever of 0.375 m).
+# Upper bounds of a tool path's speed and acceleration [m/s, m/s2]. 1.5 m/s is the default tool speed limit of the
+# safety configuration; the acceleration is a guess (the joints' 40 rad/s2 at a lever of 0.375 m).
 TOOL_LIMITS = Limits(1.5, 15.0)
 
 _BISECTIONS = 20  # 2**-20 of half a leg
-_NO_WAY_M = 1e-9  # a tool path shorter than this leads nowhere: rounding of the pose that the arm has already
+_NO_WAY_M = 1e-9  # a shorter tool path counts as no movement: it is a rounding error of the present pose
 
 
 class Leg(Protocol):
@@ -30,7 +30,7 @@ class Leg(Protocol):
     profile: Profile
 
     def joints(self, s: float, near: Joints) -> Joints:
-        """Joint configuration at path length s, the one nearest to ``near``. Raises MotionFault when there is none."""
+        """Joint configuration at path length s, nearest to ``near``. Raises MotionFault if there is none."""
 
     def pose(self, s: float) -> Pose:
         """TCP pose at path length s, in the base frame."""
@@ -80,7 +80,7 @@ class JointLeg:
 
 
 class ToolLeg:
-    """A path of the TCP. A subclass says where the tool is; the joints follow by continuity: ask along the path."""
+    """A path of the TCP. Subclasses define the pose; the joints follow by continuity, so query them along the path."""
 
     def __init__(self, reach: Reach, length: float, wanted: Limits, duration_s: float = 0.0) -> None:
         self.reach = reach
@@ -108,17 +108,17 @@ class ToolLeg:
 
 
 def mark_before_end(leg: Leg, radius_m: float) -> float:
-    """Path length, in the second half, where the TCP comes within radius of the leg's end."""
+    """Path length, in the second half, at which the TCP comes within a radius of the leg's end."""
     return _mark(leg, radius_m, leg.length, 0.5 * leg.length)
 
 
 def mark_after_start(leg: Leg, radius_m: float) -> float:
-    """Path length, in the first half, where the TCP gets out of radius of the leg's start."""
+    """Path length, in the first half, at which the TCP leaves a radius around the leg's start."""
     return _mark(leg, radius_m, 0.0, 0.5 * leg.length)
 
 
 def _mark(leg: Leg, radius_m: float, centre_s: float, far_s: float) -> float:
-    """Between centre_s and far_s, where the TCP is at radius from its place at centre_s."""
+    """Path length between centre_s and far_s at which the TCP is at this distance from its position at centre_s."""
     if radius_m <= 0.0:
         return centre_s
     centre = leg.point(centre_s)
@@ -135,12 +135,12 @@ def _mark(leg: Leg, radius_m: float, centre_s: float, far_s: float) -> float:
 
 
 def path_length(distance_m: float, angle_rad: float, equivalent_radius_m: float) -> float:
-    """A tool path's length: its distance, or its turn at the equivalent radius when that is longer (guess)."""
+    """Length of a tool path: its distance, or its rotation at the equivalent radius if that is longer (guess)."""
     return max(distance_m, angle_rad * equivalent_radius_m)
 
 
 class LineLeg(ToolLeg):
-    """The TCP on a straight line, its orientation turning about one axis in step."""
+    """The TCP moves on a straight line while its orientation turns about one axis in proportion."""
 
     def __init__(
         self,
@@ -168,7 +168,7 @@ class LineLeg(ToolLeg):
         return pose_add(scaled(self.change, s / self.length), self._start)
 
 
-_STRAIGHT = 1e-9  # m2: three points that span less than this area are taken as a line
+_STRAIGHT = 1e-9  # m2: three points that span less than this area count as a line
 
 
 class Circle:
@@ -184,7 +184,7 @@ class Circle:
 
 
 def circle_through(start: Vector3, via: Vector3, end: Vector3) -> Circle | None:
-    """The arc from start over via to end; None when the three lie on a line (a full circle has no plane either)."""
+    """The arc from start through via to end; None if the three lie on a line (a full circle has no plane either)."""
     to_via, to_end = sub3(via, start), sub3(end, start)
     normal = cross(to_via, to_end)
     area = norm3(*normal)
@@ -204,10 +204,10 @@ def circle_through(start: Vector3, via: Vector3, end: Vector3) -> Circle | None:
 
 
 class ArcLeg(ToolLeg):
-    """The TCP on a circular arc over a via point.
+    """The TCP moves on a circular arc through a via point.
 
     ``fixed`` keeps the orientation constant relative to the arc (mode 1 of movec); otherwise it turns from the start's
-    to the goal's orientation in step.
+    to the goal's orientation in proportion.
     """
 
     def __init__(
@@ -219,7 +219,7 @@ class ArcLeg(ToolLeg):
         turn = scaled3(circle.axis, circle.angle) if fixed else pose_sub(goal, start)[3:]
         self._turn = turn
         self._goal = pose_add((*goal[:3], *turn), self._orientation) if fixed else goal
-        # an arc in fixed mode turns the tool by its own angle: that costs nothing extra
+        # in fixed mode, the arc itself turns the tool: that takes no extra time
         angle = 0.0 if fixed else norm3(*turn)
         length = path_length(circle.radius * circle.angle, angle, reach.model.eq_radius)
         super().__init__(reach, length, wanted)

@@ -1,17 +1,17 @@
-"""How fast a path may be run, so that the joints can still follow what comes next.
+"""How fast a path may be run so that the joints can still follow the rest of it.
 
-Near a singularity a tool path asks for more joint speed than there is. Who slows down only there is too late: joints
-that were fast have to brake harder than they can. So a scout runs ahead of the arm, a few places of the path in each
-control period, and keeps for each cell of the path (between two places) the highest time scale from which the rest of
-the path can be run within the joints' speed and acceleration limits.
+Near a singularity, a tool path demands more joint speed than there is. Slowing down only there is too late: joints that
+were fast would have to brake harder than they can. Therefore a probe runs ahead of the arm, a few points of the path in
+each control period, and keeps for each cell of the path (between two points) the highest time scale from which the rest
+of the path can be run within the joints' speed and acceleration limits.
 
 With x and y the squares of the time scale in one cell and the next, u and u' the joint's speeds there as planned
 (x = y = 1), and dt the time planned between their middles, the joint turns by dt (u + u') / 2 in between, and
 
     acceleration = (u'^2 y - u^2 x) / (u + u') dt
 
-So the highest x of a cell follows from that of the next one by a linear program in two variables, from the far end
-back (time-optimal path parametrisation, of which this is the backward pass). Going forward, the arm is as quick as its
+The highest x of a cell therefore follows from that of the next one by a linear program in two variables, backwards from
+the far end (this is the backward pass of time-optimal path parametrisation). Going forward, the arm is as fast as its
 joints allow.
 """
 
@@ -24,23 +24,23 @@ from emulator.motion.path_motion import PathMotion
 from urproto.robots.model import Joints, RobotModel
 from urproto.vectors import ZERO6, largest, scaled, sub
 
-_CELL_S = 0.016  # of the movement's own time; shorter where a joint turns more than _TURN_RAD in one (guesses)
+_CELL_S = 0.016  # of the movement's own time; shorter if a joint turns more than _TURN_RAD within a cell (guesses)
 _SHORTEST_CELL_S = _CELL_S / 8192
 _TURN_RAD = 0.05
-_END_CELL_S = 0.0005  # cells become as short as this towards an end at which a joint is still fast ...
-_END_S = 0.002  # ... so that it could not stop within this time: a singular one
-_AHEAD_S = 0.2  # more than any joint takes to brake
+_END_CELL_S = 0.0005  # cells shrink to this length towards an end at which a joint is still so fast ...
+_END_S = 0.002  # ... that it could not stop within this time: a singular one
+_AHEAD_S = 0.2  # longer than any joint takes to brake
 _CELLS_PER_PERIOD = 4
-_MARGIN = 0.9  # of the acceleration limits is planned with; cells are not infinitely small
+_MARGIN = 0.9  # fraction of the acceleration limits used for planning, because cells are not infinitely small
 _NO_TURN = 1e-9  # rad/s2
 
 
 class Lookahead:
-    """The scout of one movement that begins at joints q; times are the movement's own [s]."""
+    """Lookahead along one movement that begins at joints q; times are the movement's own [s]."""
 
     def __init__(self, movement: PathMotion, q: Joints, model: RobotModel) -> None:
         self.movement = movement
-        self.fault: MotionFault | None = None  # why the path cannot be run beyond the last cell
+        self.fault: MotionFault | None = None  # reason why the path cannot be run beyond the last cell
         self._scout = copy(movement)
         self._q = q
         self._qd_max = model.qd_max
@@ -55,7 +55,7 @@ class Lookahead:
         self._slow = 0  # cells with less than full speed
 
     def fraction(self, h: float) -> float:
-        """The highest time scale, up to 1, for a step of up to h from where the arm is."""
+        """Highest time scale, up to 1, for a step of up to h from where the arm is."""
         for _ in range(_CELLS_PER_PERIOD):
             if self._over or self._end > self._now + _AHEAD_S:
                 break
@@ -63,7 +63,7 @@ class Lookahead:
         return self._run(h) / h if self._slow else 1.0
 
     def _run(self, left: float) -> float:
-        """How far the arm gets in this time of the clock."""
+        """How far the arm gets, in its own time, within this clock time."""
         t, here = self._now, sqrt(self._at(self._now))
         for k in range(bisect_right(self._middles, t), len(self._middles)):
             there, way = sqrt(self._most[k]), self._middles[k] - t
@@ -76,7 +76,7 @@ class Lookahead:
         return t - self._now + here * left
 
     def went(self, h: float) -> None:
-        """The arm has gone on by h."""
+        """The arm has advanced by h."""
         self._now += h
         passed = bisect_right(self._middles, self._now) - 1
         if passed > len(self._middles) // 2:
@@ -84,7 +84,7 @@ class Lookahead:
             del self._middles[:passed], self._speeds[:passed], self._most[:passed]
 
     def _at(self, t: float) -> float:
-        """The square of the highest time scale at t: linear between the middles of two cells."""
+        """Square of the highest time scale at t, linear between the midpoints of two cells."""
         k = bisect_right(self._middles, t)
         if k == 0:
             return self._most[0]
@@ -94,7 +94,7 @@ class Lookahead:
         return self._most[k - 1] + share * (self._most[k] - self._most[k - 1])
 
     def _extend(self) -> None:
-        """One more cell."""
+        """Add a cell."""
         left = self._scout.remaining_s
         h = min(_CELL_S, 2.0 * self._cell, left)
         q = self._place(h)
@@ -114,15 +114,16 @@ class Lookahead:
             self._append(self._end, ZERO6, 1.0)
 
     def _too_coarse(self, turn: Joints, h: float, left: float) -> bool:
-        """A cell of length h, in which the joints turn so far, says too little of what happens in it."""
+        """Whether a cell of length h is too long, given how far the joints turn in it."""
         if largest(turn) > _TURN_RAD:
             return True
-        soon = _END_S * h  # what would turn a joint so far if it had its acceleration's speed of that time
+        # times a joint's acceleration: its displacement within h at the speed that it can lose in _END_S
+        soon = _END_S * h
         limits = zip(turn, self._qdd_max, strict=True)
         return h == left > _END_CELL_S and any(abs(way) > soon * most for way, most in limits)
 
     def _place(self, h: float) -> Joints | None:
-        """The joints h further on; None where there are none, which ``fault`` then tells."""
+        """Joints h further on; None if there are none, with the reason in ``fault``."""
         self.fault = None
         try:
             return self._scout.propose(h, self._q)
@@ -131,7 +132,7 @@ class Lookahead:
             return None
 
     def _wall(self) -> None:
-        """The path ends here: the arm has to stand."""
+        """End the path here: the arm has to stop."""
         self._over = True
         if self._speeds:
             self._append(self._end, self._speeds[-1], 0.0)
@@ -150,7 +151,7 @@ class Lookahead:
             self._most[k] = after
 
     def _controllable(self, k: int) -> float:
-        """The highest x of cell k, up to the one it has, from which cell k + 1 can be run."""
+        """Highest x of cell k, at most its present value, from which cell k + 1 can be run."""
         highest, follows = self._most[k], self._most[k + 1]
         here, there = self._speeds[k], self._speeds[k + 1]
         dt = self._middles[k + 1] - self._middles[k]
@@ -174,8 +175,8 @@ class Lookahead:
 
 
 def _change(u1: float, u2: float, dt: float) -> tuple[float, float]:
-    """The factors of the two squared time scales in the acceleration between two cells."""
+    """Coefficients of the two squared time scales in the acceleration between two cells."""
     if u1 * u2 >= 0.0 and u1 != -u2:
         turn = (u1 + u2) * dt
         return -u1 * u1 / turn, u2 * u2 / turn
-    return 0.25 * (u2 - 3.0 * u1) / dt, 0.25 * (3.0 * u2 - u1) / dt  # it turns back: first order
+    return 0.25 * (u2 - 3.0 * u1) / dt, 0.25 * (3.0 * u2 - u1) / dt  # the joint reverses: first order

@@ -1,4 +1,4 @@
-"""The motion generator of one arm: what takes its target from one control period to the next."""
+"""The motion generator of one arm: it moves the target from one control period to the next."""
 
 from emulator.motion.commands import MotionCommands
 from emulator.motion.compliance import ForceControl
@@ -18,23 +18,23 @@ from urproto.robots.pose import Pose
 from urproto.vectors import ZERO6, as_six, scaled, sub
 
 _STEADY_S = 0.5  # Script Manual, is_steady
-# User manuals of UR5 and UR3 (appendix A), category 0 stops from 183 degrees/s, stretched out with full payload: their
-# bases brake by 16 and 28 rad/s2 on average. One size for all arms and joints, whatever they carry, is a guess
+# User manuals of UR5 and UR3 (appendix A), category 0 stops from 183 degrees/s, stretched out with full payload: the
+# base joints brake by 16 and 28 rad/s2 on average. The same value for all arms, joints and payloads is a guess.
 _BRAKES_RAD_S2 = 20.0
 
 
 class Motion:
-    """The target of one arm, and all that changes it. Angles rad, poses of the TCP in the base frame.
+    """The target of one arm, and everything that changes it. Angles rad, poses of the TCP in the base frame.
 
-    ``commands``: what a program asks for. ``superposition``: path offsets, conveyors and frames that displace the path.
-    ``force_control``: force mode and freedrive, which give way beside it. ``movement``: the movement in progress.
-    ``target``: where all of that has taken the arm.
+    ``commands``: the commands of programs. ``superposition``: path offsets, conveyors and frames that displace the
+    path. ``force_control``: force mode and freedrive, which add compliance. ``movement``: the movement in progress.
+    ``target``: the resulting target of the arm.
     """
 
     def __init__(self, model: RobotModel, period_s: float, q: Joints) -> None:
         self.model = model
         self.period_s = period_s
-        self.hard_transitions = True  # set_safety_mode_transition_hardness; what holds before it is called is a guess
+        self.hard_transitions = True  # set_safety_mode_transition_hardness; the value before it is called is a guess
         self.fault: MotionFault | None = None  # the last one
         self._limits = PositionLimits(model, period_s)
         self.target = ArmTarget(model, period_s, q)
@@ -52,7 +52,7 @@ class Motion:
 
     @property
     def qd(self) -> Joints:
-        """Target speeds [rad/s]: the way of the last period over the period, exactly 0 at rest."""
+        """Target speeds [rad/s]: displacement in the last period over the period, exactly 0 at rest."""
         return self.target.qd
 
     @property
@@ -62,9 +62,9 @@ class Motion:
 
     @property
     def program_q(self) -> Joints:
-        """Where the arm is for a program that goes on now [rad]: where the timed speed ends that it has waited for.
+        """Joint angles for a program that continues now [rad]: those at the end of the timed speed it waited for.
 
-        That is up to half a control period from `q`; anywhere else it is `q`.
+        They are up to half a control period away from `q`; without a timed speed, they are `q`.
         """
         generator = self.movement.generator
         if self.beside or self.paused or not isinstance(generator, JointSpeed | ToolSpeed):
@@ -72,11 +72,11 @@ class Motion:
         try:
             return generator.joints_at_end(self.target.q)
         except MotionFault:
-            return self.target.q  # a tool at the end of its reach
+            return self.target.q  # the tool is at the end of its reach
 
     @property
     def path_q(self) -> Joints:
-        """Where the arm would be without what displaces the path [rad]."""
+        """Joint angles on the path itself, without any displacement [rad]."""
         return self.movement.q if self.superposition.active else self.target.q
 
     @property
@@ -86,7 +86,7 @@ class Motion:
 
     @property
     def tcp_offset(self) -> Pose:
-        """Flange to TCP. A movement in progress keeps the one it began with."""
+        """Flange to TCP. A movement in progress keeps the TCP it started with."""
         return self.target.reach.tcp_offset
 
     @tcp_offset.setter
@@ -95,47 +95,47 @@ class Motion:
 
     @property
     def target_waypoint(self) -> Pose:
-        """Where the movement in progress goes; without one, or when a stop has ended it, where the path is."""
+        """Target of the movement in progress; without one, or after a stop ended it, the present pose on the path."""
         goal = self.movement.goal
         return goal if goal is not None else self.target.reach.pose(self.path_q)
 
     @property
     def limiter_share(self) -> float:
-        """What the joints' limits leave of a path's speed: less than 1 where it is too much for them.
+        """Fraction of a path's speed that the joints' limits permit: less than 1 where a path is too fast.
 
-        1 in streamed movements, whose sender sets the pace: drivers slow down by it (guess).
+        1 in streamed movements, whose sender sets the pace: drivers slow down by this value (guess).
         """
         return self.movement.share
 
     @property
     def beside(self) -> bool:
-        """The arm is not where its movement is: the path is displaced, or the arm gives way."""
+        """Whether the arm deviates from its movement: the path is displaced, or the arm is compliant."""
         return self.superposition.active or self.force_control.active
 
     @property
     def idle(self) -> bool:
-        """Nothing moves the arm, and it stands."""
+        """Whether nothing moves the arm and it stands still."""
         return self.movement.generator is None and not self.beside and self.target.qd == ZERO6
 
     @property
     def steady(self) -> bool:
-        """As is_steady(): the arm has stood for a while and is not compliant. True also while a movement is paused."""
+        """is_steady(): the arm has stood still for a while and is not compliant; a movement may be paused."""
         standing = self.target.standing_s >= _STEADY_S and (self.movement.generator is None or self.paused)
         return standing and not self.force_control.active
 
     @property
     def paused(self) -> bool:
-        """Held by `pause` or a protective stop until `resume` (the arm may still be slowing down)."""
+        """Whether `pause` or a protective stop holds the arm until `resume` (it may still be slowing down)."""
         return self.movement.paused
 
     @property
     def braking(self) -> bool:
-        """The brakes are bringing the arm to rest."""
+        """Whether the brakes are bringing the arm to rest."""
         return self.movement.braking
 
     @property
     def torque(self) -> TorqueCommand | None:
-        """The torques that a program commands in this period; None when the arm is to follow its target."""
+        """Torques commanded by a program in this period; None while the arm follows its target."""
         generator = self.movement.generator
         return generator.acting if isinstance(generator, DirectTorque) else None
 
@@ -147,15 +147,15 @@ class Motion:
     # settings
 
     def govern(self, excess: Excess) -> None:
-        """Let movements along a path be slowed down: ``excess`` tells how much too fast a step would be."""
+        """Let a limit slow down movements along a path: ``excess`` returns by how much a step would exceed it."""
         self.movement.excess = excess
 
     def limit_positions(self, low: Joints, high: Joints) -> None:
-        """Where the joints may go from now on [rad]."""
+        """Set the position limits of the joints [rad]."""
         self._limits.use(low, high)
 
     def set_position(self, q: Joints) -> None:
-        """Put the arm elsewhere. Raises ValueError while it moves, or outside the position limits."""
+        """Set the arm's joint angles. Raises ValueError while it moves, or outside the position limits."""
         position = as_six(q)
         if not self.idle:
             raise ValueError("the arm is moving: stop it before setting its position")
@@ -165,7 +165,7 @@ class Motion:
         self._stand_at(position)
 
     def stand_at(self, q: Joints) -> None:
-        """The brakes hold the arm here. Targets of an interrupted movement stay where they are."""
+        """Set the target to where the brakes hold the arm. Targets of an interrupted movement stay as they are."""
         if q != self.target.q and self.idle:
             self._stand_at(q)
 
@@ -176,7 +176,7 @@ class Motion:
     # one control period
 
     def advance(self, fraction: float) -> MotionFault | None:
-        """One control period with the program's time running at ``fraction`` (0..1).
+        """Advance one control period, with the program's time running at ``fraction`` (0..1).
 
         Returns the fault that ended the movement in this period; the arm is then already braking.
         """
@@ -194,12 +194,12 @@ class Motion:
         return fault
 
     def _step(self, fraction: float) -> None:
-        """From the movement to the target, each part with what the one before makes of it.
+        """Calculate the next target: each stage works on the result of the previous one.
 
-        A movement knows neither what displaces its path nor what pushes the tool, so it comes first; a push moves the
-        arm off the displaced path, so force control comes last. Position limits are those of the arm and not of its
-        path, so they judge the result. Everything is proposed until then: what raises a MotionFault on the way leaves
-        the target where it was, and the arm can brake from there in this very period.
+        A movement does not depend on what displaces its path or pushes the tool, so it comes first. A push moves the
+        arm off the displaced path, so force control comes last. Position limits apply to the arm and not to its path,
+        so they are checked on the result. Until then, everything is only proposed: a MotionFault of any stage leaves
+        the target where it was, and the arm can brake from there within the same period.
         """
         movement, superposition, force_control = self.movement, self.superposition, self.force_control
         before = start = movement.q
@@ -212,18 +212,18 @@ class Motion:
         if not movement.unconditional:
             self._limits.check(target, self.target.q)
         standing = movement.commit()
-        if not self.beside:  # perhaps since now: force mode that has come to rest is over
+        if not self.beside:  # possibly only since this period: force mode that has come to rest is over
             self.target.advance(target, standing=standing)
             movement.put(target, self.target.qd)
             return
         standing = force_control.commit() and standing
         if superposition.active:
-            standing = target == self.target.q  # a conveyor takes a standing path along
+            standing = target == self.target.q  # a conveyor moves a standing path along
         self.target.advance(target, standing=standing)
         movement.put(path, scaled(sub(path, before), 1.0 / self.period_s))
 
     def _fail(self, fault: MotionFault) -> None:
-        """Nothing of what moved the arm can be relied on: every joint brakes for itself, from where it is."""
+        """End everything that moved the arm, because none of it is reliable now: each joint brakes on its own."""
         self.fault = fault
         self.superposition.lose(fault)
         self.force_control.drop()
@@ -234,56 +234,56 @@ class Motion:
     # stopping
 
     def pause(self) -> None:
-        """Slow to a standstill on the path; `resume` goes on."""
+        """Slow down to a standstill on the path, until `resume`."""
         self.movement.pause()
 
     def resume(self) -> None:
-        """Go on after `pause` or `protective_stop`."""
+        """Continue after `pause` or `protective_stop`."""
         self.movement.resume()
 
     def protective_stop(self) -> None:
-        """Stop on the path as quickly as the joints' acceleration limit allows; `resume` goes on."""
+        """Stop on the path as quickly as the joints' acceleration limit allows, until `resume`."""
         self.movement.protective_stop()
 
     def safeguard_stop(self) -> None:
-        """As a protective stop, or as gently as a pause when transitions are soft."""
+        """Stop like a protective stop, or as gently as a pause if transitions are soft."""
         if self.hard_transitions:
             self.protective_stop()
         else:
             self.pause()
 
     def mode_changed(self) -> None:
-        """Reduced mode begins or ends: the speed follows as quickly as the joints can, unless transitions are soft."""
+        """Reduced mode begins or ends: unless transitions are soft, the speed adapts as quickly as the joints can."""
         if self.hard_transitions:
-            self.movement.quicken()
+            self.movement.use_fastest_ramp()
 
     def stop(self, decel: float | None = None) -> None:
         """Stop on the path, the leading joint slowing by ``decel`` [rad/s2], and end the movement."""
         self.commands.stop(decel)
 
     def program_stopped(self) -> None:
-        """The program is over: no more force mode or freedrive, nothing on the path, and the arm comes to rest."""
+        """The program has ended: end force mode, freedrive and path displacements, and bring the arm to rest."""
         self.superposition.program_stopped()
         self.force_control.end()
         self.stop()
 
     def engage_brakes(self) -> None:
-        """Power is removed (stop category 0): brakes bring each joint to rest, and everything is forgotten."""
+        """Power is removed (stop category 0): the brakes bring each joint to rest, and all movements are discarded."""
         arm = self.target
         if arm.qd == ZERO6:
             self.halt()
             return
-        self._forget()
+        self._discard_all()
         durations = (abs(speed) / _BRAKES_RAD_S2 for speed in arm.qd)
         self.movement.brake(JointStop(arm.q, arm.qd, as_six(durations), StopOrigin.BRAKES), arm.q, arm.qd)
 
     def halt(self) -> None:
-        """Power is gone: stand still at once and forget everything."""
-        self._forget()
+        """Power is off: stand still immediately and discard all movements."""
+        self._discard_all()
         self.target.halt()
         self.movement.put(self.target.q, ZERO6)
 
-    def _forget(self) -> None:
+    def _discard_all(self) -> None:
         self.movement.forget()
         self.superposition.clear()
         self.force_control.drop()

@@ -1,4 +1,4 @@
-"""The movement in progress: where its path is, who waits for it, how fast its time runs, and whether it is held."""
+"""The movement in progress: its position on the path, its time scale, whether it is held, and who waits for it."""
 
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -20,26 +20,26 @@ _GOVERNED = (PathMotion, JointSpeed, ToolSpeed)  # streamed targets set their ow
 
 @dataclass(slots=True, eq=False)
 class Move:
-    """A movement that was asked for: its program waits until ``ready`` or ``failed``."""
+    """A commanded movement: its program waits until ``ready`` or ``failed``."""
 
-    ready: bool = False  # arrived, blend begun, time over, or taken over by another movement
+    ready: bool = False  # arrived, blend begun, time over, or replaced by another movement
     failed: MotionFault | None = None
 
 
 class Holding(Enum):
-    """What becomes of the movement in progress."""
+    """What happens to the movement in progress."""
 
     RUN = auto()
-    PAUSE = auto()  # stand still on the path, go on later
-    STOP = auto()  # stand still on the path, then forget it
+    PAUSE = auto()  # stand still on the path, continue later
+    STOP = auto()  # stand still on the path, then discard it
 
 
 class ActiveMovement:
     """The movement in progress, if there is one, and its path.
 
-    ``q``, ``qd``: where the path is and how fast it goes on [rad, rad/s]. That is where the arm is told to be unless
-    the path is displaced or the arm gives way. ``generator``: None while nothing is in progress. ``ramp``: by which
-    the leading joint changes its speed for a pause, a stop, or the speed slider [rad/s2].
+    ``q``, ``qd``: position and speed on the path [rad, rad/s]. They are the arm's target unless the path is displaced
+    or the arm is compliant. ``generator``: None while nothing is in progress. ``ramp``: acceleration of the leading
+    joint for a pause, a stop, or the speed slider [rad/s2].
     """
 
     def __init__(self, model: RobotModel, period_s: float, q: Joints) -> None:
@@ -47,63 +47,63 @@ class ActiveMovement:
         self.qd: Joints = ZERO6
         self.generator: Generator | None = None
         self.ramp = RAMP_RAD_S2
-        self.excess: Excess | None = None  # how much too fast a step would be for the safety system's limits
+        self.excess: Excess | None = None  # by how much a step would exceed the safety system's limits
         self._period_s = period_s
         self._qdd_max = model.qdd_max
         self._pacer = Pacer(model, period_s)
         self._holding = Holding.RUN
         self._waiting: Move | None = None
-        self._goal: Generator | None = None  # whose goal is that of the path, also after it has arrived
-        self._proposed: Generator | None = None  # what moves in this period
+        self._goal: Generator | None = None  # its goal is that of the path, even after arrival
+        self._proposed: Generator | None = None  # the generator that moves in this period
 
-    # what is known of it
+    # state
 
     @property
     def running(self) -> bool:
-        """Neither paused nor being stopped."""
+        """Whether it is neither paused nor being stopped."""
         return self._holding is Holding.RUN
 
     @property
     def paused(self) -> bool:
-        """To stand still on its path until `resume`; it may still be slowing down."""
+        """Whether it is held on its path until `resume`; it may still be slowing down."""
         return self._holding is Holding.PAUSE
 
     @property
     def stopping(self) -> bool:
-        """Slowing down on its path, after which it is forgotten."""
+        """Whether it is slowing down on its path, to be discarded afterwards."""
         return self._holding is Holding.STOP
 
     @property
     def over(self) -> bool:
-        """None is in progress, and nothing is left of the last one."""
+        """Whether no movement is in progress and no stop of the last one either."""
         return self.generator is None and self._holding is not Holding.STOP
 
     @property
     def unconditional(self) -> bool:
-        """A fault or the brakes stop the arm. Position limits must not end that: nothing stops it any quicker."""
+        """Whether a fault or the brakes stop the arm. Position limits must not end that: nothing stops it faster."""
         return isinstance(self.generator, JointStop) and self.generator.origin is not StopOrigin.COMMAND
 
     @property
     def braking(self) -> bool:
-        """The brakes bring the arm to rest."""
+        """Whether the brakes bring the arm to rest."""
         return isinstance(self.generator, JointStop) and self.generator.origin is StopOrigin.BRAKES
 
     @property
     def goal(self) -> Pose | None:
-        """TCP pose that the path leads to, or led to last; None when there was none since the arm was put here."""
+        """Target TCP pose of the path, or of the last one; None if there was none since the arm was placed here."""
         return None if self._goal is None else self._goal.goal()
 
     @property
     def share(self) -> float:
-        """What the joints' limits leave of a path's speed; 1 for all else, whose sender sets the pace."""
+        """Fraction of a path's speed that the joints' limits permit; 1 for other movements, paced by their sender."""
         return self._pacer.share if isinstance(self.generator, PathMotion) else 1.0
 
     # beginning and ending
 
     def begin(self, generator: Generator, q: Joints, qd: Joints) -> Move:
-        """Make this the movement in progress, from here; whoever waited for the one before waits no longer.
+        """Make this the movement in progress, from here; the wait for the previous one ends.
 
-        A stream that goes on with its own generator goes on from its own state: its path is not moved.
+        A stream that continues with its own generator continues from its own state: its path is not moved.
         """
         self._end_waiting()
         if self.stopping:
@@ -113,37 +113,37 @@ class ActiveMovement:
             self.generator = generator
             self._goal = generator if generator.goal() is not None else None
         if self.paused:
-            self._hasten()  # what a program says in the period in which it is stopped must not soften that
+            self._hasten()  # a command that arrives in the period of a stop must not soften the stop
         self._waiting = Move()
         return self._waiting
 
     def take_over(self, speed_rad_s: float) -> None:
-        """A movement of another kind begins while the leading joint has this speed: that is not to be ramped up."""
+        """A movement of another kind starts while the leading joint has this speed, from which it is not ramped up."""
         self._pacer.reset(speed_rad_s)
 
     def put(self, q: Joints, qd: Joints) -> None:
-        """The path is here now."""
+        """Set the position and speed of the path."""
         self.q, self.qd = q, qd
 
     def stand(self, q: Joints) -> None:
-        """The arm has been put here, so nothing leads anywhere any more."""
+        """The arm has been placed here: the path has no goal any more."""
         self.put(q, ZERO6)
         self._goal = None
 
     def fail(self, fault: MotionFault) -> None:
-        """Give it up: its program hears of the fault."""
+        """End the movement with a fault, which its program receives."""
         if self._waiting is not None:
             self._waiting.failed = fault
             self._waiting = None
         self._drop()
 
     def forget(self) -> None:
-        """Give it up, pause or not; its program goes on."""
+        """Discard the movement and any pause; its program continues."""
         self._drop()
         self._holding = Holding.RUN
 
     def brake(self, stop: JointStop, q: Joints, qd: Joints) -> None:
-        """This stop alone moves the arm, from here; nobody waits for it."""
+        """Let this stop alone move the arm, from here; nothing waits for it."""
         self.put(q, qd)
         self.generator = stop
 
@@ -161,23 +161,23 @@ class ActiveMovement:
     # holding
 
     def pause(self) -> None:
-        """Slow to a standstill on the path; `resume` goes on."""
+        """Slow down to a standstill on the path, until `resume`."""
         self._holding, self.ramp = Holding.PAUSE, RAMP_RAD_S2
 
     def resume(self) -> None:
-        """Go on after `pause` or `protective_stop`."""
+        """Continue after `pause` or `protective_stop`."""
         self._holding, self.ramp = Holding.RUN, RAMP_RAD_S2
 
     def protective_stop(self) -> None:
-        """As `pause`, but as quickly as the joints' acceleration limit allows."""
+        """Like `pause`, but as quickly as the joints' acceleration limit allows."""
         self._holding, self.ramp = Holding.PAUSE, min(self._qdd_max)
         self._hasten()
 
     def stop(self, deceleration: float, *, along_path: bool) -> None:
-        """Come to rest, the leading joint by this [rad/s2], and be forgotten.
+        """Bring the movement to rest, the leading joint by this [rad/s2], and discard it.
 
-        On the path, or where that no longer leads on from here, all joints together. Whoever waits for the movement
-        waits until the arm stands.
+        The arm stops on the path or, if the path no longer continues from here, with all joints together. A wait for
+        the movement ends when the arm stands still.
         """
         self.ramp = deceleration
         if not along_path:
@@ -186,14 +186,14 @@ class ActiveMovement:
         self._hasten()
 
     def quicken(self) -> None:
-        """Let the speed change as quickly as the joints can until it is the wanted one."""
+        """Let the speed change as quickly as the joints can until it has reached its commanded value."""
         if self.running:
             self.ramp = min(self._qdd_max)
 
     def _hasten(self) -> None:
-        """A gentle stop of the program's becomes as quick as the one now asked for; who waits for it still does.
+        """Make a gentle stop of the program as quick as the one now requested; waits for it continue.
 
-        Stops run by the clock and not in stretched time, so holding them would do nothing.
+        Stops run in real time and not in stretched time, so holding them would have no effect.
         """
         stop = self.generator
         if not isinstance(stop, JointStop | ToolStop) or self.unconditional:
@@ -204,10 +204,10 @@ class ActiveMovement:
     # one control period
 
     def propose(self, fraction: float) -> Joints:
-        """Where the path goes on to in this period, the program's time running at ``fraction`` (0..1).
+        """Propose the next position on the path, with the program's time running at ``fraction`` (0..1).
 
-        Nothing has changed until `commit`, so that whatever finds fault with the proposal can still end the movement
-        where it is. Raises MotionFault.
+        Nothing changes until `commit`, so that a check that rejects the proposal can still end the movement where it
+        is. Raises MotionFault.
         """
         generator = self.generator
         target = None if generator is None else self._proposal(generator, fraction if self.running else 0.0)
@@ -215,10 +215,10 @@ class ActiveMovement:
         return self.q if target is None else target
 
     def commit(self) -> bool:
-        """The last proposal came true. True when nothing goes on: the movement is over, is held, or there is none."""
+        """The last proposal has been executed. Returns True if nothing moves on: movement over, held, or none."""
         moved = self._proposed
         if moved is None:
-            if self.stopping:  # it stands on its path
+            if self.stopping:  # it has come to rest on its path
                 self._drop()
             return True
         moved.commit()
@@ -237,5 +237,5 @@ class ActiveMovement:
         excess = self.excess if isinstance(generator, _GOVERNED) else None
         target = self._pacer.advance(generator, self.q, self.qd, running, self.ramp, excess)
         if self.running and abs(self._pacer.scale - running) < _SAME_SCALE:
-            self.ramp = RAMP_RAD_S2  # what had to be quick is done; the slider is moved gently again
+            self.ramp = RAMP_RAD_S2  # the quick change is complete; the slider acts gently again
         return target

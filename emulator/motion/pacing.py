@@ -1,14 +1,14 @@
-"""How far a movement's own time may advance in one control period.
+"""How far a movement's own time advances in one control period.
 
-A movement says where the arm would be after h seconds of its own time. Normally h is the control period times the
+A movement calculates where the arm is after h seconds of its own time. Normally, h is the control period times the
 speed fraction. It is less
 
 - while the fraction changes, or for a pause: the leading joint's speed then changes by a known acceleration;
 - where a limit of the safety system would be exceeded;
-- where the joints could not follow: near a singularity a tool path needs more joint speed than there is, so the tool
-  slows down in time for it (`emulator.motion.lookahead`). Only when no speed is slow enough the movement fails.
+- where the joints could not follow: near a singularity, a tool path needs more joint speed than there is, so the tool
+  slows down in time (`emulator.motion.lookahead`). The movement fails only if no speed is slow enough.
 
-Shortening h changes when the arm is somewhere, never where it goes.
+A shorter h changes when the arm is at a point of its path, never the path itself.
 """
 
 from collections.abc import Callable
@@ -22,25 +22,25 @@ from urproto.robots.model import Joints, RobotModel
 from urproto.vectors import largest, sub
 
 Excess = Callable[[Joints, Joints], float]
-"""From a configuration and a step of one period: the largest share of a limit that it takes."""
+"""From a configuration and a step of one period: the largest ratio of a monitored value to its limit."""
 
 RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
-_ROUNDS = 4  # proposals per period while looking for a step the joints can follow
-_ATTEMPTS = 18  # and as many more before giving up
-_LITTLE = 0.002  # the first of them shortens a step by this share
-_EXCESS = 2.0  # times its acceleration limit is what a joint gets when the path leaves no choice; beyond: fault (guess)
-_TOLERANCE = 1e-6  # of limits: rounding of differences of positions
-_STUCK_SHARE = 1e-3  # a movement slower than this share of its speed ...
-_CREEP = 0.5 * _STUCK_SHARE  # time scale in front of a place that cannot be passed, until that is noticed
-_STUCK_S = 0.1  # ... for so long does not get through a singularity (guess)
+_ROUNDS = 4  # proposals per period while searching for a step that the joints can follow
+_ATTEMPTS = 18  # further proposals before giving up
+_LITTLE = 0.002  # the first of these shortens a step by this fraction
+_EXCESS = 2.0  # times its acceleration limit is granted to a joint where the path demands it; more is a fault (guess)
+_TOLERANCE = 1e-6  # of limits: rounding errors of differences of positions
+_STUCK_SHARE = 1e-3  # a movement slower than this fraction of its speed ...
+_CREEP = 0.5 * _STUCK_SHARE  # time scale in front of a point that cannot be passed, until that is detected
+_STUCK_S = 0.1  # ... for this long cannot pass a singularity (guess)
 
 
 class Pacer:
-    """Keeps the time scale of the movement in progress.
+    """Controls the time scale of the movement in progress.
 
-    What a path asks of the joints a step later is known only by asking the movement where it would be then. So a step
-    is proposed, judged, and proposed again shorter. A movement commits what it proposed last: whoever asks for
-    another step has to take that one.
+    What a path demands of the joints is known only after the movement has calculated the next position. Therefore a
+    step is proposed, checked, and if necessary proposed again shorter. A movement commits its last proposal: after
+    requesting another step, that one must be used.
     """
 
     def __init__(self, model: RobotModel, period_s: float) -> None:
@@ -48,19 +48,19 @@ class Pacer:
         self._period = period_s
         self._qd_max = model.qd_max
         self._qdd_max = model.qdd_max
-        # in one period, a joint moves this far, and this much further or less far than in the one before
+        # per period: the largest displacement of a joint, and its largest difference from the previous period's
         self._reach = [speed * period_s for speed in model.qd_max]
         self._change = [acceleration * (1.0 + _TOLERANCE) * period_s**2 for acceleration in model.qdd_max]
         self.scale = 1.0
-        self.share = 1.0  # of the wanted speed, that the joints could follow in the last period
-        # Ramps bound accelerations of joints, but time scales are what is ramped; the pace converts between the two.
+        self.share = 1.0  # of the commanded speed that the joints could follow in the last period
+        # Ramps limit accelerations of joints, but act on time scales; the pace converts between the two.
         self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
-        self._gain = 0.0  # how fast that grows [rad/s2]
+        self._gain = 0.0  # rate of change of the pace [rad/s2]
         self._stuck_s = 0.0
         self._ahead: Lookahead | None = None
 
     def reset(self, pace_rad_s: float = 0.0) -> None:
-        """A new movement starts, from rest or at this speed of the leading joint."""
+        """Start a new movement, from rest or at this speed of the leading joint."""
         self.scale, self._pace, self._gain, self._stuck_s = 1.0, pace_rad_s, 0.0, 0.0
         self.share = 1.0
 
@@ -73,25 +73,25 @@ class Pacer:
         ramp: float = RAMP_RAD_S2,
         excess: Excess | None = None,
     ) -> Joints | None:
-        """Propose the next configuration, heading for time scale ``goal`` (0..1), within what ``excess`` allows.
+        """Propose the next configuration, approaching time scale ``goal`` (0..1) within the limits of ``excess``.
 
-        None when the movement has come to a standstill. Raises MotionFault when the joints cannot follow.
+        None once the movement has come to a standstill. Raises MotionFault if the joints cannot follow.
         """
         wanted, goal = goal, self._slewed(goal, ramp)
         self.share = 1.0
         if goal < _TOLERANCE:
-            # The pace is kept: the path here is as fast as it was, and going on is ramped by that.
+            # The pace is kept: the path here is as fast as before, and the ramp when it continues depends on it.
             self.scale = self._gain = 0.0
             return None
         most = goal * self._period
-        # From here on steps only become shorter. What looks ahead comes first, since it slows down in time and leaves
-        # little to the others; the joints' own limits come last, since nothing may lengthen a step that they allow.
+        # From here on, the step only becomes shorter. The lookahead comes first: it slows down in time and leaves
+        # little to the others. The joints' own limits come last, because nothing may lengthen a step they allow.
         h = self._foreseen(movement, q, most) if isinstance(movement, PathMotion) else most
         target = movement.propose(h, q)
         step = sub(target, q)
         if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
-            # Ramped, too: a limit that is suddenly lower, as in reduced mode, must not jerk the arm. Never to 0, which
-            # would be a standstill, from which nothing asks for the excess any more.
+            # Ramped as well: a limit that drops suddenly, as in reduced mode, must not jerk the arm. Never down to 0,
+            # because at a standstill the excess would not be evaluated any more.
             h = max(self._slewed(h / self._period / too_fast, ramp), 2.0 * _TOLERANCE) * self._period
             target = movement.propose(h, q)
             step = sub(target, q)
@@ -109,17 +109,17 @@ class Pacer:
         return target
 
     def _foreseen(self, movement: PathMotion, q: Joints, h: float) -> float:
-        """The longest step up to h after which the joints can follow the rest of the path."""
+        """The longest step, up to h, after which the joints can follow the rest of the path."""
         if not movement.uneven:
             self._ahead = None
             return h
-        # Once for each movement: the scout keeps what it has seen of the path that is left.
+        # Once per movement: the lookahead keeps its results for the remaining path.
         if self._ahead is None or self._ahead.movement is not movement:
             self._ahead = Lookahead(movement, q, self._model)
         return min(h, max(_CREEP, self._ahead.fraction(h)) * self._period)
 
     def _easy(self, step: Joints, qd: Joints) -> bool:
-        """Every joint can follow."""
+        """Whether every joint can follow."""
         dt = self._period
         for move, speed, most, change in zip(step, qd, self._reach, self._change, strict=True):
             if not (-most <= move <= most and -change <= move - speed * dt <= change):
@@ -127,7 +127,7 @@ class Pacer:
         return True
 
     def _bearable(self, step: Joints, qd: Joints) -> bool:
-        """No joint changes its speed by much more than it can."""
+        """Whether no joint's change of speed exceeds its limit by too much."""
         dt = self._period
         changes = zip(step, qd, self._change, strict=True)
         return all(abs(move - speed * dt) <= _EXCESS * change for move, speed, change in changes)
@@ -138,12 +138,12 @@ class Pacer:
     def _fitted(
         self, movement: Generator, wanted: tuple[float, float], target: Joints, q: Joints, qd: Joints
     ) -> tuple[float, Joints]:
-        """The step nearest to the first one wanted, and up to the second, that the joints can follow.
+        """The step nearest to the first of ``wanted``, and at most the second, that the joints can follow.
 
         ``target`` was proposed for the first.
         """
         h = wanted[0]
-        # Were the joints' speeds the same all along the step, one round would do; the path bends, so a few are needed.
+        # One round would do if joint speeds were constant along the step; the path is curved, so a few are needed.
         for _ in range(_ROUNDS):
             better = self._bounded(h, wanted, sub(target, q), qd)
             if abs(better - h) <= _TOLERANCE * h:
@@ -156,22 +156,22 @@ class Pacer:
 
     def _slewed(self, goal: float, ramp: float) -> float:
         if self._pace <= 0.0 or goal == self.scale:
-            return goal  # a movement that begins at rest speeds up by its own profile
+            return goal  # a movement that begins at rest accelerates by its own profile
         if goal > self.scale:
             return min(goal, self.scale + ramp * self._period / self._pace)
-        # the pace grows with the way still made: speed = scale * (pace + gain * scale * period)
+        # the pace changes along the step itself: speed = scale * (pace + gain * scale * period)
         speed = self.scale * self._pace - ramp * self._period
         if speed <= _TOLERANCE * self._pace:
             return goal
         root = self._pace**2 + 4.0 * self._gain * self._period * speed
         if root <= 0.0:
-            return self.scale  # the path itself slows down by more than the ramp
+            return self.scale  # the path itself decelerates by more than the ramp
         return max(goal, min(self.scale, 2.0 * speed / (self._pace + sqrt(root))))
 
     def _bounded(self, h: float, wanted: tuple[float, float], step: Joints, qd: Joints) -> float:
-        """The own time, as wanted, with which joint speeds and their changes stay within limits.
+        """The step nearest to ``wanted`` with which joint speeds and their changes stay within limits.
 
-        Where changes of speed cannot all be within limits the excess is shared; speeds are always kept.
+        If not all changes of speed can be within limits, the excess is shared; speed limits are always kept.
         """
         dt = self._period
         low, high, cap = 0.0, wanted[1], wanted[1]
@@ -187,7 +187,7 @@ class Pacer:
         return min(best, cap)
 
     def _enforced(self, movement: Generator, h: float, target: Joints, q: Joints) -> tuple[float, Joints]:
-        """Shorten the step, by ever more, until no joint is too fast."""
+        """Shorten the step by increasing amounts until no joint is too fast."""
         for attempt in range(_ATTEMPTS):
             if within_speed(sub(target, q), self._qd_max, self._period):
                 return h, target
@@ -196,7 +196,7 @@ class Pacer:
         raise self._why()
 
     def _judge(self, h: float, goal: float) -> None:
-        """Give up a movement that creeps. Not at once: a joint that has to turn back is slow for some periods, too."""
+        """Fail a movement that hardly advances; not immediately, since a reversing joint is slow for a while, too."""
         if h >= _STUCK_SHARE * goal * self._period:
             self._stuck_s = 0.0
             return
@@ -212,6 +212,6 @@ class Pacer:
 
 
 def within_speed(step: Joints, qd_max: Joints, period_s: float) -> bool:
-    """No joint needs more than its highest speed for this step of one period."""
+    """Whether no joint needs more than its maximum speed for this step of one period."""
     reach = period_s * (1.0 + _TOLERANCE)
     return all(abs(move) <= most * reach for move, most in zip(step, qd_max, strict=True))

@@ -6,13 +6,13 @@ from emulator.motion.profile import Profile
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose
 
-_TIME_TOLERANCE = 1e-9  # s: rounding of summed periods must not cost a whole period
+_TIME_TOLERANCE = 1e-9  # s: rounding errors of summed periods must not cost a whole period
 
 
 class PathMotion:
-    """Follows one leg; its time may run slower than the clock without leaving the path.
+    """Follows one leg; its time may run slower than real time without leaving the path.
 
-    ``ready`` as soon as the TCP is within ``radius_m`` of the goal: from then on a next move may blend in.
+    ``ready`` as soon as the TCP is within ``radius_m`` of the goal: from then on, the next move may blend in.
     """
 
     scaled = True
@@ -30,7 +30,7 @@ class PathMotion:
 
     @property
     def uneven(self) -> bool:
-        """The joints' speeds and accelerations are not known from the profile alone, as on a line in joint space."""
+        """Whether the joints' speeds are not known from the profile alone, unlike on a line in joint space."""
         return self._blend is not None or (self.profile.duration > 0.0 and not isinstance(self.leg, JointLeg))
 
     def propose(self, h: float, q: Joints) -> Joints:
@@ -57,9 +57,9 @@ class PathMotion:
         return self._blend is None and (self.done or self.profile.position(self._t) >= self._exit_s)
 
     def abort(self) -> bool:
-        """Let the next move blend in from here; False when this move was not to be blended, and has to be stopped.
+        """Let the next move blend in from here; False if this move has no blend radius and has to be stopped.
 
-        Does nothing while this move is being blended into.
+        Does nothing while this move itself is blending in.
         """
         if self.radius_m <= 0.0:
             return False
@@ -69,7 +69,7 @@ class PathMotion:
 
     @property
     def remaining_s(self) -> float:
-        """Its own time until it has arrived."""
+        """Remaining time, in the movement's own time."""
         on_leg = self.profile.duration - self._t
         return on_leg if self._blend is None else self.profile.duration + self._blend.duration - self._t
 
@@ -77,7 +77,7 @@ class PathMotion:
         return self.leg.goal()
 
     def leg_end(self, q: Joints) -> LegEnd | None:
-        """What the next move can blend with when the arm is at q; None before the blend radius, and without one."""
+        """The end of the leg for a blend when the arm is at q; None before the blend radius, and without one."""
         if not self.ready or self.done or self.radius_m <= 0.0:
             return None
         speed = self.profile.speed(self._t)

@@ -1,4 +1,4 @@
-"""Where the joints may go, and whether they could still stop before the end of that."""
+"""Position limits of the joints, and whether the joints could still stop before them."""
 
 from math import dist, inf
 
@@ -11,7 +11,7 @@ _TOLERANCE_RAD = 1e-9
 
 
 class PositionLimits:
-    """low, high: of each joint [rad], those of the model until others are used."""
+    """Position limits. low, high: of each joint [rad], those of the model until others are set."""
 
     def __init__(self, model: RobotModel, period_s: float) -> None:
         self.use(*model.position_limits)
@@ -21,13 +21,13 @@ class PositionLimits:
         self._longest_braking = max(self._braking)
 
     def use(self, low: Joints, high: Joints) -> None:
-        """Other limits are in force."""
+        """Set other limits."""
         self.low, self.high = low, high
-        # Far from the limits is far for a while: no joint reaches one before it is this far [rad] from here.
+        # Fast path: no joint can reach a limit before the arm is this far [rad] from here.
         self._here, self._room = low, 0.0
 
     def check(self, target: Joints, before: Joints) -> None:
-        """Raise MotionFault when a joint that moves like this in a period could not stop before its limit."""
+        """Raise MotionFault if a joint that moves like this in a period could not stop before its limit."""
         if target == before:
             return
         move = dist(target, before)
@@ -45,14 +45,14 @@ class PositionLimits:
             if low <= now <= high and low <= end <= high:
                 continue
             if (was > high and move <= 0.0) or (was < low and move >= 0.0):
-                continue  # outside already, as in recovery mode, and on its way back
+                continue  # already outside, as in recovery mode, and moving back
             margin = abs(move) + _TOLERANCE_RAD  # the speed is the period's mean, not its end's
             inside = low - _TOLERANCE_RAD <= now <= high + _TOLERANCE_RAD
             if not (inside and low - margin <= end <= high + margin):
                 raise joint_limit(i, end, low, high)
 
     def outside(self, q: Joints) -> MotionFault | None:
-        """What is wrong with standing here; None if nothing is."""
+        """The fault of a configuration outside the limits, or None."""
         if within(self.low, q, self.high):
             return None
         for i, (position, low, high) in enumerate(zip(q, self.low, self.high, strict=True)):
@@ -61,13 +61,13 @@ class PositionLimits:
         return None
 
     def brake(self, q: Joints, qd: Joints) -> JointStop:
-        """Each joint at its acceleration limit, harder only where the position limit is nearer than that."""
+        """Brake each joint at its acceleration limit, and harder only if its position limit is too close for that."""
         times = zip(self.longest_stop(q, qd), qd, self._qdd_max, strict=True)
         durations = as_six(min(longest, abs(speed) / a) for longest, speed, a in times)
         return JointStop(q, qd, durations, StopOrigin.FAULT)
 
     def longest_stop(self, q: Joints, qd: Joints) -> Joints:
-        """How long each joint may take to brake evenly to rest before its limit [s]; inf for one at rest."""
+        """Longest time each joint may take to brake evenly before its limit [s]; inf for a joint at rest."""
         return as_six(
             2.0 * max(high - position if speed > 0.0 else position - low, 0.0) / abs(speed) if speed else inf
             for position, speed, low, high in zip(q, qd, self.low, self.high, strict=True)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from math import sqrt
 
-_SHARE = 3.0  # a timed move speeds up for a third of its time and slows down for a third (guess)
-_LONGEST_S = 1e9  # a longer move is planned as one of 30 years: its acceleration would round to nothing
+_SHARE = 3.0  # a timed move accelerates for a third of its time and decelerates for a third (guess)
+_LONGEST_S = 1e9  # longer moves are planned as 30 years, because their acceleration would round to 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Limits:
 class Profile:
     """Distance over time from ``start`` to ``end`` on a path, ending at rest.
 
-    Begins with ``start_speed``, never exceeds ``limits``. Use `Profile.plan`.
+    Begins with ``start_speed`` and never exceeds ``limits``. Create it with `Profile.plan`.
     """
 
     start: float
@@ -33,7 +33,7 @@ class Profile:
 
     @classmethod
     def plan(cls, start: float, end: float, limits: Limits, start_speed: float = 0.0) -> "Profile":
-        """The quickest trapezoid within the limits. ``start_speed`` must allow stopping before ``end``."""
+        """The fastest trapezoid within the limits. ``start_speed`` must allow stopping before ``end``."""
         length = end - start
         if length <= 0.0:
             return cls(end, end, 0.0, 0.0, limits.acceleration, 0.0, 0.0, 0.0)
@@ -46,7 +46,7 @@ class Profile:
         return cls(start, end, start_speed, peak, a, t_cruise, t_brake, t_brake + peak / a)
 
     def position(self, t: float) -> float:
-        """Where on the path after t seconds; exactly ``end`` from ``duration`` on."""
+        """Position on the path after t seconds; exactly ``end`` from ``duration`` on."""
         if t >= self.duration:
             return self.end
         if t < self.t_cruise:
@@ -70,7 +70,7 @@ class Profile:
 def limits_for_duration(length: float, duration_s: float, most: Limits) -> Limits:
     """Limits with which `Profile.plan` takes exactly ``duration_s`` for ``length`` from rest to rest.
 
-    When that is quicker than ``most`` allows, ``most`` is returned: the move takes longer than asked.
+    If that is faster than ``most`` allows, ``most`` is returned: the move takes longer than requested.
     """
     if length <= 0.0:
         return most
@@ -88,7 +88,7 @@ def limits_for_duration(length: float, duration_s: float, most: Limits) -> Limit
 
 
 def choose_limits(length: float, wanted: Limits, most: Limits, duration_s: float) -> Limits:
-    """Limits for a leg: those of the given duration when it is positive, else the wanted ones; never above ``most``."""
+    """Limits for a leg: from the duration if it is positive, else the requested ones; never above ``most``."""
     if duration_s > 0.0:
         return limits_for_duration(length, duration_s, most)
     return Limits(min(wanted.speed, most.speed), min(wanted.acceleration, most.acceleration))

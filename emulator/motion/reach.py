@@ -1,4 +1,4 @@
-"""The arm as the generators see it: limits, and the way between joints and tool poses."""
+"""The arm as the generators see it: its limits, and conversions between joints and tool poses."""
 
 from collections.abc import Sequence
 from math import cos, inf, sin
@@ -12,38 +12,38 @@ from urproto.vectors import ZERO6, as_six
 
 
 def dexterity(dh: DH, q_rad: Joints) -> float:
-    """The square of the Jacobian's determinant, from its three factors: what controllers call the robot's dexterity.
+    """Square of the Jacobian's determinant, from its three factors: the controller's "dexterity" of the robot.
 
-    Found in captures of a UR5e and a UR3e simulator and of a UR10, which agree with it to all digits.
+    Confirmed by captures of a UR5e and a UR3e simulator and of a UR10, which agree with it to all digits.
     """
     factor = dh.a[1] * dh.a[2] * sin(q_rad[2]) * sin(q_rad[4]) * _outward(dh, q_rad)
     return factor * factor
 
 
 def distance_to_singularity(dh: DH, q_rad: Joints) -> float:
-    """0 in a singularity, up to 1 far from each: the smallest of three factors of the Jacobian's determinant.
+    """Distance from 0 in a singularity to 1 far from all: the smallest of three factors of the Jacobian's determinant.
 
-    Elbow: stretched or folded. Wrist: joints 4 and 6 parallel. Shoulder: the wrist above the base joint's axis; how far
-    it is from there, as a share of the two long links.
+    Elbow: stretched or folded. Wrist: joints 4 and 6 parallel. Shoulder: the wrist is above the base joint's axis; its
+    distance from there counts as a fraction of the length of the two long links.
     """
     outward = _outward(dh, q_rad) / (abs(dh.a[1]) + abs(dh.a[2]))
     return min(abs(sin(q_rad[2])), abs(sin(q_rad[4])), abs(outward))
 
 
 def _outward(dh: DH, q_rad: Joints) -> float:
-    """How far the wrist is from the base joint's axis [m], along the arm's plane."""
+    """Distance of the wrist from the base joint's axis [m], in the arm's plane."""
     _, q2, q3, q4, _, _ = q_rad
     return dh.a[1] * cos(q2) + dh.a[2] * cos(q2 + q3) + dh.d[4] * sin(q2 + q3 + q4)
 
 
-# Makes a step along a direction in which the joints move the tool by less than this [m/rad, rad/rad] fade away (guess).
+# Damps a step in a direction in which the joints move the tool by less than this [m/rad, rad/rad] (guess).
 _DAMPING = 0.05
 _NO_LIMITS: Joints = (inf, inf, inf, inf, inf, inf)
 _NO_LIMITS_BELOW: Joints = (-inf, -inf, -inf, -inf, -inf, -inf)
 
 
 class Reach:
-    """One arm with one TCP. A movement keeps the one it was planned with."""
+    """One arm with one TCP. A movement keeps the TCP with which it was planned."""
 
     def __init__(self, model: RobotModel, kinematics: Kinematics, tcp_offset: Pose) -> None:
         self.model = model
@@ -56,9 +56,9 @@ class Reach:
         return self.kinematics.forward(q_rad, self.tcp_offset)
 
     def joints(self, pose_base_tcp: Pose, q_near_rad: Joints) -> Joints:
-        """The joint configuration for a TCP pose that continues q_near. Raises MotionFault when out of reach.
+        """The joint configuration for a TCP pose that continues q_near. Raises MotionFault if out of reach.
 
-        Position limits play no part: a path is followed by continuity, and limits are judged every step.
+        Position limits are not considered: a path is followed by continuity, and the limits are checked every step.
         """
         flange = pose_base_tcp if self.tcp_offset == ZERO6 else pose_trans(pose_base_tcp, self._tcp_inverse)
         q = self.kinematics.inverse_near(flange, q_near_rad, _NO_LIMITS_BELOW, _NO_LIMITS)
@@ -67,7 +67,7 @@ class Reach:
         return q
 
     def step_towards(self, pose_base_tcp: Pose, q_rad: Joints) -> Joints:
-        """A change of the joints [rad] that brings the TCP nearer to a pose near by, small also at a singular arm."""
+        """Joint displacement [rad] that moves the TCP towards a nearby pose; it stays small near a singularity."""
         rows = self.kinematics.jacobian(q_rad, self.tcp_offset)
         change = pose_sub(pose_base_tcp, self.pose(q_rad))
         squares = [[sum(map(mul, one, other)) for other in rows] for one in rows]

@@ -4,14 +4,19 @@ servoj is a critically damped follower whose lag behind a steadily moving target
 
     0.3 * lookahead_time + 0.7 / sqrt(gain)
 
-(25 ms with 0.03 and 2000, 70 ms with the defaults 0.1 and 300). Measured at two places; that it is linear in both terms
-is a guess. Target angles of a UR5 with the defaults: 60 to 80 ms, in the shape of a lag of first or second order
-(el-Lennard/Robotik, Modularbeit Code/A2_servoj.csv). A UR10e with 0.03 and 1200: 34 ms from a command to the angle, of
-which 5 ms are the connection (UniversalRobots/Universal_Robots_Client_Library, issue 86). A UR5 with 0.03 and 2000
-agrees: 35 ms with all that a driver adds (Universal_Robots_ROS2_Driver, issue 1311). A target further away is
-approached within the joints' limits, without overshoot. One that moves from command to command is followed at that lag
-however fast it is: the joint brakes for it as if it went on at its speed. Should it stand at once it is overshot by
-what braking takes beyond the lag (guess).
+(25 ms with 0.03 and 2000, 70 ms with the defaults 0.1 and 300). It is based on two measurements; that it is linear in
+both terms is a guess:
+
+- Target angles of a UR5 with the defaults: 60 to 80 ms, in the shape of a first or second order lag
+  (el-Lennard/Robotik, Modularbeit Code/A2_servoj.csv).
+- A UR10e with 0.03 and 1200: 34 ms from a command to the angle, of which 5 ms are the connection
+  (UniversalRobots/Universal_Robots_Client_Library, issue 86).
+
+A UR5 with 0.03 and 2000 agrees: 35 ms including all delays of a driver (Universal_Robots_ROS2_Driver, issue 1311).
+
+A distant target is approached within the joints' limits, without overshoot. A target that moves from command to command
+is followed at the above lag whatever its speed: the joint brakes for it as if it kept its speed. If it suddenly stops,
+it is overshot by the part of the braking distance that exceeds the lag (guess).
 """
 
 from math import exp, inf, sqrt
@@ -24,13 +29,13 @@ from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose, point_dist, pose_add, pose_sub
 from urproto.vectors import ZERO6, as_six, largest, lerp, norm3, scaled, sub
 
-LOOKAHEAD_RANGE_S = (0.03, 0.2)  # Script Manual, servoj; values outside are brought to the nearest bound (guess)
+LOOKAHEAD_RANGE_S = (0.03, 0.2)  # Script Manual, servoj; values outside are clamped (guess)
 GAIN_RANGE = (100.0, 2000.0)  # Script Manual, servoj
 _LAG_OF_LOOKAHEAD, _LAG_OF_GAIN = 0.3, 0.7  # see above
 
 _TIME_TOLERANCE = 1e-9  # s
-_BRAKE_SHARE = 0.8  # of the acceleration is planned with when a far target is approached; the rest corrects
-_ARRIVED_RAD = 1e-7  # closer and slower than this the arm stands on its target (guess)
+_BRAKE_SHARE = 0.8  # of the acceleration is used to plan the approach to a distant target; the rest corrects
+_ARRIVED_RAD = 1e-7  # closer and slower than this, the arm counts as at rest on its target (guess)
 _ARRIVED_RAD_S = 1e-5
 
 
@@ -43,44 +48,44 @@ class JointServo:
         self._reach = reach
         self._model: RobotModel = reach.model
         self._target = q
-        self._target_qd = ZERO6  # how fast it moves, by the last two commands
-        self._since = 0.0  # of the program's time since the last command
+        self._target_qd = ZERO6  # its speed according to the last two commands
+        self._since = 0.0  # program time since the last command
         self._at = self._next_at = q
         self._qd = self._next = qd
         self._omega = 1.0
-        self._left = 0.0  # of the command's time; negative once that is over
+        self._left = 0.0  # remaining time of the command; negative once it is over
         self._h = self._next_h = 0.0  # the last step
         self._begun = False
         self._overdue = False  # it was ready before the last step
         self._slider_at_0 = False
 
     def slider(self, fraction: float) -> None:
-        """Where the speed slider stands in this period. Raises MotionFault when it was at 0 and is no more."""
+        """Set the speed slider's value for this period. Raises MotionFault if it was at 0 and no longer is."""
         if self._slider_at_0 and fraction > 0.0:
             raise slider_raised()
         self._slider_at_0 = fraction <= 0.0
 
     def command(self, target: Joints, t: float, lookahead_time: float, gain: float) -> None:
-        """New target [rad] that rules for t seconds of the program's time, one period at least."""
+        """Set a new target [rad], valid for t seconds of program time, at least one period."""
         lag = _LAG_OF_LOOKAHEAD * _within(lookahead_time, LOOKAHEAD_RANGE_S)
         lag += _LAG_OF_GAIN / sqrt(_within(gain, GAIN_RANGE))
         self._omega = 2.0 / lag
         if self._since > 0.0:
             self._target_qd = ZERO6 if self._overdue else scaled(sub(target, self._target), 1.0 / self._since)
         self._target, self._since = target, 0.0
-        # who commands in step with the periods loses none of their time: see emulator.motion.speed
+        # a program that commands in step with the periods loses none of its time: see emulator.motion.speed
         carried = self._left if self.ready and not self._overdue and self._left > -self._h else 0.0
         self._left, self._begun = t + carried, False
 
     def propose(self, h: float, q: Joints) -> Joints:
         self._next_h = h
         model, omega, decay = self._model, self._omega, exp(-self._omega * h)
-        target_qd = ZERO6 if self.ready else self._target_qd  # without a new command it stands
+        target_qd = ZERO6 if self.ready else self._target_qd  # without a new command, the target counts as standing
         positions, speeds = [], []
         for now, qd, target, towards, most, acceleration in zip(
             q, self._qd, self._target, target_qd, model.qd_max, model.qdd_max, strict=True
         ):
-            # the exact step of the critically damped follower unless a limit says less
+            # the exact step of the critically damped follower, unless a limit is lower
             error = now - target
             slope = qd + omega * error
             speed = (qd - omega * slope * h) * decay
@@ -127,7 +132,7 @@ class JointServo:
 
 
 class ToolServo:
-    """servoc: the tool heads for the newest pose at limited speed, turning its velocity by limited acceleration.
+    """servoc: the tool moves towards the newest pose at limited speed; its velocity changes by limited acceleration.
 
     Ready within ``radius_m`` of the pose.
     """
@@ -142,11 +147,11 @@ class ToolServo:
         self._limits = Limits(1.0, 1.0)
         self._radius = 0.0
         self._begun = False
-        self._step_m = self._next_step_m = 0.0  # the tool's way in the last period, turning included
+        self._step_m = self._next_step_m = 0.0  # the tool's displacement in the last period, rotation included
         self._from = self._next_from = q  # and where it began
 
     def command(self, target: Pose, limits: Limits, radius_m: float) -> None:
-        """New pose to go to, in the base frame."""
+        """Set a new target pose in the base frame."""
         self._target, self._limits, self._radius = target, limits, radius_m
         self._begun = False
 
@@ -155,7 +160,7 @@ class ToolServo:
         error = pose_sub(self._target, pose)
         length = self._length(error)
         braking = min(a, self._bearable(q))
-        brake = _BRAKE_SHARE * braking * h  # of speed, in each step of the way's end
+        brake = _BRAKE_SHARE * braking * h  # change of speed per period while braking at the end
         if length <= brake * h and self._length(self._twist) <= 2.0 * braking * h:
             self._next, self._next_pose = ZERO6, self._target
         else:
@@ -169,13 +174,13 @@ class ToolServo:
         return q if self._next_pose == pose else self.reach.joints(self._next_pose, q)
 
     def _bearable(self, q: Joints) -> float:
-        """The tool's acceleration that the joints can follow where it just went [m/s2]: little near a singularity."""
+        """Tool acceleration that the joints can follow at the last step [m/s2]: small near a singularity."""
         moved = sub(q, self._from)
         hardest = max(abs(way) / most for way, most in zip(moved, self.reach.model.qdd_max, strict=True))
         return self._step_m / hardest if hardest > 0.0 and self._step_m > 0.0 else inf
 
     def _length(self, screw: Joints) -> float:
-        """Size of a change of pose or of a tool velocity, turning taken at the equivalent radius: m, m/s."""
+        """Magnitude of a change of pose or a tool velocity, with rotation at the equivalent radius: m, m/s."""
         return path_length(norm3(*screw[:3]), norm3(*screw[3:]), self.reach.model.eq_radius)
 
     def commit(self) -> None:

@@ -1,11 +1,15 @@
 """Speeds held until the next command: speedj and speedl.
 
-A command with a time rules for exactly that much of the movement's own time, so that the distance covered is the
-integral of the speeds asked for, wherever the speed slider stands. But programs run once in a control period, and a
-command seldom ends with one. So the program goes on at the end of the period nearest to the command's end, and the next
-command begins where the one before ends: what is left of that is run first, or, where it has ended already, the new
-command is run from that moment on in retrospect. What the program reads of the arm's position just then is where the
-command ends (`Motion.program_q`), so that a path which it plans from there is no fraction of a period off.
+A command with a time is valid for exactly that much of the movement's own time, so that the distance covered is the
+integral of the commanded speeds, whatever the speed slider. But programs run once per control period, and a command
+seldom ends together with one. The program therefore continues at the end of the period that is nearest to the command's
+end, and the next command begins where the previous one ends:
+
+- if the previous one has time left, that is run first;
+- if it has already ended, the new command is run retroactively from that moment.
+
+The arm's position that the program reads just then is the one at the command's end (`Motion.program_q`), so that a path
+planned from there is not off by a fraction of a period.
 """
 
 from math import inf
@@ -20,38 +24,38 @@ _TIME_TOLERANCE = 1e-9  # s
 
 
 class _State(NamedTuple):
-    """``place``: joint angles or a TCP pose; ``speed``: how fast that changes."""
+    """``place``: joint angles or a TCP pose; ``speed``: its rate of change."""
 
     place: Joints
     speed: Joints
 
 
 class _Command(NamedTuple):
-    """A speed to reach and hold, with an acceleration, and with one for turning where a tool is moved."""
+    """A speed to reach and hold, with an acceleration and, for a tool, a rotational acceleration."""
 
     speed: Joints
     a: float
     a_rot: float
-    left: float | None  # of its time [s], negative when that is over; None for one without a time
+    left: float | None  # remaining time [s], negative once it is over; None without a time
 
 
 class _HeldSpeed:
-    """Ready after the command's time, or without one when the speed is reached; after one period at least."""
+    """Ready after the command's time or, without one, when the speed is reached; at the earliest after one period."""
 
     scaled = True
 
     def __init__(self, state: _State) -> None:
         self._now = state
-        self._end: _State | None = None  # where the command's time ran out, in the last period
-        self._start, self._owed = state, 0.0  # where the next step begins, and what it takes beside a period [s]
-        self._commands = [_Command(ZERO6, 0.0, 0.0, None)]  # that rule one after the other
+        self._end: _State | None = None  # state when the command's time ran out within the last period
+        self._start, self._owed = state, 0.0  # where the next step begins, and its duration in addition to a period [s]
+        self._commands = [_Command(ZERO6, 0.0, 0.0, None)]  # valid one after the other
         self._h = 0.0  # the last step
         self._next: tuple[_State, _State | None, list[_Command], float] = (state, None, self._commands, 0.0)
         self._begun = False
         self._overdue = False  # it was ready before the last period
 
     def _rule(self, speed: Joints, a: float, a_rot: float, t: float | None) -> None:
-        """From the end of the command before, when that has a time which ends now."""
+        """Add a command; it starts at the end of the previous one if that has a time which ends now."""
         before, in_time = self._commands[-1], self._ending
         self._commands = [_Command(speed, a, a_rot, t)]
         self._start, self._owed = self._now, 0.0
@@ -64,19 +68,19 @@ class _HeldSpeed:
 
     @property
     def _ending(self) -> bool:
-        """The command's time has ended in the last period, or is about to: a program that goes on now is in time."""
+        """Whether the command's time ended in the last period or is about to: a program continuing now is in time."""
         left = self._commands[-1].left
         return left is not None and self.ready and not self._overdue and left > -self._h
 
     def _command_end(self) -> _State:
-        """Where the command ends, or ended, if that is just now; else where the movement is."""
+        """State at the command's end if that is just now; else the present state."""
         command = self._commands[-1]
         if not self._ending or command.left is None or abs(command.left) <= _TIME_TOLERANCE:
             return self._now
         return self._end or self._run(self._now, command, command.left)
 
     def _step(self, h: float) -> _State:
-        """Where the movement is h after the last commit."""
+        """State h after the last commit."""
         state, duration = self._start, h + self._owed
         end: _State | None = None
         commands = list(self._commands)
@@ -98,7 +102,7 @@ class _HeldSpeed:
         return state
 
     def _run(self, state: _State, command: _Command, h: float) -> _State:
-        """Obey a command for h."""
+        """Run a command for h."""
         raise NotImplementedError
 
     def commit(self) -> None:
@@ -125,20 +129,20 @@ class _HeldSpeed:
 
 
 class JointSpeed(_HeldSpeed):
-    """speedj: all joint speeds change together, the leading one by ``a``, then hold."""
+    """speedj: all joint speeds change together, the leading one by ``a``, and are then held."""
 
     def __init__(self, q: Joints, qd: Joints) -> None:
         super().__init__(_State(q, qd))
 
     def command(self, qd: Joints, a: float, t: float | None) -> None:
-        """New target speed [rad/s], acceleration of the leading joint [rad/s2], duration [s] or None."""
+        """Set a new target speed [rad/s], acceleration of the leading joint [rad/s2], and duration [s] or None."""
         self._rule(qd, a, 0.0, t)
 
     def propose(self, h: float, q: Joints) -> Joints:
         return lerp(q, sub(self._step(h).place, self._now.place), 1.0)
 
     def joints_at_end(self, q: Joints) -> Joints:
-        """The joints where the command ends, when it ends now; they are at q."""
+        """Joints at the command's end if that is just now; at present they are at q."""
         return lerp(q, sub(self._command_end().place, self._now.place), 1.0)
 
     def _run(self, state: _State, command: _Command, h: float) -> _State:
@@ -148,14 +152,14 @@ class JointSpeed(_HeldSpeed):
 
 
 class ToolSpeed(_HeldSpeed):
-    """speedl: the tool's velocity changes by ``a`` and ``a_rot``, then holds."""
+    """speedl: the tool's velocity changes by ``a`` and ``a_rot`` and is then held."""
 
     def __init__(self, reach: Reach, q: Joints, qd: Joints) -> None:
         super().__init__(_State(reach.pose(q), reach.twist(q, qd) if qd != ZERO6 else ZERO6))
         self.reach = reach
 
     def command(self, xd: Joints, a: float, a_rot: float, t: float | None) -> None:
-        """New tool velocity in the base frame [m/s, rad/s], accelerations [m/s2, rad/s2], duration [s] or None."""
+        """Set a new tool velocity in the base frame [m/s, rad/s], accelerations [m/s2, rad/s2], duration [s] if any."""
         self._rule(xd, a, a_rot, t)
 
     def propose(self, h: float, q: Joints) -> Joints:
@@ -163,7 +167,7 @@ class ToolSpeed(_HeldSpeed):
         return q if pose == self._now.place else self.reach.joints(pose, q)
 
     def joints_at_end(self, q: Joints) -> Joints:
-        """As of JointSpeed. Raises MotionFault when that is out of reach."""
+        """See JointSpeed. Raises MotionFault if the pose is out of reach."""
         pose = self._command_end().place
         return q if pose == self._now.place else self.reach.joints(pose, q)
 
@@ -179,12 +183,12 @@ class ToolSpeed(_HeldSpeed):
 
 
 def _duration(change: float, a: float) -> float:
-    """How long a change of speed takes [s]."""
+    """Duration of a change of speed [s]."""
     return change / a if a > 0.0 else inf if change else 0.0
 
 
 def _changed(speed: Joints, goal: Joints, duration: float, h: float) -> tuple[Joints, Joints]:
-    """The speed after h, when it changes evenly for ``duration`` and then holds; and the way made until then."""
+    """Speed and displacement after h, if the speed changes linearly for ``duration`` and then stays constant."""
     if h < duration:
         end = lerp(speed, sub(goal, speed), h / duration)
         return end, scaled(lerp(speed, end, 1.0), 0.5 * h)

@@ -1,4 +1,4 @@
-"""Bringing the arm to rest by the clock, whatever the speed slider says: stopj, stopl and the protective stop."""
+"""Stops in real time, independent of the speed slider: stopj, stopl and the stops of faults and brakes."""
 
 from enum import Enum, auto
 
@@ -12,15 +12,15 @@ _TIME_TOLERANCE = 1e-9  # s
 
 
 class StopOrigin(Enum):
-    """What makes the arm stop."""
+    """Cause of a stop."""
 
     COMMAND = auto()
-    FAULT = auto()  # a movement could not go on
-    BRAKES = auto()  # the power is gone
+    FAULT = auto()  # a movement could not continue
+    BRAKES = auto()  # the power is off
 
 
 class JointStop:
-    """Every joint brakes evenly from its own speed, in its own time. All standing is ``done``."""
+    """Every joint brakes evenly from its own speed, in its own time; ``done`` once all stand still."""
 
     scaled = False
 
@@ -46,7 +46,7 @@ class JointStop:
 
     @property
     def remaining_s(self) -> float:
-        """Time until all stand."""
+        """Time until all joints stand still."""
         return self._last - self._t
 
     @property
@@ -67,9 +67,9 @@ def brake_together(q: Joints, qd: Joints, deceleration: float) -> JointStop:
 
 
 class ToolStop:
-    """stopl: the tool brakes on the screw it is moving on, speed and turn rate falling evenly together.
+    """stopl: the tool brakes along its present screw motion; linear and angular speed decrease evenly together.
 
-    When the joints cannot follow within their speed limits they brake each for itself.
+    If the joints cannot follow within their speed limits, each joint brakes on its own.
     """
 
     scaled = False
@@ -121,7 +121,7 @@ class ToolStop:
 
     @property
     def remaining_s(self) -> float:
-        """Time until the tool stands."""
+        """Time until the tool stands still."""
         return self._duration - self._t if self._fallback is None else self._fallback.remaining_s
 
     @property

@@ -1,10 +1,10 @@
-"""What is added to the path of a movement: path offsets, a tracked frame, a conveyor.
+"""Displacements added to the path of a movement: path offsets, a tracked frame, a conveyor.
 
-The movement runs on its nominal path and knows nothing of this. Once a period each source says where it takes a pose
-of that path, in the order: path offset, frame, conveyor. Sources move on by the clock, whatever the speed slider says;
-while the movement is held (pause, protective stop) they stand still too, and go on from there afterwards.
+The movement runs on its nominal path and is not affected. Once a period, each source displaces the pose on that path,
+in the order path offset, frame, conveyor. Sources advance in real time, independent of the speed slider; while the
+movement is held (pause, protective stop), they stand still too, and continue from there afterwards.
 
-A new source needs three things: ``step`` to move on, ``apply`` to displace a pose, ``undo`` to take that back.
+A new source needs three methods: ``step`` to advance, ``apply`` to displace a pose, and ``undo`` to reverse that.
 """
 
 from collections.abc import Sequence
@@ -22,37 +22,37 @@ from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
 from urproto.vectors import ZERO6, Axes, Vector3, as_six, cross, into6, largest, lerp, norm3, out_of6, scaled, sub, unit
 
-_SAME = 1e-9  # m, rad: a filtered offset nearer to the given one than this is that one (guess)
-_STANDING_M = 1e-9  # a shorter way in one period has no direction
-_FADE_S = 0.05  # how soon the coasted way is taken back (guess)
+_SAME = 1e-9  # m, rad: a filtered offset this close to the commanded one is set to it (guess)
+_STANDING_M = 1e-9  # a shorter displacement in one period has no direction
+_FADE_S = 0.05  # time constant for undoing the distance coasted in a stop (guess)
 
 
 class OffsetFrame(IntEnum):
-    """path_offset_set's type: what the offset is given in."""
+    """path_offset_set's type: the frame in which the offset is given."""
 
-    BASE = 1  # axes of the base; turns about the TCP
+    BASE = 1  # axes of the base; rotation about the TCP
     TCP = 2
     MOTION = 3  # x along the path, y = x cross the tool's z, z = x cross y
-    WORLD = 4  # the offset is the base in the world, and the path is meant in the world
+    WORLD = 4  # the offset is the pose of the base in the world, and the path is given in the world
 
 
 @dataclass(slots=True)
 class OffsetSettings:
-    """What outlives path_offset_disable: the filter's share of the new value, and limits a axis [m, rad]."""
+    """Settings that survive path_offset_disable: the filter's weight of a new value, and limits per axis [m, rad]."""
 
     alpha: float = 1.0
     translation_limit: float = 0.1  # Script Manual, path_offset_set_max_offset
     rotation_limit: float = radians(30.0)
 
     def limited(self, offset: Joints) -> Joints:
-        """The offset, each component within its limit."""
+        """The offset with each component limited."""
         far, turned = self.translation_limit, self.rotation_limit
         bounds = (far, far, far, turned, turned, turned)
         return as_six(max(-bound, min(bound, value)) for value, bound in zip(offset, bounds, strict=True))
 
 
 class PathOffset:
-    """The offset in force; zero until one is set."""
+    """The active path offset; zero until one is set."""
 
     def __init__(self, settings: OffsetSettings) -> None:
         self._settings = settings
@@ -66,14 +66,14 @@ class PathOffset:
         self._axes: Axes | None = None  # of the MOTION frame
 
     def set(self, offset: Joints, frame: OffsetFrame) -> None:
-        """Another offset [m, rotation vector], from the next period on."""
+        """Set another offset [m, rotation vector], from the next period on."""
         if frame is not self._frame:
-            self._filtered = self.get(frame)  # the filter goes on from what is applied now
+            self._filtered = self.get(frame)  # the filter continues from the offset applied now
             self._coasted, self._frame = ZERO6, frame
         self._target = self._settings.limited(offset)
 
     def get(self, frame: OffsetFrame) -> Pose:
-        """The offset applied now, as one of this frame."""
+        """The offset applied now, expressed in this frame."""
         if frame is self._frame or self._path is None:
             return self._applied
         path, there = self._path, self.apply(self._path)
@@ -134,7 +134,7 @@ class PathOffset:
 
 
 def _motion_axes(path: Pose, before: Axes | None, along: Vector3 | None = None) -> Axes:
-    """Axes of the MOTION frame; the last ones where there is no direction, the tool's x before there was any."""
+    """Axes of the MOTION frame; without a direction of motion the last ones, and at first along the tool's x axis."""
     tool_x, _, tool_z = axes_of(path)
     x = unit(along, tool_x) if along is not None else tool_x
     aside = cross(x, tool_z)
@@ -144,12 +144,12 @@ def _motion_axes(path: Pose, before: Axes | None, along: Vector3 | None = None) 
     return x, y, cross(x, y)
 
 
-_SUDDEN = 5.0  # times a joint's acceleration limit: a displacement that asks for more is a jump (guess)
+_SUDDEN = 5.0  # times a joint's acceleration limit: a displacement that demands more is a jump (guess)
 _TOLERANCE = 1e-6
 
 
 class Kind(IntEnum):
-    """There is one source of each kind at most; they apply in this order."""
+    """Kinds of sources, at most one of each; they apply in this order."""
 
     PATH_OFFSET = 0
     FRAME = 1
@@ -157,27 +157,27 @@ class Kind(IntEnum):
 
 
 class Source(Protocol):
-    """One thing added to the path."""
+    """One displacement added to the path."""
 
     def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
-        """One period: the path's pose, and how that changed in this period (pose_sub).
+        """Advance one period, given the path's pose and its change in this period (pose_sub).
 
-        ``ramp``: None while running, else come to a standstill, as a leading joint would with this deceleration
-        [rad/s2]. Raises MotionFault when it cannot be.
+        ``ramp``: None while running; otherwise the deceleration of a leading joint [rad/s2] with which to come to a
+        standstill. Raises MotionFault if the source cannot be followed.
         """
 
     def apply(self, pose: Pose) -> Pose:
-        """Where this takes a pose of the path, in the base frame."""
+        """Displace a pose of the path, in the base frame."""
 
     def undo(self, pose: Pose) -> Pose:
-        """The pose of the path that is taken to this one."""
+        """The pose of the path that is displaced to this one."""
 
 
 class Superposition:
-    """The sources in force, and where they take the path.
+    """The active sources and the displaced path.
 
-    ``q``, ``qd``: there [rad, rad/s], as long as anything is ``active``. ``settings``: of path offsets. ``lost``: the
-    fault that ended it all; poses of the program that runs no longer mean what they did.
+    ``q``, ``qd``: the displaced path [rad, rad/s] while anything is ``active``. ``settings``: of path offsets.
+    ``lost``: the fault that ended all displacements; poses of the running program are no longer valid then.
     """
 
     def __init__(self, target: ArmTarget, movement: ActiveMovement) -> None:
@@ -190,37 +190,37 @@ class Superposition:
         self._path: tuple[Reach, Joints, Pose] | None = None  # the last period's TCP, path joints and path pose
         self._pose: Pose | None = None  # the last displaced pose
 
-    # what a program asks for
+    # commands of a program
 
     def enable_path_offset(self) -> None:
-        """Begin to apply an offset, zero at first. Does nothing when that is so already."""
+        """Start applying an offset, zero at first. Does nothing if one is active already."""
         if self._path_offset is None:
             self._add(Kind.PATH_OFFSET, PathOffset(self.settings))
 
     def set_path_offset(self, offset: Sequence[float], frame: OffsetFrame) -> None:
-        """The offset to apply from now on [m, rotation vector]; without effect unless enabled (guess)."""
+        """Set the offset to apply [m, rotation vector]; without effect unless enabled (guess)."""
         if self._path_offset is not None:
             self._path_offset.set(as_six(offset), frame)
 
     def path_offset(self, frame: OffsetFrame) -> Pose:
-        """The offset applied just now, as one of this frame; zero unless enabled."""
+        """The offset applied now, expressed in this frame; zero unless enabled."""
         return ZERO6 if self._path_offset is None else self._path_offset.get(frame)
 
     def track(self, conveyor: Source) -> None:
-        """Take the path along with a conveyor. Raises ValueError while one is tracked."""
+        """Move the path along with a conveyor. Raises ValueError while one is tracked."""
         if Kind.CONVEYOR in self._sources:
-            raise ValueError("a conveyor is tracked already: call stop_conveyor_tracking() first")
+            raise ValueError("a conveyor is already being tracked: call stop_conveyor_tracking() first")
         self._add(Kind.CONVEYOR, conveyor)
 
     def track_frame(self, frame: FrameTracking) -> None:
-        """Take the path along with a frame. Raises ValueError while one is tracked."""
+        """Move the path along with a frame. Raises ValueError while one is tracked."""
         if self.tracked_frame is not None:
-            raise ValueError("a frame is tracked already: call frame_tracking_disable() first")
+            raise ValueError("a frame is already being tracked: call frame_tracking_disable() first")
         self._add(Kind.FRAME, frame)
 
     @property
     def tracked_frame(self) -> FrameTracking | None:
-        """The frame that the path is taken along with."""
+        """The frame that the path moves along with."""
         source = self._sources.get(Kind.FRAME)
         return source if isinstance(source, FrameTracking) else None
 
@@ -230,17 +230,17 @@ class Superposition:
         return source if isinstance(source, PathOffset) else None
 
     def _add(self, kind: Kind, source: Source) -> None:
-        """Begin to apply a source. The first one takes the path to where it is already: nothing jumps."""
+        """Start applying a source. The first one starts at the present path, so nothing jumps."""
         if not self.active:
             self.active = True
             self.q, self.qd = self._movement.q, self._movement.qd
             self._path, self._pose = None, None
         self._sources = dict(sorted({**self._sources, kind: source}.items()))
 
-    # ending it: what a source did to the path so far stays, since the arm must not jump back
+    # ending: the displacement so far stays part of the path, because the arm must not jump back
 
     def end(self, kind: Kind) -> None:
-        """Apply a source no more. Raises MotionFault when the path cannot be where that has taken it."""
+        """Stop applying a source. Raises MotionFault if the path cannot continue from the displaced position."""
         if self._sources.pop(kind, None) is None:
             return
         if self._sources:
@@ -249,29 +249,29 @@ class Superposition:
             self.release()
 
     def release(self) -> None:
-        """Displace the path no more: it is where it has been taken."""
+        """End all displacements; the displaced position becomes the path's position."""
         if self.active:
             self._movement.put(self.q, self.qd)
             self.clear()
 
     def clear(self) -> None:
-        """Displace the path no more, wherever it is."""
+        """End all displacements and leave the path where it is."""
         self.active, self._sources = False, {}
 
     def lose(self, fault: MotionFault) -> None:
-        """A fault ends it. The program must not go on as if its path were displaced."""
+        """End all displacements after a fault. The program must not continue as if its path were displaced."""
         if self.active:
             self.lost = fault
             self.clear()
 
     def program_stopped(self) -> None:
-        """The next program begins without settings and loss; what is in force goes on until the arm is stopped."""
+        """Reset settings and faults for the next program; active displacements continue until the arm is stopped."""
         self.settings, self.lost = OffsetSettings(), None
 
     def rejoin(self) -> bool:
-        """Take what brought the arm to where it is, beside its path, as part of the path; False when none leads here.
+        """Make the arm's deviation part of the path; False if no path is displaced to the arm's position.
 
-        So the next movement, which starts from the path, can take that back.
+        The next movement, which starts from the path, can then remove the deviation.
         """
         target = self._target
         try:
@@ -282,7 +282,7 @@ class Superposition:
         return True
 
     def _path_for(self, q: Joints) -> Joints:
-        """The path joints that are taken to q. Raises MotionFault when they are out of reach."""
+        """The path joints that are displaced to q. Raises MotionFault if they are out of reach."""
         reach = self._target.reach
         pose = reach.pose(q)
         for source in reversed(self._sources.values()):
@@ -293,21 +293,21 @@ class Superposition:
     # one control period
 
     def advance(self, path: Joints) -> tuple[Joints, Joints]:
-        """One period, at the end of which the movement is at ``path``: where that is taken, before and after it.
+        """Advance one period to ``path``; return the displaced joints before and after it.
 
-        Raises MotionFault when a joint cannot follow.
+        Raises MotionFault if a joint cannot follow.
         """
         reach, before = self._target.reach, self._path
         pose = self._path_pose(reach, path)
         shift = pose_sub(pose, before[2]) if before is not None and before[0] is reach else ZERO6
         self._path = (reach, path, pose)
         ramp = None if self._movement.running else self._movement.ramp
-        # In the order of `Kind`: what is tracked carries the offset along.
+        # In the order of `Kind`: a tracked frame or conveyor moves the offset along.
         for source in self._sources.values():
             source.step(self._target.period_s, pose, shift, ramp)
             pose = source.apply(pose)
         start = self.q
-        # The way back from a pose to joints rounds: an arm at rest must not move by that.
+        # Converting a pose back to joints has rounding errors, by which an arm at rest must not move.
         q = start if pose == self._pose else reach.joints(pose, start)
         self._pose = pose
         self._judge(reach, q)

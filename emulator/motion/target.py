@@ -1,4 +1,4 @@
-"""Where the arm is told to be: the target of the present control period, which controllers publish as target_q."""
+"""The arm's target in the present control period, which controllers publish as target_q."""
 
 from math import inf
 
@@ -10,7 +10,7 @@ from urproto.vectors import ZERO6, as_six, scaled, sub
 
 
 class ArmTarget:
-    """Target angles, speeds and accelerations of the joints [rad, rad/s, rad/s2], and the arm that is to get there.
+    """Target angles, speeds and accelerations of the joints [rad, rad/s, rad/s2], and the arm that follows them.
 
     All parts of `Motion` read it. Only `Motion` changes it, once a period.
     """
@@ -21,20 +21,20 @@ class ArmTarget:
         self.q: Joints = as_six(q)
         self.qd: Joints = ZERO6
         self.qdd: Joints = ZERO6
-        self.standing_s = inf  # for how long it has stood
+        self.standing_s = inf  # time since the arm came to rest
         self._kinematics = kinematics_of(model)
         self.reach = Reach(model, self._kinematics, ZERO6)  # with the TCP of new movements
 
     def use_tcp(self, offset: Pose) -> None:
-        """Flange to TCP. Movements in progress keep the `Reach` that they began with, so this makes another one."""
+        """Set the TCP, relative to the flange. Movements in progress keep their `Reach`, so this creates a new one."""
         if as_six(offset) != self.reach.tcp_offset:
             self.reach = Reach(self.model, self._kinematics, as_six(offset))
 
     def advance(self, q: Joints, *, standing: bool) -> None:
-        """One period later, the target is q.
+        """Advance one period, to target q.
 
-        ``standing``: the arm has arrived in this period. The speed is then 0 and not the last bit of way over the
-        period, since nothing would take it to 0 afterwards.
+        ``standing``: the arm has arrived in this period. The speed is then 0 and not the last displacement over the
+        period, because nothing would set it to 0 afterwards.
         """
         qd = ZERO6 if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
         self.qdd = scaled(sub(qd, self.qd), 1.0 / self.period_s)
@@ -42,16 +42,16 @@ class ArmTarget:
         self.standing_s = self.standing_s + self.period_s if qd == ZERO6 else 0.0
 
     def rest(self) -> bool:
-        """One period later, nothing has moved it. False when it is not at rest: `advance` has to say where it is."""
+        """Advance one period at rest. Returns False if the arm is not at rest: `advance` has to be used then."""
         if self.qd != ZERO6 or self.qdd != ZERO6:
             return False
         self.standing_s += self.period_s
         return True
 
     def put(self, q: Joints) -> None:
-        """The arm is elsewhere, and stands there as before."""
+        """Place the arm elsewhere; it stands still as before."""
         self.q = q
 
     def halt(self) -> None:
-        """Stand still at once."""
+        """Stand still immediately."""
         self.qd = self.qdd = ZERO6

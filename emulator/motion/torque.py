@@ -1,7 +1,7 @@
-"""Direct torque: the joints go where torques take them, and the targets say where that is.
+"""Direct torque: torques move the joints, and the targets follow the joints.
 
-Each command holds for one control period. In a period without one (the program is paused, over, or late) the joints
-brake together and stand, so nothing drives an arm whose program is not there.
+Each command is valid for one control period. In a period without one (the program is paused, over, or late), the joints
+brake together and come to rest, so that nothing drives an arm without its program.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ TorqueResponse = Callable[[TorqueCommand, Joints, Joints, float], tuple[Joints, 
 
 
 class DirectTorque:
-    """``ramp``: the deceleration [rad/s2] of the leading joint once commands stay away."""
+    """Movement by torques. ``ramp``: deceleration [rad/s2] of the leading joint when no command arrives."""
 
     scaled = False
 
@@ -30,7 +30,7 @@ class DirectTorque:
         self.acting: TorqueCommand | None = None  # in the last period
 
     def command(self, command: TorqueCommand) -> None:
-        """For the next control period."""
+        """Set the torques for the next control period."""
         self._command, self._stop = command, None
 
     def propose(self, h: float, q: Joints) -> Joints:

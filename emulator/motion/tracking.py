@@ -1,14 +1,14 @@
-"""Paths that go along with something that moves: a conveyor that an encoder tells of, or a named frame.
+"""Tracking: paths that move along with a conveyor, measured by an encoder, or with a named frame.
 
-From the moment tracking begins, the path is displaced by the way that its leader, the conveyor or frame, has gone
-since then. Where a leader moves evenly, the path keeps its pace exactly; what is missing to the leader's place (it was
-moving already when tracking began, or it jumped) is caught up with at bounded speed and acceleration. So a leader at
-constant speed is followed without lag, and one that jumps is no jerk.
+From the start of tracking, the path is displaced by the motion of its leader (the conveyor or frame) since then. While
+the leader moves evenly, the path keeps pace exactly. Any remaining distance to the leader, because it was already
+moving when tracking began or because it jumped, is caught up at limited speed and acceleration. A leader at constant
+speed is therefore followed without lag, and a jump of the leader does not jerk the arm.
 
-A conveyor moves along one coordinate, m or rad, and `Follower` keeps up with that. A frame moves in steps, once a
-period at best, when a program says so; the way that it goes in a period is its speed. The displacement goes exactly
-along with that, turning or not, and catches up as seen from the frame, in translation and in rotation. That a real
-controller does the same with frames is a guess.
+A conveyor moves along one coordinate, m or rad, which `Follower` follows. A frame moves in steps, at most once a
+period, when a program moves it; its displacement in a period is its speed. The path moves exactly along with it, in
+translation and rotation, and catches up relative to the frame. That a real controller does the same with frames is a
+guess.
 
 Velocities of the tool are (linear, angular) pairs in the axes of the base.
 """
@@ -24,28 +24,28 @@ from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
 from urproto.vectors import ZERO6, Vector3, all_finite, cross, largest, lerp, norm3, out_of6, scaled, sub, unit
 
-LEVER_M = 0.25  # from a leading joint to the tool: turns a deceleration of joints into one of the tool (guess)
+LEVER_M = 0.25  # lever from a leading joint to the tool: converts a deceleration of joints into one of the tool (guess)
 
 _BANDWIDTH = 25.0  # rad/s, of catching up where no limit is reached: critically damped (guess)
-_BRAKE_SHARE = 0.8  # of the acceleration is planned with on the way to a far target; the rest corrects
-_ARRIVED = 1e-9  # m, rad: nearer to a standing leader, and slower, the path stands with it (guess)
+_BRAKE_SHARE = 0.8  # of the acceleration is used to plan the approach to a distant target; the rest corrects
+_ARRIVED = 1e-9  # m, rad: closer than this to a standing leader, and slower, the path stands with it (guess)
 _ARRIVED_SPEED = 1e-6
 _CATCHING_UP = Limits(0.25, 2.0)  # m/s beyond the leader's own speed, m/s2 (guess)
 _CATCHING_UP_TURN = Limits(_CATCHING_UP.speed / LEVER_M, _CATCHING_UP.acceleration / LEVER_M)
 _FASTEST_TURN = TOOL_LIMITS.speed / LEVER_M  # rad/s
-_JUMPS_S = 0.02  # a frame that is beyond these speeds for less is one that was put elsewhere (guess)
-_SHORTEST_RADIUS_M = 0.05  # nearer to the centre a turning conveyor is followed as it is here
+_JUMPS_S = 0.02  # a frame that exceeds these speeds for a shorter time has been placed elsewhere (guess)
+_SHORTEST_RADIUS_M = 0.05  # closer to its centre, a rotating conveyor is followed as at this radius
 
 
 class Follower:
-    """``position`` and ``speed`` in any unit; starts at 0 with the given speed."""
+    """Follows a target along one coordinate, from 0 at a given speed; ``position`` and ``speed`` in any unit."""
 
     def __init__(self, speed: float = 0.0) -> None:
         self.position = 0.0
         self.speed = speed
 
     def follow(self, dt: float, target: float, rate: float, limits: Limits) -> None:
-        """Go after a target that moves at ``rate``; the limits are those of catching up."""
+        """Follow a target that moves at ``rate``; the limits are those for catching up."""
         error = target - self.position - rate * dt  # at the end of the period, keeping pace
         if rate == 0.0 and abs(error) < _ARRIVED and abs(self.speed) < _ARRIVED_SPEED:
             self.position, self.speed = target, 0.0
@@ -65,7 +65,7 @@ class Follower:
 
 
 def pursuit(dt: float, missing: Vector3, velocity: Vector3, limits: Limits) -> Vector3:
-    """A period later, the velocity of what is to go the way ``missing``; both are relative to what it follows."""
+    """Velocity after a period, to cover the distance ``missing``; both are relative to the leader."""
     far = hypot(*missing)
     share = _closing(far, limits) / far if far else 0.0
     gain = 2.0 * _BANDWIDTH * dt
@@ -76,19 +76,19 @@ def pursuit(dt: float, missing: Vector3, velocity: Vector3, limits: Limits) -> V
 
 
 def braked(dt: float, velocity: Vector3, deceleration: float) -> Vector3:
-    """A period later, the velocity of what comes to a standstill."""
+    """Velocity after a period of braking to a standstill."""
     size = norm3(*velocity)
     left = 1.0 - deceleration * dt / size if size > deceleration * dt else 0.0
     return (velocity[0] * left, velocity[1] * left, velocity[2] * left)
 
 
 def _closing(far: float, limits: Limits) -> float:
-    """How fast to go when the target is so far away."""
+    """Approach speed at this distance from the target."""
     return min(0.5 * _BANDWIDTH * far, sqrt(2.0 * _BRAKE_SHARE * limits.acceleration * far), limits.speed)
 
 
 class Belt(Protocol):
-    """What tells how far a conveyor went."""
+    """Measures the motion of a conveyor."""
 
     travel: float
     """Ticks, interpolated, never wrapped."""
@@ -97,7 +97,7 @@ class Belt(Protocol):
 
 
 class _Conveyor:
-    """``position``: how far the path has been taken along, in m or rad."""
+    """A tracked conveyor. ``position``: how far the path has moved along with it, in m or rad."""
 
     def __init__(self, belt: Belt, ticks_per_unit: float) -> None:
         self._belt = belt
@@ -107,11 +107,11 @@ class _Conveyor:
 
     @property
     def position(self) -> float:
-        """How far the path has been taken along [m or rad]."""
+        """How far the path has moved along with the conveyor [m or rad]."""
         return self._follower.position
 
     def _advance(self, dt: float, radius: float, ramp: float | None) -> None:
-        """``radius``: metres a unit of position moves the tool."""
+        """Advance one period. ``radius``: metres that a unit of position moves the tool."""
         rate = self._belt.speed / self._ticks
         if ramp is not None:
             self._follower.brake(dt, ramp * LEVER_M / radius)
@@ -123,7 +123,7 @@ class _Conveyor:
 
 
 class LinearConveyor(_Conveyor):
-    """Moves along ``direction``, in the base frame, whose length does not count."""
+    """Moves along ``direction``, given in the base frame; its length is ignored."""
 
     def __init__(self, belt: Belt, direction: Vector3, ticks_per_meter: float) -> None:
         super().__init__(belt, ticks_per_meter)
@@ -144,7 +144,7 @@ class LinearConveyor(_Conveyor):
 
 
 class CircularConveyor(_Conveyor):
-    """Turns about the z axis of ``center``, a pose in the base frame; positive ticks counter-clockwise (guess)."""
+    """Rotates about the z axis of ``center``, a pose in the base frame; positive ticks: counter-clockwise (guess)."""
 
     def __init__(self, belt: Belt, center: Pose, ticks_per_revolution: float, *, rotate_tool: bool) -> None:
         super().__init__(belt, ticks_per_revolution / (2.0 * pi))
@@ -172,17 +172,17 @@ class CircularConveyor(_Conveyor):
 
 
 class FrameTracking:
-    """``place`` tells the frame's pose in the base frame, and raises ValueError when there is none any more."""
+    """Tracks a frame. ``place`` returns its pose in the base frame, or raises ValueError if it no longer exists."""
 
     def __init__(self, name: str, place: Callable[[], Pose]) -> None:
         self.name = name
         self._place = place
         self._frame = place()
         self._inverse = pose_inv(self._frame)
-        self._target: Pose = ZERO6  # where the frame takes things
-        self._applied: Pose = ZERO6  # where the path is taken
-        self._velocity: Joints = ZERO6  # of the tool, by what is applied
-        self._tool: Vector3 = (0.0, 0.0, 0.0)  # where the tool was then
+        self._target: Pose = ZERO6  # displacement by the frame
+        self._applied: Pose = ZERO6  # displacement of the path
+        self._velocity: Joints = ZERO6  # of the tool, due to the displacement
+        self._tool: Vector3 = (0.0, 0.0, 0.0)  # position of the tool at that time
         self._too_fast_s = 0.0
 
     def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
@@ -206,11 +206,11 @@ class FrameTracking:
         return pose_trans(pose_inv(self._applied), pose)
 
     def at_the_start(self, pose: Pose) -> Pose:
-        """Where a pose that moves along with the frame was when tracking began. Raises ValueError without a frame."""
+        """Pose at the start of tracking of one that moves with the frame. Raises ValueError if that is gone."""
         return pose_trans(pose_inv(pose_trans(self._place(), self._inverse)), pose)
 
     def _look(self) -> bool:
-        """See where the frame is now; whether it moved."""
+        """Update the frame's pose; returns whether it moved."""
         try:
             frame = self._place()
             target = pose_trans(frame, self._inverse)
@@ -224,7 +224,7 @@ class FrameTracking:
         return moved
 
     def _taken(self, path: Pose) -> Pose:
-        """Where the displacement of the last period takes the tool; its velocity there."""
+        """Tool pose with the last period's displacement; also updates the velocity there."""
         here = self.apply(path)
         if self._velocity != ZERO6:
             x, y, z = cross(self._velocity[3:], _way(self._tool, here))
@@ -239,7 +239,7 @@ class FrameTracking:
             self._put(path, here, scaled(lerp(self._velocity, velocity, 1.0), 0.5 * dt), velocity)
 
     def _go_along(self, dt: float, path: Pose, here: Pose, before: Pose) -> None:
-        """Rigidly with the frame, and nearer to it; a jump is a frame that now stands elsewhere."""
+        """Move rigidly with the frame and catch up; a jump counts as a frame that now stands elsewhere."""
         move = pose_trans(self._frame, pose_inv(before))
         along = pose_trans(move, here)
         rate = scaled(pose_sub(along, here), 1.0 / dt)
@@ -261,7 +261,7 @@ class FrameTracking:
         return True
 
     def _catch_up(self, dt: float, path: Pose, along: Pose, relative: Joints, rate: Joints) -> None:
-        """``relative``: the tool's velocity as seen from the frame, which moves it by ``rate``."""
+        """Catch up. ``relative``: the tool's velocity relative to the frame, which moves it by ``rate``."""
         missing = pose_sub(self._goal(path), along)
         nearer = (
             *pursuit(dt, missing[:3], relative[:3], _CATCHING_UP),
@@ -281,7 +281,7 @@ class FrameTracking:
             self._applied, self._velocity = self._target, ZERO6
 
     def _goal(self, path: Pose) -> Pose:
-        """Where the frame wants the tool."""
+        """Tool pose according to the frame."""
         return pose_trans(self._target, path)
 
 

@@ -1,7 +1,7 @@
-"""Slower movements where the payload would otherwise be accelerated too hard.
+"""Slows down movements that would otherwise accelerate the payload too hard.
 
-The wrench that accelerates a payload grows with the square of the pace: driven k times slower, a movement needs 1/k^2
-of it everywhere. So a leg is looked at once, when it is planned, and slowed by one factor.
+The wrench that accelerates a payload grows with the square of the speed: k times slower, a movement needs 1/k^2 of it
+everywhere. A leg is therefore checked once, when it is planned, and slowed down by a single factor.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,14 +15,14 @@ from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, pose_inv, pose_sub, pose_trans, rotvec_to_matrix, wrench_trans
 from urproto.vectors import Vector3, as_six, cross, rotate_back, scaled_sum3, sub3
 
-_STRIDES = 16  # that a leg is cut into to look at it
+_STRIDES = 16  # into which a leg is divided for the check
 
 
 @dataclass(frozen=True, slots=True)
 class WrenchLimit:
-    """The most a movement may exert on the payload of the moment.
+    """The largest wrench that a movement may exert on the present payload.
 
-    ``frame``: from the flange; ``most``: N, Nm, inf for no limit.
+    ``frame``: relative to the flange; ``most``: N, Nm, inf for no limit.
     """
 
     frame: Pose
@@ -31,11 +31,11 @@ class WrenchLimit:
 
     @classmethod
     def of(cls, frame: Pose, most: tuple[float | None, ...], payload: Callable[[], Payload]) -> "WrenchLimit":
-        """None leaves a direction unlimited."""
+        """Create a limit; None leaves a direction unlimited."""
         return cls(frame, as_six(inf if limit is None else limit for limit in most), payload)
 
     def slow(self, leg: Leg, tcp_offset: Pose) -> None:
-        """Reduce speed and acceleration of a planned leg until the limit holds all along it."""
+        """Reduce speed and acceleration of a planned leg so that the limit is kept everywhere on it."""
         payload = self.payload()
         if leg.length <= 0.0 or payload.mass <= 0.0:
             return
@@ -48,14 +48,14 @@ class WrenchLimit:
             leg.profile = Profile.plan(0.0, leg.length, leg.limits)
 
     def _share(self, wrench: Joints) -> float:
-        """How much of what is allowed; the largest of six."""
+        """The largest of the six ratios of a component to its limit."""
         return max(abs(part) / most for part, most in zip(wrench, self.most, strict=True))
 
 
 def _accelerating(leg: Leg, tcp_offset: Pose, payload: Payload) -> Iterator[Joints]:
-    """Newton and Euler for the payload along the leg: wrench at its centre of gravity, flange axes.
+    """Newton-Euler equations of the payload along the leg: wrench at its centre of gravity, flange axes.
 
-    From the geometry alone: first and second derivatives along the path, by differences, and the profile's speed there.
+    Based on the geometry: first and second derivatives along the path, by differences, and the profile's speed there.
     """
     stride, back = leg.length / _STRIDES, pose_inv(tcp_offset)
     flanges = [pose_trans(leg.pose(stride * i), back) for i in range(_STRIDES + 1)]
@@ -76,7 +76,7 @@ def _accelerating(leg: Leg, tcp_offset: Pose, payload: Payload) -> Iterator[Join
 
 
 def _derivatives(steps: Sequence[Vector3], i: int, stride: float) -> tuple[Vector3, Vector3]:
-    """First and second derivative at node i of what changes by ``steps`` from node to node; one-sided at the ends."""
+    """First and second derivative at node i of a value with differences ``steps`` between nodes."""
     first = min(max(i - 1, 0), len(steps) - 2)
     before, after = steps[first], steps[first + 1]
     where = i - 1 - first  # -1, 0, 1: the start, inside, the end
@@ -87,7 +87,7 @@ def _derivatives(steps: Sequence[Vector3], i: int, stride: float) -> tuple[Vecto
 
 
 def _paces(profile: Profile, s: float) -> list[tuple[float, float]]:
-    """Speed and acceleration of the profile at path length s; two where its acceleration changes near by."""
+    """Speed and acceleration of the profile at path length s; two pairs close to a change of its acceleration."""
     a, peak, length = profile.acceleration, profile.peak_speed, profile.end
     rising, falling = sqrt(2.0 * a * s), sqrt(2.0 * a * max(length - s, 0.0))
     paces = []

@@ -1,7 +1,7 @@
-"""A world that moves: parts with mass, joints and friction around the arm, computed by MuJoCo (the extra ``physics``).
+"""A world with physics: parts with mass, joints and friction around the arm, in MuJoCo (the extra ``physics``).
 
-`read_physics` is the way in, `open_cameras` the one to its pictures. MuJoCo is imported when a scene is built, and by
-nothing before that.
+`read_physics` reads a scene, `open_cameras` gives access to its pictures. MuJoCo is imported when a scene is built,
+and not before.
 """
 
 from emulator.physics.file import SCENE_FILES, open_cameras, read_physics

@@ -1,14 +1,14 @@
-"""The arm as a scene has it: bodies that go where the controller's arm goes, whatever is in their way.
+"""The arm in a scene: bodies that follow the controller's arm exactly, whatever is in their way.
 
-Each link is a free body of a mass beside which everything else is light, and gravity passes it by. Once a control
-period it is put where the link was, with the velocity that takes it to where the link is now, which it keeps through
-the steps of the period. So what touches it feels a surface that moves: friction carries what fingers hold.
+Each link is a free body whose mass is large compared with everything else, without gravity. Once a control period, it
+is placed where the link was, with the velocity that takes it to where the link is now, and keeps that velocity through
+the steps of the period. An object that touches it therefore feels a moving surface: friction carries what fingers hold.
 
-What touches the tool is held by the flange through a stiff spring (``COMPLIANCE_N_M``), as joints and gears of an arm
-give a little: the solver has bodies of ordinary mass to deal with, and force control knows how much harder its push can
-get in a period, whatever it meets. docs/physics.md says what else was tried.
+Parts that touch the tool do so through a stiff spring at the flange (``COMPLIANCE_N_M``), like the compliance of an
+arm's joints and gears. The solver then only deals with bodies of ordinary mass, and force control knows by how much a
+contact force can grow in a period. docs/physics.md describes what else was tried.
 
-Shapes are the capsules of `urproto.robots.shapes`; links touch things, never each other.
+Shapes are the capsules of `urproto.robots.shapes`; links touch objects, never each other.
 """
 
 from collections.abc import Sequence
@@ -38,24 +38,24 @@ PREFIX: Final = "ur/"
 _DARK: Final = (0.2, 0.2, 0.25, 1.0)
 COMPLIANCE_N_M: Final = 1e5  # of the flange's spring; arms of this size have stiffnesses like that (guess)
 _COMPLIANCE_NM_RAD: Final = 2000.0  # guess
-_SPRUNG_KG: Final = 2.0  # between spring and tool, and its inertia: what the solver needs, no real mass
+_SPRUNG_KG: Final = 2.0  # mass and inertia between spring and tool: required by the solver, not real
 _SPRUNG_KG_M2: Final = 0.02
 _DAMPING_N_S_M: Final = 2.0 * sqrt(COMPLIANCE_N_M * _SPRUNG_KG)  # critical
 _DAMPING_NM_S: Final = 2.0 * sqrt(_COMPLIANCE_NM_RAD * _SPRUNG_KG_M2)
 MOUNTING: Final = "/mounting"
 _LINK_FRICTION: Final = 0.3  # painted aluminium (guess)
-_JUMP_M: Final = 0.5  # farther in a period goes no arm: it was put elsewhere
+_JUMP_M: Final = 0.5  # an arm that moves farther in a period was placed elsewhere
 _GREY: Final = (0.75, 0.76, 0.78, 1.0)
 
 
 def quaternion(rotvec: Sequence[float]) -> list[float]:
-    """MuJoCo's, which begins with the real part."""
+    """Quaternion in MuJoCo's order, real part first."""
     x, y, z, w = rotvec_to_quaternion(rotvec[0], rotvec[1], rotvec[2])
     return [w, x, y, z]
 
 
 def add_arm(spec: Any, model: RobotModel, *, tool: bool) -> None:
-    """Put the driven bodies into a scene, behind everything else in it. ``tool``: also the one where the TCP is."""
+    """Add the driven bodies to a scene, after everything else. ``tool``: also add the body at the TCP."""
     foot, *links = capsules(model)
     _add_capsule(spec.worldbody, foot, Kind.BASE)
     for name, capsule, along in zip(_BODIES, [*links, None], [*model.dh.d[:5], 0.0, 0.0], strict=True):
@@ -74,7 +74,7 @@ def add_arm(spec: Any, model: RobotModel, *, tool: bool) -> None:
 def add_fitting(
     flange: Any, name: str, pose: Sequence[float], radius_m: float, length_m: float, friction: float
 ) -> Any:
-    """Fix a cylinder without mass to the flange, whose far end is at a pose, along its z axis; gives its body."""
+    """Fix a massless cylinder to the flange, with its far end at a pose, along that z axis; returns its body."""
     x, y, z, *turn = (*pose, 0.0, 0.0, 0.0)[:6]
     body = flange.add_body(name=PREFIX + name, pos=[x, y, z], quat=quaternion(turn))
     body.add_geom(
@@ -95,7 +95,7 @@ def _weightless(body: Any, mass_kg: float, inertia_kg_m2: float) -> None:
 
 
 def _sprung(parent: Any, name: str) -> Any:
-    """What is held by a spring in all directions."""
+    """Add a body that is held by a spring in all directions."""
     body = parent.add_body(name=PREFIX + name + MOUNTING)
     _weightless(body, _SPRUNG_KG, _SPRUNG_KG_M2)
     for axis in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]):
@@ -131,7 +131,7 @@ def _add_capsule(body: Any, capsule: Capsule, kind: Kind) -> None:
 
 
 class Skeleton:
-    """Where the links are for joint angles: of the nominal arm, as `ArmCapsules` has them."""
+    """Forward kinematics of the links: of the nominal arm, as in `ArmCapsules`."""
 
     def __init__(self, model: RobotModel) -> None:
         spec = mujoco.MjSpec()
@@ -154,7 +154,7 @@ class Skeleton:
 
 
 class _Places:
-    """Positions and quaternions of the driven bodies, one row each: as numbers in a row, and in parts."""
+    """Positions and quaternions of the driven bodies, one row each: as a flat vector, and in parts."""
 
     def __init__(self, count: int) -> None:
         self.flat = np.zeros(7 * count)
@@ -182,7 +182,7 @@ class DrivenArm:
         self._stands = False  # since then
 
     def place(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
-        """Put the bodies where an arm is, at rest. Poses in the base frame."""
+        """Place the bodies where an arm is, at rest. Poses in the base frame."""
         self._where, self._stands = (q, flange, tcp), False
         self._locate(*self._where)
         self._speed[:] = 0.0
@@ -191,7 +191,7 @@ class DrivenArm:
         _put(self._speed, self._qvel)
 
     def begin(self, arm: "Arm", period_s: float) -> None:
-        """A period in which the arm came to where it is."""
+        """Begin a period in which the arm moved to its present position."""
         where = arm.q, arm.flange_pose, arm.tcp_pose
         if where == self._where and self._placed:
             if not self._stands:
@@ -211,11 +211,11 @@ class DrivenArm:
         _put(self._before.flat, self._qpos)
 
     def drive(self) -> None:
-        """Before each step: whatever the last one did to the bodies' velocities."""
+        """Before each step: restore the bodies' velocities, which the last step may have changed."""
         _put(self._speed, self._qvel)
 
     def end(self) -> None:
-        """After the last step of a period: the bodies are where the arm is, to the last digit."""
+        """After the last step of a period: place the bodies exactly where the arm is."""
         _put(self._now.flat, self._qpos)
 
     def _locate(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:
@@ -226,7 +226,7 @@ class DrivenArm:
 
 
 def _free_bodies(count: int) -> Any:
-    """A model of nothing else: what lies between two places of them is one call of MuJoCo's."""
+    """A model of free bodies only, so that MuJoCo calculates the motion between two placements in one call."""
     spec = mujoco.MjSpec()
     for _ in range(count):
         body = spec.worldbody.add_body()
@@ -236,9 +236,9 @@ def _free_bodies(count: int) -> Any:
 
 
 def _runs(values: Any, addresses: Sequence[int], width: int) -> list[tuple[Any, slice]]:
-    """Parts of a vector of MuJoCo's, ``width`` numbers at each address: where they are, and whose numbers they take.
+    """Views of a MuJoCo vector, ``width`` numbers at each address, with the slice of the source for each.
 
-    Neighbours are one part.
+    Neighbouring parts are merged.
     """
     runs: list[tuple[int, int, int]] = []
     for i, address in enumerate(addresses):

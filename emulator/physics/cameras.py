@@ -1,12 +1,12 @@
-"""Pictures of a scene on a machine without a screen: colours, depth, and which body each pixel shows.
+"""Rendering of a scene without a screen: colours, depth, and which body each pixel shows.
 
     with open_cameras(robot.controller.world) as cameras:
         picture = cameras.rgb("wrist")
 
-They are drawn in this process when they are asked for, by the system's EGL, which needs no graphics card (Debian:
+Pictures are rendered on request in this process, by the system's EGL, which needs no graphics card (Debian:
 ``apt install libegl1 libgl1-mesa-dri``), or by OSMesa with ``MUJOCO_GL=osmesa``. Each takes some tens of milliseconds,
-most of them with Python's interpreter locked: for virtual and stepped time. Of a robot that has to keep up with the
-clock, `emulator.physics.drawing` draws them in a process of its own.
+most of them with Python's interpreter locked, which is suitable for virtual and stepped time. For a robot in real time,
+`emulator.physics.drawing` renders them in a separate process.
 """
 
 import os
@@ -35,11 +35,11 @@ _TO_OPTICAL: Final = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -
 
 
 class CameraError(Exception):
-    """There is no such camera, or nothing here that draws."""
+    """There is no such camera, or no renderer is available."""
 
 
 class Scenery(Protocol):
-    """What is drawn: a model and the state of it, its cameras, and the names of those that something covers."""
+    """The rendered scene: a model and its state, its cameras, and the names of those that are covered."""
 
     @property
     def model(self) -> Any: ...
@@ -55,7 +55,7 @@ class Scenery(Protocol):
 
 
 def camera_of(scenery: Scenery, name: str) -> Camera:
-    """Its settings. Raises CameraError."""
+    """Settings of a camera. Raises CameraError."""
     if name not in scenery.cameras:
         raise CameraError(f"there is no camera {name!r}; there are: {', '.join(scenery.cameras) or 'none'}")
     return scenery.cameras[name]
@@ -70,14 +70,14 @@ def intrinsics(scenery: Scenery, name: str) -> NDArray[np.float64]:
 
 
 def extrinsics(scenery: Scenery, name: str) -> Pose:
-    """Where the camera's optical frame is in the base frame: z ahead, x to the right, y down. Raises CameraError."""
+    """Pose of the camera's optical frame in the base frame: z ahead, x to the right, y down. Raises CameraError."""
     camera_of(scenery, name)
     camera = scenery.model.camera(name).id
     return _optical(scenery.data.cam_xpos[camera], scenery.data.cam_xmat[camera].reshape(3, 3))
 
 
 def describe(scenery: Scenery, name: str) -> CameraDescription:
-    """For those who get its pictures elsewhere. Raises CameraError."""
+    """Description of a camera, for receivers of its pictures. Raises CameraError."""
     width, height = camera_of(scenery, name).size
     model = scenery.model
     camera = model.camera(name).id
@@ -127,24 +127,24 @@ class Cameras:
 
     @property
     def bodies(self) -> Mapping[int, str]:
-        """The names of what ``segmentation`` shows, by number; what stands in the base frame is 0."""
+        """Names of the bodies that ``segmentation`` shows, by number; everything fixed in the base frame is 0."""
         model = self._scenery.model
         return MappingProxyType({i: model.body(i).name for i in range(model.nbody)})
 
     def rgb(self, name: str) -> NDArray[np.uint8]:
-        """Colours (height, width, 3); black with the lens covered."""
+        """Colours (height, width, 3); black if the lens is covered."""
         picture = self._rgb(name)
         self._draw(name, picture, None)
         return _upright(picture)
 
     def depth(self, name: str) -> NDArray[np.float32]:
-        """Distance along the camera's axis (height, width) [m]; 0 with the lens covered."""
+        """Distance along the camera's axis (height, width) [m]; 0 if the lens is covered."""
         raw = self._raw(name)
         self._draw(name, None, raw)
         return self._metres(name, raw)
 
     def rgbd(self, name: str) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Both, drawn once."""
+        """Colours and depth, rendered once."""
         picture, raw = self._rgb(name), self._raw(name)
         self._draw(name, picture, raw)
         return _upright(picture), self._metres(name, raw)
@@ -171,11 +171,11 @@ class Cameras:
         return intrinsics(self._scenery, name)
 
     def extrinsics(self, name: str) -> Pose:
-        """Where the camera's optical frame is in the base frame: z ahead, x to the right, y down."""
+        """Pose of the camera's optical frame in the base frame: z ahead, x to the right, y down."""
         return extrinsics(self._scenery, name)
 
     def close(self) -> None:
-        """Give the graphics memory back."""
+        """Release the graphics memory."""
         self._context.free()
         self._gl.free()
 
@@ -196,7 +196,7 @@ class Cameras:
         return np.zeros((height, width), np.float32)
 
     def _draw(self, name: str, rgb: NDArray[np.uint8] | None, depth: NDArray[np.float32] | None) -> None:
-        """Fill both, from the bottom up, with what the camera sees; nothing of it with the lens covered."""
+        """Render into the given arrays, bottom row first; nothing is drawn if the lens is covered."""
         model, data = self._scenery.model, self._scenery.data
         self._gl.make_current()
         mujoco.mj_camlight(model, data)
@@ -231,8 +231,8 @@ def _gl_context(width: int, height: int) -> Any:
         module = "mujoco.rendering.classic.gl_context"
     try:
         return import_module(module).GLContext(width, height)
-    except Exception as error:  # of PyOpenGL, of many kinds: a library that is not there is an AttributeError
+    except Exception as error:  # PyOpenGL raises many kinds; a missing library is an AttributeError
         reason = " ".join(str(error).split())[:200]
         raise CameraError(
-            f"nothing here draws pictures ({module}: {reason}): install EGL (Debian: libegl1 libgl1-mesa-dri) or OSMesa"
+            f"no renderer is available ({module}: {reason}): install EGL (Debian: libegl1 libgl1-mesa-dri) or OSMesa"
         ) from error

@@ -1,7 +1,7 @@
-"""A tool changer: half of it is on the flange, and takes a tool that stands right under it by the tool's other half.
+"""A tool changer: one half is on the flange and takes a tool directly below it by the tool's other half.
 
-There is a weld between each changer and each tool with a coupling, where the two belong together; locking switches one
-on. The tool stays a body of the scene: what it weighs and what it touches, the flange feels through the weld.
+There is a weld between each changer and each tool with a coupling; locking activates one of them. The tool remains a
+body of the scene: its weight and its contacts act on the flange through the weld.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from emulator.physics.plan import Plate
 
 _RADIUS_M, _HEIGHT_M = 0.03, 0.02  # of the half on the flange
-_NEAR_M: Final = 0.002  # so near the halves have to be, and so parallel, for balls or pins to reach (guesses)
+_NEAR_M: Final = 0.002  # largest distance and angle between the halves at which they can lock (guesses)
 _NEAR_RAD: Final = 2.0 * pi / 180.0
-_TAKEN_M: Final = 0.02  # no force separates them: who is farther away was put elsewhere
+_TAKEN_M: Final = 0.02  # no force separates them: a tool that is farther away was placed elsewhere
 _STIFF: Final = (0.005, 1.0)  # time constant [s] and damping ratio: as of things that touch
 _FRICTION: Final = 0.3  # of its sides and face
 
 
 def add_changer(spec: Any, flange: Any, name: str, plate: "Plate", tools: Mapping[str, Sequence[float]]) -> None:
-    """The half on the flange, whose face is at the changer's pose. tools: poses of couplings in the tools' frames."""
+    """Add the half on the flange, with its face at the changer's pose. tools: coupling poses in the tools' frames."""
     add_fitting(flange, name, plate.pose, _RADIUS_M, _HEIGHT_M, _FRICTION)
     for tool, coupling in tools.items():
         place = (*coupling, 0.0, 0.0, 0.0)[:6]
@@ -47,11 +47,11 @@ class ToolChanger:
         self._locking = False
 
     def holds(self, data: Any) -> int:
-        """The body of the tool that it has, 0 for none."""
+        """Body of the tool that is locked, 0 for none."""
         return next((body for body, weld in self._tools.items() if data.eq_active[weld]), 0)
 
     def act(self, data: Any, *, locking: bool) -> None:
-        """Once a period. It takes a tool in the moment it locks: one that is locked already takes none."""
+        """Advance one period. A tool is taken at the moment of locking only."""
         held = self.holds(data)
         if held and (not locking or self._distance(data, held)[0] > _TAKEN_M):
             self.release(data)
@@ -64,20 +64,20 @@ class ToolChanger:
         self._locking = locking
 
     def release(self, data: Any) -> None:
-        """Hold nothing."""
+        """Release any tool."""
         for weld in self._tools.values():
             data.eq_active[weld] = False
 
     def save(self) -> list[float]:
-        """What it remembers beside the scene's own state, for `restore`."""
+        """State in addition to the scene's own, for `restore`."""
         return [float(self._locking)]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Take over what `save` gave."""
+        """Restore a state from `save`."""
         self._locking = bool(values[0])
 
     def _distance(self, data: Any, tool: int) -> tuple[float, float]:
-        """From where a tool belongs [m, rad]."""
+        """Distance of a tool from its locked pose [m, rad]."""
         weld = self._model.eq_data[self._tools[tool]]
         point = data.xpos[tool] + data.xmat[tool].reshape(3, 3) @ weld[:3]
         wanted, back, between = np.zeros(4), np.zeros(4), np.zeros(4)

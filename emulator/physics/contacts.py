@@ -1,8 +1,9 @@
-"""What may touch what in a scene, and how hard it is.
+"""Which geoms of a scene can touch, and the stiffness of their contacts.
 
-The solver's stiffness is a rate: a force grows with the mass that it has to stop. Between things of the scene, and
-between them and the tool, that is what one wants: light parts are not flung away, and held ones hardly give. Links are
-as good as without end in mass (`emulator.physics.arm_bodies`), so theirs is chosen to give so many newtons per metre.
+The solver's stiffness is relative to mass: a force grows with the mass that it has to stop. That is suitable between
+objects of the scene, and between them and the tool: light parts are not flung away, and held ones hardly give. Links
+have a practically infinite mass (`emulator.physics.arm_bodies`), so their stiffness is set to a value in newtons per
+metre.
 """
 
 from enum import Enum, auto
@@ -11,19 +12,19 @@ from typing import Any, Final
 from urproto.compat import IntEnum
 
 _IMPEDANCE: Final = 0.99
-_STIFFNESS_N_M: Final = 20_000.0  # of links on what stays, as emulator.world.shapes has it (guess)
+_STIFFNESS_N_M: Final = 20_000.0  # of links against fixed objects, as in emulator.world.shapes (guess)
 _DAMPING_N_S_M: Final = 200.0  # guess
-_TIME_CONSTANT_S: Final = 0.005  # of touching; the solver wants two steps at least
+_TIME_CONSTANT_S: Final = 0.005  # of contacts; the solver requires at least two steps
 
 
 class Kind(Enum):
-    """What a geom belongs to."""
+    """Kind of object that a geom belongs to."""
 
-    FREE = auto()  # what moves, by joints or altogether
+    FREE = auto()  # moves freely or by joints
     STAYING = auto()
-    TOOL = auto()  # wrist 3, and what is bolted to it
+    TOOL = auto()  # wrist 3, and everything mounted on it
     LINK = auto()
-    BASE = auto()  # and shoulder, which stand on what stays
+    BASE = auto()  # base and shoulder, which are on fixed objects
 
 
 class _Bit(IntEnum):
@@ -42,12 +43,12 @@ _BITS: Final = {
     Kind.LINK: (int(_Bit.ARM), int(_Bit.FREE | _Bit.STAYING)),
     Kind.BASE: (int(_Bit.BASE), int(_Bit.FREE)),
 }
-# of two geoms that touch, the one of higher priority says how; equals are mixed
+# of two touching geoms, the parameters of the one with higher priority apply; equal ones are mixed
 _PRIORITY: Final = {Kind.STAYING: 0, Kind.TOOL: 0, Kind.BASE: 0, Kind.LINK: 1, Kind.FREE: 2}
 
 
 def touching(kind: Kind, friction: float, mass_kg: float = 1.0) -> dict[str, Any]:
-    """A geom's part in contacts. ``mass_kg``: of a link."""
+    """Contact parameters of a geom. ``mass_kg``: of a link."""
     contype, conaffinity = _BITS[kind]
     share = mass_kg * _IMPEDANCE
     link = kind is Kind.LINK
@@ -55,7 +56,7 @@ def touching(kind: Kind, friction: float, mass_kg: float = 1.0) -> dict[str, Any
         "contype": contype,
         "conaffinity": conaffinity,
         "priority": _PRIORITY[kind],
-        "condim": 4,  # what is held at one point does not spin either
+        "condim": 4,  # with torsional friction: an object held at one point does not spin
         "friction": [friction, 0.005, 0.0001],
         "solref": [-_STIFFNESS_N_M / share, -_DAMPING_N_S_M / share] if link else [_TIME_CONSTANT_S, 1.0],
         "solimp": [_IMPEDANCE if link else 0.95, _IMPEDANCE, 0.001, 0.5, 2.0],
@@ -63,7 +64,7 @@ def touching(kind: Kind, friction: float, mass_kg: float = 1.0) -> dict[str, Any
 
 
 def classify(geom: Any, *, staying: bool) -> None:
-    """A geom of a scene file that says nothing of what it touches."""
+    """Set what a geom of a scene file can touch, unless the file says so."""
     if geom.contype != 1 or geom.conaffinity != 1:
         return
     kind = Kind.STAYING if staying else Kind.FREE

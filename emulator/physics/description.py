@@ -1,4 +1,4 @@
-"""What a world file says of things that move, and of what is wired to them: the keys that `urproto.worldfile` hands on.
+"""Moving objects of a world file, and what is wired to them: the keys that `urproto.worldfile` passes on.
 
 Lengths in m, angles in rad, forces in N, masses in kg. Digital signals are numbered as in RTDE's words: 0 to 7
 standard, 8 to 15 configurable, 16 and 17 the tool's.
@@ -32,15 +32,15 @@ _T = TypeVar("_T")
 
 
 class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Refuses what it does not know."""
+    """Base class: rejects unknown keys."""
 
 
 class Joint(_Part, frozen=True):
-    """What lets a thing slide or turn: axis and ``at`` in the thing's frame, as it stands at 0.
+    """A joint by which an object slides or turns: axis and ``at`` in the object's frame at position 0.
 
-    range: [m or rad]. stiffness: of a spring towards 0 [N/m, Nm/rad]. input: high beyond half of the range, as a
-    button's. output: a cylinder's or a drive's, to the far end while high and back while low, with at most ``force``
-    [N, Nm].
+    range: [m or rad]. stiffness: of a spring towards 0 [N/m, Nm/rad]. input: high beyond half of the range, like a
+    button. output: of a cylinder or a drive, which moves to the far end while it is high and back while it is low,
+    with at most ``force`` [N, Nm].
     """
 
     axis: Vector3
@@ -54,12 +54,12 @@ class Joint(_Part, frozen=True):
 
     def __post_init__(self) -> None:
         if sqrt(sum(part * part for part in self.axis)) < 1e-6:
-            raise ValueError("axis has no direction")
+            raise ValueError("axis must not be zero")
         low, high = self.range
         if not (low < high and isfinite(low) and isfinite(high)):
             raise ValueError("range must be two numbers, the smaller one first")
         if not low <= 0.0 <= high:
-            raise ValueError("range must hold 0, where the thing stands at first")
+            raise ValueError("range must contain 0, the initial position")
 
     @property
     def far(self) -> float:
@@ -68,9 +68,9 @@ class Joint(_Part, frozen=True):
 
 
 class Conveyor(_Part, frozen=True):
-    """A belt: its surface moves along the x axis of the thing [m/s], while ``output`` is high where one is given.
+    """A belt: its surface moves along the x axis of the object [m/s]; with an ``output``, only while it is high.
 
-    encoder: the robot's (0 or 1) that counts ``ticks_per_m``.
+    encoder: the robot's encoder (0 or 1) that counts ``ticks_per_m``.
     """
 
     speed: float
@@ -80,8 +80,8 @@ class Conveyor(_Part, frozen=True):
 
 
 class Moving(_Part, frozen=True):
-    """The keys of one thing. mass: free to move, or of what a joint moves; without either, it stays. lamp: lit while
-    that output is high. coupling: where a tool changer takes it, in its own frame."""
+    """The keys of one object. mass: of an object that is free to move or moved by a joint; without it, the object is
+    fixed. lamp: lit while that output is high. coupling: where a tool changer takes it, in its own frame."""
 
     mass: Positive | None = None
     slide: Joint | None = None
@@ -93,13 +93,13 @@ class Moving(_Part, frozen=True):
 
     def __post_init__(self) -> None:
         if self.slide is not None and self.hinge is not None:
-            raise ValueError("a thing slides or turns: give slide or hinge")
+            raise ValueError("an object cannot both slide and turn: give slide or hinge")
         if self.joint is not None and self.mass is None:
-            raise ValueError("what a joint moves needs a mass")
+            raise ValueError("an object with a joint needs a mass")
         if self.conveyor is not None and self.mass is not None:
-            raise ValueError("a conveyor stays where it is: leave its mass out")
+            raise ValueError("a conveyor is fixed: leave its mass out")
         if self.coupling is not None and (self.mass is None or self.joint is not None):
-            raise ValueError("what a tool changer takes is free to move: give it a mass, and no joint")
+            raise ValueError("an object with a coupling must be free to move: give it a mass, and no joint")
 
     @property
     def joint(self) -> Joint | None:
@@ -107,7 +107,7 @@ class Moving(_Part, frozen=True):
 
 
 class Barrier(_Part, frozen=True, rename={"start": "from", "end": "to"}):
-    """A light barrier between two points of the base frame: its input is high while something is between them."""
+    """A light barrier between two points of the base frame: its input is high while an object is between them."""
 
     start: Vector3
     end: Vector3
@@ -119,11 +119,10 @@ class Barrier(_Part, frozen=True, rename={"start": "from", "end": "to"}):
 
 
 class Camera(_Part, frozen=True):
-    """Looks along its z axis, x to the right and y down, as a camera's optical frame in ROS.
+    """A camera: looks along its z axis, with x to the right and y down, like a camera's optical frame in ROS.
 
-    pose: in the base frame, or in the flange's with ``frame: flange``. at: a point that it looks at instead of the way
-    that the pose says, its picture upright where z is up. size: width and height in pixels. fov: vertical field of
-    view [rad].
+    pose: in the base frame, or in the flange's with ``frame: flange``. at: a point to look at, instead of the pose's
+    direction, with the picture upright if z is up. size: width and height in pixels. fov: vertical field of view [rad].
     """
 
     pose: Pose
@@ -136,11 +135,11 @@ class Camera(_Part, frozen=True):
 
     def __post_init__(self) -> None:
         if self.at is not None and self.at == self.pose[:3]:
-            raise ValueError("at is where the camera is: give a point that it looks at")
+            raise ValueError("at is the camera's own position: give a point for it to look at")
 
     @property
     def placed(self) -> Vector6:
-        """Its optical frame."""
+        """Pose of the optical frame."""
         x, y, z, rx, ry, rz = (*self.pose, 0.0, 0.0, 0.0)[:6]
         if self.at is not None:
             ahead = unit(sub3(self.at, (x, y, z)), _AHEAD)
@@ -153,8 +152,8 @@ class Camera(_Part, frozen=True):
 class Parallel(_Part, frozen=True):
     """A gripper with two jaws along the y axis of its pose: closed while ``output`` is high.
 
-    stroke: between the open jaws [m]. holding: an input that is high while the jaws are stopped by something; closed:
-    one that is high while nothing is between the closed jaws. speed of each jaw [m/s].
+    stroke: between the open jaws [m]. holding: an input that is high while an object stops the jaws. closed: one that
+    is high while the jaws are closed with nothing between them. speed: of each jaw [m/s].
     """
 
     output: Signal
@@ -166,9 +165,9 @@ class Parallel(_Part, frozen=True):
 
 
 class Suction(_Part, frozen=True):
-    """A cup at its pose, which sucks along z while ``output`` is high. vacuum: an input, high while it holds a thing.
+    """A suction cup at its pose, active along z while ``output`` is high. vacuum: an input, high while it holds.
 
-    force: what pulls the thing off [N]; radius of the cup [m].
+    force: the pull that detaches the object [N]; radius: of the cup [m].
     """
 
     output: Signal
@@ -180,7 +179,7 @@ class Suction(_Part, frozen=True):
 class Changer(_Part, frozen=True):
     """The half of a tool changer that is on the flange, its face at its pose.
 
-    When ``output`` goes high it takes the tool whose coupling is right there, and when it goes low it gives it back.
+    When ``output`` goes high, it takes the tool whose coupling is at its face; when it goes low, it releases the tool.
     locked: an input, high while it has one.
     """
 
@@ -189,9 +188,9 @@ class Changer(_Part, frozen=True):
 
 
 class Mounted(_Part, frozen=True):
-    """A gripper or a tool changer on the flange; pose of its middle, its cup's lip or its face, in the flange's frame.
+    """A gripper or a tool changer on the flange; pose of its centre, its cup's lip or its face, in the flange's frame.
 
-    tool: a thing with a coupling that the gripper is on instead; the pose is in that thing's frame.
+    tool: an object with a coupling on which the gripper is instead; the pose is in that object's frame.
     """
 
     parallel: Parallel | None = None
@@ -204,22 +203,22 @@ class Mounted(_Part, frozen=True):
         if sum(kind is not None for kind in (self.parallel, self.suction, self.changer)) != 1:
             raise ValueError("give parallel, suction or changer, or one shape")
         if self.changer is not None and self.tool:
-            raise ValueError("a tool changer is on the flange: leave tool out")
+            raise ValueError("a tool changer must be on the flange: leave tool out")
 
 
 def read(name: str, given: Any, kind: type[_T]) -> _T:
-    """``given`` as one of the classes above. Raises ValueError that names the place."""
+    """Convert ``given`` to one of the classes above. Raises ValueError that names the place."""
     try:
         found = msgspec.convert(given, kind)
     except msgspec.ValidationError as error:
         raise ValueError(f"{name}: {str(error).replace('`', '')}") from None
     if not _finite(given):
-        raise ValueError(f"{name}: its numbers must be finite")
+        raise ValueError(f"{name}: all numbers must be finite")
     return found
 
 
 def _finite(given: Any) -> bool:
-    """Whether every number in it is: bounds let those pass that are none."""
+    """Whether all numbers are finite: NaN passes the checks of bounds."""
     if isinstance(given, dict):
         return all(map(_finite, given.values()))
     if isinstance(given, list | tuple):
@@ -228,13 +227,13 @@ def _finite(given: Any) -> bool:
 
 
 def moving_of(name: str, thing: Thing) -> Moving:
-    """What lets a thing move. Raises ValueError."""
+    """The keys of a moving object. Raises ValueError."""
     return read(name, dict(thing.moving), Moving)
 
 
 def section(sections: Mapping[str, Any], key: str, kind: type[_T]) -> dict[str, _T]:
-    """One of the file's sections: things of a kind by their names. Raises ValueError."""
+    """Read a section of the file: entries of one kind by name. Raises ValueError."""
     given = sections.get(key) or {}
     if not isinstance(given, dict):
-        raise ValueError(f"{key} must be a mapping of names")
+        raise ValueError(f"{key} must be a mapping from names")
     return {str(name): read(str(name), value, kind) for name, value in given.items()}

@@ -1,4 +1,4 @@
-"""What goes wrong in a scene on purpose; ``inject_fault`` is what asks for it."""
+"""Injected disturbances of a scene, requested by ``inject_fault``."""
 
 from collections.abc import Collection
 from typing import Any, Final
@@ -8,11 +8,11 @@ import numpy as np
 
 from emulator.physics.wiring import Wires
 
-_NOWHERE: Final = (0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of what is not there
+_NOWHERE: Final = (0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0)  # position [m] and quaternion of a removed part
 
 
 class SceneDisturbances:
-    """As `emulator.world.disturbances` has them, of one scene. covered: cameras, as the scene's world keeps them."""
+    """`emulator.world.disturbances` for one scene. covered: names of covered cameras, shared with the scene's world."""
 
     def __init__(
         self, model: Any, data: Any, names: Collection[str], wires: Wires, cameras: Collection[str], covered: set[str]
@@ -25,7 +25,7 @@ class SceneDisturbances:
             for body in (model.body(name).id,)
             if model.body_jntnum[body] == 1 and model.jnt_type[model.body_jntadr[body]] == mujoco.mjtJoint.mjJNT_FREE
         }
-        self._missing: dict[str, tuple[Any, Any]] = {}  # where it belongs, and what it touches there
+        self._missing: dict[str, tuple[Any, Any]] = {}  # pose to return to, and contact bits
         self._frictions: dict[str, Any] = {}
 
     @property
@@ -57,7 +57,7 @@ class SceneDisturbances:
         place, speed = self._state_of(part)
         there, touching = self._missing.pop(part)
         model.geom_contype[geoms], model.geom_conaffinity[geoms] = touching
-        if _nowhere(place):  # else it was put somewhere in this very period
+        if _nowhere(place):  # otherwise, it was placed elsewhere in this period
             place[:], speed[:] = there, 0.0
 
     def set_friction(self, part: str, friction: float | None) -> None:
@@ -81,7 +81,7 @@ class SceneDisturbances:
         return self._model.qpos0[joint : joint + 7].copy()
 
     def _state_of(self, part: str) -> tuple[Any, Any]:
-        """Position with quaternion, and speed, to be written to."""
+        """Views of position with quaternion, and speed, for writing."""
         model, data = self._model, self._data
         joint = int(model.body_jntadr[self._free[part]])
         place, speed = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
@@ -89,5 +89,5 @@ class SceneDisturbances:
 
 
 def _nowhere(place: Any) -> bool:
-    """Also after it has fallen for a period."""
+    """Whether a part is removed, even after it has fallen for a period."""
     return bool(place[2] < 0.5 * _NOWHERE[2])

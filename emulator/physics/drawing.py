@@ -1,8 +1,8 @@
-"""Pictures drawn by a process of its own, so that a robot that keeps up with the clock is not held up.
+"""Rendering in a separate process, so that a robot in real time is not delayed.
 
-Reading a picture from OpenGL keeps Python's interpreter locked, 30 ms and more for a large one, and a control period
-has 2 or 8 ms. So the process gets the model once, and for each picture what changes of it and of its state, some
-kilobytes. It waits for others of the machine (nice), and ends when its standard input does.
+Reading a picture from OpenGL keeps Python's interpreter locked for 30 ms and more if it is large, while a control
+period is 2 or 8 ms long. The process therefore receives the model once, and for each picture only the changes of model
+and state, some kilobytes. It runs at low priority (nice), and ends when its standard input does.
 
 `first_message`, `request` and `pose_of_picture` are for the robot's side; `work` is the process.
 """
@@ -31,15 +31,15 @@ HEADER: Final = struct.Struct("<II")
 """Before each message of the process: lengths of its JSON and of the picture."""
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_LOOKS: Final = ("body_pos", "body_quat", "geom_rgba")  # of the model: what a running robot changes
+_LOOKS: Final = ("body_pos", "body_quat", "geom_rgba")  # parts of the model that a running robot changes
 _JPEG_QUALITY: Final = 85  # guess: edges of parts stay sharp, 320 x 240 pixels take some 10 kB
-_NICE: Final = 5  # a third of the share of others (guess): the robot is among them
+_NICE: Final = 5  # a third of the CPU share of other processes, such as the robot (guess)
 _MOST_MM: Final = 65535.0
 
 
 @dataclass
 class Sketch:
-    """A scene in another process: `Scenery` with a state of its own."""
+    """A scene in another process: `Scenery` with its own state."""
 
     model: Any
     cameras: Mapping[str, Camera]
@@ -50,7 +50,7 @@ class Sketch:
         self.data = mujoco.MjData(self.model)
 
     def take(self, appearance: tuple[NDArray[np.float64], tuple[NDArray[Any], ...], frozenset[str]]) -> None:
-        """Look as that scene did when it made a `request`."""
+        """Take over the appearance of the scene at the time of a `request`."""
         state, looks, self.covered = appearance
         for name, value in zip(_LOOKS, looks, strict=True):
             getattr(self.model, name)[:] = value
@@ -63,17 +63,17 @@ class Sketch:
 
 
 def command() -> list[str]:
-    """What starts the process. It is sent `first_message`, then `request`s."""
+    """Command that starts the process. It expects `first_message`, then `request`s."""
     return module_command("emulator.physics.drawing")
 
 
 def first_message(scenery: Scenery) -> bytes:
-    """The scene. Its model is copied, which takes as long as it is large."""
+    """Message with the scene. Its model is copied, which takes time in proportion to its size."""
     return pickle.dumps((scenery.model, dict(scenery.cameras)), pickle.HIGHEST_PROTOCOL)
 
 
 def request(scenery: Scenery, name: str, form: str) -> bytes:
-    """A picture of the scene as it is now. form: one of `urproto.cameras.FORMS`."""
+    """Request for a picture of the scene in its present state. form: one of `urproto.cameras.FORMS`."""
     state = np.zeros(mujoco.mj_stateSize(scenery.model, _STATE))
     mujoco.mj_getState(scenery.model, scenery.data, state, _STATE)
     appearance = state, tuple(getattr(scenery.model, look) for look in _LOOKS), frozenset(scenery.covered)
@@ -81,7 +81,7 @@ def request(scenery: Scenery, name: str, form: str) -> bytes:
 
 
 def pose_of_picture(message: Mapping[str, Any]) -> Pose:
-    """Where the camera was. Raises CameraError with what the process says instead of a picture."""
+    """Pose of the camera. Raises CameraError if the process reports an error instead of a picture."""
     if "error" in message:
         raise CameraError(message["error"])
     x, y, z, rx, ry, rz = message["pose"]
@@ -92,7 +92,7 @@ def pose_of_picture(message: Mapping[str, Any]) -> Pose:
 
 
 def work(orders: BinaryIO, pictures: BinaryIO) -> None:
-    """Draw until nothing more is wanted."""
+    """Render on request until the input ends."""
     sketch = Sketch(*pickle.load(orders))
     try:
         cameras = Cameras(sketch)
@@ -103,7 +103,7 @@ def work(orders: BinaryIO, pictures: BinaryIO) -> None:
         while True:
             try:
                 name, form, appearance = pickle.load(orders)
-            except (EOFError, pickle.UnpicklingError):  # the robot has gone, perhaps in the middle of a word
+            except (EOFError, pickle.UnpicklingError):  # the robot has ended, possibly in the middle of a message
                 return
             sketch.take(appearance)
             picture = _FORMS[form](cameras, name)
@@ -155,14 +155,14 @@ assert _FORMS.keys() == FORMS.keys()
 
 
 def _main() -> None:
-    """Whatever a library prints must not get between the pictures."""
+    """Run the process. Output that a library prints must not get between the pictures."""
     pictures = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     if hasattr(os, "nice"):
         os.nice(_NICE)
     try:
         work(sys.stdin.buffer, pictures)
-    except (BrokenPipeError, KeyboardInterrupt):  # the robot has gone, or goes by Ctrl-C too
+    except (BrokenPipeError, KeyboardInterrupt):  # the robot has ended, or is ending by the same Ctrl-C
         return
 
 

@@ -1,4 +1,4 @@
-"""World files, MJCF and URDF, as scenes to be made around an arm."""
+"""Reads world files, MJCF and URDF as scenes around an arm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,15 +23,15 @@ SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 SCENE_FILES: Final = (".xml", ".urdf")
 _GRIPPERS: Final = ("parallel", "suction", "changer")
 _OF_MOUNTED: Final = {"mass", "colour"}
-_MOST_FRICTION: Final = 10.0  # as of a world of springs
+_MOST_FRICTION: Final = 10.0  # as in a world of springs
 
 
 @dataclass(frozen=True)
 class ScenePlan(PhysicsPlan):
-    """A plan that MuJoCo is loaded for when it is used."""
+    """A plan that loads MuJoCo when it is used."""
 
     def build(self, model: RobotModel, period_s: float) -> "PhysicsWorld":
-        """A world of its own for one arm. Raises WorldError."""
+        """Build a separate world for one arm. Raises WorldError."""
         from emulator.physics.scene import SceneError, build
         from emulator.physics.world import PhysicsWorld
 
@@ -42,7 +42,7 @@ class ScenePlan(PhysicsPlan):
             raise WorldError(f"{self.source}: {error}") from error
 
     def check(self, model: RobotModel, q: Sequence[float]) -> None:
-        """Raise WorldError when there can be no such scene around an arm that stands at q [rad]."""
+        """Raise WorldError if the scene cannot be built around an arm at q [rad]."""
         from emulator.physics.scene import SceneError, build, check_start
 
         try:
@@ -52,7 +52,7 @@ class ScenePlan(PhysicsPlan):
 
 
 def open_cameras(world: World | None) -> "Cameras":
-    """The cameras of a robot's world, to be closed after use. Raises CameraError where nothing draws, or is none."""
+    """Open the cameras of a robot's world; close them after use. Raises CameraError without cameras or a renderer."""
     from emulator.physics.cameras import CameraError, Cameras
     from emulator.physics.world import PhysicsWorld
 
@@ -62,16 +62,16 @@ def open_cameras(world: World | None) -> "Cameras":
 
 
 def read_physics(path: Path, gripper: GripperModel | None = None) -> ScenePlan:
-    """A world file, or a MuJoCo (MJCF) or URDF file, as the scene around an arm with this gripper.
+    """Read a world file, or a MuJoCo (MJCF) or URDF file, as the scene around an arm with this gripper.
 
-    Raises WorldFileError naming the file and the place, and OSError.
+    Raises OSError, or WorldFileError that names the file and the place.
     """
     if find_spec("mujoco") is None:
         raise WorldFileError(f"{path} is a world with physics, which needs MuJoCo: pip install 'ur-emulator[physics]'")
     try:
         plan = ScenePlan(path, scene=path) if path.suffix.lower() in SCENE_FILES else _read_world(path)
         if plan.scene is not None:
-            plan.scene.open("rb").close()  # its own message for a file that is not there
+            plan.scene.open("rb").close()  # raises OSError for a missing file
         return replace(plan, gripper=None if gripper is None else robotiq_hand(gripper))
     except WorldFileError:
         raise
@@ -85,13 +85,13 @@ def _read_world(path: Path) -> ScenePlan:
     moving = {name: moving_of(name, thing) for name, thing in things.items()}
     for name, thing in things.items():
         if thing.shape == "plane" and moving[name].mass is not None:
-            raise ValueError(f"{name}: a plane has no end: leave its mass out, or make it a box")
+            raise ValueError(f"{name}: a plane is infinite: leave its mass out, or use a box")
     tools = [name for name, one in moving.items() if one.coupling is not None]
     scene = world.sections.get("scene")
     if scene is not None and not (isinstance(scene, str) and Path(scene).suffix.lower() in SCENE_FILES):
         raise ValueError(f"scene must be the name of a MuJoCo or URDF file, {' or '.join(SCENE_FILES)}")
     if world.tool is not None and world.tool.shape == "plane":
-        raise ValueError("tool: a plane has no end and cannot be a tool: give a sphere or a box")
+        raise ValueError("tool: a plane is infinite and cannot be a tool: use a sphere or a box")
     return ScenePlan(
         path,
         scene=None if scene is None else path.parent / scene,
@@ -106,30 +106,30 @@ def _read_world(path: Path) -> ScenePlan:
 
 def _solid(name: str, thing: Thing) -> Thing:
     if not name:
-        raise ValueError("a thing must have a name")
+        raise ValueError("an object must have a name")
     if not all(map(isfinite, thing.pose)):
-        raise ValueError(f"{name}: its pose must be finite numbers, not {list(thing.pose)}")
+        raise ValueError(f"{name}: the pose must be finite numbers, not {list(thing.pose)}")
     if not 0.0 <= thing.material.get("friction", 0.0) <= _MOST_FRICTION:
-        raise ValueError(f"{name}: its friction must be from 0 to {_MOST_FRICTION:g}, not {thing.material['friction']}")
+        raise ValueError(f"{name}: the friction must be from 0 to {_MOST_FRICTION:g}, not {thing.material['friction']}")
     if not all(0.0 < size < 1e3 for size in thing.sizes):
-        raise ValueError(f"{name}: its {thing.shape} must have lengths greater than 0, not {list(thing.sizes)}")
+        raise ValueError(f"{name}: {thing.shape} must have lengths greater than 0, not {list(thing.sizes)}")
     return thing
 
 
 def _beside(path: Path, thing: Thing) -> Thing:
-    """Meshes lie beside the world file."""
+    """Find a mesh, relative to the folder of the world file."""
     if not thing.mesh:
         return thing
     mesh = path.parent / thing.mesh
     if not mesh.is_file():
-        raise ValueError(f"there is no mesh {mesh}")
+        raise ValueError(f"the mesh {mesh} does not exist")
     return replace(thing, mesh=str(mesh.resolve()))
 
 
 def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
-    """What is mounted, by the names that a plan has for its kinds. tools: names of things with couplings."""
+    """Read the section of mounted parts, as keyword arguments of a plan. tools: names of objects with couplings."""
     if not isinstance(given, dict):
-        raise ValueError("mounted must be a mapping of names")
+        raise ValueError("mounted must be a mapping from names")
     bolted: dict[str, tuple[Thing, MountedShape]] = {}
     cups: dict[str, Cup] = {}
     hands: dict[str, HandShape] = {}
@@ -139,7 +139,7 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
             mounted = read(str(name), what, Mounted)
             if mounted.tool and mounted.tool not in tools:
                 raise ValueError(
-                    f"{name}: tool is {mounted.tool!r}, not a thing with a coupling: {', '.join(tools) or 'none'}"
+                    f"{name}: tool {mounted.tool!r} is not an object with a coupling: {', '.join(tools) or 'none'}"
                 )
             if mounted.suction is not None:
                 cups[str(name)] = Cup(mounted.suction, mounted.pose, mounted.tool)
@@ -150,7 +150,7 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
             continue
         thing = _beside(path, _solid(str(name), read_description(str(name), what, SHAPES)))
         if strange := set(thing.moving) - _OF_MOUNTED:
-            raise ValueError(f"{name}: what is mounted on the flange has no {min(strange)}")
+            raise ValueError(f"{name}: {min(strange)} is not possible for a part mounted on the flange")
         moving = moving_of(str(name), thing)
         bolted[str(name)] = thing, MountedShape(moving.mass or 0.0, thing.material.get("friction", 0.5), moving.colour)
     return {"bolted": bolted, "cups": cups, "hands": hands, "changers": changers}

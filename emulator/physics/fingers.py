@@ -1,4 +1,4 @@
-"""Two fingers in a scene: how they are built, and the motor that closes them until something stops them."""
+"""Two fingers in a scene, and the motor that closes them until an object stops them."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -12,17 +12,17 @@ from emulator.physics.grippers import HandShape
 _SIDES: Final = (("left", 1.0), ("right", -1.0))
 _FINGER_KG: Final = 0.1
 _GEAR_KG: Final = 1.0  # inertia of motor and gear, at a finger (guess)
-_PAD_FRICTION: Final = 0.7  # rubber; a part's own counts, see touching (guess)
+_PAD_FRICTION: Final = 0.7  # rubber; the friction of a part takes precedence, see touching() (guess)
 _GAIN_N_M: Final = 20_000.0  # of the motor's position loop (guess)
-_LOAD_SHARE: Final = 0.9  # of its force at which a motor that does not move is stopped by something
+_LOAD_SHARE: Final = 0.9  # fraction of its force at which a standing motor counts as stopped by an object
 _STILL_M_S: Final = 0.002
-_STOPPED_S: Final = 0.03  # so long (guess)
-_LEAD_M: Final = 0.001  # of the setpoint, beyond what gives the full force
+_STOPPED_S: Final = 0.03  # duration for that (guess)
+_LEAD_M: Final = 0.001  # of the setpoint, beyond the value that gives the full force
 _RUBBER: Final = (0.15, 0.15, 0.16, 1.0)
 
 
 def add_fingers(spec: Any, flange: Any, shape: HandShape) -> None:
-    """Palm and fingers, coupled as by their gear, with a motor at each."""
+    """Add palm and fingers, coupled as by a gear, with a motor at each."""
     radius, length = shape.palm
     thickness, width, reach = shape.pad
     name = PREFIX + shape.name
@@ -73,13 +73,13 @@ def add_fingers(spec: Any, flange: Any, shape: HandShape) -> None:
 
 
 class Fingers:
-    """The fingers of a compiled scene. ``width``: between the pads [m]. ``stopped``: something is in their way."""
+    """The fingers of a compiled scene. ``width``: between the pads [m]. ``stopped``: an object blocks them."""
 
     def __init__(self, shape: HandShape, model: Any) -> None:
         self.shape = shape
         first = f"{PREFIX}{shape.name}/{_SIDES[0][0]}"
         self._model = model
-        # the second finger is behind the first one everywhere
+        # in all arrays, the second finger follows the first one
         self._motors = _both(model.actuator(first).id)
         self._qpos = _both(int(model.joint(first).qposadr[0]))
         self._dofs = _both(int(model.joint(first).dofadr[0]))
@@ -93,18 +93,18 @@ class Fingers:
         return self._stopped_s >= _STOPPED_S
 
     def save(self) -> list[float]:
-        """What the motors remember, for `restore`."""
+        """State of the motors, for `restore`."""
         return [self._setpoint, self._force, self._stopped_s, self.width]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Take over what `save` gave."""
+        """Restore a state from `save`."""
         self._setpoint, self._force, self._stopped_s, self.width = values
         self._model.actuator_forcerange[self._motors] = (-self._force, self._force)
 
     def move(self, data: Any, goal: float | None, speed: float, force: float, period_s: float) -> None:
-        """For one period: towards a width [m] at a speed of the opening [m/s]; None holds the fingers where they are.
+        """Command one period: move towards a width [m] at an opening speed [m/s]; None holds the fingers in place.
 
-        force: at most, of each finger [N].
+        force: maximum of each finger [N].
         """
         here = 0.5 * self.width
         wanted = here if goal is None else 0.5 * min(max(goal, 0.0), self.shape.stroke)
@@ -113,7 +113,7 @@ class Fingers:
             step = 0.5 * speed * period_s
             ahead = min(max(wanted - self._setpoint, -step), step)
             self._setpoint = min(max(self._setpoint + ahead, here - lead), here + lead)
-        # a finger that has to press wants to be further than anything lets it
+        # to press, the setpoint has to be beyond the object
         pressing = goal is not None and self.stopped
         target = here + (lead if wanted > here else -lead) if pressing else self._setpoint
         if force != self._force:
@@ -122,7 +122,7 @@ class Fingers:
         data.ctrl[self._motors] = target
 
     def look(self, data: Any, goal: float | None, period_s: float) -> None:
-        """After the steps of a period: where the fingers are, and whether something stops them."""
+        """After the steps of a period: read the fingers' positions and whether an object stops them."""
         self.width = max(0.0, sum(data.qpos[self._qpos].tolist()))
         speed = max(map(abs, data.qvel[self._dofs].tolist()))
         load = max(map(abs, data.actuator_force[self._motors].tolist()))

@@ -1,4 +1,4 @@
-"""Grippers with two fingers, as shapes and forces: those of ``--gripper``, and those on outputs."""
+"""Two-finger grippers as shapes and forces: those of ``--gripper``, and those wired to outputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,17 +9,17 @@ from emulator.physics.description import Parallel
 from urproto.vectors import Vector3
 
 GRIPPER: Final = "gripper"
-"""The name of the one of ``--gripper``."""
+"""Name of the gripper of ``--gripper``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandShape:
-    """Two fingers that move against each other along y.
+    """Two fingers that move towards each other along y.
 
     pose: of the palm in the flange's frame, fingers along z. stroke: between the open pads [m]. palm: radius and
-    length; pad: its thickness, width and length along z [m]. mass [kg] with all its parts. force: least and greatest of
-    one finger [N]. parallel: what it is wired to, None for one with a port of its own. tool: the thing that it is on
-    and in whose frame its pose is, "" for the flange.
+    length; pad: thickness, width and length along z [m]. mass: of all parts [kg]. force: minimum and maximum of one
+    finger [N]. parallel: its wiring, None for a gripper with its own port. tool: the object on which it is mounted and
+    in whose frame its pose is given, "" for the flange.
     """
 
     name: str
@@ -38,8 +38,8 @@ class HandShape:
         return self.palm[1] + self.pad[2]
 
 
-# Masses, forces: the maker's specifications. Outer dimensions are near its drawings; that the fingers move along the
-# flange's y axis is a guess, and fingers that stay parallel and at one height a simplification.
+# Source of masses and forces: the maker's specifications. Outer dimensions are close to its drawings. That the fingers
+# move along the flange's y axis is a guess; that they stay parallel and at one height is a simplification.
 _ROBOTIQ: Final = {
     "Robotiq 2F-85": ((0.0375, 0.115), (0.008, 0.022, 0.048), 0.925, (20.0, 235.0)),
     "Robotiq 2F-140": ((0.0375, 0.145), (0.010, 0.025, 0.085), 1.025, (10.0, 125.0)),

@@ -1,4 +1,4 @@
-"""Plans of scenes: what files say, checked, before there is a MuJoCo model."""
+"""Plans of scenes: the checked contents of files, before a MuJoCo model is built."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from urproto.worldfile import Thing
 
 @dataclass(frozen=True)
 class MountedShape:
-    """mass [kg] of a shape on the flange; friction of its surface."""
+    """A shape mounted on the flange: its mass [kg] and the friction of its surface."""
 
     mass: float
     friction: float = 0.5
@@ -20,7 +20,7 @@ class MountedShape:
 
 @dataclass(frozen=True)
 class Cup:
-    """A suction gripper and where it is in the flange's frame, or in that of the ``tool`` that it is on."""
+    """A suction gripper and its pose in the flange's frame, or in that of the ``tool`` on which it is mounted."""
 
     suction: Suction
     pose: tuple[float, ...]
@@ -29,7 +29,7 @@ class Cup:
 
 @dataclass(frozen=True)
 class Plate:
-    """A tool changer and where its face is in the flange's frame."""
+    """A tool changer and the pose of its face in the flange's frame."""
 
     changer: Changer
     pose: tuple[float, ...]
@@ -37,7 +37,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class PhysicsPlan:
-    """A scene to be made, as often as there are controllers to stand in it.
+    """The plan of a scene, from which one scene per controller is built.
 
     scene: a MuJoCo or URDF file, None for none. hands: grippers on outputs; gripper: the one of ``--gripper``.
     """
@@ -55,9 +55,9 @@ class PhysicsPlan:
     barriers: Mapping[str, Barrier] = field(default_factory=dict)
     cameras: Mapping[str, Camera] = field(default_factory=dict)
 
-    links: bool = True  # those of the arm touch, by MuJoCo's own search
+    links: bool = True  # contacts of the arm's links are found by MuJoCo itself
 
     @property
     def couplings(self) -> dict[str, tuple[float, ...]]:
-        """Of the things that tool changers take: poses in their frames."""
+        """Coupling poses of the objects that tool changers can take, in their frames."""
         return {name: moving.coupling for name, moving in self.moving.items() if moving.coupling is not None}

@@ -1,4 +1,4 @@
-"""Scenes: what a plan says, as a MuJoCo model with the arm in it."""
+"""Builds scenes: a plan as a MuJoCo model with the arm in it."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -20,12 +20,12 @@ from urproto.robots import RobotModel, kinematics_of
 from urproto.worldfile import Thing
 
 STEP_S: Final = 0.002
-"""The longest step; that of a scene file if it is shorter."""
-_OVERLAP_M: Final = 0.002  # of things at the start that a scene may have: they push each other apart gently (guess)
+"""The longest step; a scene file may have a shorter one."""
+_OVERLAP_M: Final = 0.002  # permitted overlap of objects at the start: they push each other apart gently (guess)
 _MOST_STEPS: Final = 100  # in a control period of 8 ms
 _ARMATURE_KG: Final = 0.05  # of a cylinder's drive (guess)
-_DRIVE_GAIN: Final = 20.0  # of a cylinder's drive: full force from a twentieth of its way on (guess)
-_FRICTION: Final = 0.6  # of what moves and says nothing of it (guess)
+_DRIVE_GAIN: Final = 20.0  # of a cylinder's drive: full force from a twentieth of its stroke (guess)
+_FRICTION: Final = 0.6  # of a moving object without its own (guess)
 _PLANE: Final = [0.0, 0.0, 0.05]
 _TYPES: Final = {
     "plane": mujoco.mjtGeom.mjGEOM_PLANE,
@@ -38,26 +38,26 @@ _STAYING: Final = (0.55, 0.6, 0.65, 1.0)
 _MOVING: Final = (0.85, 0.45, 0.2, 1.0)
 
 
-# Without this MuJoCo keeps a file MUJOCO_LOG.TXT in the folder from which the emulator was started.
+# Without this, MuJoCo writes a file MUJOCO_LOG.TXT to the folder in which the emulator was started.
 if mujoco.get_mju_user_warning() is None:
     mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
 
 
 class SceneError(ValueError):
-    """A scene that cannot be."""
+    """A scene cannot be built."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A compiled model. steps: in a control period."""
+    """A compiled model. steps: per control period."""
 
     model: Any
     steps: int
-    drives: Mapping[str, int] = field(default_factory=dict)  # actuators of joints with an output, by the thing's name
+    drives: Mapping[str, int] = field(default_factory=dict)  # actuators of joints with an output, by the object's name
 
 
 def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
-    """The plan's scene with an arm in it. Raises SceneError."""
+    """Build the plan's scene with an arm in it. Raises SceneError."""
     try:
         spec = mujoco.MjSpec() if plan.scene is None else _read(plan.scene)
         _prepare(spec)
@@ -72,7 +72,7 @@ def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
         wanted = min(STEP_S, spec.option.timestep)
         steps = max(1, int(np.ceil(period_s / wanted - 1e-9)))
         if steps > _MOST_STEPS:
-            raise SceneError(f"its time step of {spec.option.timestep:g} s is too short: give 0.0001 or more")
+            raise SceneError(f"the time step of {spec.option.timestep:g} s is too short: use 0.0001 or more")
         spec.option.timestep = period_s / steps
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -82,46 +82,46 @@ def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
 
 
 def check_start(scene: Scene, arm: RobotModel, q: Sequence[float]) -> None:
-    """Raise SceneError when things are in each other at the start, or the arm, which stands at q [rad], in one."""
+    """Raise SceneError if objects, or an object and the arm at q [rad], overlap at the start."""
     model, data = scene.model, mujoco.MjData(scene.model)
     flange = kinematics_of(arm).forward(q)
     DrivenArm(arm, model, data).place(q, flange, flange)
     mujoco.mj_forward(model, data)
     if not np.isfinite(data.qacc).all():
-        raise SceneError("masses or places of its things are not finite numbers")
+        raise SceneError("masses or positions of objects are not finite numbers")
     for i in range(data.ncon):
         depth = -float(data.contact.dist[i])
         if depth <= _OVERLAP_M:
             continue
         one, other = sorted(_owner(model, geom) for geom in data.contact.geom[i])
-        problem = f"{one} and {other} are {1000.0 * depth:.1f} mm in each other at the start"
+        problem = f"{one} and {other} overlap by {1000.0 * depth:.1f} mm at the start"
         own = PREFIX in one + other
         raise SceneError(f"{problem}: " + ("start elsewhere (--initial-positions)" if own else "move one of them"))
 
 
 def _owner(model: Any, geom: int) -> str:
     body = int(model.geom_bodyid[geom])
-    return model.geom(geom).name or model.body(body).name.removesuffix(MOUNTING) if body else "what stays"
+    return model.geom(geom).name or model.body(body).name.removesuffix(MOUNTING) if body else "a fixed object"
 
 
 def _read(path: Path) -> Any:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError, OSError) as error:
-        raise SceneError(" ".join(str(error).split()) or "it cannot be read") from error
+        raise SceneError(" ".join(str(error).split()) or "the file cannot be read") from error
 
 
 def _prepare(spec: Any) -> None:
-    """What all scenes have in common; materials of a scene file that says nothing of them."""
+    """Set the options of all scenes, and contact parameters that a scene file leaves open."""
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # friction is the same in all directions
-    spec.option.impratio = 10.0  # held things do not creep out of the fingers
+    spec.option.impratio = 10.0  # held objects do not creep out of the fingers
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    if spec.option.jacobian == mujoco.mjtJacobian.mjJAC_AUTO:  # whose choice would turn on what is mounted
+    if spec.option.jacobian == mujoco.mjtJacobian.mjJAC_AUTO:  # its automatic choice would depend on the mounted parts
         spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what explodes is reported
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # instabilities are reported instead
     for body in spec.bodies:
         if body.name.startswith(PREFIX):
-            raise SceneError(f"{body.name} is a name of the arm's: choose another one")
+            raise SceneError(f"the name {body.name} is reserved for the arm: choose another one")
         body.name = body.name or f"body {body.id}"
         staying = _stays(body)
         for geom in body.geoms:
@@ -129,7 +129,7 @@ def _prepare(spec: Any) -> None:
 
 
 def _stays(body: Any) -> bool:
-    """Whether no joint moves it."""
+    """Whether a body is fixed: no joint moves it."""
     while body is not None and body.name != "world":
         if body.joints or body.mocap:
             return False
@@ -142,7 +142,7 @@ def _add_thing(spec: Any, name: str, thing: Thing, moving: Moving) -> None:
     kind, usual = (Kind.STAYING, 0.0) if moving.mass is None else (Kind.FREE, _FRICTION)
     material = touching(kind, thing.material.get("friction", usual))
     if moving.conveyor is not None:
-        material["surfacevel"] = [moving.conveyor.speed, 0.0, 0.0, 0.0, 0.0, 0.0]  # 0 could not be changed later
+        material["surfacevel"] = [moving.conveyor.speed, 0.0, 0.0, 0.0, 0.0, 0.0]  # a 0 could not be changed later
     _add_shape(spec, body, name, thing, moving, **material)
     if moving.joint is not None:
         _add_joint(spec, body, name, moving.joint, turns=moving.hinge is not None)
@@ -164,7 +164,7 @@ def _add_shape(spec: Any, body: Any, name: str, thing: Thing, moving: Moving, **
 
 
 def _half(thing: Thing) -> Sequence[float]:
-    """The sizes as MuJoCo has them: half lengths."""
+    """The sizes in MuJoCo's form: half lengths."""
     match thing.shape:
         case "plane":
             return _PLANE

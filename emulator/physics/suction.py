@@ -1,6 +1,6 @@
-"""A suction cup: what its lip touches sticks to it while it sucks, until more than its force pulls.
+"""A suction cup: an object at its lip sticks to it while the vacuum is on, unless the pull exceeds its force.
 
-There is a weld, of those that the solver may break at any time, between each cup and each body that moves.
+There is a weld between each cup and each body that moves, which can be activated and released at any time.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from emulator.physics.plan import Cup
 
 _LENGTH_M: Final = 0.03  # of the cup and its stem
-_LIP_M: Final = 0.002  # from the lip, in which a surface is sucked on (guess)
-_ACROSS: Final = 0.5  # friction of the lip: share of the force that holds across (guess)
+_LIP_M: Final = 0.002  # distance from the lip within which a surface is caught (guess)
+_ACROSS: Final = 0.5  # friction of the lip: fraction of the force that holds sideways (guess)
 _SOFT: Final = (0.01, 1.0)  # time constant [s] and damping ratio of rubber (guess)
 _FRICTION: Final = 0.6  # of its sides and face
 
 
 def add_suction(spec: Any, flange: Any, name: str, cup: "Cup", movable: Iterable[str]) -> None:
-    """A stem whose end is the lip, at the cup's pose; z is the way it sucks. ``movable``: bodies it may hold."""
+    """Add a stem whose end is the lip, at the cup's pose; it acts along z. ``movable``: bodies it can hold."""
     body = add_fitting(flange, name, cup.pose, cup.suction.radius, _LENGTH_M, _FRICTION)
     body.add_site(name=PREFIX + name)
     for other in movable:
@@ -31,7 +31,7 @@ def add_suction(spec: Any, flange: Any, name: str, cup: "Cup", movable: Iterable
 
 
 class SuctionCup:
-    """The cup of a compiled scene. ``holds``: the body that it holds, 0 for none."""
+    """The cup of a compiled scene. ``holds``: the held body, 0 for none."""
 
     def __init__(self, name: str, cup: "Cup", model: Any) -> None:
         self.suction = cup.suction
@@ -42,7 +42,7 @@ class SuctionCup:
         self.holds = 0
 
     def act(self, data: Any, *, sucking: bool) -> None:
-        """After each step: catch what is at the lip, and let go of what is torn off, or what is no longer sucked."""
+        """After each step: catch an object at the lip; release it if it is pulled off or the vacuum is off."""
         if self.holds and (not sucking or self._torn_off(data)):
             data.eq_active[self._welded] = False
             self.holds = 0
@@ -50,24 +50,24 @@ class SuctionCup:
             self._catch(data)
 
     def release(self, data: Any) -> None:
-        """Hold nothing."""
+        """Release any object."""
         self.act(data, sucking=False)
 
     def save(self) -> list[float]:
-        """What it holds and how, for `restore`; that its weld is active is part of the scene's state."""
+        """The held body and its weld, for `restore`; whether the weld is active is part of the scene's state."""
         return [self.holds, self._welded, *self._how.ravel().tolist()]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Take over what `save` gave. Raises ValueError."""
+        """Restore a state from `save`. Raises ValueError."""
         holds, welded, *how = values
         if not (0 <= holds < self._model.nbody and 0 <= welded < max(1, self._model.neq)):
-            raise ValueError(f"a cup cannot hold body {holds:g} by weld {welded:g}: there is no such thing")
+            raise ValueError(f"a cup cannot hold body {holds:g} by weld {welded:g}: they do not exist")
         self.holds, self._welded = int(holds), int(welded)
         self._how[:] = how
 
     @property
     def _how(self) -> Any:
-        """The numbers of the weld; none where nothing moves that it could hold."""
+        """Parameters of the weld; empty if there are no bodies to hold."""
         return self._model.eq_data[self._welded : self._welded + 1]
 
     def _torn_off(self, data: Any) -> bool:

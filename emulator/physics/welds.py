@@ -1,4 +1,4 @@
-"""Welds between what is on the flange and what it can hold: made for every pair, switched on while it holds one."""
+"""Welds between holders on the flange and the bodies they can hold: one for every pair, active while it holds."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -7,11 +7,11 @@ import mujoco
 
 from emulator.physics.arm_bodies import PREFIX
 
-_MEASURED: Final = (*[0.0] * 10, 1.0, 0.0)  # MuJoCo's: as things stand when it is made, with turning
+_MEASURED: Final = (*[0.0] * 10, 1.0, 0.0)  # MuJoCo's: relative pose at compilation, with rotation
 
 
 def add_weld(spec: Any, holder: str, body: str, solref: Sequence[float], data: Sequence[float] = _MEASURED) -> None:
-    """holder: the name of what is mounted; body: of what it may hold. data: MuJoCo's numbers of a weld."""
+    """Add a weld. holder: name of the mounted part; body: name of the body it can hold. data: MuJoCo's parameters."""
     spec.add_equality(
         name=weld_name(holder, body),
         type=mujoco.mjtEq.mjEQ_WELD,
@@ -25,5 +25,5 @@ def add_weld(spec: Any, holder: str, body: str, solref: Sequence[float], data: S
 
 
 def weld_name(holder: str, body: str) -> str:
-    """Of the weld between them."""
+    """Name of the weld between a holder and a body."""
     return f"{PREFIX}{holder}:{body}"

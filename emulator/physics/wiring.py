@@ -1,6 +1,6 @@
-"""What is wired between the robot's signals and a scene: conveyors, barriers, buttons, cylinders, lamps, its tools.
+"""Wiring between the robot's signals and a scene: conveyors, barriers, buttons, cylinders, lamps, tools.
 
-Once a period, before the scene's steps, outputs act on it; after them, inputs say what became of it.
+In each period, outputs act on the scene before its steps, and inputs are set according to it afterwards.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from emulator.physics.plan import PhysicsPlan
     from emulator.physics.scene import Scene
 
-_HALF: Final = 0.5  # of its way from which on a button is pressed
-_DARK: Final = 0.25  # of a lamp's colour while it is off
-_CLOSED_M: Final = 0.002  # between jaws with nothing in between (guess)
+_HALF: Final = 0.5  # fraction of its stroke from which a button counts as pressed
+_DARK: Final = 0.25  # fraction of a lamp's colour while it is off
+_CLOSED_M: Final = 0.002  # width of jaws that are closed without an object (guess)
 
 
 def level(signals: Signals, output: int) -> bool:
-    """Of a digital output, as numbered in `description`."""
+    """Level of a digital output, numbered as in `description`."""
     return bool(signals.digital_outputs >> output & 1)
 
 
@@ -37,7 +37,7 @@ def _set(signals: Signals, number: int, high: bool) -> None:
 
 
 class Belt:
-    """A conveyor. ``jammed``: it stands, whatever its output says."""
+    """A conveyor. ``jammed``: it stands regardless of its output."""
 
     def __init__(self, geom: int, conveyor: Conveyor) -> None:
         self._geom, self.conveyor = geom, conveyor
@@ -74,7 +74,7 @@ class Jaw:
 
 
 class Wires:
-    """All that is wired, of one scene and one robot. ``gripper``: that of ``--gripper``."""
+    """The wiring of one scene and one robot. ``gripper``: that of ``--gripper``."""
 
     def __init__(
         self,
@@ -111,11 +111,11 @@ class Wires:
         ]
 
     def save(self) -> list[float]:
-        """What grippers, cups and changers remember beside the scene's own state, for `restore`."""
+        """State of grippers, cups and changers in addition to the scene's own, for `restore`."""
         return [value for part in self._keeping for value in part.save()]
 
     def restore(self, values: Sequence[float]) -> None:
-        """Take over what `save` gave."""
+        """Restore a state from `save`."""
         left = list(values)
         for part in self._keeping:
             count = len(part.save())
@@ -123,7 +123,7 @@ class Wires:
             del left[:count]
 
     def act(self, data: Any, period_s: float) -> None:
-        """Outputs act on the scene."""
+        """Let outputs act on the scene."""
         signals = self._signals
         for belt in self.belts.values():
             belt.act(self._model, signals, self._encoders)
@@ -149,7 +149,7 @@ class Wires:
             cup.act(data, sucking=level(self._signals, cup.suction.output))
 
     def look(self, data: Any, period_s: float) -> None:
-        """Inputs say what became of the scene."""
+        """Set inputs according to the scene."""
         signals = self._signals
         for barrier in self._barriers:
             _set(signals, barrier.input, _interrupted(self._model, data, barrier))

@@ -1,7 +1,7 @@
-"""A world that moves, beside one controller: each control period it goes on by as many steps as fit into that.
+"""The world with physics of one controller: it advances in each control period by the steps that fit into it.
 
-The scene follows the arm by one control period: it steps to where the arm was published last, as a world of springs
-looks where the arm is. What it does to the tool is the mean of the steps' forces, so that no impulse is lost.
+The scene follows the arm with a delay of one control period: it steps to the position the arm published last, which a
+world of springs uses too. The force on the tool is the mean over the steps, so that no impulse is lost.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,18 +31,18 @@ if TYPE_CHECKING:
 
 _EXPLODED: Final = slice(mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQACC + 1)
 assert mujoco.mjtWarning.mjWARN_BADQVEL in range(_EXPLODED.start, _EXPLODED.stop)
-_FASTEST_M_S: Final = 1e3  # nothing in a cell moves like that
+_FASTEST_M_S: Final = 1e3  # no real object in a cell moves that fast
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _LEAST_N: Final = 1e-6
-_DAMPING_N_S_M: Final = 200.0  # of contacts, as force control should expect it (guess)
-_PLAIN: Final = Camera(pose=(0.0,) * 6)  # what a scene file does not say of its cameras: their size
-_FIXED: Final = "things of a world with physics are those of its file: "
+_DAMPING_N_S_M: Final = 200.0  # of contacts, as used by force control (guess)
+_PLAIN: Final = Camera(pose=(0.0,) * 6)  # default size of the cameras of a scene file
+_FIXED: Final = "the objects of a world with physics are those of its file: "
 
 
 class PhysicsWorld(World):
-    """The scene of one arm. ``failure``: why it stands still, "" while it moves.
+    """The scene of one arm. ``failure``: reason why it has stopped, "" while it runs.
 
-    cameras: by name, those of a scene file among them. covered: names of those before whose lens something is.
+    cameras: by name, including those of a scene file. covered: names of cameras with a covered lens.
     """
 
     def __init__(self, plan: "PhysicsPlan", robot: RobotModel, scene: Scene) -> None:
@@ -54,12 +54,12 @@ class PhysicsWorld(World):
         self.cameras: Mapping[str, Camera] = {name: plan.cameras.get(name, _PLAIN) for name in names if name}
         self.covered: set[str] = set()
         self._arm = DrivenArm(robot, scene.model, self.data)
-        # The arm is behind everything else: its links, then flange and tool with what is mounted on them.
+        # The arm's bodies come last: its links, then flange and tool with the mounted parts.
         self._link, self._tool = self._arm.bodies[LINKS[0]], self._arm.bodies[FLANGE]
         self._is_tool = np.arange(scene.model.nbody) >= self._tool
         bodies = [(scene.model.body(i).name, i) for i in range(1, scene.model.nbody)]
         self._names = {name: i for name, i in bodies if not name.startswith(PREFIX)}
-        self._step_forces = self.data.cfrc_ext  # as of the last step: torque and force of each body, about its tree
+        self._step_forces = self.data.cfrc_ext  # of the last step: torque and force on each body, about its tree
         self._forces = np.zeros_like(self._step_forces)
         self._all_forces, self._speeds = self._forces.reshape(-1), self.data.qvel
         self._warnings = self.data.warning.number[_EXPLODED]
@@ -72,7 +72,7 @@ class PhysicsWorld(World):
         self._first = self._good = np.zeros(0)
         self.payload = _payload(plan)
 
-    # what World has
+    # interface of World
 
     def wire(self, wiring: Wiring) -> None:
         self._wires = Wires(self.plan, self.scene, wiring.signals, wiring.encoders, wiring.gripper)
@@ -113,11 +113,11 @@ class PhysicsWorld(World):
         raise WorldError(f"{_FIXED}{name!r} cannot be added")
 
     def remove(self, name: str) -> None:
-        raise WorldError(f"{_FIXED}{name!r} cannot be removed; move it away")
+        raise WorldError(f"{_FIXED}{name!r} cannot be removed: move it away")
 
     def mount(self, tool: WorldObject) -> None:
         if tool is not POINT:
-            raise WorldError(f"{_FIXED}the tool is what it mounts")
+            raise WorldError(f"{_FIXED}the tool cannot be changed")
 
     def move(self, name: str, pose_base: Vector6) -> None:
         if not all(map(np.isfinite, pose_base)):
@@ -131,37 +131,37 @@ class PhysicsWorld(World):
         elif self.model.body_parentid[body] == 0:
             self.model.body_pos[body], self.model.body_quat[body] = pose_base[:3], quaternion(pose_base[3:])
         else:
-            raise WorldError(f"{name!r} is part of another body, and moves with it")
-        mujoco.mj_kinematics(self.model, self.data)  # `pose` says so at once
+            raise WorldError(f"{name!r} is part of another body and cannot be moved by itself")
+        mujoco.mj_kinematics(self.model, self.data)  # so that `pose` returns it immediately
 
     def save(self) -> list[float]:
         values: list[float] = self._saved().tolist()
         return values
 
     def restore(self, state: Sequence[float] | None) -> None:
-        """Also after a failure; the arm is where the controller's is.
+        """Restore a state, also after a failure; the arm follows the controller's.
 
-        That may have been put elsewhere too, as of the next period: until then the scene waits, so that nothing is
-        swept away by an arm on its way.
+        The controller's arm may also be placed elsewhere in the next period. The scene waits until then, so that the
+        moving arm does not sweep objects away.
         """
         first = self._first
         values = first if state is None else np.array(state, dtype=float)
         if values.shape != first.shape or not np.isfinite(values).all():
-            raise WorldError(f"the state of this scene is {len(first)} finite numbers")
+            raise WorldError(f"the state of this scene must be {len(first)} finite numbers")
         self._take(values)
         self._good = values
         self.failure, self._started, self._restored = "", False, True
 
-    # what a scene has beside
+    # in addition to the interface of World
 
     def pose(self, name: str) -> Vector6:
-        """Where a body is, in the base frame. Raises WorldError for an unknown one."""
+        """Pose of a body in the base frame. Raises WorldError for an unknown one."""
         body = self._body(name)
         w, x, y, z = self.data.xquat[body].tolist()
         return as_six((*self.data.xpos[body].tolist(), *quaternion_to_rotvec(x, y, z, w)))
 
     def velocity(self, name: str) -> Vector6:
-        """How a body moves: of its centre of mass [m/s], and its turning [rad/s], in the base frame's axes."""
+        """Velocity of a body: of its centre of mass [m/s], and its rotation [rad/s], in the base frame's axes."""
         found = np.zeros(6)
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, self._body(name), found, 0)
         return as_six((*found[3:].tolist(), *found[:3].tolist()))
@@ -198,7 +198,7 @@ class PhysicsWorld(World):
     def _problem(self) -> str:
         data, forces, speeds = self.data, self._all_forces, self._speeds
         if np.count_nonzero(self._warnings) or not isfinite(forces @ forces):
-            return "forces and speeds grew without end"
+            return "forces and speeds grew without bound"
         if speeds @ speeds < _FASTEST_M_S**2:
             return ""
         fastest = int(np.argmax(np.abs(data.qvel)))
@@ -208,19 +208,19 @@ class PhysicsWorld(World):
         return ""
 
     def _stand_still(self, problem: str) -> None:
-        """Nothing of what came of it is left: the scene stands as it began."""
+        """Return the scene to its last good state and stop it."""
         self._take(self._good)
-        self.failure = f"the physics of {self.plan.source.name} exploded ({problem}): it stands still until reset_world"
+        self.failure = f"the physics of {self.plan.source.name} became unstable ({problem}): stopped until reset_world"
 
     def _saved(self) -> Any:
-        """MuJoCo's state, where things stand that nothing but `move` moves, and what grippers remember."""
+        """MuJoCo's state, the poses of objects that only `move` can move, and the state of grippers."""
         values = np.zeros(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, values, _STATE)
         places = self.model.body_pos[self._roots], self.model.body_quat[self._roots]
         return np.concatenate([values, *(place.ravel() for place in places), self.wires.save()])
 
     def _take(self, values: Any) -> None:
-        """Be as `_saved` said. Raises ValueError."""
+        """Apply a state from `_saved`. Raises ValueError."""
         count = len(self._roots)
         own, positions, turns, rest = np.split(
             values, np.cumsum([mujoco.mj_stateSize(self.model, _STATE), 3 * count, 4 * count])
@@ -233,16 +233,16 @@ class PhysicsWorld(World):
         mujoco.mj_setState(self.model, self.data, own, _STATE)  # again: the solver's warm start is part of it
         self.data.warning.number[:] = 0
 
-    # what it does to the arm
+    # effects on the arm
 
     def _let_go(self, arm: "Arm", motion: Motion) -> None:
         self.contacts = motion.force_control.contacts = ()
         arm.link_torque = ZERO6
 
     def _wrench_at(self, first: int, forces: Any, tcp: Sequence[float]) -> Vector6:
-        """The forces on bodies, from the first on, at a point, base frame [N, Nm].
+        """Sum of the forces on bodies, from the first on, about a point, base frame [N, Nm].
 
-        MuJoCo has them at the centre of mass of a body's tree.
+        MuJoCo gives them about the centre of mass of a body's tree.
         """
         total = ZERO6
         if not np.count_nonzero(forces):
@@ -269,9 +269,9 @@ class PhysicsWorld(World):
         return total
 
     def _touching(self, arm: "Arm") -> list[Contact]:
-        """The tool's contacts, and those of what it carries, as force control expects them.
+        """Contacts of the tool and of objects it carries, for force control.
 
-        None gets harder than the flange's spring. What is between the fingers only moves along.
+        None is stiffer than the flange's spring. An object between the fingers moves along and does not count itself.
         """
         data, found = self.data, []
         pairs = data.contact.geom[: data.ncon]
@@ -307,7 +307,7 @@ class PhysicsWorld(World):
 
 
 def _payload(plan: "PhysicsPlan") -> Payload | None:
-    """What is bolted to the flange, as one mass; None when nothing of it weighs."""
+    """Everything mounted on the flange, as one mass; None if it has no mass."""
     parts: list[tuple[float, Vector3]] = []
     for thing, shape in plan.bolted.values():
         parts.append((shape.mass, thing.pose[:3]))

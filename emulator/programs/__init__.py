@@ -1,1 +1,1 @@
-"""Running programs: which one, when it is compiled, started, paused and ended."""
+"""Programs: loading, compiling, starting, pausing and ending them."""

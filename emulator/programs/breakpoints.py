@@ -1,7 +1,7 @@
-"""Where the main program is to be paused: breakpoints at nodes, and single steps from node to node.
+"""Breakpoints at nodes of the main program, and single steps from node to node.
 
-Nodes are known by their labels (``$ 4 "Wait"``). A thread that reaches a label asks first; one that is held asks again
-when the program is resumed, and then goes on.
+Nodes are identified by their labels (``$ 4 "Wait"``). Every thread checks for a breakpoint when it reaches a label; a
+held thread checks again when the program is resumed, and then continues.
 """
 
 from collections.abc import Callable, Iterable
@@ -9,25 +9,25 @@ from typing import Final
 
 from urscript.runtime import ScriptThread
 
-_BEHIND: Final = "breakAfter"  # PolyScope's word at waypoints: the pause comes when the arm is there
-_NOWHERE: Final = "noBreak"  # and at the via point of an arc, at which nothing can pause
+_BEHIND: Final = "breakAfter"  # PolyScope's option at waypoints: the program pauses when the arm has arrived
+_NOWHERE: Final = "noBreak"  # PolyScope's option at the via point of an arc, where no pause is possible
 _BODY: Final = 0  # handle of the program body
-_BRANCHES: Final = ("Thread_if_", "Thread_while_")  # the main program, while an expression is checked continuously
+_BRANCHES: Final = ("Thread_if_", "Thread_while_")  # the main program while an expression is checked continuously
 
 
 class Breakpoints:
-    """numbers: of the nodes. armed: a label has something to ask at all. pause: told why, when a thread is held."""
+    """Breakpoints. numbers: of the nodes. armed: whether labels need checking. pause: called with the reason."""
 
     def __init__(self, pause: Callable[[str], object]) -> None:
         self._pause = pause
         self._stepping = False
-        self._held = set[int]()  # threads by their handle, which ask again
-        self._behind = dict[int, int]()  # a thread, and the node whose end it has not reached
+        self._held = set[int]()  # handles of held threads, which check again
+        self._behind = dict[int, int]()  # per thread, the node whose end it has not reached
         self.numbers: frozenset[int] = frozenset()
         self.armed = False
 
     def set(self, numbers: Iterable[int]) -> None:
-        """These instead of those before."""
+        """Replace the breakpoints."""
         self.numbers = frozenset(numbers)
         self._behind = {thread: number for thread, number in self._behind.items() if number in self.numbers}
         self._arm()
@@ -38,18 +38,18 @@ class Breakpoints:
         self._arm()
 
     def program_started(self) -> None:
-        """Threads are others than before."""
+        """Reset the state of threads: a new program starts."""
         self._held.clear()
         self._behind.clear()
         self._arm()
 
     def program_stopped(self) -> None:
-        """A step was for that program."""
+        """Cancel a single step, which was for the program that has ended."""
         self._stepping = False
         self.program_started()
 
     def hold(self, number: int, option: str, thread: ScriptThread) -> bool:
-        """Whether a thread at this label has to wait, which pauses the program."""
+        """Whether a thread at this label has to wait; if so, pause the program."""
         if thread.id in self._held:
             self._held.discard(thread.id)
             self._note_behind(number, option, thread)

@@ -1,7 +1,7 @@
-"""Compiling what clients submit, a share in every control period, so that no period gets long.
+"""Compiles the texts that clients submit, in slices, so that no control period takes too long.
 
-The share is counted in the compiler's units of work and not in time, so that a script starts
-in the same period on every machine.
+A slice is measured in the compiler's units of work and not in time, so that a script starts
+in the same period on every computer.
 """
 
 import gc
@@ -23,9 +23,9 @@ from urscript.work import Steps
 LIBRARY_SET: Final = LibrarySet(LIBRARIES)
 
 WORK_PER_SECOND: Final = 400_000
-"""Work done on compiling per second of controller time [units of `urscript.work`], in equal shares per period.
+"""Compiler work per second of controller time [units of `urscript.work`], divided equally among the periods.
 
-About a third of a period on an idle machine; the official control script (48 kB) takes a quarter of a second, and
+This is about a third of a period on an idle computer. The official control script (48 kB) takes a quarter of a second;
 its driver expects the program to call back within 0.5 s.
 """
 
@@ -35,29 +35,29 @@ ResultT = TypeVar("ResultT")
 
 
 class Job(Generic[ResultT]):
-    """Work in steps, and what came of it once a `WorkShare` says it is done."""
+    """Work in steps, and its result once a `WorkShare` has completed it."""
 
     def __init__(self, steps: Steps[ResultT]) -> None:
         self.steps = steps
-        self.price = 0  # of the work ahead
+        self.price = 0  # cost of the next step
         self.result: ResultT | None = None
 
 
 class WorkShare:
-    """How much compiling a control period bears."""
+    """Budget of compiler work per control period."""
 
     def __init__(self, period_s: float) -> None:
         self._share = round(WORK_PER_SECOND * period_s)
         self._left = self._share
 
     def new_period(self) -> None:
-        """Another control period, another share, of which what was overdrawn is paid back first."""
+        """Start a control period with a new share, from which any overdraft is deducted first."""
         self._left = min(self._share, self._left + self._share)
 
     def work(self, job: Job[ResultT]) -> bool:
-        """Go on with a job; True when it is done, False when it needs a later period. Raises what the job raises.
+        """Continue a job; returns True when it is done, False if it needs another period. Raises what the job raises.
 
-        A piece that is more than a whole share is done in a period of its own, and nothing in some after it.
+        A step larger than a whole share is done in a separate period, and no work in the following ones.
         """
         while job.price <= self._left or self._left == self._share:
             self._left -= job.price
@@ -70,7 +70,7 @@ class WorkShare:
 
 
 def in_periods(steps: Steps[ResultT], period_s: float) -> Generator[None, None, ResultT | None]:
-    """Work in shares of control periods of its own: yields once for each. Returns the result."""
+    """Do work with a separate budget: yields once per control period and returns the result."""
     share, job = WorkShare(period_s), Job(steps)
     while not share.work(job):
         share.new_period()
@@ -80,9 +80,9 @@ def in_periods(steps: Steps[ResultT], period_s: float) -> Generator[None, None, 
 
 @dataclass(eq=False, slots=True)
 class Submission:
-    """A text that a client wants to run. ``accepted`` is None until it is decided whether it will.
+    """A text submitted by a client. ``accepted`` is None until it is decided whether it runs.
 
-    ``translation``: makes the text of something else, a program tree. ``refusal``: why that failed.
+    ``translation``: creates the text from a program tree. ``refusal``: reason why that failed.
     """
 
     text: str
@@ -96,29 +96,29 @@ class Submission:
 
     @property
     def main(self) -> bool:
-        """False for a ``sec`` program, which runs beside the main one."""
+        """False for a ``sec`` program, which runs alongside the main one."""
         return not is_secondary(self.text)
 
 
 class Compiling:
-    """Submissions on their way to being programs, in their order."""
+    """Queue of submissions to be compiled, in order."""
 
     def __init__(self, share: WorkShare) -> None:
         self._share = share
         self._waiting: deque[Submission] = deque()
-        self._job: Job[CompiledProgram] | None = None  # compiles the first that waits
+        self._job: Job[CompiledProgram] | None = None  # compiles the first waiting submission
 
     @property
     def waiting(self) -> tuple[Submission, ...]:
-        """What is not compiled yet, oldest first."""
+        """Submissions that are not compiled yet, oldest first."""
         return tuple(self._waiting)
 
     def add(self, submission: Submission) -> None:
-        """Compile a text when those before it are done."""
+        """Compile a text after those already waiting."""
         self._waiting.append(submission)
 
     def drop_main(self) -> bool:
-        """Refuse every main program that waits; False when there is none."""
+        """Refuse every waiting main program; returns False if there is none."""
         dropped = [submission for submission in self._waiting if submission.main]
         if self._waiting and self._waiting[0].main:
             self._leave_job()
@@ -128,7 +128,7 @@ class Compiling:
         return bool(dropped)
 
     def abandon(self) -> None:
-        """Refuse everything that waits."""
+        """Refuse all waiting submissions."""
         self._leave_job()
         waiting = tuple(self._waiting)
         self._waiting.clear()
@@ -141,7 +141,7 @@ class Compiling:
             self._job = None
 
     def next(self) -> Submission | None:
-        """The next submission that is compiled, or has an error; None when it needs a later period."""
+        """The next submission that is compiled or has an error; None if it needs another period."""
         if not self._waiting:
             return None
         submission = self._waiting[0]
@@ -152,7 +152,7 @@ class Compiling:
                 return None
             submission.program = self._job.result
         except CompileError as error:
-            submission.error = error.with_traceback(None)  # whose frames hold all that was found out
+            submission.error = error.with_traceback(None)  # its frames would keep all intermediate results alive
         except TreeError as error:
             submission.refusal = str(error)
         self._job = None
@@ -161,9 +161,9 @@ class Compiling:
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Without the garbage collector, which would go through every token and node of a large program, at once.
+    """Disable the garbage collector, which would traverse every token and node of a large program in one go.
 
-    Nothing of them is garbage before the program is compiled, and most of it is gone at once after that.
+    None of them is garbage before the program is compiled, and most of them are freed immediately afterwards.
     """
     global _resting
     _resting += 1
@@ -176,14 +176,14 @@ def uncollected() -> Iterator[None]:
             gc.enable()
 
 
-_resting = 0  # jobs on their way, of all controllers of this process
+_resting = 0  # jobs in progress, of all controllers of this process
 
 
 def _work(submission: Submission) -> Steps[CompiledProgram]:
     with uncollected():
         program = yield from _compile(submission)
     if len(program.global_names) > _MANY_VARIABLES:
-        yield len(program.global_names)  # a start gives each of them its place: not in the period of the collector
+        yield len(program.global_names)  # a start allocates each of them: not in the collector's period
     return program
 
 

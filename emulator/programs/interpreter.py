@@ -1,7 +1,7 @@
 """Interpreter mode: lines sent to a running program become part of it and are executed in the scope of a call.
 
-One interpreter serves all programs, one after the other. Each control period it interprets what
-it received, within the share of work that all compiling has; ``interpreter_mode()`` executes it.
+One interpreter serves all programs, one after the other. In each control period, it interprets
+received lines, within the work budget of all compiling; ``interpreter_mode()`` executes them.
 """
 
 import re
@@ -18,7 +18,7 @@ from urscript.interpreter import CompiledStatement, Locals, compile_statement
 from urscript.runtime import Runtime
 
 MOST_STATEMENTS: Final = 1000
-"""Lines interpreted since the last clear, and as many that wait. The vendor's helper clears after 500; a guess."""
+"""Maximum of interpreted lines between clears, and of waiting ones (guess; the vendor's helper clears after 500)."""
 
 CodeT = TypeVar("CodeT")
 Answer: TypeAlias = Callable[[str], None]
@@ -26,7 +26,7 @@ Answer: TypeAlias = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A line and whom to answer."""
+    """A received line and the recipient of its answer."""
 
     line: str
     answer: Answer
@@ -34,16 +34,16 @@ class Received:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Interpreted(Generic[CodeT]):
-    """A line that is part of the program."""
+    """A line that has become part of the program."""
 
     id: int
     line: str
     code: CodeT
-    holds: bool  # lines behind it wait until it has been executed
+    holds: bool  # later lines wait until it has been executed
 
 
 class StatementQueue(Generic[CodeT]):
-    """The lines of one program. Ids are 0 where there is none yet."""
+    """The lines of one program. Ids are 0 as long as there is none."""
 
     def __init__(self) -> None:
         self.last_interpreted = 0
@@ -62,16 +62,16 @@ class StatementQueue(Generic[CodeT]):
 
     @property
     def full(self) -> bool:
-        """True when no more lines should be interpreted before a clear."""
+        """Whether no more lines can be interpreted before a clear."""
         return len(self.kept) >= MOST_STATEMENTS
 
     @property
     def next_received(self) -> Received | None:
-        """The line to be interpreted next; None also while lines have to wait."""
+        """The line to interpret next; None if there is none, or while lines have to wait."""
         return self._waiting[0] if self._waiting and self._holder is None else None
 
     def receive(self, line: str, answer: Answer) -> None:
-        """Take a line in; answered at once when too many wait."""
+        """Queue a line; answer immediately if too many are waiting."""
         if len(self._waiting) >= MOST_STATEMENTS:
             answer(discard(Reason.TOO_MANY, line))
         else:
@@ -102,13 +102,13 @@ class StatementQueue(Generic[CodeT]):
         return self.executing
 
     def finish(self) -> None:
-        """The statement that was started is over."""
+        """The started statement is complete."""
         if self.executing is not None and self.executing is self._holder:
             self._holder = None
         self.executing = None
 
     def skip(self) -> None:
-        """Forget what is not being executed; what was interpreted stays part of the program."""
+        """Drop all lines not being executed; interpreted lines stay part of the program."""
         self._ready.clear()
         if self._holder is not self.executing:
             self._holder = None
@@ -120,7 +120,7 @@ class StatementQueue(Generic[CodeT]):
             self.refuse(reason)
 
     def clear(self) -> list[Interpreted[CodeT]]:
-        """Take what was interpreted, up to the statement being executed, out of the program; newest first."""
+        """Remove the interpreted lines, up to the statement being executed, and return them, newest first."""
         number = self.kept.index(self.executing) + 1 if self.executing in self.kept else len(self.kept)
         cleared, self.kept = self.kept[:number], self.kept[number:]
         if cleared:
@@ -128,12 +128,12 @@ class StatementQueue(Generic[CodeT]):
         return cleared[::-1]
 
     def end(self) -> None:
-        """Interpreter mode is over: what is interpreted will not be executed any more."""
+        """Interpreter mode is over: lines already interpreted are not executed any more."""
         self._ready.clear()
         self._holder = self.executing = None
 
 
-_NOTE_LENGTH: Final = 300  # of what clients sent, in the log
+_NOTE_LENGTH: Final = 300  # maximum length of clients' texts in the log
 _HOLDING: Final = frozenset(["clear_interpreter", "end_interpreter"])
 _ALWAYS_ACCEPTED: Final = re.compile(r"\s*(clear|end)_interpreter\s*\(\s*\)\s*")
 
@@ -158,7 +158,7 @@ class _Mode:
 
 
 class Interpreter:
-    """The lines of the interpreter port and the program they are for.
+    """Connects the lines of the interpreter port to the program that executes them.
 
     ``note`` writes to the log; ``abort`` ends a movement of the arm.
     """
@@ -169,33 +169,33 @@ class Interpreter:
         self._note = note
         self._abort = abort
         self._runtime: Runtime | None = None
-        self._functions: dict[str, FunctionPlan] = {}  # that can be called
+        self._functions: dict[str, FunctionPlan] = {}  # callable functions
         self._mode: _Mode | None = None
         self._job: Job[CompiledStatement] | None = None  # compiles the next line
         self._serial = 0
 
     @property
     def active(self) -> bool:
-        """True while the program is in interpreter_mode()."""
+        """Whether the program is in interpreter_mode()."""
         return self._mode is not None
 
     # the program
 
     def program_started(self, runtime: Runtime) -> None:
-        """Lines are for this program from now on; ids begin anew."""
+        """Direct lines to this program from now on; ids restart."""
         self.queue = StatementQueue()
         self._runtime = runtime
         self._functions = dict(runtime.program.functions)
 
     def program_ended(self) -> None:
-        """Answer everybody who still waits."""
+        """Answer all waiting clients."""
         self._runtime = self._mode = self._job = None
         self.queue.discard_received(Reason.INVALID_STATE)
 
     # the port
 
     def receive(self, line: str, answer: Answer) -> None:
-        """A line from a client. Commands are answered at once, statements once they are interpreted."""
+        """Process a line from a client. Commands are answered immediately, statements once they are interpreted."""
         command = InterpreterCommand.of(line)
         if self._runtime is None:
             answer(discard(Reason.INVALID_STATE, line))
@@ -220,12 +220,12 @@ class Interpreter:
                 return state(queue.last_cleared, line)
             case InterpreterCommand.STATE_UNEXECUTED:
                 return state(queue.unexecuted, line)
-        return ack(0, line)  # the manual: to be ignored; the vendor's helper wants a number
+        return ack(0, line)  # the manual says to ignore the number, but the vendor's helper requires one
 
     # once a control period
 
     def step(self) -> None:
-        """Interpret what was received, as far as this period's share of work goes."""
+        """Interpret received lines, as far as this period's work budget permits."""
         if self._mode is None:
             return
         while (received := self.queue.next_received) is not None:
@@ -235,7 +235,7 @@ class Interpreter:
                 return
 
     def _interpret(self, line: str, scope: Locals) -> bool:
-        """Go on with the next line; False when it needs another period."""
+        """Continue with the next line; returns False if it needs another period."""
         runtime = self._runtime
         assert runtime is not None, "interpreter mode is part of a program"
         if self._job is None:
@@ -265,7 +265,7 @@ class Interpreter:
         self._mode = _Mode(scope, clear_on_end)
 
     def execute(self) -> Generator[bool | None, None, None]:
-        """Execute statements as they come, until the mode ends."""
+        """Execute statements as they arrive, until the mode ends."""
         mode, runtime, queue = self._mode, self._runtime, self.queue
         assert mode is not None, "entered before"
         assert runtime is not None, "interpreter mode is part of a program"
@@ -294,7 +294,7 @@ class Interpreter:
             self.clear()
 
     def clear(self) -> None:
-        """Take what was interpreted out of the program, and end the threads it started."""
+        """Remove interpreted lines from the program, and end the threads they started."""
         runtime = self._runtime
         if runtime is None:
             return

@@ -1,4 +1,4 @@
-"""Program files the dashboard can load."""
+"""Loading and playing of program files."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
@@ -26,16 +26,16 @@ from urscript.polyscope.urpx import Urpx, UrpxError, read_urpx
 from urscript.polyscope.writer import ExternalControlCode
 from urscript.work import Steps
 
-MOST_PROGRAMS: Final = 2000  # guess: more are of no use to anybody who chooses one
-_AT_ONCE: Final = 20  # entries looked at in one control period; each may ask the file system
-_MOST_ENTRIES: Final = 50_000  # guess: then the folder is not a programs folder
+MOST_PROGRAMS: Final = 2000  # guess: a longer list is of no use for choosing a program
+_AT_ONCE: Final = 20  # entries checked per control period; each may access the file system
+_MOST_ENTRIES: Final = 50_000  # guess: a folder with more is not a programs folder
 _SUFFIXES: Final = (".urp", URPX, ".script")
 
 
 def program_files(root: Path) -> Generator[None, None, list[str]]:
-    """Paths of all programs below the folder, relative to it and sorted, as ``load`` takes them; links are left out.
+    """Paths of all programs in the folder, relative to it and sorted, as ``load`` accepts them; links are left out.
 
-    Yields once a control period. A ``.script`` beside a ``.urp`` of its name is that program's, and not listed.
+    Yields once a control period. A ``.script`` next to a ``.urp`` of the same name belongs to it and is not listed.
     """
     found = list[Path]()
     waiting, looked = [root], 0
@@ -58,20 +58,20 @@ def program_files(root: Path) -> Generator[None, None, list[str]]:
 def _entries(folder: Path) -> list[Path]:
     try:
         return list(folder.iterdir())
-    except OSError:  # taken away meanwhile, or not ours to read
+    except OSError:  # removed in the meantime, or not readable
         return []
 
 
 DEFAULT_URPX: Final = Path(__file__).with_name("polyscope_x") / "default.urpx"
-"""The program that is loaded when a robot with PolyScope X was switched on: one without nodes."""
+"""The program that a robot with PolyScope X loads when it is switched on: one without nodes."""
 
 DRIVER_PROGRAMS: Final = Path(__file__).with_name("urcap")
-"""A programs folder for robots that got none: its ``external_control.urp`` is an External Control node in a loop."""
+"""Programs folder for robots without one: its ``external_control.urp`` is an External Control node in a loop."""
 
 
 @dataclass(frozen=True, slots=True)
 class _PendingPlay:
-    """A program that waits for what a driver sends."""
+    """A program that waits for the code of a driver."""
 
     submission: Submission
     tree: ProgramTree
@@ -80,7 +80,7 @@ class _PendingPlay:
 
 
 class Player:
-    """What ``play`` starts. ``loaded``: the chosen program."""
+    """Prepares the program that ``play`` starts. ``loaded``: the chosen program."""
 
     def __init__(self, machine: Machine, services: ProgramServices) -> None:
         self.loaded: LoadedProgram | None = None
@@ -94,10 +94,10 @@ class Player:
         return None if self._pending is None else self._pending.submission
 
     def load_steps(self, path: Path, *, by_default: bool = False) -> Steps[None]:
-        """Choose a program, in pieces for a control loop. by_default: unless another one is chosen by then.
+        """Load a program, in pieces for a control loop. by_default: unless another one has been loaded by then.
 
         The installation that a program tree was saved with is loaded too, if it is in the programs
-        folder. Raises ProgramLoadError or OSError; then what was loaded remains.
+        folder. Raises ProgramLoadError or OSError; the program loaded before then remains.
         """
         machine = self._machine
         loaded = yield from load_steps(path, machine.config.programs_dir, machine.installation.file, machine.version)
@@ -110,13 +110,13 @@ class Player:
         self.loaded, self._played = loaded, None
 
     def made(self, program: CompiledProgram) -> bool:
-        """Whether this program is the loaded one, as it was last played."""
+        """Whether this program is the loaded one as last played."""
         return self._played is not None and self._played.program is program
 
     def submission(self, *, stepped: bool, start_at: int = 0) -> Submission | None:
-        """What to compile now, or ``waiting`` if its driver has to be asked first; None without a loaded program.
+        """The submission to compile, or ``waiting`` if a driver has to be asked first; None without a loaded program.
 
-        start_at: number of the node of the program tree at which it begins, 0 for all of it.
+        start_at: number of the node of the program tree at which to start, 0 for the whole program.
         """
         if self.loaded is None:
             return None
@@ -132,7 +132,7 @@ class Player:
         return submission
 
     def step(self) -> Submission | None:
-        """Once a control period: the submission whose driver has answered by now."""
+        """Advance one control period; returns the submission whose driver has answered."""
         pending = self._pending
         code = None if pending is None else pending.request.step()
         if pending is None or code is None:
@@ -145,7 +145,7 @@ class Player:
         return pending.submission
 
     def drop(self) -> bool:
-        """Wait for no driver any more; False when none was asked."""
+        """Stop waiting for a driver; returns False if none was asked."""
         pending, self._pending = self._pending, None
         if pending is None:
             return False
@@ -156,23 +156,23 @@ class Player:
     def _ask(self, tree: ProgramTree, submission: Submission, start_at: int) -> None:
         machine = self._machine
         address = machine.external_control.complete
-        machine.messages.note(f"External Control asks {address[0]}:{address[1]} for its program")
+        machine.messages.note(f"External Control requests its program from {address[0]}:{address[1]}")
         request = ProgramRequest(self._services.socket_backend, address, machine.period_s)
         self._pending = _PendingPlay(submission, tree, request, start_at)
 
 
 class ProgramLoadError(ValueError):
-    """The file cannot be run."""
+    """The program file cannot be loaded or run."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoadedProgram:
     """A program file.
 
-    ``tree``: the program tree of a ``.urp``, translated when it is played; without one ``script`` is played.
-    ``installation``: the installation it was saved with, None when that is not in the folder.
-    ``notes``: what the user should know. ``title``: its name where that is not the file's, as in PolyScope X.
-    ``outline``: its nodes, where it has some and no tree.
+    ``tree``: the program tree of a ``.urp``, translated when it is played; without one, ``script`` is played.
+    ``installation``: the installation it was saved with, None if that is not in the folder.
+    ``notes``: remarks for the user. ``title``: its name if that differs from the file's, as in PolyScope X.
+    ``outline``: its nodes, if it has nodes but no tree.
     """
 
     path: Path
@@ -185,7 +185,7 @@ class LoadedProgram:
 
     @property
     def name(self) -> str:
-        """What people call it: the file name without its extension, unless the file says another."""
+        """Displayed name: the file name without its extension, unless the file specifies another."""
         return self.title or self.path.stem
 
 
@@ -195,15 +195,15 @@ def load_steps(
     """Read a ``.script``, ``.urp`` or ``.urpx`` file, in pieces for a control loop.
 
     root: the programs folder. present: the installation in use. A program tree that cannot be
-    run, or whose translation does not compile, is replaced by the ``.script`` that PolyScope saves
-    beside each ``.urp``, and PolyScope X in each ``.urpx``, if that was saved with the program as it is now and
-    compiles; else ProgramLoadError says what is to blame. Also raises OSError.
+    run, or whose translation does not compile, is replaced by the script that PolyScope saves
+    next to each ``.urp``, and PolyScope X in each ``.urpx``, if that was saved with the program in its present form
+    and compiles; otherwise, ProgramLoadError gives the reason. Also raises OSError.
     """
     if path.suffix == ".script":
         return (yield from _script(path, _read(path)))
     wanted = URPX if version.is_polyscope_x else ".urp"
     if path.suffix != wanted:
-        raise ProgramLoadError(f"{path.name} is not a program: programs are {wanted} or .script files")
+        raise ProgramLoadError(f"{path.name} is not a program: use a {wanted} or .script file")
     if wanted == URPX:
         return (yield from _urpx(path, present, version))
     folder = ProgramsFolder(root or path.parent, path.parent)
@@ -220,7 +220,7 @@ def load_steps(
 def _saved_script(
     path: Path, tree: ProgramTree | None, error: Exception, version: PolyscopeVersion
 ) -> Steps[LoadedProgram]:
-    """The script beside a program tree, which cannot be run for a reason."""
+    """Load the script next to a program tree that cannot be run."""
     saved = path.with_suffix(".script")
     reason = f"{path.name} cannot be run: {error}"
     if not saved.is_file():
@@ -229,7 +229,7 @@ def _saved_script(
         raise ProgramLoadError(reason) from error
     if tree is not None and tree.changed_since_saved:
         raise ProgramLoadError(
-            f"{reason}. {saved.name} is not played instead, since it was not saved with the program as it is now: "
+            f"{reason}. {saved.name} is not played instead, because it was saved with another version of the program: "
             f"{tree.changed_since_saved}"
         ) from error
     script = _read(saved)
@@ -271,7 +271,7 @@ def _urpx(path: Path, present: InstallationFile, version: PolyscopeVersion) -> S
 
 
 def _saved_urpx(path: Path, program: Urpx, error: Exception, version: PolyscopeVersion) -> Steps[LoadedProgram]:
-    """The URScript in a program of PolyScope X, whose nodes cannot be run for a reason."""
+    """Load the URScript in a program of PolyScope X whose nodes cannot be run."""
     reason = f"{path.name} cannot be run: {error}"
     if program.changed_since_saved:
         raise ProgramLoadError(f"{reason}. Nothing is played instead: {program.changed_since_saved}") from error
@@ -285,15 +285,15 @@ def _saved_urpx(path: Path, program: Urpx, error: Exception, version: PolyscopeV
 
 
 def _script(path: Path, text: str) -> Steps[LoadedProgram]:
-    """The text as one program; `urscript.files` says how it is meant."""
+    """Load a text as one program; see `urscript.files`."""
     units = yield from split_steps(text)
     if (yield from is_inlined(units)):
         return LoadedProgram(path, inlined(path.stem, text))
     if len(units) < 2 or units[0].kind != "block":
         return LoadedProgram(path, text)
     if any(is_secondary(unit.text) for unit in units):
-        raise ProgramLoadError(f"{path.name} holds {len(units)} programs: send them to a script port, one at a time")
-    note = f"{path.name} holds {len(units)} programs: as one program they are functions that nothing calls"
+        raise ProgramLoadError(f"{path.name} contains {len(units)} programs: send them to a script port, one at a time")
+    note = f"{path.name} contains {len(units)} programs: as one program, they are functions that are never called"
     return LoadedProgram(path, inlined(path.stem, text), notes=[note])
 
 

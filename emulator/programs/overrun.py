@@ -1,4 +1,4 @@
-"""A program that computes on and on without moving the arm or waiting: what a controller says, and does."""
+"""Reactions of a controller to a program that computes endlessly without moving the arm or waiting."""
 
 from typing import Final
 
@@ -12,13 +12,13 @@ _LONG_S: Final = 1.0
 _TOO_LONG_S: Final = 10.0
 
 _TOO_BUSY: Final = "The program used too much time without moving the robot or waiting: add sync() or sleep()"
-"""Our words for the runtime error that CB3 controllers end such a program with."""
+"""Text of the runtime error with which CB3 controllers end such a program; the wording is the emulator's own."""
 
 
 def watch(main: Runtime, thread: ScriptThread, machine: Machine) -> None:
-    """A thread of the main program computes on and on: say so, then end the program (CB3) or stop the arm (e-Series).
+    """Report a thread that computes endlessly; later end the program (CB3) or stop the arm (e-Series).
 
-    Called in every period in which it went on; again after as long a time, if it was left to go on.
+    Called in every period in which it continues; repeats after the same time if the thread is allowed to continue.
     """
     if thread.parked_frames == round(_LONG_S / machine.period_s):
         argument, text = _describe(thread)

@@ -1,4 +1,4 @@
-"""A programs folder for a controller that was given none, once something is to be saved."""
+"""Creates a programs folder for a controller without one, once a file has to be saved."""
 
 import shutil
 import tempfile
@@ -9,12 +9,12 @@ from emulator.machine import Machine
 from emulator.programs.loading import DRIVER_PROGRAMS
 
 
-def have_programs_folder(machine: Machine) -> Path:
-    """The programs folder; one that the system may clear, where none was given: what is made here can be used."""
+def ensure_programs_folder(machine: Machine) -> Path:
+    """Return the programs folder. If none was given, create a temporary one, which the system may clear."""
     folder = machine.config.programs_dir
     if folder is None:
         folder = Path(tempfile.mkdtemp(prefix="ur-emulator-programs-"))
-        shutil.copytree(DRIVER_PROGRAMS, folder, dirs_exist_ok=True)  # what was there without one stays there
+        shutil.copytree(DRIVER_PROGRAMS, folder, dirs_exist_ok=True)  # these are available without a folder, too
         machine.config = replace(machine.config, programs_dir=folder)
-        machine.messages.note(f"there is no programs folder: files are saved to {folder}; see --programs")
+        machine.messages.note(f"there is no programs folder: files are saved to {folder}, see --programs")
     return folder

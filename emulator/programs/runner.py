@@ -1,13 +1,13 @@
-"""Running programs: one main program, secondary ones beside it (`emulator.builtins.host`), what is between two.
+"""Runs programs: one main program, secondary ones alongside it (`emulator.builtins.host`), and the change of programs.
 
-A new main program ends the running one. The old one's sockets close at once and the next
-program starts some control periods later: a driver that handles its listening socket before
-its connected ones would otherwise take the new connection for a second client. The last
-program submitted in that gap wins.
+A new main program ends the running one. The old one's sockets are closed immediately, and the
+next program starts some control periods later: otherwise, a driver that handles its listening
+socket before its connected ones would take the new connection for a second client. If several
+programs are submitted in that gap, the last one runs.
 
-A program that does not compile changes nothing: the running one goes on. A long one is
+A program that does not compile changes nothing: the running one continues. A long one is
 compiled over several periods (`emulator.programs.compiling`), during which the running one
-goes on too; whatever stops the main program then also drops the one being compiled.
+continues too; any stop of the main program then also drops the one being compiled.
 """
 
 from collections.abc import Mapping
@@ -36,9 +36,9 @@ from urscript.runtime import Runtime
 from urscript.values import Value
 from urscript.work import Steps, run_to_end
 
-_SOCKET_GAP_S: Final = 0.012  # between closing sockets and the next program; the official driver needs more than 0.2 ms
-# How long RESUMING lasts. Which controller takes how long is not public; drivers that act on it get ten states a second
-# at the slowest, and must see it (guess).
+_SOCKET_GAP_S: Final = 0.012  # from closing sockets to the next program; the official driver needs more than 0.2 ms
+# Duration of RESUMING. The durations of controllers are not public; drivers that react to the state receive it at
+# least ten times a second, and must see it (guess).
 _RESUMING_S: Final = 0.1
 _PAUSED: Final = (RuntimeState.PAUSING, RuntimeState.PAUSED)
 _RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
@@ -49,7 +49,7 @@ _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, Sa
 
 
 class ProgramView:
-    """``number`` counts the programs that were started, so that two runs of one program differ."""
+    """A view of a main program. ``number`` counts started programs, so that two runs of one program differ."""
 
     def __init__(self, number: int, runtime: Runtime) -> None:
         self.number = number
@@ -57,7 +57,7 @@ class ProgramView:
 
     @property
     def program(self) -> CompiledProgram:
-        """What runs, or ran."""
+        """The program that runs, or ran."""
         return self._runtime.program
 
     @property
@@ -71,28 +71,28 @@ class ProgramView:
         return self._runtime.program.global_names
 
     def values(self, start: int, stop: int) -> list[Value]:
-        """Values of some of the variables, in the order of the names; None without a value."""
+        """Values of a range of variables, in the order of the names; None for those without a value."""
         return self._runtime.values(start, stop)
 
     @property
     def labelled(self) -> bool:
-        """True when the program has labels at all."""
+        """Whether the program has any labels."""
         return bool(self._runtime.program.labels)
 
     @property
     def threads(self) -> tuple[ProgramThread, ...]:
-        """Where each thread stands; number 0 and no text before its first label."""
+        """Present label of each thread; number 0 and no text before its first label."""
         return tuple(
             ProgramThread(*(thread.label or (0, "")), thread.name.removeprefix("t_"))
             for thread in self._runtime.threads
         )
 
 
-_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title seen on a real controller
+_EXCEPTION: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"  # title observed on a real controller
 
 
 class SecondaryPrograms:
-    """waiting: for the next control period."""
+    """Runs ``sec`` programs. waiting: programs for the next control period."""
 
     def __init__(self, machine: Machine, services: ProgramServices) -> None:
         self._machine = machine
@@ -104,7 +104,7 @@ class SecondaryPrograms:
         self.waiting.append(program)
 
     def run(self, main: "ProgramHost | None") -> None:
-        """All that wait; ``main``: the host of the main program that runs."""
+        """Run all waiting programs; ``main``: host of the running main program."""
         if not self.waiting:
             return
         programs, self.waiting = self.waiting, []
@@ -118,30 +118,30 @@ class SecondaryPrograms:
         runtime = Runtime(program, host)
         host.attach(runtime)
         runtime.step()
-        if (wrong := _what_went_wrong(runtime, program)) is not None:
-            self._machine.messages.key(_EXCEPTION, wrong)
+        if (problem := _problem(runtime, program)) is not None:
+            self._machine.messages.key(_EXCEPTION, problem)
         runtime.stop()
         host.withdraw_dialogues()
         if main is None:
             host.sockets.close_all()
 
 
-def _what_went_wrong(runtime: Runtime, program: CompiledProgram) -> str | None:
+def _problem(runtime: Runtime, program: CompiledProgram) -> str | None:
     if runtime.error is not None:
         return runtime.error.message
     return None if runtime.finished else f"{program.name} takes physical time: Runtime is too much behind"
 
 
 class Programs:
-    """The interpreter's side of the machine.
+    """All programs of one controller.
 
     ``state``: the main program's run state. ``view``: the main program that runs or ran last.
-    ``socket_backend``: where script sockets come from. ``step_hook``: asked before each
-    statement of programs submitted while it is set; a thread for which it says True waits a
-    period and asks again. ``breakpoints``: nodes at which the main program is paused.
+    ``socket_backend``: opens the sockets of scripts. ``step_hook``: called before each statement
+    of programs submitted while it is set; a thread for which it returns True waits a period and
+    is checked again. ``breakpoints``: nodes at which the main program is paused.
     ``interpreter``: lines for the main program. ``history``, ``flags``, ``outputs``, ``modbus``
-    and ``loaded`` outlive a program. ``start_held``, ``frames_held``: faults keep programs from
-    starting, or from going on.
+    and ``loaded`` outlive a program. ``start_held``, ``frames_held``: faults prevent programs
+    from starting, or from continuing.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -160,7 +160,7 @@ class Programs:
         self.pause_codes: set[tuple[int, int | None]] = set()  # pause_on_error_code: code and argument, None for any
         self.high_holding_torque = True
         self.jerk_gain_scaling = 1.0
-        self.motion_version = 1  # guess: what motion_version_get() says before it was set
+        self.motion_version = 1  # guess: the value of motion_version_get() before it is set
         self._share = WorkShare(machine.period_s)
         self._compiling = Compiling(self._share)
         self.interpreter = Interpreter(self._share, self._note, machine.motion.commands.abort)
@@ -173,18 +173,18 @@ class Programs:
         self._not_before = 0  # step from which the next program may start
         self._resumed = 0  # step from which a program that is RESUMING plays
 
-    # what is running
+    # state
 
     @property
     def name(self) -> str:
-        """Name of the program that runs, else of the loaded file, else empty."""
+        """Name of the running program, else of the loaded file, else empty."""
         if self._host is not None:
             return self._host.name
         return self.loaded.path.name if self.loaded else ""
 
     @property
     def loaded(self) -> LoadedProgram | None:
-        """What ``play`` starts."""
+        """The program that ``play`` starts."""
         return self._player.loaded
 
     @property
@@ -199,13 +199,13 @@ class Programs:
 
     @property
     def busy(self) -> bool:
-        """True while a program runs, is paused, waits or is compiled."""
+        """Whether a program is running, paused, waiting or being compiled."""
         waiting = bool(self._next or self._secondary.waiting or self._compiling.waiting)
         return waiting or self.state is not RuntimeState.STOPPED
 
     @property
     def line(self) -> int:
-        """Line of the main program that executes, 0 without one."""
+        """Line of the main program being executed, 0 without a program."""
         return self._main.line if self._main else 0
 
     @property
@@ -219,19 +219,19 @@ class Programs:
         return self.view.program.source if self.view else None
 
     def pauses_on(self, code: int, argument: int) -> bool:
-        """Whether a program plays that wants to be paused where this error would stop the arm."""
+        """Whether the playing program is to be paused instead when this error would stop the arm."""
         if not self.pause_codes or self.state is not RuntimeState.PLAYING:
             return False
         return not self.pause_codes.isdisjoint(((code, None), (code, argument)))
 
-    # what clients ask for
+    # requests of clients
 
     def submit(self, text: str) -> Submission:
-        """Run a text: a ``sec`` program beside the main one, anything else in its place.
+        """Run a text: a ``sec`` program alongside the main one, any other program in its place.
 
-        Decided at once when it is short or was compiled before, else some periods later, and
-        in the order of submission. Not accepted when it does not compile, or when the arm is
-        not ready for a main program, which a message explains, or when a stop came before.
+        The decision is immediate if the text is short or was compiled before, otherwise it takes
+        some periods, in the order of submission. A text is not accepted if it does not compile, if
+        the arm is not ready for a main program (a message gives the reason), or after a stop.
         """
         return self._compile(Submission(text, self._machine.version, self.step_hook is not None))
 
@@ -242,13 +242,13 @@ class Programs:
         return submission
 
     def load_file(self, path: Path) -> None:
-        """`load_steps` at once."""
+        """Load a program without interruption; see `load_steps`."""
         run_to_end(self.load_steps(path))
 
     def load_steps(self, path: Path) -> Steps[None]:
-        """Choose the program that ``play`` starts and end the running one, in pieces for a control loop.
+        """Load the program that ``play`` starts and end the running one, in pieces for a control loop.
 
-        Raises ProgramLoadError or OSError; then what was loaded remains.
+        Raises ProgramLoadError or OSError; the program loaded before then remains.
         """
         before = self.loaded
         yield from self._player.load_steps(path)
@@ -257,13 +257,13 @@ class Programs:
         self.stop("another program was loaded")
 
     def load_default_steps(self, path: Path) -> Steps[None]:
-        """As `load_steps`, for a controller that boots: what clients chose or started meanwhile stays."""
+        """Like `load_steps`, for a booting controller: a program that clients have loaded or started already stays."""
         return self._player.load_steps(path, by_default=True)
 
     def play(self, start_at: int = 0) -> Submission:
-        """Resume the paused program or start the loaded one; not accepted when neither is possible.
+        """Resume the paused program or start the loaded one; not accepted if neither is possible.
 
-        start_at: number of the node at which a program tree begins, 0 for all of it.
+        start_at: number of the node at which a program tree starts, 0 for the whole program.
         """
         if self.state in (RuntimeState.PAUSED, RuntimeState.PAUSING):
             return self._answer(self.resume())
@@ -278,11 +278,11 @@ class Programs:
         return submission if submission is self._player.waiting else self._compile(submission)
 
     def _answer(self, accepted: bool) -> Submission:
-        """For what needs no compiling."""
+        """A decided submission without a text, for requests that need no compiling."""
         return Submission("", self._machine.version, accepted=accepted)
 
     def pause(self, reason: str = "") -> bool:
-        """Let the arm come to rest on its path and hold the program; False when none runs."""
+        """Bring the arm to rest on its path and hold the program; returns False if none runs."""
         if not self._event(RunEvent.PAUSE):
             return False
         self._machine.motion.pause()
@@ -291,7 +291,7 @@ class Programs:
         return True
 
     def resume(self) -> bool:
-        """Go on after a pause; False when the program is not paused or the arm may not move."""
+        """Continue after a pause; returns False if the program is not paused or the arm may not move."""
         if not self._machine.may_play or not self._event(RunEvent.RESUME):
             return False
         if self._host is None or self._host.waiting_for is None:
@@ -301,7 +301,7 @@ class Programs:
         return True
 
     def stop(self, reason: str = "") -> bool:
-        """End the main program, paused or not, and those about to start; False when there is none."""
+        """End the main program, paused or not, and those about to start; returns False if there is none."""
         withdrawn = self._player.drop()
         dropped = self._compiling.drop_main()
         return self._stop_main(reason) or dropped or withdrawn
@@ -315,7 +315,7 @@ class Programs:
         return True
 
     def abandon(self) -> None:
-        """Be without a program, however broken the running one is: for the guard under the tick."""
+        """Discard all programs, even if the running one is in an inconsistent state; used by the guard."""
         main, host = self._main, self._host
         self._ended, self._main, self._host, self._next = self.name, None, None, None
         self.state, self._not_before = RuntimeState.STOPPED, 0
@@ -337,29 +337,29 @@ class Programs:
     def step(self) -> None:
         """Run every program for one control period."""
         machine = self._machine
-        # What programs ask about comes first: the state that the last period ended with, and answers of Modbus units.
+        # Data that programs query comes first: the state at the end of the last period, and answers of Modbus units.
         self.history.record(machine.arm.measured_q, machine.arm.tcp_force)
         self.modbus.step(machine.step_count)
         # A watchdog stops the old program, never one that starts in this period.
         self._feed_watchdogs()
-        # Ends before beginnings: what is accepted ends the running program, which has settled when the arm rests, and
-        # only then may the next one start. So a program that replaces another at rest starts in the very period.
+        # Ends before starts: an accepted program ends the running one, which has settled when the arm is at rest; only
+        # then can the next one start. A program that replaces another at rest therefore starts in the same period.
         if (answered := self._player.step()) is not None:
             self._compiling.add(answered)
         self._decide()
-        # Interpreted lines get what is left of the share; the next one is for the texts that come before the next step.
+        # Interpreted lines use the rest of the work budget; the next one is for texts that arrive before the next step.
         self.interpreter.step()
         self._share.new_period()
         self._settle()
         self._start_next()
-        # Secondary programs before the main one, which finds in the same period what they have set.
+        # Secondary programs run before the main one, which sees their changes in the same period.
         self._secondary.run(self._host)
         if self.state is RuntimeState.PLAYING:
             self._run_main()
 
     @property
     def paused(self) -> bool:
-        """The main program is being paused, or is."""
+        """Whether the main program is paused or being paused."""
         return self.state in _PAUSED
 
     def publish(self, snapshot: Snapshot) -> None:
@@ -382,7 +382,7 @@ class Programs:
                 self._stop_main(reason)
 
     def _settle(self) -> None:
-        """Complete a transition once the arm allows it."""
+        """Complete a transition once the arm permits it."""
         motion = self._machine.motion
         if self.state is RuntimeState.RESUMING:
             if self._machine.step_count >= self._resumed:
@@ -402,12 +402,12 @@ class Programs:
             return
         self._next = None
         self._machine.freedrive_inputs.release()
-        if not self._machine.may_play:  # a stop came in the gap
+        if not self._machine.may_play:  # a stop happened in the gap
             self._refuse(program)
             return
         if self._machine.motion.paused:  # a protective stop without a program
             self._machine.motion.resume()
-        if self._machine.version.series is Series.E:  # vendor's word; PolyScope's scripts do not ask for it
+        if self._machine.version.series is Series.E:  # statement of the vendor; PolyScope's scripts do not call it
             self._machine.arm.zero_force()
         self._host = ProgramHost(self._machine, self, name=program.name)
         self._main = Runtime(program, self._host)
@@ -439,7 +439,7 @@ class Programs:
             self._end()
 
     def _suspended(self, host: ProgramHost) -> bool:
-        """True while a blocking popup holds the program; the arm waits on its path."""
+        """Whether a blocking popup holds the program; the arm waits on its path."""
         popup = host.waiting_for
         if popup is None:
             return False
@@ -449,10 +449,10 @@ class Programs:
         self._machine.motion.resume()
         return False
 
-    # beginnings and ends
+    # starting and ending programs
 
     def _decide(self) -> None:
-        """Start, refuse or set aside what is compiled by now."""
+        """Start, refuse or queue the submissions that are compiled by now."""
         while (submission := self._compiling.next()) is not None:
             program = self._compiled(submission)
             submission.accepted = program is not None and self._accept(program)
@@ -491,7 +491,7 @@ class Programs:
         return True
 
     def _end(self) -> None:
-        """Leave nothing of the main program behind."""
+        """Clean up everything of the main program."""
         machine, main, host = self._machine, self._main, self._host
         assert main is not None
         assert host is not None
@@ -511,7 +511,7 @@ class Programs:
         self._ended, self._main, self._host = host.name, None, None
 
     def _event(self, event: RunEvent) -> bool:
-        """Follow the run-state table; False when the event changes nothing."""
+        """Apply an event to the run-state table; returns False if it changes nothing."""
         state = next_run_state(self.state, event)
         if state is self.state:
             return False

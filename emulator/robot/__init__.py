@@ -1,1 +1,1 @@
-"""The arm with what is mounted on it and stands around it."""
+"""The arm, its drives and sensors, its installation, and the world model."""

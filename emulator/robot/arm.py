@@ -1,15 +1,15 @@
-"""The arm: where it is, and what it feels.
+"""The arm: its position and motion, torques, currents and forces.
 
-The motion generator tells targets; what the drives make of them is the one difference between two kinds of arm. An
-ideal arm is where it is told to be, exactly, without friction or noise, as a simulated controller's: nothing is
-recomputed while neither motion nor loads change, so everything is bit-stable at rest. A dynamic arm (``drives``) is
-moved by torques and follows as well as its servo loops can.
+The motion generator provides targets; the two kinds of arm differ in how they follow them. An ideal arm is exactly at
+its target, without friction or noise, like that of a simulated controller. Nothing is recomputed while neither motion
+nor loads change, so everything is bit-stable at rest. A dynamic arm (``drives``) is moved by torques and follows as
+well as its servo loops can.
 
-Everything else is the same for both: torques come from the rigid-body model with the payload the program told, currents
-from the torques by one constant a joint, and the TCP force is the external wrench, and the weight of what the program
-does not know of. A dynamic arm's controller adds what a real one adds: the inertia of the rotors to ``target_moment``,
-and its model of friction to ``target_current``. Its constants and its noise are a real arm's too
-(``urproto.robots.measured``).
+Everything else is the same for both. Torques are calculated by the rigid-body model with the payload set by the
+program, currents from the torques by one constant per joint. The TCP force is the external wrench plus the weight of
+any payload that the program does not know. A dynamic arm's controller also adds what a real one adds: the inertia of
+the rotors to ``target_moment``, and its friction model to ``target_current``. Its constants and noise are those of a
+real arm, too (``urproto.robots.measured``).
 """
 
 import math
@@ -61,7 +61,7 @@ class ToolState:
         self.elbow_velocity: Vector3 = ZERO3
 
     def update(self, q: Vector6, qd: Vector6, tcp_offset: Pose, period_s: float, *, started: bool) -> None:
-        """One period later. ``started``: nothing was known before."""
+        """Advance one period. ``started``: no earlier state is known."""
         (x, y, z), self.flange_axes = self._kinematics.flange_axes(q)
         self.flange_pose = flange = (x, y, z, *matrix_to_rotvec(self.flange_axes))
         self.pose = flange if tcp_offset == ZERO6 else pose_trans(flange, tcp_offset)
@@ -79,9 +79,9 @@ class ToolState:
 
 
 CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collision detection (guess)
-_MOST_PUSH: Final = 3.0  # times a joint's torque limit: more from outside would break it (guess)
-_LOST_RAD_S: Final = 1e4  # no body moves like that, unless its payload has an inertia that none can have
-_STANDING_RAD_S: Final = 0.005  # slower than this is as good as standing (guess)
+_MOST_PUSH: Final = 3.0  # times a joint's torque limit: a larger external torque would break it (guess)
+_LOST_RAD_S: Final = 1e4  # a body reaches this speed only if its payload has an impossible inertia
+_STANDING_RAD_S: Final = 0.005  # a slower arm counts as at rest (guess)
 
 _Motion = tuple[Vector6, Vector6, Vector6]
 
@@ -90,14 +90,14 @@ class Arm:
     """State of the arm after the latest ``update``; ``publish`` writes it to a snapshot.
 
     Torques [Nm], currents [A]; poses, speeds and wrenches in the base frame at the TCP. ``seed``: of a dynamic arm's
-    noise; None for an ideal arm. q, qd, qdd, tcp_* are the actual ones; measured_* are what the controller tells of
-    them, late and with noise while a dynamic arm moves.
+    noise; None for an ideal arm. q, qd, qdd, tcp_* are the actual values; measured_* are the values the controller
+    reports, with delay and noise while a dynamic arm moves.
     """
 
     def __init__(self, model: RobotModel, *, seed: int | None = None) -> None:
         from urproto.robots.dynamics import (
             Dynamics,
-        )  # Pinocchio: who has no arm, as a checker of scripts, need not wait
+        )  # Pinocchio is slow to import: programs without an arm, such as the script checker, need not wait for it
 
         self.model = model
         self.kinematics = kinematics_of(model)
@@ -121,28 +121,28 @@ class Arm:
         self.tcp_offset: Pose = ZERO6
         self._tool = ToolState(self.kinematics)
         self._target_tool = self._tool if self.drives is None else ToolState(self.kinematics)
-        self.mounted: Payload | None = None  # what really hangs on the flange; None: what the program says
+        self.mounted: Payload | None = None  # true payload on the flange; None: the one set by the program
         self.wrench: Vector6 = ZERO6  # external, before zeroing
         self.tcp_force: Vector6 = ZERO6
-        self.measured_force: Vector6 = ZERO6  # as the controller gives it out: about the flange on e-Series
+        self.measured_force: Vector6 = ZERO6  # as the controller reports it: about the flange on e-Series
         self.sensor_in_flange = model.series is Series.E  # else the wrench is known at the TCP
         self.ft_raw_wrench: Vector6 = ZERO6
         self.tool_acceleration: Vector3 = ZERO3
         self.momentum = 0.0
-        self.collision_ratio = 0.0  # largest share of its window by which a joint current is not the target's, to 1
-        self.link_torque: Vector6 = ZERO6  # what the world does to the joints by touching links; set before ``update``
-        self.base_wrench_wanted = False  # target_base_wrench costs; few versions have it
+        self.collision_ratio = 0.0  # largest deviation of a joint current, as a fraction of its window, up to 1
+        self.link_torque: Vector6 = ZERO6  # joint torques from contacts of the links; set before ``update``
+        self.base_wrench_wanted = False  # target_base_wrench takes time to calculate, and few versions have it
         self.base_wrench: Vector6 = ZERO6
         self.target_torque: Vector6 = ZERO6
         self.actual_torque: Vector6 = ZERO6
-        self.own_torque: Vector6 = ZERO6  # what moving and holding the arm itself takes, as far as the controller knows
+        self.own_torque: Vector6 = ZERO6  # torque to move and hold the arm itself, as expected by the controller
         self.target_current: Vector6 = ZERO6
         self.actual_current: Vector6 = ZERO6
-        self.control_output: Vector6 = ZERO6  # currents that the drives ask for
+        self.control_output: Vector6 = ZERO6  # currents that the drives demand
         self.friction_W: Vector6 = ZERO6  # heat of friction in the joints
         self._link_torque: Vector6 = ZERO6
         self._force_bias: Vector6 = ZERO6
-        self._misjudged: Vector6 = ZERO6  # weight of the true payload beyond the known one's, as a wrench
+        self._misjudged: Vector6 = ZERO6  # weight of the true payload minus that of the known one, as a wrench
         self._payload: Payload | None = None
         self._mounted: Payload | None = None
         self._gravity: Vector3 | None = None
@@ -186,42 +186,42 @@ class Arm:
 
     @property
     def known(self) -> bool:
-        """It has been somewhere: not before the first ``update``."""
+        """Whether the arm's position is known: not before the first ``update``."""
         return self._known
 
     @property
     def felt_gravity(self) -> Vector3:
-        """Gravity and the base's acceleration together, base frame, as set_gravity has it [m/s2]."""
+        """Gravity plus the base's acceleration, base frame, with the sign of set_gravity [m/s2]."""
         return self._felt
 
     @property
     def following_error(self) -> Vector6:
-        """How far each joint is behind its target [rad]; zero on an ideal arm."""
+        """Lag of each joint behind its target [rad]; zero on an ideal arm."""
         return ZERO6 if self.drives is None else sub(self.target_q, self.q)
 
     @property
     def standing(self) -> bool:
-        """The arm itself stands, or all but, whatever its targets do."""
+        """Whether the arm itself is (almost) at rest, whatever its targets do."""
         speed = self.qd if self.drives is None else self.drives.body.qd
         return max(map(abs, speed)) < _STANDING_RAD_S
 
     @property
     def misjudged_torque(self) -> Vector6:
-        """Joint torques [Nm] beyond what the controller expected: what the outside, or a wrong payload, causes."""
+        """Joint torques [Nm] beyond those the controller expects: from external forces, or a wrong payload."""
         return sub(self.actual_torque, self.own_torque)
 
     def zero_force(self) -> None:
-        """What zero_ftsensor() does: the present external wrench counts as none from now on."""
+        """zero_ftsensor(): from now on, the present external wrench counts as zero."""
         self._force_bias = add(self.wrench, self._misjudged) if self._mounted is not None else self.wrench
         self._force_zeroed = True
 
     def torque_response(
         self, command: TorqueCommand, q: Vector6, qd: Vector6, period_s: float
     ) -> tuple[Vector6, Vector6]:
-        """Where direct torque takes the joints in a period, and how fast they then are.
+        """Position and speed of the joints after a period of direct torque.
 
-        A dynamic arm answers by what it does: where it is now, one period on. An ideal one comes to rest and stands:
-        the vendor's simulated arm does not move to torques either (comment in the official library's example).
+        A dynamic arm returns its actual state, extrapolated by a period. An ideal one comes to rest: the vendor's
+        simulated arm does not react to torques either (comment in the official library's example).
         """
         if self.drives is not None:
             body = self.drives.body
@@ -242,10 +242,10 @@ class Arm:
         driven: bool,
         torque: TorqueCommand | None = None,
     ) -> bool:
-        """Take over one period's targets (q, qd, qdd) and loads; True when anything changed.
+        """Apply one period's targets (q, qd, qdd) and loads; returns True if anything changed.
 
         ``wrench``: external, base frame, at the TCP. ``driven``: the motors hold the arm;
-        otherwise the brakes do and no current flows. ``torque``: of a program that commands torques.
+        otherwise the brakes do, and no current flows. ``torque``: of a program that commands torques.
         """
         loads_changed = self._take_loads(installation)
         news = self._moved(motion, installation.tcp, wrench, driven) or loads_changed
@@ -269,7 +269,7 @@ class Arm:
         return True
 
     def recover(self, q: Vector6) -> None:
-        """Stand at q without power, whatever was computed before: the next ``update`` begins anew."""
+        """Reset to standing at q without power; the next ``update`` starts without history."""
         self.target_q = self.q = self.measured_q = q
         self.target_qd = self.target_qdd = self.qd = self.qdd = self.measured_qd = ZERO6
         self.wrench = self.link_torque = self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
@@ -282,7 +282,7 @@ class Arm:
             self.drives.place(q)
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write what ``update`` found to a snapshot."""
+        """Write the results of ``update`` to a snapshot."""
         actual, target = self._tool, self._target_tool
         snapshot.target_q, snapshot.actual_q = self.target_q, self.measured_q
         snapshot.target_qd, snapshot.actual_qd = self.target_qd, self.measured_qd
@@ -344,11 +344,11 @@ class Arm:
 
     @property
     def _restless(self) -> bool:
-        """Something may change by itself: a dynamic arm with power, or one that the brakes have not stopped yet."""
+        """Whether the state may change on its own: a dynamic arm with power, or not yet stopped by its brakes."""
         return self.drives is not None and (self._driven or not self.drives.body.standing)
 
     def _drive(self, drives: Drives, torque: TorqueCommand | None, period_s: float, *, started: bool) -> None:
-        """What the drives make of this period's target."""
+        """Let the drives follow this period's target."""
         if started:
             drives.place(self.target_q)
         body = drives.body
@@ -371,7 +371,7 @@ class Arm:
         self.friction_W = ZERO6 if body.standing else body.friction_power
 
     def _measure(self) -> None:
-        """What the controller tells of angles and speeds, and of the TCP by them."""
+        """Update the reported angles and speeds, and the TCP pose and speed calculated from them."""
         if self.drives is None or self.qd == ZERO6:
             self.measured_q, self.measured_qd = self.q, self.qd
             self.measured_tcp_pose, self.measured_tcp_speed = self.tcp_pose, self.tcp_speed
@@ -383,20 +383,20 @@ class Arm:
         self.measured_tcp_speed = self.kinematics.twist_at(q, qd, pose)
 
     def _pressed(self, wrench: Vector6) -> Vector6:
-        """Joint torques that a wrench at the TCP exerts on the arm where it was last seen."""
+        """Joint torques of a wrench at the TCP, in the arm's last known configuration."""
         if wrench == ZERO6:
             return ZERO6
         return times6(tuple(zip(*self.kinematics.jacobian_at(self.q, self.tcp_pose), strict=True)), wrench)
 
     def _bearable(self, torque: Vector6) -> Vector6:
-        """Within what a body of rigid links can be asked to take without leaving all bounds."""
+        """Limit an external torque so that the simulated body stays within reasonable bounds."""
         if not math.isfinite(sum(torque)):
             return ZERO6
         excess = max(abs(value) / most for value, most in zip(torque, self.model.torque_max, strict=True))
         return torque if excess <= _MOST_PUSH else _onwards(ZERO6, torque, _MOST_PUSH / excess)
 
     def _update_sensors(self, installation: Installation) -> None:
-        """Force/torque sensor and accelerometer; both sit in the flange and share its axes."""
+        """Update force/torque sensor and accelerometer; both are in the flange and share its axes."""
         payload, gravity = self._mounted or installation.payload, self._felt
         axes = self._tool.flange_axes
         self.tool_acceleration = rotate_back(axes, add3(self.tcp_acceleration, gravity))
@@ -422,7 +422,7 @@ class Arm:
         self.ft_raw_wrench = (*add3(force, weight), *torque)
 
     def _beyond(self, axes: tuple[float, ...], mounted: Payload, known: Payload) -> Vector6:
-        """The weight that one payload has more than another, as a wrench at the TCP in base axes."""
+        """Difference of the weights of two payloads, as a wrench at the TCP in base axes."""
         true, assumed = _weight(axes, mounted, self._felt), _weight(axes, known, self._felt)
         lever = rotate_back(axes, sub3(self.flange_pose, self.tcp_pose))
         force = sub3(true, assumed)
@@ -430,7 +430,7 @@ class Arm:
         return (*rotate(axes, force), *rotate(axes, torque))
 
     def _at_flange(self, wrench: Vector6) -> Vector6:
-        """A wrench at the TCP about the flange, base axes."""
+        """Convert a wrench at the TCP to one about the flange, base axes."""
         if self.tcp_offset == ZERO6:
             return wrench
         torque = add3(wrench[3:], cross(sub3(self.tcp_pose, self.flange_pose), wrench))
@@ -451,7 +451,7 @@ class Arm:
             self.target_current = self.actual_current = self.control_output = ZERO6
 
     def _ideal_currents(self) -> None:
-        """The motors hold what the model says, and what the outside adds."""
+        """Currents and torques of an ideal arm: those of the model plus external loads."""
         self.own_torque, self.momentum = self.dynamics.torques_and_momentum(self.q, self.qd, self.qdd)
         self.target_torque = self.actual_torque = self.own_torque
         self.target_current = self.actual_current = self._currents(self.target_torque)
@@ -463,12 +463,12 @@ class Arm:
         self.control_output = self.actual_current
 
     def _measured_currents(self, drives: Drives) -> None:
-        """The motors' torques in the last period, as the current sensors tell them."""
+        """Currents and torques of a dynamic arm in the last period, as measured by its current sensors."""
         self.own_torque = drives.feedforward
         self.target_current = self._currents(add(self.target_torque, self._known_friction(self.target_qd)))
         motors = self._currents(add(drives.torque, self._static_friction.torque(drives.body.qd)))
         self.actual_current = self._sensors.currents(motors, drives.body.qd)
-        # Measured at rest: a UR10's follows its actual currents, those of two e-Series arms are the target currents
+        # Measured at rest: on a UR10 it follows the actual currents, on two e-Series arms it equals the target currents
         self.control_output = motors if self.model.series is Series.CB3 else self._currents(drives.torque)
         a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)
         self.actual_torque = (a, b, c, d, e, f)
@@ -508,6 +508,6 @@ def _onwards(start: Vector6, rate: Vector6, time_s: float) -> Vector6:
 
 
 def _within(values: Vector6, most: Vector6) -> Vector6:
-    """All scaled down alike until none is beyond its limit."""
+    """Scale all values by the same factor so that none exceeds its limit."""
     excess = max(abs(value) / limit for value, limit in zip(values, most, strict=True))
     return values if excess <= 1.0 else _onwards(ZERO6, values, 1.0 / excess)

@@ -1,8 +1,8 @@
-"""The arm as a body: torques in, motion out, in steps much shorter than a control period.
+"""The arm as a rigid-body system: torques in, motion out, in steps much shorter than a control period.
 
-Friction is Coulomb and viscous. Coulomb friction rises over a narrow band of speeds instead of jumping at zero, as
-wide as an explicit step needs: so a loaded joint without brake creeps, by less than a degree or so a second. The
-brakes slow each joint by its friction disc until all are slow; then the arm is locked.
+Friction is Coulomb and viscous. Coulomb friction rises over a narrow band of speeds instead of jumping at zero; the
+band is as wide as explicit integration requires. A loaded joint without brake therefore creeps, by less than a degree
+or so per second. The brakes slow each joint by its friction disc until all are slow; then the arm is locked.
 """
 
 from collections.abc import Sequence
@@ -12,25 +12,25 @@ from urproto.robots import RobotModel
 from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, Vector6, as_six
 
-STEP_S: Final = 0.001  # every arm's stays well inside the limit of explicit steps
-_BAND: Final = 2.0  # of Coulomb friction, in steps that it takes to stop a rotor
+STEP_S: Final = 0.001  # well within the stability limit of explicit integration for every arm
+_BAND: Final = 2.0  # width for Coulomb friction, in steps that it takes to stop a rotor
 _NARROWEST: Final = 1e-6  # rad/s; a joint may have no Coulomb friction
-# Of the torque limit, of a brake. Fits what the user manuals of UR5 and UR3 say of category 0 stops from 183 degrees/s,
-# stretched out with full payload (appendix A), base, shoulder and elbow: UR5 0.31, 0.70, 0.22 rad, here 0.30, 0.65,
-# 0.12; UR3 0.18, 0.20, 0.15 rad, here 0.17, 0.34, 0.11
+# Torque of a brake as a fraction of the joint's torque limit. Fitted to the user manuals of UR5 and UR3, category 0
+# stops from 183 degrees/s, stretched out with full payload (appendix A); base, shoulder and elbow: UR5 0.31, 0.70,
+# 0.22 rad, here 0.30, 0.65, 0.12; UR3 0.18, 0.20, 0.15 rad, here 0.17, 0.34, 0.11
 _BRAKE_SHARE: Final = 0.8
-_LOCKED_RAD_S: Final = 0.2  # all joints slower than this: the brakes' pins hold (guess)
-_QUIET_RAD_S: Final = 1e-7  # slower than this, and no longer changing, is rest
+_LOCKED_RAD_S: Final = 0.2  # once all joints are slower than this, the brakes' pins hold (guess)
+_QUIET_RAD_S: Final = 1e-7  # slower than this for two periods counts as rest
 
 
 class Body:
-    """True joint angles and speeds [rad, rad/s] of one arm with what is really mounted on it.
+    """True joint angles and speeds [rad, rad/s] of one arm with its true payload.
 
     ``dynamics``: of the true payload and gravity. ``smooth``: without friction.
     """
 
     def __init__(self, model: RobotModel, *, smooth: bool = False) -> None:
-        from urproto.robots.dynamics import Dynamics  # Pinocchio: a dynamic arm alone needs this one
+        from urproto.robots.dynamics import Dynamics  # Pinocchio: only dynamic arms need it here
 
         drives = drivetrain_of(model)
         self.dynamics = Dynamics(model)
@@ -48,7 +48,7 @@ class Body:
 
     @property
     def creep_damping(self) -> Vector6:
-        """What Coulomb friction adds to viscous friction in joints that hardly move [Nm s/rad]."""
+        """Damping added by Coulomb friction in joints that hardly move [Nm s/rad]."""
         return as_six([dry / band for dry, band in zip(self.coulomb, self._bands, strict=True)])
 
     @property
@@ -56,11 +56,11 @@ class Body:
         return self.qd == ZERO6
 
     def place(self, q: Vector6) -> None:
-        """Put the arm somewhere, at rest."""
+        """Place the arm at q, at rest."""
         self.q, self.qd = q, ZERO6
 
     def friction_parts(self, qd: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Viscous and Coulomb friction torques [Nm] at these speeds; they act against them."""
+        """Viscous and Coulomb friction torques [Nm] at these speeds, which they oppose."""
         slow = zip(qd, self.coulomb, self._bands, strict=True)
         return (
             [viscous * speed for speed, viscous in zip(qd, self.viscous, strict=True)],
@@ -69,13 +69,13 @@ class Body:
 
     @property
     def friction_power(self) -> Vector6:
-        """What friction turns into heat in each joint [W]."""
+        """Heat of friction in each joint [W]."""
         viscous, coulomb = self.friction_parts(self.qd)
         return as_six([(a + b) * speed for a, b, speed in zip(viscous, coulomb, self.qd, strict=True)])
 
     def step(self, torque: Sequence[float], external: Sequence[float], h: float) -> None:
-        """``h`` [s] under motor torques and those that forces from outside exert on the joints [Nm]."""
-        # as friction_parts, in one go
+        """Advance by ``h`` [s] with motor torques and the torques that external forces exert on the joints [Nm]."""
+        # friction_parts() inlined, because this is the innermost loop
         total = [
             motor + outside - viscous * v - (dry if v > band else -dry if v < -band else dry * v / band)
             for motor, outside, v, viscous, dry, band in zip(
@@ -87,7 +87,7 @@ class Body:
         self.q = _onwards(self.q, qd, h)
 
     def brake(self, external: Sequence[float], h: float) -> None:
-        """``h`` with the brakes engaged: does nothing to an arm that stands, unless one of them does not hold."""
+        """Advance by ``h`` with the brakes engaged. An arm at rest stays there, unless a brake does not hold."""
         if not self.brakeless:
             if self.standing:
                 return
@@ -101,7 +101,7 @@ class Body:
         self.step(held, external, h)
 
     def settle(self, before: Vector6) -> None:
-        """Come to rest for good when speeds are next to nothing and were so a period ago (``before``)."""
+        """Set the speeds to 0 if they are negligible and were so a period ago (``before``)."""
         if max(map(abs, self.qd)) < _QUIET_RAD_S and max(map(abs, before)) < _QUIET_RAD_S:
             self.qd = ZERO6
 

@@ -1,20 +1,20 @@
 """The drives of a dynamic arm: per joint a position loop around a speed loop, with feed-forward, around the body.
 
-    speed wanted = target speed + stiffness / damping * (target - angle)
-    torque       = feed-forward + damping * (speed wanted - speed) + held, within the joint's torque limit
-    held         = integral gain * sum of (target - angle)
+    commanded speed = target speed + stiffness / damping * (target - angle)
+    torque          = feed-forward + damping * (commanded speed - speed) + integral, within the joint's torque limit
+    integral        = integral gain * sum of (target - angle)
 
-The feed-forward is what the target motion needs by the controller's own knowledge: rigid-body torques with the payload
-the program told, the rotors, and friction as its own model has it, which a real controller's target currents show
-(``urproto.robots.measured``). What it does not know (a wrong payload, a push, friction that is another) shows as a
-deviation at first, until the integral part holds it. Loops run every millisecond; in between control periods the target
-goes on an even acceleration.
+The feed-forward is the torque of the target motion according to the controller's model: rigid-body torques with the
+payload set by the program, the rotors, and the controller's friction model, which can be seen in a real controller's
+target currents (``urproto.robots.measured``). Anything else (a wrong payload, a push, different friction) first causes
+a deviation, until the integral part compensates it. The loops run every millisecond; within a control period, the
+target moves with constant acceleration.
 
-Far from its target, a joint wants no more speed than it can lose on the way, and adds nothing up: an overload ends
-without swinging. Nor does it add up what it has no torque for, or more than a bound; and it forgets what it held as
-soon as something else moves the arm: brakes, direct torque, or who puts it elsewhere.
+Anti-windup: far from its target, a joint is commanded no more speed than it can lose on the way, and does not
+integrate, so that an overload ends without oscillation. The integral is also frozen while the torque is saturated, and
+it is bounded. It is reset as soon as something else moves the arm: brakes, direct torque, or a jump to another place.
 
-Gains are those of a real arm's drives (``urproto.robots.measured.loops``).
+The gains are those of a real arm's drives (``urproto.robots.measured.loops``).
 """
 
 from dataclasses import dataclass
@@ -26,22 +26,22 @@ from urproto.robots import RobotModel
 from urproto.robots.measured import drivetrain_of, loops
 from urproto.vectors import ZERO6, Vector6, add, rate, sub
 
-# of the friction that direct torque makes up for: defaults of the official drivers' friction model parameters
+# fractions of friction that direct torque compensates: defaults of the official drivers' friction model parameters
 VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
 COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
-# An integral part comes to this much at the most. Measured on a UR5 (below): currents of base and shoulder stay within
-# 4 A of their targets, however far these are or whoever pushes. Elbow: as those; wrists: guess
+# Bound of an integral part. Measured on a UR5 (below): currents of base and shoulder stay within 4 A of their targets,
+# however large the deviation or the push. Elbow: the same; wrists: guess
 _MOST_HELD_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)
-# An arm that is to stand, and all but does, is held by integral parts as large as friction allows. Measured on a UR5
-# that is pushed while it stands: 2 MNm/(rad s) in base, shoulder and elbow, ten times what they have in motion, and 0.3
-# to 0.9 in wrists; here 0.7, 0.6, 1.2 and 0.8 to 1.4
+# An arm that is (almost) at rest and whose target is at rest has an integral gain as high as friction allows. Measured
+# on a UR5 that is pushed at rest: 2 MNm/(rad s) in base, shoulder and elbow, ten times the gain in motion, and 0.3 to
+# 0.9 in the wrists; here 0.7, 0.6, 1.2 and 0.8 to 1.4
 _STILL_RAD_S: Final = 0.005  # guess
-_SLIGHT_RAD: Final = 3e-4  # beyond this the usual ones do (guess)
-_STIFFEST: Final = 0.35  # of the integral part that would make a joint with its largest inertia swing (guess)
-_SPARE: Final = 0.25  # of the torque limit that a joint with its largest inertia has left to brake (guess)
-_PLACED: Final = 2.0  # times the highest speed: no target moves like that, the arm was put elsewhere
+_SLIGHT_RAD: Final = 3e-4  # beyond this deviation, the usual gains apply (guess)
+_STIFFEST: Final = 0.35  # of the integral gain at which a joint with its largest inertia would oscillate (guess)
+_SPARE: Final = 0.25  # of the torque limit is a reserve for braking, for a joint with its largest inertia (guess)
+_PLACED: Final = 2.0  # times the highest speed: a faster target means that the arm has been placed elsewhere
 _FULL_PAYLOAD_COG: Final = (0.0, 0.0, 0.1)  # m, for the gains (guess)
-# arm postures in which a joint carries most: stretched out, and with the wrists bent either way
+# configurations with the largest inertia of each joint: stretched out, and with the wrists bent either way
 _STRETCHED: Final = (
     ZERO6,
     (0.0, 0.0, 0.0, 1.57, 0.0, 0.0),
@@ -52,7 +52,7 @@ _STRETCHED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class TorqueCommand:
-    """Torques [Nm] beyond what gravity needs, and the share of each kind of friction that the drives make up for."""
+    """Torques [Nm] in addition to gravity compensation, and the fraction of each kind of friction to compensate."""
 
     torque: Vector6
     viscous_scale: Vector6 = ZERO6
@@ -60,7 +60,7 @@ class TorqueCommand:
 
 
 class Drives:
-    """The joints of one arm. ``body``: what they move; it stands wherever it was placed until driven.
+    """The drives of one arm. ``body``: the rigid-body system they move; it stands where it was placed until driven.
 
     ``torque``: of the motors, mean of the last period [Nm, at the joint]. ``feedforward``: the part of it that the
     controller expected. ``asleep``: nothing moved in the last period.
@@ -89,21 +89,21 @@ class Drives:
         near = [rate / gain**2 for rate, gain in zip(spare, position, strict=True)]
         most_held = [a * k for a, k in zip(_MOST_HELD_A, drivetrain.torque_constants_Nm_A, strict=True)]
         self._gains = (position, damping, near, model.qd_max, model.torque_max, most_held)
-        self._held = [0.0] * 6  # torques that the integral parts have come to
-        self._put = False  # somewhere, where they have yet to be found
+        self._held = [0.0] * 6  # torques of the integral parts
+        self._put = False  # the arm was placed, so the integral parts have yet to be initialised
         self._placed_rad_s = _PLACED * max(model.qd_max)
         self._target: Vector6 = ZERO6
         self._speed: Vector6 = ZERO6  # of the target
         self._last_inputs: tuple[object, ...] = ()
 
     def place(self, q: Vector6) -> None:
-        """The arm stands at q, and so does its target, as if it had stood there for long."""
+        """Place the arm and its target at q, as if it had been at rest there for a long time."""
         self.body.place(q)
         self._target, self._speed = q, ZERO6
         self._put = True
 
     def set_brake(self, joint: int, *, holds: bool) -> None:
-        """Let the brake of a joint (0-5) hold, or not."""
+        """Set whether the brake of a joint (0-5) holds."""
         if holds:
             self.body.brakeless.discard(joint)
         else:
@@ -111,13 +111,13 @@ class Drives:
         self.asleep = False
 
     def wake(self) -> None:
-        """Something about the body changed: look whether it still stands in balance."""
+        """Something about the body has changed: check again whether it is in equilibrium."""
         self._last_inputs = ()
 
     def follow(self, target: Vector6, known_torque: Vector6, external: Vector6, period_s: float) -> None:
-        """One control period towards ``target``. ``known_torque``: rigid-body torques of the target motion.
+        """Advance one control period towards ``target``. ``known_torque``: rigid-body torques of the target motion.
 
-        ``external``: what the outside does to the joints [Nm].
+        ``external``: joint torques of external forces [Nm].
         """
         start, before = self._target, self._speed
         speed = self._retarget(target, period_s)
@@ -137,7 +137,7 @@ class Drives:
     def push(
         self, target: Vector6, command: TorqueCommand, gravity: Vector6, external: Vector6, period_s: float
     ) -> None:
-        """One control period of direct torque, on top of ``gravity``. ``target``: what is told of the motion."""
+        """Advance one control period of direct torque plus ``gravity``. ``target``: the reported target angles."""
         self._retarget(target, period_s)
         self._forget()
         body, torques = self.body, []
@@ -156,7 +156,7 @@ class Drives:
         self.torque = _mean(torques)
 
     def hold(self, target: Vector6, external: Vector6, period_s: float) -> None:
-        """One control period without power: the brakes bring the arm to rest and hold it."""
+        """Advance one control period without power: the brakes bring the arm to rest and hold it."""
         self._retarget(target, period_s)
         self._forget()
         self.torque = self.feedforward = ZERO6
@@ -165,11 +165,11 @@ class Drives:
             self.body.brake(external, STEP_S)
 
     def _forget(self) -> None:
-        """The loops begin anew: something else moves the arm now."""
+        """Reset the loops: something else moves the arm now."""
         self._held, self._put = [0.0] * 6, False
 
     def _retarget(self, target: Vector6, period_s: float) -> Vector6 | None:
-        """Speed of the target in this period; None when it was put elsewhere, and the arm with it."""
+        """Speed of the target in this period; None if target and arm have been placed elsewhere."""
         if target == self._target:
             self._speed = ZERO6
             return ZERO6
@@ -195,7 +195,7 @@ class Drives:
     def _servo(
         self, start: Vector6, before: Vector6, change: Vector6, expected: Vector6, external: Vector6, period_s: float
     ) -> None:
-        """The loops: in this period the target goes from ``start`` at ``before + change * (1/2 + u)``, u: 0 to 1."""
+        """Run the loops: the target moves from ``start`` at speed ``before + change * (1/2 + u)``, u: 0 to 1."""
         body, steps, at_rest, torques = self.body, _steps(period_s), self.body.qd, []
         standing = change == before == ZERO6
         held_still = standing and max(map(abs, at_rest)) < _STILL_RAD_S
@@ -244,13 +244,13 @@ def _mean(torques: list[list[float]]) -> Vector6:
 
 
 def _from_afar(error: float, speed: float, gain: float, near: float, most: float) -> float:
-    """The speed to want when the target, moving at ``speed``, is beyond ``near``: within the joint's limit."""
+    """Commanded speed, within the joint's limit, if the target, moving at ``speed``, is farther than ``near``."""
     more = gain * sqrt(2.0 * near * (abs(error) - 0.5 * near))
     return max(-most, min(most, speed + copysign(more, error)))
 
 
 def _heaviest(model: RobotModel) -> Vector6:
-    """The largest inertia [kg m2] of each joint."""
+    """Largest inertia [kg m2] of each joint."""
     body = Body(model)
     body.dynamics.set_payload(model.payload_max_kg, _FULL_PAYLOAD_COG)
     diagonals = [[row[i] for i, row in enumerate(body.dynamics.mass_matrix(q))] for q in _STRETCHED]

@@ -1,12 +1,13 @@
 """Voltages, currents, energy and temperatures.
 
-The supply carries standby, ohmic losses and mechanical power. What the joints feed back is burnt in a resistor, not
-stored. Its numbers fit three recordings of real arms at rest: a UR10 (porrasp8/RTDE_PYTHON_CLIENT_LIB_EXPANDED) and
-two e-Series arms (nour427/TSSP-2024, ZhizhuoUp/RTDE_Python_Client_Library_Zhizhuo). An ideal arm has even voltages, a
-dynamic arm those of its series, with their noise (``urproto.robots.measured``).
+The supply current covers standby, ohmic losses and mechanical power. Energy fed back by the joints is dissipated in a
+resistor, not stored. The parameters fit three recordings of real arms at rest: a UR10
+(porrasp8/RTDE_PYTHON_CLIENT_LIB_EXPANDED) and two e-Series arms (nour427/TSSP-2024,
+ZhizhuoUp/RTDE_Python_Client_Library_Zhizhuo). An ideal arm has constant voltages, a dynamic arm those of its series,
+with their noise (``urproto.robots.measured``).
 
-Early simulators instead report twice the sum of the joints' currents: recordings of a UR5 and a
-UR10 at rest agree on it in all digits. Later ones report no current at all, which helps nobody.
+Early simulators instead report twice the sum of the joints' currents: recordings of a UR5 and a UR10 at rest agree on
+that in all digits. Later ones report no current at all; the emulator does not copy that.
 """
 
 from math import exp
@@ -21,12 +22,12 @@ from urproto.vectors import ZERO6, Vector6, as_six
 
 ROOM_C: Final = 24.0
 _PERIOD_S: Final = 1.0
-# Measured: 1650 to 2300 s (mean 2020) of the joints of a real UR3 over 49 minutes ("UR3 CobotOps", UCI, in
-# SparkyWolf1/python_industrial_automation_homeworks), which an exponential fits within 0.05 K. Rises: a CB3 arm seen
-# warm (tests/controller/test_field_truth.py); in a hall of 29 degrees the UR3's end within 1 K of them, its shoulder
-# 3 K higher.
+# Measured: 1650 to 2300 s (mean 2020) for the joints of a real UR3 over 49 minutes ("UR3 CobotOps", UCI, in
+# SparkyWolf1/python_industrial_automation_homeworks), which an exponential fits within 0.05 K. Rises: those of a warm
+# CB3 arm (tests/controller/test_field_truth.py); in a hall at 29 degrees, the UR3's final values are within 1 K of
+# them, its shoulder 3 K higher.
 _TIME_CONSTANT_S: Final = 2000.0
-_SHARE: Final = 1.0 - exp(-_PERIOD_S / _TIME_CONSTANT_S)  # of the way to go, made in one period
+_SHARE: Final = 1.0 - exp(-_PERIOD_S / _TIME_CONSTANT_S)  # fraction of the remaining difference covered in one period
 _DRIVE_RISE_K: Final[Vector6] = (8.0, 8.0, 10.0, 13.0, 15.0, 16.0)  # powered, without load
 _MOTOR_RISE_K_A2: Final[Vector6] = (0.04, 0.04, 0.04, 0.5, 0.5, 0.5)
 _FRICTION_RISE_K_W: Final = 0.2
@@ -37,7 +38,7 @@ _EARLY_BOX_C: Final = 30.0
 
 
 class Thermals:
-    """Temperatures [degC]. A controller begins cold; those of an ``early_simulator`` stay as they are."""
+    """Temperatures [degC]. A controller starts cold; the temperatures of an ``early_simulator`` are constant."""
 
     def __init__(self, *, early_simulator: bool = False) -> None:
         self.joints: Vector6 = (ROOM_C,) * 6
@@ -49,9 +50,9 @@ class Thermals:
             self.joints, self.tool, self.box = (_EARLY_JOINT_C,) * 6, 0.0, _EARLY_BOX_C
 
     def advance(self, current: Vector6, period_s: float, *, powered: bool, friction_W: Vector6 = ZERO6) -> bool:
-        """One control period with these joint currents [A] and this heat of friction [W].
+        """Advance one control period with these joint currents [A] and this heat of friction [W].
 
-        True when the temperatures were renewed.
+        Returns True if the temperatures were updated.
         """
         if self._constant:
             return False
@@ -92,22 +93,22 @@ _EARLY_SHARE: Final = 2.0  # of the sum of the joints' currents
 class Electrics:
     """Supply current, energy and temperatures, derived from the joint currents.
 
-    early_simulator: as simulators before 3.10 and 5.4 have them. supply: a real arm's, with noise of this ``seed``.
+    early_simulator: like simulators before 3.10 and 5.4. supply: a real arm's, with noise from this ``seed``.
     """
 
     def __init__(self, supply: Supply | None = None, seed: int = 0, *, early_simulator: bool = False) -> None:
         self._early_simulator = early_simulator
         self._supply = supply
-        self._chance = Random(f"supply {seed}")  # not the noise of currents
+        self._chance = Random(f"supply {seed}")  # separate from the noise of currents
         self.robot_current_A = 0.0
         self.energy_J = 0.0
         self.braking_energy_J = 0.0
         self.thermals = Thermals(early_simulator=early_simulator)
         self._braking_W = 0.0
-        self._news = True  # something that is published only when it changes
+        self._news = True  # a value that is published only when it changes has changed
 
     def advance(self, arm: Arm, period_s: float, *, powered: bool, changed: bool) -> None:
-        """One control period. ``changed``: the arm's torques or its power are not those of the last one."""
+        """Advance one control period. ``changed``: the arm's torques or its power differ from the last one's."""
         if changed:
             self._draw(arm, powered)
         if powered:
@@ -117,11 +118,11 @@ class Electrics:
             self._news = True
 
     def mark(self) -> None:
-        """Write everything to the next snapshot."""
+        """Let the next ``publish`` write everything."""
         self._news = True
 
     def publish(self, snapshot: Snapshot, *, powered: bool) -> None:
-        """Write to a snapshot what changed since the last one."""
+        """Write everything that has changed since the last snapshot."""
         snapshot.actual_robot_energy_consumed = self.energy_J
         snapshot.actual_robot_braking_energy_dissipated = self.braking_energy_J
         if self._supply is not None:
@@ -140,7 +141,7 @@ class Electrics:
         snapshot.board_temperature = self.thermals.box
 
     def _measure(self, snapshot: Snapshot, supply: Supply, powered: bool) -> None:
-        """What a real arm's sensors say of the supply."""
+        """Supply voltages and current as measured by a real arm."""
         gauss = self._chance.gauss
         snapshot.actual_main_voltage = gauss(supply.main_V, supply.main_noise_V)
         if not powered:
@@ -168,7 +169,7 @@ class Electrics:
 
 
 def _joint_power(arm: Arm) -> float:
-    """What the joints take in together: losses and mechanical power; negative when they brake."""
+    """Power taken by all joints: losses and mechanical power; negative while they brake."""
     losses: float = _LOSS_OHM * sum(map(mul, arm.actual_current, arm.actual_current))
     mechanical: float = sum(map(mul, arm.actual_torque, arm.qd))
     return losses + mechanical

@@ -1,6 +1,6 @@
-"""What the installation says about tool and mounting: TCP, payload, gravity.
+"""Tool and mounting according to the installation: TCP, payload, gravity.
 
-A program may change all of it; loading an installation file sets it anew.
+A program may change all of these; loading an installation file sets them again.
 """
 
 import math
@@ -21,12 +21,12 @@ _PAYLOAD_DENSITY: Final = 1000.0  # kg/m3: Script Manual, set_payload assumes a 
 
 
 class InstallationError(ValueError):
-    """The file is not an installation this emulator can apply."""
+    """The file is not an installation that this emulator can apply."""
 
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """What hangs on the flange. ``cog``: from the flange [m]; ``inertia``: at the centre of
+    """Payload on the flange. ``cog``: from the flange [m]; ``inertia``: at the centre of
     gravity, flange axes, Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg m2]."""
 
     mass: float = 0.0
@@ -35,15 +35,15 @@ class Payload:
 
     @classmethod
     def of(cls, mass: float, cog: Vector3, inertia: Vector6 | None = None) -> "Payload":
-        """A payload; without an inertia it is taken for a sphere of water."""
+        """Create a payload; without an inertia, it counts as a sphere of water."""
         return cls(mass, cog, inertia if inertia is not None else _sphere_inertia(mass))
 
     def weighs_as(self, other: "Payload") -> bool:
-        """At rest nobody could tell the two apart."""
+        """Whether both have the same weight and centre of gravity, so that they cannot be told apart at rest."""
         return self.mass == other.mass and self.cog == other.cog
 
     def towards(self, target: "Payload", alpha: float) -> "Payload":
-        """Linear mixture: 0 is this payload, 1 the target."""
+        """Linear interpolation: 0 is this payload, 1 the target."""
         return Payload(
             self.mass + alpha * (target.mass - self.mass),
             _mix3(self.cog, target.cog, alpha),
@@ -61,9 +61,9 @@ class _Transition:
 
 @dataclass
 class Installation(Marked):
-    """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as set_gravity,
+    """Tool and mounting in use. ``tcp``: flange to TCP pose. ``gravity``: as in set_gravity,
     base frame, upright (0, 0, 9.82) [m/s2]. ``base_acceleration``: of a moving base, base frame [m/s2].
-    ``file``: what programs take from the installation file. ``path``: where it is, None before one was loaded."""
+    ``file``: the installation file's settings for programs. ``path``: of that file, None before one was loaded."""
 
     name: str = "default.installation"
     path: Path | None = None
@@ -76,16 +76,16 @@ class Installation(Marked):
 
     @property
     def target_payload(self) -> Payload:
-        """Where a payload transition ends; the payload itself when none is under way."""
+        """Target of a payload transition; the payload itself if none is in progress."""
         return self._transition.target if self._transition else self.payload
 
     def set_payload(self, payload: Payload, transition_s: float = 0.0) -> None:
-        """Use another payload, at once or by a linear transition. A later call wins.
+        """Set another payload, immediately or by a linear transition. A later call replaces an earlier one.
 
-        Raises ValueError for numbers that no payload has.
+        Raises ValueError for implausible numbers.
         """
         if not plausible(payload.mass, *payload.cog, *payload.inertia):
-            raise ValueError(f"nothing that hangs on a flange is like {payload}")
+            raise ValueError(f"the payload is implausible: {payload}")
         self._transition = None
         if transition_s > 0.0:
             self._transition = _Transition(self.payload, payload, transition_s)
@@ -106,9 +106,9 @@ class Installation(Marked):
     def load(self, path: Path) -> None:
         """Apply TCP, payload and mounting of an ``.installation`` file (gzip-compressed XML).
 
-        Raises OSError when the file cannot be read and InstallationError when it is no
-        installation; then nothing has changed. Safety settings and URCaps in it are not
-        emulated and stay as they are.
+        Raises OSError if the file cannot be read and InstallationError if it is not an
+        installation; nothing has changed then. Safety settings and URCaps in it are not
+        emulated and remain as they are.
         """
         try:
             self.apply(path, load_installation_file(path))
@@ -116,30 +116,30 @@ class Installation(Marked):
             raise InstallationError(f"{path.name} is not an installation file: {error}") from error
 
     def apply(self, path: Path, file: InstallationFile) -> None:
-        """Use what an installation file says."""
+        """Apply the contents of an installation file."""
         self.name, self.path, self.file = path.name, path, file
         self.use_tcp()
         self.use_mounting()
         self.use_payload()
 
     def use_tcp(self) -> None:
-        """The file's, if it says one."""
+        """Apply the file's TCP, if it has one."""
         if self.file.tcp is not None:
             self.tcp = self.file.tcp
 
     def use_mounting(self) -> None:
-        """The file's, if it says how the arm stands."""
+        """Apply the file's mounting, if it has one."""
         if self.file.gravity is not None:
             self.gravity = self.file.gravity
 
     def use_payload(self) -> None:
-        """The file's, if it says one."""
+        """Apply the file's payload, if it has one."""
         if self.file.payload is not None:
             payload = self.file.payload
             self.set_payload(Payload.of(payload.mass, payload.cog, payload.inertia))
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write what the arm carries, and how it stands, to a snapshot, if that was changed since the last one."""
+        """Write payload and mounting to a snapshot, if they have changed since the last one."""
         if not self.take_change():
             return
         payload = self.payload

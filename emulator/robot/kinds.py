@@ -1,10 +1,10 @@
-"""The two kinds of arm, by name: what a command line needs to know of them."""
+"""The two kinds of arm, by name, for command lines."""
 
 from urproto.compat import StrEnum
 
 
 class ArmKind(StrEnum):
-    """What moves the arm: its targets, exactly, or torques."""
+    """How the arm moves: exactly as its targets, or by torques."""
 
     IDEAL = "ideal"
     DYNAMIC = "dynamic"

@@ -1,8 +1,8 @@
-"""What a dynamic arm's sensors make of the truth: steps of encoders, noise, and delay.
+"""Sensors of a dynamic arm: resolution of the encoders, noise, and delay.
 
-A controller's angles are those of half a millisecond before the targets that it tells with them. That is a property of
-what is told, and not of the loops: recordings show the same time for all joints at all speeds, on an arm with periods
-of 8 ms and on one of 2 ms, while deviations that the loops leave differ by joint.
+The angles a controller reports are those half a millisecond before the targets reported with them. That is a property
+of the reports, not of the loops: recordings show the same delay for all joints at all speeds, on an arm with periods of
+8 ms and on one with 2 ms, while the deviations left by the loops differ from joint to joint.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from urproto.robots.measured import accelerometer_noise_of, drivetrain_of, encod
 from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 
 _GEAR: Final = 101
-_CREEP_RAD_S: Final = 0.005  # slower than this is as noisy as standing (guess)
+_CREEP_RAD_S: Final = 0.005  # a slower joint has the noise of one at rest (guess)
 _DRAWN: Final = 4096
 _MOST_TAKEN: Final = 12
 _ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
@@ -24,9 +24,9 @@ _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
 
 
 class _Normals:
-    """Standard normal numbers by a seed, from a table at places that chance picks.
+    """Standard normal random numbers from a seed, read at random positions of a table.
 
-    Drawn one by one they would be a tenth of a dynamic arm's period.
+    Drawing them one by one would take a tenth of a dynamic arm's computing time.
     """
 
     def __init__(self, seed: int) -> None:
@@ -34,7 +34,7 @@ class _Normals:
         self._table: list[float] = []  # an ideal arm needs none
 
     def take(self, count: int) -> list[float]:
-        """Some of them, at most ``_MOST_TAKEN``."""
+        """Return this many numbers, at most ``_MOST_TAKEN``."""
         if not self._table:
             self._table = [self._chance.gauss(0.0, 1.0) for _ in range(_DRAWN + _MOST_TAKEN)]
         place = int(_DRAWN * self._chance.random())
@@ -63,11 +63,11 @@ class Sensors:
         )
 
     def joints(self, body: Body, period_s: float) -> tuple[Vector6, Vector6]:
-        """Angles and speeds to the encoders' step."""
+        """Angles and speeds rounded to the encoders' resolution."""
         return _stepped(body.q, _ANGLE_STEP), _stepped(body.qd, _MOTOR_STEP / period_s)
 
     def told(self, q: Vector6, qd: Vector6) -> tuple[Vector6, Vector6]:
-        """Angles and speeds as a controller tells them: late, and with the noise of each joint that moves."""
+        """Angles and speeds as a controller reports them: delayed, and with the noise of each moving joint."""
         if qd == ZERO6:
             return q, qd
         delay, chance = self._delay_s, self._chance.take(12)
@@ -85,7 +85,7 @@ class Sensors:
         return as_six(angles), as_six(speeds)
 
     def currents(self, current: Vector6, qd: Vector6) -> Vector6:
-        """Joint currents [A] with noise, which is larger in a joint that moves."""
+        """Joint currents [A] with noise, which is larger in a moving joint."""
         a, b, c, d, e, f = [
             value + chance * (resting if -_CREEP_RAD_S < speed < _CREEP_RAD_S else moving)
             for value, speed, resting, moving, chance in zip(

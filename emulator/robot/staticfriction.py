@@ -1,4 +1,4 @@
-"""What static friction carries of the load of an arm that stands, and so what its motors do not, or do too much."""
+"""Static friction of an arm at rest: it carries part of the load, so that the motors exert less or more torque."""
 
 from random import Random
 from typing import Final
@@ -7,16 +7,17 @@ from urproto.robots import RobotModel
 from urproto.robots.measured import drivetrain_of
 from urproto.vectors import ZERO6, Vector6, as_six
 
-# Shares of Coulomb friction by which actual currents of standing joints are off the target's, along the last movement.
-# Measured: shamilmamedov/dynamic_calibration, a UR10e, 68 rests of six joints (quartiles -0.03, 0.37 and 0.55)
+# Fraction of Coulomb friction by which actual currents of joints at rest deviate from their targets, in the direction
+# of the last movement. Measured: shamilmamedov/dynamic_calibration, a UR10e, 68 rests of six joints (quartiles -0.03,
+# 0.37 and 0.55)
 _MEAN: Final = 0.24
 _SPREAD: Final = 0.41
 _MOST: Final = 0.8  # 95 of 100 are within
-_MOVED_RAD_S: Final = 0.02  # slower than this has no direction, as where the shares were measured
+_MOVED_RAD_S: Final = 0.02  # a slower movement has no direction, as in the measurement of the fractions
 
 
 class StaticFriction:
-    """Of one arm. A joint that has not moved is held either way."""
+    """Static friction of one arm. A joint that has not moved yet is held in a random direction."""
 
     def __init__(self, model: RobotModel, seed: int) -> None:
         self._coulomb = drivetrain_of(model).coulomb_Nm
@@ -25,7 +26,7 @@ class StaticFriction:
         self._held: Vector6 | None = None
 
     def torque(self, qd: Vector6) -> Vector6:
-        """What the motors exert beyond the load [Nm], in a period with these joint speeds; 0 unless all stand."""
+        """Motor torques beyond the load [Nm] in a period with these joint speeds; 0 unless all joints are at rest."""
         if qd != ZERO6:
             self._held = None
             for joint, speed in enumerate(qd):

@@ -1,9 +1,9 @@
 """Named coordinate frames around the arm, in a tree, and the masses they carry.
 
-Four frames are always there: "world" is the root, "base" stands in it, "flange" moves with
-the arm and "tcp" with the flange. Programs add others; frames outlive the program (MotionPlus
-manual). A frame that is attached to another moves along with it. Poses: x, y, z [m] and a
-rotation vector [rad].
+Four frames always exist: "world" is the root, "base" is fixed in it, "flange" moves with the
+arm and "tcp" with the flange. Programs add others, which persist after the program's end
+(MotionPlus manual). A frame that is attached to another moves along with it. Poses: x, y, z [m]
+and a rotation vector [rad].
 """
 
 from collections.abc import Iterator
@@ -18,16 +18,16 @@ _ORIGIN: Final = ZERO6
 _WORLD, _BASE, _FLANGE, _TCP = "world", "base", "flange", "tcp"
 _PREDEFINED: Final = (_WORLD, _BASE, _FLANGE, _TCP)
 _FIXED: Final = (_WORLD, _FLANGE, _TCP)  # MotionPlus manual: these are never attached elsewhere
-_MOST_FRAMES: Final = 100  # a limit of this implementation: it bounds the work of one look-up
+_MOST_FRAMES: Final = 100  # a limit of this implementation, which bounds the cost of a look-up
 
 
 class WorldModelError(ValueError):
-    """A frame that does not exist, exists already, or must not be changed that way."""
+    """A frame does not exist, exists already, or cannot be changed like that."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArmPose:
-    """Where the arm is: flange in the base frame, TCP in the flange frame."""
+    """Pose of the arm: flange in the base frame, TCP in the flange frame."""
 
     base_flange: Pose
     flange_tcp: Pose
@@ -43,17 +43,17 @@ class MassProperties:
     inertia: Vector6
 
 
-_NO_ARM: Final = ArmPose(_ORIGIN, _ORIGIN)  # for frames that do not depend on it
+_NO_ARM: Final = ArmPose(_ORIGIN, _ORIGIN)  # for frames that do not depend on the arm
 
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
     parent: str
-    pose: Pose  # in the parent's frame; the arm says it for flange and tcp
+    pose: Pose  # in the parent's frame; for flange and tcp, the arm determines it
 
 
 class WorldModel:
-    """The frames. Whatever needs to know where flange and TCP are takes an ``ArmPose``."""
+    """The tree of frames. Methods that depend on flange and TCP take an ``ArmPose``."""
 
     def __init__(self) -> None:
         self._frames: dict[str, _Frame] = {}
@@ -61,7 +61,7 @@ class WorldModel:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything a program added, and put the base back to the world's origin."""
+        """Remove all added frames and masses, and return the base to the world's origin."""
         self._frames = {
             _WORLD: _Frame("", _ORIGIN),
             _BASE: _Frame(_WORLD, _ORIGIN),
@@ -81,22 +81,22 @@ class WorldModel:
         return self._frames[name].parent
 
     def children(self, name: str) -> list[str]:
-        """The frames attached to this one itself, in the order they came to be."""
+        """Frames attached directly to this one, in order of creation."""
         self._known(name)
         return [child for child, frame in self._frames.items() if frame.parent == name]
 
     def add(self, name: str, pose: Pose, reference: str, arm: ArmPose) -> None:
-        """A new frame in the world, given in a reference frame that it is not attached to."""
+        """Add a frame that is fixed in the world, given in a reference frame to which it is not attached."""
         if name in self._frames:
-            raise WorldModelError(f'there is a frame "{name}" already; move it with move_frame, or delete it first')
+            raise WorldModelError(f'the frame "{name}" exists already: move it with move_frame(), or delete it first')
         if not name:
             raise WorldModelError("a frame needs a name")
         if len(self._frames) >= _MOST_FRAMES:
-            raise WorldModelError(f"there are {_MOST_FRAMES} frames, the most this world model holds; delete some")
+            raise WorldModelError(f"there are already {_MOST_FRAMES} frames, the maximum: delete some")
         self._frames[name] = _Frame(_WORLD, pose_trans(self.in_world(reference, arm), pose))
 
     def attach(self, child: str, parent: str, arm: ArmPose) -> None:
-        """Let a frame move along with another from now on; it stays where it is in the world."""
+        """Attach a frame to another, with which it then moves; its present pose does not change."""
         self._known(child)
         self._known(parent)
         if child in _FIXED:
@@ -106,16 +106,16 @@ class WorldModel:
         self._frames[child] = _Frame(parent, self.pose(child, parent, parent, arm))
 
     def move(self, name: str, pose: Pose, reference: str, arm: ArmPose) -> None:
-        """Place a frame elsewhere, given in a reference frame; what is attached to it comes along."""
+        """Move a frame to a pose given in a reference frame; frames attached to it move along."""
         self._known(name)
         if name in _FIXED:
-            raise WorldModelError(f'the frame "{name}" cannot be moved here: ' + _NOT_MOVED[name])
+            raise WorldModelError(f'the frame "{name}" cannot be moved: ' + _NOT_MOVED[name])
         placed = pose_trans(self.in_world(reference, arm), pose)
         frame = self._frames[name]
         self._frames[name] = replace(frame, pose=pose_trans(pose_inv(self.in_world(frame.parent, arm)), placed))
 
     def delete(self, name: str, arm: ArmPose) -> None:
-        """Remove a frame; what was attached to it stays where it is, attached to the world."""
+        """Remove a frame; frames attached to it stay where they are, attached to the world."""
         self._known(name)
         if name in _PREDEFINED:
             raise WorldModelError(f'the frame "{name}" cannot be deleted')
@@ -125,7 +125,7 @@ class WorldModel:
         self._masses.pop(name, None)
 
     def delete_all(self, arm: ArmPose) -> None:
-        """Remove every frame but the four; the base stays where it is."""
+        """Remove all frames except the four predefined ones; the base stays where it is."""
         for name in [name for name in self._frames if name not in _PREDEFINED]:
             self.delete(name, arm)
 
@@ -140,7 +140,7 @@ class WorldModel:
         return pose
 
     def pose(self, name: str, relative_to: str, expressed_in: str, arm: ArmPose) -> Pose:
-        """How ``name`` is displaced and turned against ``relative_to``, in the axes of ``expressed_in``."""
+        """Pose of ``name`` relative to ``relative_to``, in the axes of ``expressed_in``."""
         relative = pose_trans(pose_inv(self.in_world(relative_to, arm)), self.in_world(name, arm))
         if expressed_in == relative_to:
             return relative
@@ -148,18 +148,18 @@ class WorldModel:
         return pose_trans(pose_trans(axes, relative), pose_inv(axes))
 
     def convert(self, pose: Pose, source: str, target: str, arm: ArmPose) -> Pose:
-        """A pose given in one frame, in another."""
+        """Convert a pose from one frame to another."""
         return pose_trans(self.pose(source, target, target, arm), pose)
 
     def carries(self, carrier: str, name: str) -> bool:
-        """Whether a frame is the other one or moves along with it."""
+        """Whether ``name`` is the carrier or moves along with it."""
         self._known(name)
         return carrier in self._chain(name)
 
     def in_base(self, name: str) -> Pose:
-        """The pose in the base of a frame that the arm does not carry. Raises WorldModelError for one it does."""
+        """Pose in the base of a frame that the arm does not carry. Raises WorldModelError for one that it does."""
         if self.carries(_FLANGE, name):
-            raise WorldModelError(f'the frame "{name}" moves with the arm itself; attach it to something else')
+            raise WorldModelError(f'the frame "{name}" moves with the arm itself: attach it to another frame')
         return self.pose(name, _BASE, _BASE, _NO_ARM)
 
     def _in_parent(self, name: str, arm: ArmPose) -> Pose:
@@ -168,24 +168,24 @@ class WorldModel:
         return arm.flange_tcp if name == _TCP else self._frames[name].pose
 
     def _chain(self, name: str) -> Iterator[str]:
-        """The frame and all it is attached to, up to but not including the world."""
+        """The frame and all its ancestors, without the world."""
         while name != _WORLD:
             yield name
             name = self._frames[name].parent
 
     def _known(self, name: str) -> None:
         if name not in self._frames:
-            raise WorldModelError(f'there is no frame "{name}"; there are {", ".join(self._frames)}')
+            raise WorldModelError(f'there is no frame "{name}"; the frames are {", ".join(self._frames)}')
 
     # masses
 
     def set_mass(self, name: str, properties: MassProperties) -> None:
-        """What the frame carries from now on."""
+        """Set the mass that a frame carries."""
         self._known(name)
         self._masses[name] = properties
 
     def payload(self, arm: ArmPose) -> Payload:
-        """What hangs on the flange: the masses of every frame that moves with it, TCP included, as one."""
+        """Payload on the flange: the combined masses of all frames that move with it, including the TCP."""
         carried = [
             _seen_from(self.pose(name, _FLANGE, _FLANGE, arm), properties)
             for name, properties in self._masses.items()
@@ -195,20 +195,20 @@ class WorldModel:
 
 
 _NOT_MOVED: Final = {
-    _WORLD: "everything else is placed in it",
+    _WORLD: "it is the root of all frames",
     _FLANGE: "the arm moves it",
     _TCP: "set_tcp() places it",
 }
 
 
 def _turn_between(reference: Pose, other: Pose) -> Pose:
-    """The rotation alone of a pose as seen from another."""
+    """Rotation of a pose relative to another, without the translation."""
     x, y, z = pose_trans(pose_inv(other), reference)[3:]
     return (0.0, 0.0, 0.0, x, y, z)
 
 
 def _seen_from(pose: Pose, body: MassProperties) -> MassProperties:
-    """A body of a frame in the axes of the frame that has it at ``pose``."""
+    """Express a frame's body in the axes of the frame in which that frame is at ``pose``."""
     r = rotvec_to_matrix(*pose[3:])
     cog = pose_trans(pose, (*body.cog, 0.0, 0.0, 0.0))[:3]
     xx, yy, zz, xy, xz, yz = body.inertia
@@ -222,7 +222,7 @@ def _seen_from(pose: Pose, body: MassProperties) -> MassProperties:
 
 
 def _combined(bodies: list[MassProperties]) -> Payload:
-    """Bodies in one frame's axes as one, by the parallel axis theorem."""
+    """Combine bodies in one frame's axes into one, by the parallel axis theorem."""
     mass = sum(body.mass for body in bodies)
     if mass <= 0.0:
         return Payload()

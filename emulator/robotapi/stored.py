@@ -8,7 +8,7 @@ from typing import Final
 
 from emulator.controller import Controller
 from emulator.programs.loading import DEFAULT_URPX, MOST_PROGRAMS
-from emulator.programs.own_folder import have_programs_folder
+from emulator.programs.own_folder import ensure_programs_folder
 from emulator.servers.http import BAD, INVALID, NOT_FOUND, Refused
 from urproto.robotapi import DEFAULT_PROGRAM
 from urscript.polyscope.folder import ProgramsFolder
@@ -75,7 +75,7 @@ def store_program(controller: Controller, data: bytes, *, new: bool) -> Generato
 def _place(controller: Controller, name: str) -> Path:
     if len(name) > _LONGEST_NAME or "/" in name or "\\" in name:
         raise Refused(INVALID, f"{name[:40]!r} cannot be the name of a program: no / or \\, and at most 200 letters")
-    place = ProgramsFolder(have_programs_folder(controller)).place(f"{name}{SUFFIX}")
+    place = ProgramsFolder(ensure_programs_folder(controller)).place(f"{name}{SUFFIX}")
     if place is None or place.exists():  # a file of this name with another program in it is nobody's to overwrite
         raise Refused(INVALID, f"{name!r} cannot be the name of a program: a file of it has no place in the folder")
     return place

@@ -1,1 +1,1 @@
-"""The safety system: what it watches, what inputs tell it, and what it does about it."""
+"""The safety system: its limits, inputs and outputs, monitoring, and reactions."""

@@ -1,7 +1,7 @@
-"""The safety control board: what ties inputs, limits and the safety mode together, once per control period.
+"""The safety control board: it connects inputs, limits and the safety mode, once per control period.
 
-`latch` reads inputs before programs run, `judge` looks at the arm after it has moved, `mode_changed` carries out what
-the new safety mode demands: stop categories, what becomes of the program, the limits in force.
+`latch` reads inputs before programs run, `judge` checks the arm after it has moved, and `mode_changed` carries out what
+the new safety mode requires: stop categories, the state of the program, the active limits.
 """
 
 from collections import deque
@@ -33,13 +33,13 @@ from urscript.polyscope.safety_configuration import (
     simulator_configuration,
 )
 
-_STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes 500 ms at most
-_REST_RAD_S: Final = 0.2  # CB3 manual: slower than this a joint counts as standing
+_STOP_WITHIN_S: Final = 0.524  # CB3 manual: braking begins within 24 ms and takes at most 500 ms
+_REST_RAD_S: Final = 0.2  # CB3 manual: a slower joint counts as standing
 
 
 @dataclass(slots=True)
 class StopRecord:
-    """How the last stop went: category, how long it took and how far the tool travelled [m]."""
+    """Record of a stop: category, duration, and the distance travelled by the tool [m]."""
 
     category: StopCategory
     mode: SafetyMode
@@ -50,23 +50,23 @@ class StopRecord:
 
 
 class StopMonitor:
-    """last: the stop under way, or the last one."""
+    """Monitors stops. last: the stop in progress, or the last one."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self.last: StopRecord | None = None
 
     def begin(self, category: StopCategory, mode: SafetyMode) -> None:
-        """The arm is being stopped from now on."""
+        """A stop of the arm begins."""
         self.last = StopRecord(category, mode, self._machine.time_s)
 
     def end(self) -> None:
-        """The stop is over, also one that was released before the arm stood: it may move again."""
+        """The stop is over, even if it was released before the arm stood still: the arm may move again."""
         if self.last is not None:
             self.last.done = True
 
     def follow(self) -> bool:
-        """Once a control period; True when the stop takes too long."""
+        """Advance one control period; returns True if the stop takes too long."""
         stop, machine = self.last, self._machine
         if stop is None or stop.done:
             return False
@@ -83,7 +83,7 @@ class StopMonitor:
         return stop.done
 
     def _too_slow(self, stop: StopRecord) -> bool:
-        """Asked when a stop should be over: the arm still moves, and neither its brakes nor a soft stop are at work."""
+        """Whether the arm, when a stop should be over, still moves without its brakes or a soft stop being active."""
         machine = self._machine
         soft = stop.mode is SafetyMode.SAFEGUARD_STOP and not machine.motion.hard_transitions
         monitored = stop.category is not StopCategory.POWER_REMOVED and not soft
@@ -95,7 +95,7 @@ _HOME_RAD: Final = 0.0297  # 1.7 degrees: e-Series manual, safe home
 
 
 def output_levels(machine: Machine, home: Vector6 | None) -> dict[SafetyOutput, bool]:
-    """User manual, safety outputs: low is the safe level, and after a violation or fault all are low.
+    """Levels of the safety outputs (user manual): low is the safe level; after a violation or fault, all are low.
 
     home: the joint angles of the safe home position [rad].
     """
@@ -124,10 +124,10 @@ _HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
 
 
 class SafetyBoard:
-    """What the safety system of one controller knows beside its mode.
+    """State of one controller's safety system, apart from its mode.
 
-    supply_lost: the arm has no 48 V. joint_at_fault: the joint to blame for a violation or fault.
-    safety_popup: text of the dialogue of a stop, empty when it is closed. on_restart: called when the safety system
+    supply_lost: the arm has no 48 V supply. joint_at_fault: the joint that caused a violation or fault.
+    safety_popup: text of a stop's dialogue, empty when it is closed. on_restart: called when the safety system
     has been restarted.
     """
 
@@ -149,21 +149,21 @@ class SafetyBoard:
         self._operational_mode = ""
         self._power = PowerState.OFF
         self._stops: list[deque[float]] = [deque(maxlen=_MOST_STOPS + 1) for _ in range(6)]
-        self._lenient_until_s = 0.0  # both sets of limits count until then
+        self._lenient_until_s = 0.0  # until then, both sets of limits are accepted
         self._resume = False  # the program was playing when the safeguard opened
         self._checksum = self.configuration.checksum
         self._positions_apply()
 
     @property
     def last_stop(self) -> StopRecord | None:
-        """How the arm was stopped the last time; None if it never was."""
+        """Record of the last stop; None if there was none."""
         return self._stop_monitor.last
 
-    # limits in force
+    # active limits
 
     @property
     def limits(self) -> LimitSet:
-        """The set of the present safety mode."""
+        """The limit set of the present safety mode."""
         mode = self._machine.safety.mode
         if mode is SafetyMode.RECOVERY:
             return RECOVERY_LIMITS
@@ -171,7 +171,7 @@ class SafetyBoard:
 
     @property
     def manual(self) -> bool:
-        """Manual mode, with an enabling device that has to be held."""
+        """Whether manual mode is active with an enabling device that has to be held."""
         machine = self._machine
         wired = self.inputs.assigned(SafetyInput.ENABLING_DEVICE)
         known = wired or SafetyEvent.ENABLING_RELEASED in self._conditions.raised
@@ -191,17 +191,17 @@ class SafetyBoard:
     # once per control period
 
     def latch(self) -> None:
-        """Inputs and devices, before programs run."""
+        """Read inputs and devices, before programs run."""
         machine = self._machine
         if self.inputs.latch() or machine.operational_mode is not self._operational_mode:
             self._follow_inputs()
         if machine.power.state is not self._power:
             self._power = machine.power.state
             if self._power in (PowerState.IDLE, PowerState.RUNNING):
-                self._conditions.look_where_it_stands()
+                self._conditions.check_position()
 
     def judge(self, *, changed: bool) -> None:
-        """The arm, after it has moved. ``changed``: it is not as it was in the last period."""
+        """Check the arm, after it has moved. ``changed``: it differs from the last period."""
         machine = self._machine
         if self._stop_monitor.follow():
             self.trip(Cause.STOP_TIME_VIOLATION)
@@ -224,7 +224,7 @@ class SafetyBoard:
             return
         mode = safety.mode
         if mode is SafetyMode.RECOVERY:
-            self._conditions.look_where_it_stands()
+            self._conditions.check_position()
         stiff = machine.motion.control_mode is ControlMode.POSITION
         finding = self.supervision.protective_stop(arm, self.boundaries, mode, stiff=stiff)
         if machine.time_s >= self._lenient_until_s:
@@ -239,16 +239,16 @@ class SafetyBoard:
     # causes
 
     def trip(self, cause: Cause, joint: int | None = None, text: str = "") -> bool:
-        """Let something happen that has a report code; True when the safety mode changed.
+        """Trigger a cause that has a report code; returns True if the safety mode changed.
 
-        Lasting conditions are not tripped but held: see `set_device`. Raises ValueError for those, and for
-        what this series does not have.
+        Lasting conditions are not triggered but held: see `set_device`. Raises ValueError for those, and for causes
+        that this series does not have.
         """
         row = cause.value
         if row.code is None:
-            raise ValueError(f"{cause.name} lasts as long as its cause: use a safety device")
+            raise ValueError(f"{cause.name} lasts as long as its condition: use a safety device")
         if row.only not in (None, self._machine.model.series):
-            raise ValueError(f"{self._machine.model.title} has no {cause.name}: it is of the {row.only} series")
+            raise ValueError(f"{self._machine.model.title} has no {cause.name}: only the {row.only} series has it")
         blamed = (joint or 0) if row.per_joint else joint
         argument = row.argument + (joint or 0 if row.per_joint else 0)
         before = self._machine.safety.mode
@@ -260,7 +260,7 @@ class SafetyBoard:
         return self._machine.safety.mode is not before
 
     def count_stop(self, joint: int | None) -> None:
-        """A protective stop that a joint is to blame for: more than 50 in 8 h are a fault."""
+        """Count a protective stop caused by a joint: more than 50 in 8 h are a fault."""
         if joint is None:
             return
         times, now = self._stops[joint], self._machine.time_s
@@ -270,14 +270,14 @@ class SafetyBoard:
             self.trip(Cause.STOP_COUNT, joint)
 
     def restarted(self) -> None:
-        """The safety system has been restarted: a fault that is still there comes again."""
+        """The safety system has been restarted: a fault that is still present occurs again."""
         self.joint_at_fault, self.safety_popup = None, ""
         self.on_restart()
         if self.supply_lost:
             self.trip(Cause.POWER_LOSS)
 
     def configure(self, configuration: SafetyConfiguration) -> None:
-        """Use another configuration from now on, as with the pendant's Apply: the arm is switched off."""
+        """Activate another configuration, like the pendant's Apply: the arm is powered off."""
         machine = self._machine
         machine.power_event(PowerEvent.POWER_OFF)
         self.configuration = configuration
@@ -287,28 +287,28 @@ class SafetyBoard:
         self._checksum = configuration.checksum
         self.supervision.forget()
         self._limits_changed()
-        machine.messages.note(f"another safety configuration is in force (checksum {self._checksum})")
+        machine.messages.note(f"another safety configuration is active (checksum {self._checksum})")
 
     def compare(self, name: str, other: SafetyConfiguration | None) -> None:
-        """Note when an installation that was loaded has another configuration: the pendant would ask to confirm it."""
+        """Log if a loaded installation has another configuration: the pendant would ask to confirm it."""
         if other is not None and other.checksum != self._checksum:
             self._machine.messages.note(
-                f"the safety configuration of {name} (checksum {other.checksum}) is not the one in force "
-                f"({self._checksum}); start with --safety to use it"
+                f"the safety configuration of {name} (checksum {other.checksum}) is not the active one "
+                f"({self._checksum}): start with --safety to use it"
             )
 
     def set_supply(self, present: bool) -> None:
-        """Take the arm's 48 V away, or give them back."""
+        """Remove or restore the arm's 48 V supply."""
         self.supply_lost = not present
         if self.supply_lost:
             self.trip(Cause.POWER_LOSS)
 
     def set_device(self, device: SafetyDevice, active: bool) -> None:
-        """Press, open or release something; acts in this period."""
+        """Press, open or release a device; takes effect in this period."""
         self.inputs.set_device(device, active)
 
     def hold_freedrive(self, held: bool) -> None:
-        """The button on the pendant's back; as an input that is assigned to freedrive."""
+        """Hold or release freedrive: the button on the pendant's back, or an input assigned to it."""
         self.freedrive_held = held
         if held:
             self._machine.freedrive_inputs.hold_button()
@@ -327,10 +327,10 @@ class SafetyBoard:
         if switched and inputs.assigned(SafetyInput.ENABLING_DEVICE):
             self._limits_changed()
 
-    # what a safety mode demands
+    # requirements of a safety mode
 
     def mode_changed(self, before: SafetyMode) -> None:
-        """Carry out the mode that has just begun."""
+        """Carry out the safety mode that has just begun."""
         machine, mode = self._machine, self._machine.safety.mode
         self.supervision.forget()
         self._limits_changed()
@@ -367,20 +367,20 @@ class SafetyBoard:
             machine.motion.protective_stop()
 
     def _release(self, before: SafetyMode) -> None:
-        """A paused program waits until somebody resumes it; after a safeguard stop nobody has to."""
+        """End a stop. A paused program waits to be resumed; after a safeguard stop, it resumes by itself."""
         self.safety_popup = ""
         self._stop_monitor.end()
         if before in _HARD:
             self.restarted()
         if self._machine.power.report.powered and self._machine.safety.mode is not SafetyMode.RECOVERY:
-            self._conditions.look_where_it_stands()
+            self._conditions.check_position()
         if before is SafetyMode.SAFEGUARD_STOP and self._resume and self._machine.safety.programs_allowed:
             self._machine.programs.resume()
 
-    # what others see
+    # reports
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Write what the safety system says to a snapshot."""
+        """Write the state of the safety system to a snapshot."""
         machine, safety = self._machine, self._machine.safety
         snapshot.safety_checksum = self._checksum
         snapshot.safety_mode = safety.mode

@@ -1,8 +1,8 @@
-"""Everything that makes the safety system act, once: what it is, its report code, what follows, how to recover.
+"""All causes of reactions of the safety system: description, report code, effect, and recovery.
 
-Stop category, safety mode, robot mode and what becomes of the program follow from the safety event by the tables of
-`emulator.lifecycle.safety`. Codes and their meaning: error table of the vendor's public C++ libraries; the ones
-marked as a guess there is no public example of.
+Stop category, safety mode, robot mode and the effect on the program follow from the safety event by the tables of
+`emulator.lifecycle.safety`. Source of the codes and their meaning: error table of the vendor's public C++ libraries.
+For those marked as a guess there is no public example.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from urproto.versions import Series
 
 
 class Recovery(Enum):
-    """A step on the way back to a moving arm; the words are those of the documentation."""
+    """A step of recovery, until the arm can move again; the texts appear in the documentation."""
 
-    RELEASE = "release what asks for it"
-    RESET = "a rising edge of the reset input"
-    UNLOCK = "unlock protective stop, 5 s later at the earliest"
+    RELEASE = "release the device or input that causes it"
+    RESET = "rising edge of the reset input"
+    UNLOCK = "unlock protective stop, after 5 s at the earliest"
     RESTART = "restart safety"
     POWER_UP = "power on, brake release"
     MOVE_BACK = "freedrive or jog back inside the limits"
@@ -29,10 +29,10 @@ class Recovery(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CauseRow:
-    """One cause. ``code`` and ``argument`` make C<code>A<argument>, None where nothing is logged but the mode.
+    """One cause. ``code`` and ``argument`` form C<code>A<argument>; None if only the mode is logged.
 
-    per_joint: the joint (0-5) is added to the argument. status: where it is finer than the mode.
-    only: the series that has it, None for both.
+    per_joint: the joint (0-5) is added to the argument. own_status: the safety status if it is more specific than the
+    mode. only: the series that has the cause, None for both.
     """
 
     what: str
@@ -47,35 +47,35 @@ class CauseRow:
 
     @property
     def mode(self) -> SafetyMode:
-        """The safety mode it leads to from normal operation."""
+        """The resulting safety mode, from normal operation."""
         return SAFETY_TABLE[SafetyMode.NORMAL, self.event]
 
     @property
     def status(self) -> SafetyStatus:
-        """The safety status then."""
+        """The resulting safety status."""
         return self.own_status or SafetyStatus(self.mode)
 
     @property
     def category(self) -> StopCategory | None:
-        """How the arm is stopped; None when it is not."""
+        """Stop category; None if the arm is not stopped."""
         return STOP_CATEGORY.get(self.mode)
 
     @property
     def robot_mode(self) -> RobotMode:
-        """The robot mode once the arm stands."""
+        """The robot mode once the arm has stopped."""
         keeps_power = self.category in (None, StopCategory.CONTROLLED)
         return RobotMode.RUNNING if keeps_power else RobotMode.POWER_OFF
 
     @property
     def program(self) -> RuntimeState:
-        """What becomes of a program that plays."""
+        """The resulting state of a program that was playing."""
         if self.category is StopCategory.POWER_REMOVED:
             return RuntimeState.STOPPED
         return RuntimeState.PLAYING if self.category is None else RuntimeState.PAUSED
 
     @property
     def label(self) -> str:
-        """The report code as people see it."""
+        """The report code as it is displayed."""
         if self.code is None:
             return "-"
         return f"C{self.code}A" + (f"{self.argument}-{self.argument + 5}" if self.per_joint else f"{self.argument}")
@@ -95,7 +95,7 @@ _fault: Final = partial(CauseRow, event=SafetyEvent.FAULT, recovery=_HARD, level
 
 
 class Cause(Enum):
-    """What happened; the value is its row of the table."""
+    """Causes; the value is the row of the table."""
 
     ROBOT_EMERGENCY_STOP = CauseRow(
         what="emergency stop button, or the robot emergency stop input",
@@ -142,19 +142,19 @@ class Cause(Enum):
     SAFETY_PLANE = _protective(what="the tool is close to a safety plane", code=152)
     PATH_DEVIATION = _protective(what="a joint is too far from its target", code=153, per_joint=True)
     COLLISION = _protective(
-        what="a joint's current is outside its window: a collision, with the arm itself too where that is asked for",
+        what="a joint's current is outside its window: a collision, if enabled also of the arm with itself",
         code=157,
         per_joint=True,
     )
     ELBOW_PLANE = _protective(
         what="the elbow is close to a safety plane", code=400, only=Series.E
-    )  # code: guess, beside C403
+    )  # code: guess, next to C403
     CLAMPING = _protective(what="the flange is so close to the lower arm that it could clamp", code=403, only=Series.E)
-    UNREACHABLE = _protective(what="a pose out of reach, or no number", code=204, argument=5)
+    UNREACHABLE = _protective(what="a pose out of reach, or not a number", code=204, argument=5)
     SINGULARITY = _protective(what="a path through a singularity", code=204, argument=7)
     WORLD_FAILURE = _protective(
-        what="the world around the arm cannot be computed any more (--physics)", code=116, argument=1
-    )  # code: guess, as of a failure of the emulator
+        what="the world around the arm can no longer be computed (--physics)", code=116, argument=1
+    )  # code: guess, as for a failure of the emulator
     PROGRAM = _protective(what="protective_stop() of a program", code=209)
 
     JOINT_POSITION_VIOLATION = _violation(what="joint position limit", argument=1)
@@ -163,7 +163,7 @@ class Cause(Enum):
     TCP_POSITION_VIOLATION = _violation(what="safety plane", argument=4)
     TCP_ORIENTATION_VIOLATION = _violation(what="tool orientation limit", argument=5)
     POWER_VIOLATION = _violation(what="power limit", argument=6)
-    FORCE_VIOLATION = _violation(what="force limit of the tool", argument=7)  # the torque windows stand for it: guess
+    FORCE_VIOLATION = _violation(what="force limit of the tool", argument=7)  # instead of the torque windows: guess
     MOMENTUM_VIOLATION = _violation(what="momentum limit", argument=12)
     ELBOW_SPEED_VIOLATION = _violation(what="elbow speed limit", argument=3, only=Series.E)  # argument: guess
     STOP_TIME_VIOLATION = _violation(what="a stop that takes too long", argument=16)
@@ -176,7 +176,7 @@ class Cause(Enum):
     )  # mode: guess
     EMULATOR_FAILURE = _fault(
         what="the emulator itself failed in a control period: a bug, see the log", code=116
-    )  # code: guess, the real-time part's
+    )  # code: guess, that of the real-time part
 
 
 CAUSES: Final[dict[Cause, CauseRow]] = {cause: cause.value for cause in Cause}

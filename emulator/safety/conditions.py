@@ -1,4 +1,4 @@
-"""Lasting conditions: what inputs, devices and the arm's position hold up, each a cause of a safety mode."""
+"""Lasting conditions of inputs, devices and the arm's position; each causes a safety mode while it is present."""
 
 from collections.abc import Mapping
 from enum import Enum, auto
@@ -16,7 +16,7 @@ from urscript.polyscope.safety_configuration import Pins, SafetyConfiguration, S
 
 
 class SafetyDevice(Enum):
-    """What a user can press, open or release, wired or not."""
+    """Devices that a user can press, open or release, wired or not."""
 
     EMERGENCY_STOP = auto()  # the pendant's button, or the robot emergency stop input
     SYSTEM_EMERGENCY_STOP = auto()  # another machine's
@@ -35,7 +35,7 @@ _BY_INPUT: Final = {
 
 
 class SafetyInputs:
-    """Levels of the inputs, and the devices that are active beside them."""
+    """Levels of the safety inputs, and devices that are active independently of them."""
 
     def __init__(self, configuration: SafetyConfiguration, signals: Signals) -> None:
         self._signals = signals
@@ -45,7 +45,7 @@ class SafetyInputs:
         self.assign(configuration)
 
     def assign(self, configuration: SafetyConfiguration) -> None:
-        """Let the inputs have other functions. What is wired to one of them is at rest, that is high."""
+        """Assign functions to the inputs. Devices wired to them are taken to be at rest, that is high."""
         self._masks = {function: _mask(pins) for function, pins in configuration.inputs.items()}
         self._all = _union(self._masks)
         self._seen = -1
@@ -53,7 +53,7 @@ class SafetyInputs:
             self._signals.digital_inputs |= self._masks.get(function, 0)
 
     def latch(self) -> bool:
-        """Look at the pins; True when anything is not as it was at the last look."""
+        """Read the pins; returns True if anything has changed since the last call."""
         word = self._signals.digital_inputs & self._all
         if word == self._seen:
             return False
@@ -69,20 +69,20 @@ class SafetyInputs:
         self._seen, self._rising = -1, frozenset()
 
     def active(self, device: SafetyDevice) -> bool:
-        """The device is active, or the input of its function is low."""
+        """Whether the device is active, or the input of its function is low."""
         function = _BY_INPUT.get(device)
         return device in self._active or (function in self._masks and function not in self._high)
 
     def assigned(self, function: SafetyInput) -> bool:
-        """The function has pins."""
+        """Whether the function has pins."""
         return function in self._masks
 
     def high(self, function: SafetyInput) -> bool:
-        """Both channels are high."""
+        """Whether both channels are high."""
         return function in self._high
 
     def rose(self, function: SafetyInput) -> bool:
-        """Both channels are high, and were not at the last look."""
+        """Whether both channels are high and were not at the last `latch`."""
         return function in self._rising
 
     def pins_of(self, function: SafetyInput) -> int:
@@ -91,7 +91,7 @@ class SafetyInputs:
 
 
 def drive_outputs(signals: Signals, pins: Mapping[SafetyOutput, Pins], levels: Mapping[SafetyOutput, bool]) -> None:
-    """Set the pins of the assigned functions; nobody else can."""
+    """Set the pins of the assigned functions; this overrides programs and clients."""
     word = signals.digital_outputs
     for function, pair in pins.items():
         mask = _mask(pair)
@@ -110,12 +110,12 @@ def _union(masks: Mapping[SafetyInput, int]) -> int:
     return whole
 
 
-_TRIGGER_HYSTERESIS_M: Final = 0.02  # hardware manuals: both sets of limits are accepted there
+_TRIGGER_HYSTERESIS_M: Final = 0.02  # hardware manuals: both sets of limits are accepted within this distance
 _EMERGENCY_STOPS: Final = frozenset({SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyEvent.SYSTEM_EMERGENCY_STOP})
 
 
 class Conditions:
-    """raised: the events of conditions that have begun and not ended."""
+    """The lasting conditions. raised: start events of those that are present."""
 
     def __init__(
         self,
@@ -134,7 +134,7 @@ class Conditions:
         self.raised: set[SafetyEvent] = set()
 
     def use(self, configuration: SafetyConfiguration, boundaries: Boundaries) -> None:
-        """Judge by another configuration; what it says of where the arm stands is looked at when it is switched on."""
+        """Apply another configuration; the arm's position is checked against it when the arm is powered on."""
         self._configuration, self._boundaries = configuration, boundaries
         self._beyond_trigger = False
         self._hold((SafetyEvent.OUTSIDE_LIMITS, SafetyEvent.INSIDE_LIMITS), False)
@@ -161,7 +161,7 @@ class Conditions:
         self._follow_reduced()
 
     def _emergency_stops(self) -> None:
-        """The robot's own counts more than the system's; one released while the other is held leaves the other."""
+        """Follow the emergency stops. The robot's takes precedence; if one is released, the other stays active."""
         held = [
             event
             for event, device in (
@@ -180,12 +180,12 @@ class Conditions:
             self._machine.safety_event(event)
 
     def _safeguard(self, events: tuple[SafetyEvent, SafetyEvent], opened: bool, reset: SafetyInput) -> None:
-        """A safeguard with a reset input stays open until that rises while it is closed."""
+        """Follow a safeguard. With a reset input, it stays open until that rises while the safeguard is closed."""
         waits = self._inputs.assigned(reset) and not self._inputs.rose(reset)
         self._hold(events, opened or (events[0] in self.raised and waits))
 
     def _hold(self, events: tuple[SafetyEvent, SafetyEvent], wanted: bool) -> None:
-        """Raise or end a condition, given by what happens when it begins and ends."""
+        """Raise or end a condition, given by its start and end events."""
         begun, ended = events
         if wanted is (begun in self.raised):
             return
@@ -193,18 +193,18 @@ class Conditions:
         self._machine.safety_event(begun if wanted else ended)
 
     def _follow_reduced(self) -> None:
-        """Reduced mode as long as an input or a trigger plane wants it."""
+        """Keep reduced mode as long as an input or a trigger plane requires it."""
         wanted = self._inputs.active(SafetyDevice.REDUCED_MODE) or self._beyond_trigger
         self._hold((SafetyEvent.REDUCED, SafetyEvent.NOT_REDUCED), wanted)
 
     def follow_triggers(self) -> None:
-        """Look on which side of the planes the arm is that trigger reduced mode."""
+        """Check on which side of the trigger planes for reduced mode the arm is."""
         hysteresis = -_TRIGGER_HYSTERESIS_M if self._beyond_trigger else 0.0
         self._beyond_trigger = self._boundaries.beyond_trigger(self._machine.arm, hysteresis)
         self._follow_reduced()
 
-    def look_where_it_stands(self) -> None:
-        """Outside the limits of normal or reduced operation the arm can only be moved back."""
+    def check_position(self) -> None:
+        """Check the arm's position: outside the limits of normal or reduced mode, it can only be moved back."""
         reduced = SafetyEvent.REDUCED in self.raised
         limits = self._configuration.reduced if reduced else self._configuration.normal
         mode = SafetyMode.REDUCED if reduced else SafetyMode.NORMAL

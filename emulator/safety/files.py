@@ -1,7 +1,7 @@
 """A safety configuration from a file: PolyScope's ``.installation``, or YAML.
 
-    preset: default             # of both sets; reduced mode takes the next stricter one
-    normal: {tcp_speed: 1.0}    # limits by name, over the preset's; also preset: ...
+    preset: default             # for both sets; reduced mode uses the next stricter one
+    normal: {tcp_speed: 1.0}    # limits by name override the preset's; also preset: ...
     reduced: {preset: very restricted}
     planes:
       - {name: table, normal: [0, 0, 1], distance: 0.1, mode: both, elbow: true}
@@ -55,7 +55,7 @@ _ONLY_E: Final = ("elbow_speed", "elbow_force", "stopping_time", "stopping_dista
 
 
 def load_safety_file(path: Path, model: RobotModel) -> SafetyConfiguration:
-    """The configuration in a file, for this arm. Raises OSError, or SafetySettingsError naming what is wrong."""
+    """Load the configuration of this arm from a file. Raises OSError, or SafetySettingsError with the reason."""
     try:
         if path.suffix == ".installation":
             return _from_installation(path.read_bytes())
@@ -68,7 +68,7 @@ def _from_installation(data: bytes) -> SafetyConfiguration:
     try:
         root = read_document(data)
     except DocumentError as error:
-        raise SafetySettingsError(f"it is not an installation: {error}") from error
+        raise SafetySettingsError(f"not an installation file: {error}") from error
     settings = root.child("SafetySettings")
     if settings is None:
         raise SafetySettingsError("the installation has no safety settings")
@@ -79,7 +79,7 @@ def _from_yaml(text: bytes, model: RobotModel) -> SafetyConfiguration:
     try:
         content = load_yaml(text)
     except NotYaml as error:
-        raise SafetySettingsError(f"it is not YAML: {error}") from error
+        raise SafetySettingsError(f"not YAML: {error}") from error
     table = _mapping(content if content is not None else {}, "the file", _KEYS)
     preset = _word(table.get("preset", "default"), "preset", PRESETS)
     orientation = table.get("tool_orientation")
@@ -110,7 +110,7 @@ def _limits(content: Any, where: str, preset: str, model: RobotModel) -> LimitSe
     limits = preset_of(_word(table.pop("preset", preset), f"{where}: preset", PRESETS), model)
     for name, value in table.items():
         if name in _ONLY_E and model.series is Series.CB3:
-            raise SafetySettingsError(f"{where}: {model.title} has no limit {name}, e-Series arms do")
+            raise SafetySettingsError(f"{where}: {model.title} has no limit {name}; only e-Series arms have it")
         of_joints = name.startswith("joint_")
         given = _joints(value, f"{where}: {name}") if of_joints else _positive(value, f"{where}: {name}")
         changed: dict[str, Any] = {name: given}
@@ -140,7 +140,7 @@ def _orientation(content: Any) -> ToolOrientation:
     words = [word for word in _words(BoundaryMode) if word != "trigger"]
     deviation = _positive(row.get("deviation"), f"{where}: deviation")
     if deviation >= pi:
-        raise SafetySettingsError(f"{where}: deviation is {deviation:g} rad, less than pi is a limit")
+        raise SafetySettingsError(f"{where}: deviation must be less than pi, not {deviation:g} rad")
     return ToolOrientation(
         _direction(row.get("direction"), f"{where}: direction"),
         deviation,
@@ -180,10 +180,10 @@ def _words(kind: type[Enum]) -> list[str]:
 def _mapping(content: Any, where: str, known: Iterable[str]) -> Mapping[str, Any]:
     known = list(known)
     if not isinstance(content, dict):
-        raise SafetySettingsError(f"{where} must be a table of {', '.join(known)}")
+        raise SafetySettingsError(f"{where} must be a mapping with the keys {', '.join(known)}")
     for name in content:
         if name not in known:
-            raise SafetySettingsError(f"{where}: unknown entry {str(name)[:40]!r}, known are {', '.join(known)}")
+            raise SafetySettingsError(f"{where}: unknown key {str(name)[:40]!r}: use {', '.join(known)}")
     return content
 
 
@@ -196,7 +196,7 @@ def _rows(table: Mapping[str, Any], name: str) -> list[Any]:
 
 def _word(value: Any, where: str, known: Iterable[str]) -> str:
     if value not in list(known):
-        raise SafetySettingsError(f"{where} is {str(value)[:40]!r}, known are {', '.join(known)}")
+        raise SafetySettingsError(f"{where} is {str(value)[:40]!r}: use one of {', '.join(known)}")
     return str(value)
 
 
@@ -221,7 +221,7 @@ def _positive(value: Any, where: str) -> float:
 
 def _numbers(value: Any, where: str, count: int) -> tuple[float, ...]:
     if not isinstance(value, list) or len(value) != count:
-        raise SafetySettingsError(f"{where} must be {count} numbers in brackets")
+        raise SafetySettingsError(f"{where} must be a list of {count} numbers")
     return tuple(_number(part, where) for part in value)
 
 
@@ -234,5 +234,5 @@ def _direction(value: Any, where: str) -> tuple[float, float, float]:
     x, y, z = _numbers(value, where, 3)
     length: float = (x * x + y * y + z * z) ** 0.5
     if length < 1e-9:
-        raise SafetySettingsError(f"{where} has no length")
+        raise SafetySettingsError(f"{where} must not be zero")
     return (x / length, y / length, z / length)

@@ -1,4 +1,4 @@
-"""How near the arm is to its boundaries: planes, the tool's orientation, and the lower arm itself."""
+"""Distances of the arm from its boundaries: planes, the tool's orientation, and its own lower arm."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _MODES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A restricted place of the arm in the base frame: the tool centre, a tool sphere, or the elbow."""
+    """A monitored point of the arm in the base frame: the TCP, a tool sphere, or the elbow."""
 
     at: Vector3
     speed: Vector3
@@ -34,7 +34,7 @@ class Point:
 
 
 class Boundaries:
-    """The planes and the orientation of one configuration, by the safety mode in which they count."""
+    """Planes and orientation limit of one configuration, by the safety mode in which they apply."""
 
     def __init__(self, configuration: SafetyConfiguration, elbow_radius_m: float) -> None:
         self._configuration = configuration
@@ -46,20 +46,20 @@ class Boundaries:
 
     @property
     def any(self) -> bool:
-        """False when there is nothing to look at."""
+        """Whether there are any boundaries."""
         return bool(self._configuration.planes or self._configuration.tool_orientation)
 
     def planes(self, mode: SafetyMode) -> tuple[Plane, ...]:
-        """What limits positions in this mode."""
+        """Planes that limit positions in this mode."""
         return self._planes.get(mode, ())
 
     def orientation(self, mode: SafetyMode) -> ToolOrientation | None:
-        """What limits the tool's direction in this mode."""
+        """Limit of the tool's direction in this mode."""
         orientation = self._configuration.tool_orientation
         return orientation if orientation and orientation.mode in _MODES.get(mode, ()) else None
 
     def points(self, arm: Arm) -> list[Point]:
-        """Every place that planes restrict."""
+        """All points that planes restrict."""
         x, y, z, *_ = arm.tcp_pose
         u, v, w, *_ = arm.tcp_speed
         found = [
@@ -81,7 +81,7 @@ class Boundaries:
             yield Point(at, (u + q * z - r * y, v + r * x - p * z, w + p * y - q * x), sphere.radius)
 
     def beyond_trigger(self, arm: Arm, hysteresis: float) -> bool:
-        """Something restricted is beyond a trigger plane by more than ``hysteresis`` [m], which may be negative."""
+        """Whether a monitored point is beyond a trigger plane by more than ``hysteresis`` [m], possibly negative."""
         return any(
             plane.depth(point.at) - point.radius < -hysteresis
             for plane in self.triggers
@@ -91,14 +91,14 @@ class Boundaries:
 
 
 def tool_deviation(orientation: ToolOrientation, arm: Arm) -> float:
-    """Angle between the tool's direction and the one it is held to [rad]."""
+    """Angle between the tool's direction and the configured one [rad]."""
     x, y, z = rotate(rotvec_to_matrix(*arm.flange_pose[3:]), orientation.tool_direction)
     u, v, w = orientation.direction
     return acos(min(1.0, max(-1.0, x * u + y * v + z * w)))
 
 
 def clamping_distance(model: RobotModel, arm: Arm) -> float:
-    """From the flange's centre to the axis of the lower arm, elbow to wrist 1, in the arm's plane [m]."""
+    """Distance from the flange's centre to the axis of the lower arm, elbow to wrist 1, in the arm's plane [m]."""
     ax, ay, az = arm.elbow_position
     bx, by, bz = arm.kinematics.wrist_position(arm.q)
     x, y, z, *_ = arm.flange_pose

@@ -1,8 +1,8 @@
-"""Keeps movements along a path below the limits, as a controller does: they slow down, the safety system never acts.
+"""Keeps movements along a path below the safety limits by slowing them down, so that the safety system need not act.
 
-A controller keeps a margin to each limit: 150 mm/s to speeds (CB3 manual, tolerances), 0.2 rad/s to joint speeds and
-3 degrees to joint positions (what the factory's limits are over the nominal ones). That these hold on e-Series and
-that the momentum's is its tolerance are guesses.
+A controller keeps a margin from each limit: 150 mm/s for speeds (CB3 manual, tolerances), 0.2 rad/s for joint speeds
+and 3 degrees for joint positions (the difference between the factory's limits and the nominal ones). That the same
+applies to e-Series, and that the margin of momentum is its tolerance, are guesses.
 """
 
 from dataclasses import replace
@@ -14,18 +14,18 @@ from urproto.robots.model import Joints, RobotModel
 from urproto.vectors import as_six, largest, lerp
 from urscript.polyscope.safety_configuration import LimitSet
 
-TRANSITION_S: Final = 0.5  # hardware manuals: for so long both sets of limits are accepted
+TRANSITION_S: Final = 0.5  # hardware manuals: both sets of limits are accepted for this time
 MANUAL_SPEED_M_S: Final = 0.25  # user manual: manual mode, unless high speed is allowed
 _SPEED_MARGIN_M_S: Final = 0.15
 _JOINT_SPEED_MARGIN_RAD_S: Final = 0.2
 _POSITION_MARGIN_RAD: Final = radians(3.0)
 _MOMENTUM_MARGIN: Final = 3.0
-_TURNING_M_S: Final = 0.02  # more than a period's turning of the links adds to the speed of any part
-_LEAST_SHARE: Final = 0.2  # of a limit is left where the margin would take more (guess)
+_TURNING_M_S: Final = 0.02  # upper bound for the change of any part's speed by the links' rotation within a period
+_LEAST_SHARE: Final = 0.2  # of a limit remains even if the margin is larger (guess)
 
 
 class Governor:
-    """How much too fast a step of one period would be.
+    """Calculates by how much a step of one period would exceed the limits.
 
     ``excess`` is called by the motion's pacer, for steps along a path only: streamed targets set their own pace.
     """
@@ -40,19 +40,19 @@ class Governor:
         self.use(limits)
 
     def watch(self, arm: Arm) -> None:
-        """Another arm is the one that moves."""
+        """Monitor another arm."""
         self._arm = arm
 
     def use(self, limits: LimitSet) -> None:
-        """Other limits are in force; the pacer slows the path down to them as quickly as the joints may."""
+        """Set other limits; the pacer slows the path down to them as quickly as the joints can."""
         self._limits = operational(limits)
         self._slowest = min(self._limits.joint_speed)
 
     def excess(self, q: Joints, step: Joints) -> float:
-        """The largest share of a limit that the step takes; 1 and less is allowed, and perhaps less than that."""
+        """The largest ratio of a value to its limit in this step; up to 1 is permitted, and such values may be low."""
         limits, arm, period = self._limits, self._arm, self._period
         fastest = largest(step) / period
-        time = fastest / self._deceleration  # that a stop takes
+        time = fastest / self._deceleration  # duration of a stop
         share = time / limits.stopping_time
         if fastest > self._slowest:
             speeds = [abs(move) / period for move in step]
@@ -65,7 +65,7 @@ class Governor:
         return share
 
     def _near_a_limit(self, change: float, time: float) -> bool:
-        """Whether looking closely is worth it: no part of the arm changes its speed by more than ``change`` [m/s]."""
+        """Whether an exact check is needed: no part of the arm changes its speed by more than ``change`` [m/s]."""
         limits, arm = self._limits, self._arm
         u, v, w, *_ = arm.tcp_speed
         x, y, z = arm.elbow_velocity
@@ -82,7 +82,7 @@ class Governor:
         tool = dist(arm.kinematics.forward(q, arm.tcp_offset)[:3], arm.kinematics.forward(target, arm.tcp_offset)[:3])
         elbow = dist(arm.kinematics.elbow_position(q), arm.kinematics.elbow_position(target))
         qd = tuple(move / period for move in step)
-        # a stop's length grows with the square of the speed
+        # the stopping distance grows with the square of the speed
         length = sqrt(0.5 * max(tool, elbow) / period * time / limits.stopping_distance)
         momentum = arm.dynamics.linear_momentum(q, qd) / limits.momentum
         speeds = max(tool / period / limits.tcp_speed, elbow / period / limits.elbow_speed)
@@ -90,7 +90,7 @@ class Governor:
 
 
 def operational(limits: LimitSet) -> LimitSet:
-    """What a controller aims at, given the limits of the safety system."""
+    """The limits that a controller itself keeps, given those of the safety system."""
     return replace(
         limits,
         tcp_speed=_less(limits.tcp_speed, _SPEED_MARGIN_M_S),
@@ -107,7 +107,7 @@ def manual_limits(limits: LimitSet) -> LimitSet:
 
 
 def operational_positions(limits: LimitSet, model: RobotModel) -> tuple[Joints, Joints]:
-    """Where joints may move: inside the limits by a margin; the arm's own range where that is no wider."""
+    """Permitted joint positions: the limits with a margin, or the arm's own range where that is not wider."""
     low, high = model.position_limits
     return (
         as_six(
@@ -126,7 +126,7 @@ def _less(limit: float, margin: float) -> float:
 
 
 def _radii(model: RobotModel) -> Joints:
-    """At most this far from the axis of each joint is any part of the arm behind it [m]."""
+    """Upper bound of the distance from each joint's axis to any part of the arm beyond it [m]."""
     dh = model.dh
     lengths = [hypot(a, d) for a, d in zip(dh.a, dh.d, strict=True)]
     return as_six(sum(lengths[max(joint, 1) :]) for joint in range(6))

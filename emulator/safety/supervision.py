@@ -1,11 +1,11 @@
-"""What the safety system sees: the arm's actual state against its limits.
+"""Monitoring by the safety system: the arm's actual state against its limits.
 
-Two layers, as in a controller. Beyond a limit and its tolerance for as long as detection takes, a limit is violated.
-Before that, an arm that could not stop inside a boundary is stopped protectively, as is one that does not follow its
-path or meets something.
+There are two layers, as in a controller. A limit is violated once a value has exceeded it by more than the tolerance
+for the detection time. Before that, the arm makes a protective stop if it could not stop inside a boundary, deviates
+from its path, or collides.
 
-Tolerances and detection times: hardware manuals, tables of the safety functions. CB3 gives 100 ms for positions and
-250 ms for the rest as the worst case; that e-Series takes as long is a guess.
+Source of tolerances and detection times: hardware manuals, tables of the safety functions. The worst case for CB3 is
+100 ms for positions and 250 ms for the rest; that e-Series takes as long is a guess.
 """
 
 from collections.abc import Iterator
@@ -29,15 +29,15 @@ _POSITION_S: Final = 0.1
 _MOTION_S: Final = 0.25
 _COLLISION_S: Final = 0.024  # guess: three periods of a CB3
 _PATH_DEVIATION_RAD: Final = 0.1  # guess
-_APPROACHING: Final = 1e-4  # m/s or rad/s; slower than this nothing approaches
-_REACTION_PERIODS: Final = 2.0  # from what is seen until the arm slows
-_HALT_M: Final = 0.001  # kept to a boundary by an arm that is stopped before it (guess)
+_APPROACHING: Final = 1e-4  # m/s or rad/s; a slower motion does not count as an approach
+_REACTION_PERIODS: Final = 2.0  # from detection until the arm slows down
+_HALT_M: Final = 0.001  # distance from a boundary that remains after a stop (guess)
 _HALT_RAD: Final = 0.001
-_ROUNDING_RAD: Final = 1e-6  # a joint that braked at its limit stands at it
+_ROUNDING_RAD: Final = 1e-6  # rounding error of a joint that has braked at its limit
 
 
 class Finding(NamedTuple):
-    """What is wrong, the joint to blame if there is one, and a sentence with the numbers."""
+    """A cause, the joint that caused it if there is one, and a text with the values."""
 
     cause: Cause
     joint: int | None
@@ -63,7 +63,7 @@ _TOLERANCES: Final = {
 
 
 class Supervision:
-    """Judges the arm once per control period in which it moves or feels something."""
+    """Checks the arm in each control period in which it moves or its loads change."""
 
     def __init__(self, model: RobotModel, period_s: float, *, self_collision: bool = False) -> None:
         self._model = model
@@ -83,11 +83,11 @@ class Supervision:
 
     @property
     def pending(self) -> bool:
-        """Something is exceeded, and time decides: look again although nothing changes."""
+        """Whether a limit is exceeded but not yet for long enough: checks must continue even if nothing changes."""
         return bool(self._lasting) or self._collision_s > 0.0
 
     def forget(self) -> None:
-        """The arm is stopped or off: what was exceeded counts from the beginning."""
+        """The arm is stopped or off: restart all detection times."""
         self._lasting.clear()
         self._collision_s = 0.0
         self._deviation_before = self._clamping_before = self._clearance_before = None
@@ -95,7 +95,7 @@ class Supervision:
     # violations
 
     def violation(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Finding | None:
-        """The limit that has been exceeded for too long, if any."""
+        """Return the limit that has been exceeded for too long, if any."""
         if not self._lasting and not boundaries.any and self._well_within(arm, limits):
             return None
         exceeded = {finding.cause: finding for finding in self._exceeded(arm, limits, boundaries, mode)}
@@ -106,7 +106,7 @@ class Supervision:
         return None
 
     def _well_within(self, arm: Arm, limits: LimitSet) -> bool:
-        """The quick look of nearly every period: nothing exceeds a limit, even without the tolerance."""
+        """Fast check, sufficient in nearly every period: nothing exceeds a limit, even without tolerance."""
         u, v, w, *_ = arm.tcp_speed
         x, y, z = arm.elbow_velocity
         speed, force = u * u + v * v + w * w, 0.0
@@ -120,7 +120,7 @@ class Supervision:
             and x * x + y * y + z * z <= limits.elbow_speed * limits.elbow_speed
             and arm.momentum <= limits.momentum
             and force <= limits.force * limits.force
-            and speed * force <= limits.power * limits.power  # the most that a force can do at this speed
+            and speed * force <= limits.power * limits.power  # upper bound of the power at this force and speed
         )
 
     def _exceeded(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> Iterator[Finding]:
@@ -173,7 +173,7 @@ class Supervision:
             yield _over(Cause.TCP_ORIENTATION_VIOLATION, "tool tilt", angle, orientation.deviation, "rad")
 
     def outside(self, arm: Arm, limits: LimitSet, boundaries: Boundaries, mode: SafetyMode) -> bool:
-        """The arm stands outside its position limits, without any tolerance."""
+        """Whether the arm is outside its position limits, without tolerance."""
         exact = _Tolerances(joint_position=_ROUNDING_RAD, plane=0.0, orientation=0.0)
         slack = exact.joint_position
         joints = zip(arm.q, limits.joint_min, limits.joint_max, strict=True)
@@ -184,7 +184,7 @@ class Supervision:
     # protective stops
 
     def protective_stop(self, arm: Arm, boundaries: Boundaries, mode: SafetyMode, *, stiff: bool) -> Finding | None:
-        """Why the arm has to be stopped now, if it has. stiff: it holds its path, and yields to nothing."""
+        """Return the cause of a protective stop, if any. stiff: the arm holds its path and is not compliant."""
         found = self._deviation(arm) or self._collision(arm, stiff)
         if found is None and boundaries.any:
             found = self._near_plane(arm, boundaries, mode) or self._near_orientation(arm, boundaries, mode)
@@ -199,7 +199,7 @@ class Supervision:
             return None
         for joint, error in enumerate(arm.following_error):
             if abs(error) > _PATH_DEVIATION_RAD:
-                text = f"joint {joint} is {abs(error):.3f} rad from its target; check payload and acceleration"
+                text = f"joint {joint} is {abs(error):.3f} rad from its target: check payload and acceleration"
                 return Finding(Cause.PATH_DEVIATION, joint, text)
         return None
 
@@ -214,11 +214,11 @@ class Supervision:
         pairs = zip(arm.actual_current, arm.target_current, CURRENT_WINDOW_A, strict=True)
         shares = [abs(actual - target) / window for actual, target, window in pairs]
         joint = shares.index(max(shares))
-        text = f"something holds joint {joint}: its current is off the model by {shares[joint]:.1f} times the window"
+        text = f"joint {joint} is obstructed: its current is off the model by {shares[joint]:.1f} times the window"
         return Finding(Cause.COLLISION, joint, text)
 
     def _stop_share_s(self, arm: Arm) -> float:
-        """Distance per speed that a stop takes from now on: reaction, and half the braking time."""
+        """Stopping distance divided by speed: the reaction time plus half the braking time."""
         fastest = max(map(abs, arm.qd))
         return _REACTION_PERIODS * self._period + 0.5 * fastest / self._deceleration
 
@@ -234,7 +234,7 @@ class Supervision:
                 room = plane.depth(point.at) - point.radius - speed * share
                 if speed > _APPROACHING and room < _HALT_M and (plane.elbow or not point.is_elbow):
                     what, cause = ("elbow", self._elbow_cause) if point.is_elbow else ("tool", Cause.SAFETY_PLANE)
-                    return Finding(cause, None, f'the {what} is close to the safety plane "{plane.name}"; move it away')
+                    return Finding(cause, None, f'the {what} is close to the safety plane "{plane.name}": move it away')
         return None
 
     @property
@@ -251,11 +251,11 @@ class Supervision:
         rate = (angle - before) / self._period if before is not None else 0.0
         if rate <= _APPROACHING or angle + rate * self._stop_share_s(arm) < orientation.deviation - _HALT_RAD:
             return None
-        text = f"the tool is tilted by {angle:.3f} rad, {orientation.deviation:.3f} rad are allowed; turn it back"
+        text = f"the tool is tilted by {angle:.3f} rad, {orientation.deviation:.3f} rad are allowed: turn it back"
         return Finding(Cause.TOOL_ORIENTATION, None, text)
 
     def _clamping(self, arm: Arm) -> Finding | None:
-        # only joints 4 and 5 move the flange against the lower arm: far away is far for a while
+        # only joints 4 and 5 move the flange relative to the lower arm: no check is needed until they could reach it
         wrist, (fourth, fifth) = arm.q[3:5], self._wrist_before
         self._wrist_before = wrist
         self._clamping_room -= (abs(wrist[0] - fourth) + abs(wrist[1] - fifth)) * self._wrist_m
@@ -266,11 +266,11 @@ class Supervision:
         before, self._clamping_before = self._clamping_before, distance
         if distance >= CLAMPING_M or before is None or distance >= before:
             return None
-        text = f"the flange is {1000.0 * distance:.0f} mm from the lower arm's axis; move it away"
+        text = f"the flange is {1000.0 * distance:.0f} mm from the lower arm's axis: move it away"
         return Finding(Cause.CLAMPING, None, text)
 
     def _touching(self, links: "Links", arm: Arm) -> Finding | None:
-        """Contact of the arm with itself; the fastest joint is the one that notices (guess)."""
+        """Contact of the arm with itself; the fastest joint is the one that detects it (guess)."""
         if not any(arm.qd):
             return None
         clearance = links.clearance(arm.q)
@@ -279,11 +279,11 @@ class Supervision:
             return None
         speeds = [abs(speed) for speed in arm.qd]
         joint = speeds.index(max(speeds))
-        return Finding(Cause.COLLISION, joint, f"joint {joint} moved the arm against itself; move it back")
+        return Finding(Cause.COLLISION, joint, f"joint {joint} has moved the arm against itself: move it back")
 
 
 def _links(model: RobotModel) -> "Links":
-    from emulator.world.links import Links  # coal and numpy, for which a look at options does not wait
+    from emulator.world.links import Links  # imports coal and numpy, which printing the options should not wait for
 
     return Links(model)
 

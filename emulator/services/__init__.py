@@ -1,1 +1,1 @@
-"""What serves programs and outlives each of them: sockets, Modbus signals, outputs that follow them, watchdogs."""
+"""Services for programs that outlive them: sockets, Modbus signals, run-state outputs, watchdogs."""

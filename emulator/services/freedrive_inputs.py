@@ -1,4 +1,4 @@
-"""Inputs that let somebody move the arm by hand."""
+"""Inputs that activate freedrive."""
 
 from collections.abc import Callable
 
@@ -9,9 +9,9 @@ from urproto.signals import DigitalGroup
 
 
 class FreedriveInputs:
-    """Which inputs trigger freedrive. They outlive the program that said so, as the installation's do.
+    """The inputs that activate freedrive. They outlive the program that set them, like those of the installation.
 
-    While one of them is high, no program runs and the arm may move, the arm is in freedrive.
+    The arm is in freedrive while one of them is high, no program runs and the arm may move.
     """
 
     def __init__(self, signals: Signals, registers: Registers, modbus: ModbusSignals, motion: Motion) -> None:
@@ -38,19 +38,19 @@ class FreedriveInputs:
         self._levels["modbus", name] = lambda: self._modbus.is_high(name)
 
     def hold_button(self) -> None:
-        """Freedrive for as long as the pendant's button is held: until it is forgotten."""
+        """Activate freedrive while the pendant's button is held, until `forget`."""
         self._levels["button", 0] = lambda: True
 
     def forget(self, kind: str, index: int | str) -> None:
-        """The input triggers nothing. ``kind``: the group's name, "register", "modbus" or "button"."""
+        """Remove an input's action. ``kind``: the group's name, "register", "modbus" or "button"."""
         self._levels.pop((kind, index), None)
 
     def clear(self) -> None:
-        """No input triggers anything."""
+        """Remove the actions of all inputs."""
         self._levels.clear()
 
     def advance(self, *, allowed: bool) -> None:
-        """One control period, before programs run. ``allowed``: the arm may move, and no program does it."""
+        """Advance one control period, before programs run. ``allowed``: the arm may move, and no program moves it."""
         if not (self._levels or self._free):
             return
         wanted = allowed and any(high() for high in self._levels.values())
@@ -61,7 +61,7 @@ class FreedriveInputs:
             self.release()
 
     def release(self) -> None:
-        """Leave freedrive, if an input brought the arm there: a program takes over."""
+        """Leave freedrive if an input activated it: a program takes over."""
         if self._free:
             self._motion.force_control.end()
             self._free = False

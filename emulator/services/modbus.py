@@ -1,12 +1,12 @@
 """Modbus signals: the values of other devices that programs read and set by name.
 
-A signal asks its unit again and again, at its frequency, and one question at a time: an
-input reads; an output reads until a program sets it and writes from then on. Signals belong
-to the controller, not to the program that added them: installers add them from a secondary
-program of their own, and the next program uses them.
+A signal polls its unit at its frequency, one request at a time: an input reads; an output
+reads until a program sets it, and writes from then on. Signals belong to the controller, not
+to the program that added them: installers add them in a separate secondary program, and the
+next program uses them.
 
-A signal whose last question failed is in error. For as long as its watchdog allows, it
-keeps its last value; after that, reading or setting it ends the program.
+A signal whose last request failed is in error. It keeps its last value for the time of its
+watchdog; after that, reading or setting it ends the program.
 """
 
 import errno
@@ -18,20 +18,20 @@ from emulator.services.outputs import OutputAction, level_at_end, level_at_start
 from urproto.modbus import ExceptionCode, Function, ModbusRequest
 from urproto.versions import Series
 
-# Connection errors beside the numbers of errno. Script Manual, modbus_get_error; CONNECTING from another maker's.
+# Connection errors in addition to errno. Script Manual, modbus_get_error; CONNECTING: another maker's manual
 CONNECTING: Final = -1
 DISCONNECTED: Final = -2
 
 
 class ModbusUnit(NamedTuple):
-    """Who is asked: an address and the number of the unit behind it. Port and all else is the backend's."""
+    """A polled unit: an address and the unit's number behind it. The rest, such as the port, is up to the backend."""
 
     address: str
     slave: int
 
 
 class ModbusExchange:
-    """A request under way. ``device_error``: the unit's exception code; ``connection_error``: an errno or negative."""
+    """A request in progress. ``device_error``: the unit's exception code; ``connection_error``: errno or negative."""
 
     __slots__ = ("connection_error", "device_error", "done", "values")
 
@@ -42,25 +42,25 @@ class ModbusExchange:
         self.connection_error = 0
 
     def complete(self, values: tuple[int, ...] = (), *, device_error: int = 0, connection_error: int = 0) -> None:
-        """Enter the outcome; later ones are ignored."""
+        """Set the outcome; later ones are ignored."""
         if not self.done:
             self.done, self.values = True, values
             self.device_error, self.connection_error = device_error, connection_error
 
 
 class ModbusBackend(Protocol):
-    """Where units are. Nothing here fails or waits: what goes wrong is the exchange's outcome."""
+    """Connections to units. No method fails or waits: errors are outcomes of the exchange."""
 
     def ask(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
         """Send a request. ``sequential``: not while another one to the unit is unanswered."""
         ...
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:
-        """Send function code and data whose answer is of no interest."""
+        """Send function code and data; the answer is ignored."""
         ...
 
     def reset(self, address: str) -> None:
-        """Close every connection to an address; the next request opens a new one at once."""
+        """Close all connections to an address; the next request immediately opens a new one."""
         ...
 
     def release(self, unit: ModbusUnit) -> None:
@@ -88,7 +88,7 @@ _BITS: Final = (Function.READ_COILS, Function.READ_DISCRETE_INPUTS, Function.WRI
 
 @dataclass
 class MemoryUnit:
-    """A unit made of memory. ``broken``: the exception code it answers everything with."""
+    """A unit in memory. ``broken``: the exception code with which it answers every request."""
 
     coils: dict[int, int] = field(default_factory=dict)
     registers: dict[int, int] = field(default_factory=dict)
@@ -117,9 +117,9 @@ class MemoryUnit:
 
 
 class MemoryModbus:
-    """Backend for tests: answers at once for the units it has, refuses to connect to others.
+    """Backend for tests: answers immediately for its units, refuses connections to others.
 
-    ``silent``: units that do not answer until they are taken from it by ``speak``.
+    ``silent``: units that do not answer until ``speak`` is called.
     """
 
     def __init__(self) -> None:
@@ -140,7 +140,7 @@ class MemoryModbus:
         return exchange
 
     def speak(self, unit: ModbusUnit) -> None:
-        """Answer what a silent unit was asked, and everything from now on."""
+        """Let a silent unit answer its pending requests, and all later ones."""
         self.silent.discard(unit)
         for addressed, request, exchange in self._waiting:
             if addressed == unit:
@@ -164,12 +164,12 @@ _MAX_WATCHDOG_S: Final = 300.0  # Script Manual
 _MAX_NAME: Final = 20  # characters; Script Manual
 _MAX_VALUES: Final = 123  # Script Manual, register_count
 _MAX_WRITTEN: Final = 121  # by function 23: Modbus Application Protocol; the Script Manual says 123
-_MAX_SIGNALS: Final = 500  # guess: what looking at them costs in a control period must have an end
+_MAX_SIGNALS: Final = 500  # guess: bounds the cost of polling in a control period
 _MAX_WORD: Final = 0xFFFF
 
 
 class ModbusSignalError(ValueError):
-    """What a program asked of its signals cannot be done."""
+    """An operation on a Modbus signal is not possible."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,28 +220,28 @@ class ModbusSignal:
         self.wanted: tuple[int, ...] | None = None
         self.device_error = 0
         self.connection_error = CONNECTING
-        self.valid_step = step  # when the unit last did as it was asked; when the signal was added, before that
+        self.valid_step = step  # time of the last successful request; at first, when the signal was added
         self._read = ModbusRequest(kind.read, address, count)
         self._exchange: ModbusExchange | None = None
         self._due = step
 
     @property
     def in_error(self) -> bool:
-        """True when the last question failed or none has been answered yet."""
+        """Whether the last request failed or none has been answered yet."""
         return bool(self.device_error or self.connection_error)
 
     @property
     def output(self) -> bool:
-        """True when programs may set it."""
+        """Whether programs may set it."""
         return self.kind.write_one is not None
 
     @property
     def settled(self) -> bool:
-        """True when nothing is under way or requested."""
+        """Whether no request is in progress or due."""
         return self._exchange is None and self._due < 0
 
     def set(self, values: Sequence[int]) -> None:
-        """Write these values from now on; those behind them stay as they are. Raises ModbusSignalError."""
+        """Write these values from now on; values beyond them stay as they are. Raises ModbusSignalError."""
         if not 1 <= len(values) <= self.write_count:
             raise ModbusSignalError(f'"{self.name}" takes 1 to {self.write_count} values, not {len(values)}')
         before = self.wanted
@@ -252,11 +252,11 @@ class ModbusSignal:
             self.values = self.wanted
 
     def ask_now(self, step: int) -> None:
-        """Do not wait for the next turn."""
+        """Send the next request without waiting for its turn."""
         self._due = step
 
     def wants(self, step: int) -> int | None:
-        """Take the answer that came; since when it is this signal's turn to ask, None when it is not."""
+        """Process an answer; returns the step since which a request is due, None if none is."""
         exchange = self._exchange
         if exchange is not None:
             if not exchange.done:
@@ -290,13 +290,13 @@ class ModbusSignal:
         if self.in_error:
             return
         self.valid_step = step
-        # an answer that reads an output, but was asked before a program set it, says nothing any more
+        # the answer to a read of an output that a program has set since is obsolete
         if exchange.values and (self.wanted is None or self.kind.write_one is Function.READ_WRITE_REGISTERS):
             self.values = exchange.values
 
 
 class ModbusSignals:
-    """All signals of the controller by name. ``backend``: where their units are."""
+    """All signals of the controller by name. ``backend``: the connections to their units."""
 
     def __init__(self, series: Series) -> None:
         self.backend: ModbusBackend = NoModbusNetwork()
@@ -310,7 +310,7 @@ class ModbusSignals:
         return len(self._signals)
 
     def is_high(self, name: str) -> bool:
-        """Whether a digital signal of that name was high when its unit last answered; False while it does not."""
+        """Whether a digital signal was high when its unit last answered; False while it is in error."""
         signal = self._signals.get(name)
         return signal is not None and not signal.in_error and any(signal.values)
 
@@ -318,7 +318,7 @@ class ModbusSignals:
         """The signal of that name. Raises ModbusSignalError."""
         signal = self._signals.get(name)
         if signal is None:
-            raise ModbusSignalError(f'there is no Modbus signal "{name}": add it with modbus_add_signal first')
+            raise ModbusSignalError(f'there is no Modbus signal "{name}": add it with modbus_add_signal() first')
         return signal
 
     def add(
@@ -327,10 +327,10 @@ class ModbusSignals:
         """Add a signal; one of the same name is replaced. Raises ModbusSignalError."""
         _check_unit(unit)
         if not 1 <= len(name) <= _MAX_NAME:
-            raise ModbusSignalError(f"the name of a Modbus signal has 1 to {_MAX_NAME} characters, not {len(name)}")
+            raise ModbusSignalError(f"a Modbus signal's name must have 1 to {_MAX_NAME} characters, not {len(name)}")
         _check_span(address, count)
         if name not in self._signals and len(self._signals) >= _MAX_SIGNALS:
-            raise ModbusSignalError(f"there are {_MAX_SIGNALS} Modbus signals already: delete some")
+            raise ModbusSignalError(f"there are already {_MAX_SIGNALS} Modbus signals: delete some")
         kind = _E_SERIES_DIGITAL_OUTPUT if type_ == 1 and self._series is Series.E else SIGNAL_TYPES[type_]
         old = self._signals.pop(name, None)
         signal = ModbusSignal(name, unit, kind, address, count, sequential=sequential, step=self._step)
@@ -357,10 +357,10 @@ class ModbusSignals:
         if signal is not None and all(other.unit != signal.unit for other in self._signals.values()):
             self.backend.release(signal.unit)
 
-    # what programs ask for
+    # requests of programs
 
     def readable(self, name: str) -> ModbusSignal:
-        """The signal of that name; ModbusSignalError also when its watchdog has expired."""
+        """The signal of that name. Raises ModbusSignalError, also if its watchdog has expired."""
         signal = self.get(name)
         if self.invalid_s(signal) > signal.watchdog_s:
             reason = f"connection error {signal.connection_error}, device error {signal.device_error}"
@@ -381,23 +381,23 @@ class ModbusSignals:
         self._write(signal, values)
 
     def set_frequency(self, name: str, frequency_hz: int) -> None:
-        """How often the signal asks; 0 and -1: only when a program wants it. Raises ModbusSignalError."""
+        """Set the polling frequency; 0 and -1: only on request of a program. Raises ModbusSignalError."""
         if not -1 <= frequency_hz <= _MAX_FREQUENCY_HZ:
             raise ModbusSignalError(
                 f"the update frequency must be 0 to {_MAX_FREQUENCY_HZ} Hz, or -1, not {frequency_hz}"
             )
         signal = self.get(name)
         signal.frequency_hz = frequency_hz
-        signal.ask_now(self._step)  # also the first value of one that asks on demand
+        signal.ask_now(self._step)  # this also reads the first value of a signal on demand
 
     def set_watchdog(self, name: str, timeout_s: float) -> None:
-        """How long errors are tolerated. Raises ModbusSignalError."""
+        """Set how long errors are tolerated. Raises ModbusSignalError."""
         if not 0 <= timeout_s <= _MAX_WATCHDOG_S:
             raise ModbusSignalError(f"the watchdog time must be 0 to {_MAX_WATCHDOG_S:g} s, not {timeout_s}")
         self.get(name).watchdog_s = float(timeout_s)
 
     def set_runstate_choice(self, name: str, choice: int) -> None:
-        """Let an output follow the program. Raises ModbusSignalError."""
+        """Let an output follow the run state. Raises ModbusSignalError."""
         signal = self.get(name)
         if not signal.output:
             raise ModbusSignalError(f'"{name}" is a {signal.kind.title}: only outputs follow the program')
@@ -405,17 +405,17 @@ class ModbusSignals:
         self._drive(signal, level_at_start(action) if self._program_runs else level_at_end(action, unscheduled=False))
 
     def request_update(self, name: str) -> ModbusSignal:
-        """Ask the unit as soon as possible, whatever the frequency. Raises ModbusSignalError."""
+        """Poll the unit as soon as possible, whatever the frequency. Raises ModbusSignalError."""
         signal = self.get(name)
         signal.ask_now(self._step)
         return signal
 
     def pending(self, signal: ModbusSignal) -> bool:
-        """True while a question that a program asked for, of a signal that only asks on demand, is unanswered."""
+        """Whether a program's request for a signal on demand is unanswered."""
         return self._signals.get(signal.name) is signal and signal.frequency_hz <= 0 and not signal.settled
 
     def invalid_s(self, signal: ModbusSignal) -> float:
-        """How long ago the unit last did as it was asked [s]; 0 when the signal is valid."""
+        """Time since the last successful request [s]; 0 if the signal is valid."""
         return (self._step - signal.valid_step) / self._frames_a_second if signal.in_error else 0.0
 
     def send_command(self, unit: ModbusUnit, function: int, data: bytes) -> None:
@@ -424,7 +424,7 @@ class ModbusSignals:
         self.backend.send(unit, bytes((function,)) + data)
 
     def reset(self, address: str) -> list[ModbusSignal]:
-        """Connect anew to all units at an address; the signals there are in error until they are answered."""
+        """Reconnect to all units at an address; their signals are in error until they are answered."""
         signals = [signal for signal in self._signals.values() if signal.unit.address == address]
         self.backend.reset(address)
         for signal in signals:
@@ -433,7 +433,7 @@ class ModbusSignals:
         return signals
 
     def recovering(self, signals: Sequence[ModbusSignal]) -> bool:
-        """True while one of the signals is in error; those that only ask on demand are made to try again."""
+        """Whether one of the signals is in error; signals on demand are polled again."""
         in_error = [signal for signal in signals if signal.in_error and self._signals.get(signal.name) is signal]
         for signal in in_error:
             if signal.settled:
@@ -443,7 +443,7 @@ class ModbusSignals:
     # once a control period
 
     def step(self, step: int) -> None:
-        """One control period: of the signals of a unit whose turn it is, the one that waited longest asks.
+        """Advance one control period: per unit, only the signal whose request has been due longest is polled.
 
         Simple units lose requests that arrive together.
         """
@@ -465,7 +465,7 @@ class ModbusSignals:
             self._drive(signal, level_at_start(signal.runstate_choice))
 
     def program_stopped(self, *, unscheduled: bool) -> None:
-        """The main program is over. ``unscheduled``: by an error of its own, a protective stop, fault or violation."""
+        """The main program is over. ``unscheduled``: by a runtime error, a protective stop, fault or violation."""
         self._program_runs = False
         for signal in self._signals.values():
             self._drive(signal, level_at_end(signal.runstate_choice, unscheduled=unscheduled))
@@ -488,15 +488,15 @@ class ModbusSignals:
 
 def _check_unit(unit: ModbusUnit) -> None:
     if not unit.address:
-        raise ModbusSignalError("the address of a Modbus unit is empty")
+        raise ModbusSignalError("the address of a Modbus unit must not be empty")
     if not 0 <= unit.slave <= 255:
         raise ModbusSignalError(f"the number of a Modbus unit must be 0 to 255, not {unit.slave}")
 
 
 def _check_span(address: int, count: int) -> None:
     if not 1 <= count <= _MAX_VALUES:
-        raise ModbusSignalError(f"a Modbus signal has 1 to {_MAX_VALUES} values, not {count}")
+        raise ModbusSignalError(f"a Modbus signal must have 1 to {_MAX_VALUES} values, not {count}")
     if not 0 <= address <= _MAX_WORD + 1 - count:
         raise ModbusSignalError(
-            f"there is no Modbus address {address} with {count} values: addresses are 0 to {_MAX_WORD}"
+            f"Modbus address {address} with {count} values is out of range: addresses are 0 to {_MAX_WORD}"
         )

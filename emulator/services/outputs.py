@@ -1,4 +1,4 @@
-"""Outputs that follow the program or drive power: what set_runstate_..._output_to_value() asks for."""
+"""Outputs that follow the program or drive power, set by set_runstate_..._output_to_value()."""
 
 from collections.abc import Callable
 from typing import Final, TypeAlias
@@ -10,7 +10,7 @@ from urproto.versions import Series
 
 
 class OutputAction(IntEnum):
-    """Unscheduled: a runtime exception, protective stop, violation or fault ended the program."""
+    """Actions. Unscheduled: a runtime exception, protective stop, violation or fault ended the program."""
 
     KEEP = 0
     LOW_WHEN_STOPPED = 1
@@ -40,17 +40,17 @@ def output_action(number: int, series: Series, *, power: bool) -> OutputAction:
 
 
 def level_at_start(action: OutputAction) -> bool | None:
-    """The level once a program runs; None leaves it."""
+    """The level when a program starts; None leaves it unchanged."""
     return _STARTED.get(action)
 
 
 def level_at_end(action: OutputAction, *, unscheduled: bool) -> bool | None:
-    """The level once no program runs any more; None leaves it."""
+    """The level when the program ends; None leaves it unchanged."""
     return _UNSCHEDULED.get(action, _STOPPED.get(action)) if unscheduled else _STOPPED.get(action)
 
 
 def level_by_power(action: OutputAction, *, powered: bool) -> bool | None:
-    """The level with or without drive power; None leaves it."""
+    """The level with or without drive power; None leaves it unchanged."""
     level = _POWERED.get(action)
     return level if level is None else level is powered
 
@@ -59,7 +59,7 @@ _Write: TypeAlias = Callable[[bool], None]
 
 
 class RunstateOutputs:
-    """The actions in force. They outlive the program that set them, as the installation's do.
+    """The active actions. They outlive the program that set them, like those of the installation.
 
     An analog output that is high or low is at its maximum or minimum.
     """
@@ -92,12 +92,12 @@ class RunstateOutputs:
         self._apply(level_at_start)
 
     def program_stopped(self, *, unscheduled: bool) -> None:
-        """The main program is over. ``unscheduled``: by an error of its own, a protective stop, fault or violation."""
+        """The main program is over. ``unscheduled``: by a runtime error, a protective stop, fault or violation."""
         self._program_runs = False
         self._apply(lambda action: level_at_end(action, unscheduled=unscheduled))
 
     def power_changed(self) -> None:
-        """Drive power came or went."""
+        """Drive power was switched on or off."""
         powered = self._powered()
         self._apply(lambda action: level_by_power(action, powered=powered))
 

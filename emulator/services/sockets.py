@@ -1,7 +1,7 @@
 """The TCP sockets of a script, as the interpreter sees them.
 
-A backend opens connections; the interpreter never waits for one, it looks at ``state``
-and ``inbox`` once per control period. ``MemorySockets`` is a backend without a network.
+A backend opens connections. The interpreter never waits for one: it checks ``state`` and
+``inbox`` once per control period. ``MemorySockets`` is a backend without a network.
 """
 
 from typing import Final, Literal, Protocol
@@ -9,7 +9,7 @@ from typing import Final, Literal, Protocol
 from urproto.compat import StrEnum
 
 MOST_SOCKETS: Final = 64
-"""Connections of one program (a guess); a file descriptor each."""
+"""Maximum number of connections of one program (a guess); each takes a file descriptor."""
 
 SocketState = Literal["connecting", "open", "closed"]
 
@@ -17,8 +17,8 @@ SocketState = Literal["connecting", "open", "closed"]
 class ScriptNetwork(StrEnum):
     """Which addresses the sockets and remote procedure calls of scripts may connect to.
 
-    The control API and the pendant of an emulator on this machine are none of them, unless they are named: who reaches
-    one can do anything, and anybody who reaches a script port can write a script.
+    The control API and the pendant of an emulator on this machine are excluded unless explicitly included: a client of
+    either can do anything, and anyone who can reach a script port can send a script.
     """
 
     ANY = "any"
@@ -28,7 +28,7 @@ class ScriptNetwork(StrEnum):
 
 
 class ScriptSocket(Protocol):
-    """One connection. Bytes that arrive are appended to ``inbox``; the reader takes them off its front."""
+    """One connection. Received bytes are appended to ``inbox``; the reader removes them from its front."""
 
     inbox: bytearray
 
@@ -39,20 +39,20 @@ class ScriptSocket(Protocol):
 
     @property
     def failure(self) -> str:
-        """Why it is closed when neither side closed it, in the words of the system; else empty."""
+        """The system's reason if neither side closed it; else empty."""
         ...
 
     def send(self, data: bytes) -> bool:
-        """Queue bytes for the peer. False when the connection is not open."""
+        """Queue bytes for the peer. Returns False if the connection is not open."""
         ...
 
     def close(self) -> None:
-        """Close the connection; does nothing when it is closed already."""
+        """Close the connection; does nothing if it is already closed."""
         ...
 
 
 class ScriptSocketBackend(Protocol):
-    """Where connections come from."""
+    """Opens connections."""
 
     def open(self, address: str, port: int) -> ScriptSocket:
         """Begin to connect. Never fails: a refused connection turns ``closed``."""
@@ -60,7 +60,7 @@ class ScriptSocketBackend(Protocol):
 
 
 class SocketTable:
-    """The sockets of one program: those the script opened, by their names, and those a handle of it holds."""
+    """The sockets of one program: those the script opened, by name, and those held by its RPC handles."""
 
     def __init__(self) -> None:
         self._sockets: dict[str, ScriptSocket] = {}
@@ -70,17 +70,17 @@ class SocketTable:
         return len(self._sockets) + len(self._held)
 
     def hold(self, socket: ScriptSocket) -> None:
-        """Close this one, which no script knows by name, with the others."""
+        """Add a socket without a name, to be closed with the others."""
         self._held.append(socket)
 
     def drop(self, socket: ScriptSocket) -> None:
-        """Close one that was held, and forget it."""
+        """Close and remove a socket added by `hold`."""
         socket.close()
         if socket in self._held:
             self._held.remove(socket)
 
     def get(self, name: str) -> ScriptSocket | None:
-        """The socket of that name, or None when it was never opened or is closed by the script."""
+        """The socket of that name, or None if it was never opened or the script has closed it."""
         return self._sockets.get(name)
 
     def put(self, name: str, socket: ScriptSocket) -> None:
@@ -103,7 +103,7 @@ class SocketTable:
 
 
 class MemorySocket:
-    """A connection without a network: ``sent`` holds what the script wrote, ``feed`` is the peer writing."""
+    """A connection without a network: ``sent`` contains what the script wrote, ``feed`` is the peer writing."""
 
     def __init__(self, state: SocketState, failure: str = "") -> None:
         self.inbox = bytearray()
@@ -135,7 +135,7 @@ class MemorySocket:
 
 
 class MemorySockets:
-    """Backend for tests: connects at once to the addresses in ``listening``, refuses all others.
+    """Backend for tests: connects immediately to the addresses in ``listening``, refuses all others.
 
     ``opened`` lists the connections in order. Addresses in ``silent`` never answer.
     """

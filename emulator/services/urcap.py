@@ -1,11 +1,12 @@
-"""The External Control URCap: where its nodes stand, a program runs what a driver sends when it is played.
+"""The External Control URCap: in place of its nodes, a program runs the code that a driver sends when it is played.
 
     robot -> driver   request_program\\n
     driver -> robot   the whole program, after which the connection stays open
 
-The driver gives no length and does not close, so the program is over when no more comes. What happens,
-limits and texts are those of the public URCap (UniversalRobots/Universal_Robots_ExternalControl_URCap);
-the URCap itself ends with what has arrived when it looks, which cuts a program off on a slow network.
+The driver sends no length and does not close the connection, so the program is complete when no more data
+arrives. Behaviour, limits and texts are those of the public URCap
+(UniversalRobots/Universal_Robots_ExternalControl_URCap). The URCap itself uses what has arrived when it
+checks, which truncates a program on a slow network.
 """
 
 import re
@@ -23,10 +24,10 @@ _HOST: Final = "192.168.56.1"
 _PORT: Final = 50002
 _REQUEST: Final = b"request_program\n"
 _CONNECT_S: Final = 5.0
-_SILENCE_S: Final = 0.5  # after which a line that is not complete is given up
-_PAUSE_S: Final = 0.02  # after which a program with its last line is complete (guess)
-_LONG_PAUSE_S: Final = 0.1  # after which one whose last line is not known is (guess)
-_WHOLE_S: Final = 10.0  # for all of it (guess; the URCap would wait on)
+_SILENCE_S: Final = 0.5  # after which an incomplete line is given up
+_PAUSE_S: Final = 0.02  # after which a program with its known last line is complete (guess)
+_LONG_PAUSE_S: Final = 0.1  # after which a program without a known last line is complete (guess)
+_WHOLE_S: Final = 10.0  # for the whole program (guess; the URCap would continue to wait)
 _MOST_BYTES: Final = 256 * 1024  # guess: the official program has 48 kB
 _LAST_LINE: Final = b"# NODE_CONTROL_LOOP_ENDS"
 _HEADER_BEGIN: Final = re.compile(r"^ *# HEADER_BEGIN *$", re.MULTILINE)
@@ -34,12 +35,12 @@ _HEADER_END: Final = re.compile(r"^ *# HEADER_END *$", re.MULTILINE)
 _LINE_END: Final = re.compile(r"\r\n?|\n")
 _WELL_FORMED: Final = re.compile(r"(?P<host>\[[^\]\s]+\]|[^:\s\[\]]*)(?::(?P<port>[0-9]{1,5}))?")
 _URCAP: Final = "External Control"
-_NOTHING: Final = "null"  # what Java calls a line that does not come: such a program does not compile (seen)
+_NOTHING: Final = "null"  # Java's text for a missing line: such a program does not compile (observed)
 
 
 @dataclass(frozen=True, slots=True)
 class DriverAddress:
-    """Where the driver hands out programs; None is left to the installation, else to the URCap."""
+    """Address at which the driver serves programs; None uses the installation's value, else the URCap's default."""
 
     host: str | None = None
     port: int | None = None
@@ -51,13 +52,13 @@ class DriverAddress:
         host, digits = (match["host"], match["port"]) if match else ("", None)
         if not (host or digits) or (digits is not None and not 0 < int(digits) < 65536):
             raise ValueError(
-                f"{text!r} is not an address of a driver: write HOST:PORT, HOST or :PORT, ports are 1 to 65535"
+                f"{text!r} is not the address of a driver: use HOST:PORT, HOST or :PORT, with ports from 1 to 65535"
             )
         return cls(host.strip("[]") or None, int(digits) if digits else None)
 
     @classmethod
     def of(cls, installation: InstallationFile) -> Self:
-        """What the URCap's page of an installation says."""
+        """Address from the URCap's page in an installation."""
         data = installation.contributions.get(_URCAP, {})
         port = data.get("port_nr", "").strip()
         valid = re.fullmatch("[0-9]{1,5}", port) is not None and 0 < int(port) < 65536
@@ -69,14 +70,14 @@ class DriverAddress:
 
     @property
     def complete(self) -> tuple[str, int]:
-        """Host and port, the URCap's where nothing is given."""
+        """Host and port, with the URCap's defaults."""
         return self.host or _HOST, self.port or _PORT
 
 
 def split_program(program: str) -> ExternalControlCode:
-    """The text between the anchors of the header, and what follows; what comes before is dropped.
+    """Split a program into the text between the anchors of the header and the text after it; text before is dropped.
 
-    Without anchors all of it belongs to the node.
+    Without anchors, the whole program belongs to the node.
     """
     begin = _HEADER_BEGIN.search(program)
     end = _HEADER_END.search(program, begin.end()) if begin else None
@@ -86,7 +87,7 @@ def split_program(program: str) -> ExternalControlCode:
 
 
 class ProgramRequest:
-    """One request for a program, looked at once per control period."""
+    """One request for a program, advanced once per control period."""
 
     def __init__(self, backend: ScriptSocketBackend, address: tuple[str, int], period_s: float) -> None:
         self._period_s = period_s
@@ -98,7 +99,7 @@ class ProgramRequest:
         self._size = 0
 
     def step(self) -> ExternalControlCode | None:
-        """What to put in the place of the nodes, a popup when the driver did not answer; None until that is known."""
+        """Advance; returns the code for the nodes (a popup if the driver did not answer), None until it is known."""
         self._time_s += self._period_s
         code = self._receive() if self._requested else self._connect()
         if code is not None:
@@ -106,7 +107,7 @@ class ProgramRequest:
         return code
 
     def close(self) -> None:
-        """Give the request up."""
+        """Abandon the request."""
         self._socket.close()
 
     def _connect(self) -> ExternalControlCode | None:
@@ -121,7 +122,7 @@ class ProgramRequest:
 
     def _receive(self) -> ExternalControlCode | None:
         socket = self._socket
-        ended = socket.state == "closed"  # looked at first: what came before the end is in the inbox then
+        ended = socket.state == "closed"  # checked first: then everything received before the end is in the inbox
         size = len(socket.inbox)
         self._quiet_s = 0.0 if size != self._size else self._quiet_s + self._period_s
         self._size = size
@@ -157,7 +158,7 @@ class ProgramRequest:
 
 
 def _popup(text: str) -> ExternalControlCode:
-    """What the node does instead: tell the operator, and wait."""
+    """Code of the node after a failure: notify the operator, and wait."""
     return ExternalControlCode(
         "", f'popup({quoted(text)}, "Receive program failed", False, True, blocking=True)\nsync()\n'
     )

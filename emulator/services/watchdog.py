@@ -1,4 +1,4 @@
-"""Watchdogs on RTDE inputs: a program stops or pauses when its client falls silent."""
+"""Watchdogs on RTDE inputs, which stop or pause a program when its client falls silent; history of the motion."""
 
 import math
 from collections import deque
@@ -8,10 +8,10 @@ from typing import Final, Literal
 
 from urproto.vectors import Vector6
 
-_DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact a program still reacts to
+_DEPTH_S: Final = 2.0  # guess: long enough to step back to any contact that a program still reacts to
 _CONTACT_N: Final = 20.0  # guess: force against the direction that counts as contact
 _CONTACT_NM: Final = 2.0  # guess, likewise for a torque, where no direction is given
-_BEGIN: Final = 0.1  # share of these below which a contact has not begun (guess)
+_BEGIN: Final = 0.1  # fraction of these below which a contact has not begun (guess)
 
 
 class MotionHistory:
@@ -28,15 +28,15 @@ class MotionHistory:
         self._wrench.appendleft(wrench)
 
     def q_ago(self, steps: int) -> Vector6 | None:
-        """Joint positions ``steps`` control periods ago, the oldest known beyond the ring; None before the first."""
+        """Joint positions ``steps`` control periods ago, at most the oldest known; None before the first."""
         return self._q[min(max(steps, 0), len(self._q) - 1)] if self._q else None
 
     def contact_steps(self, direction: Sequence[float], threshold: float = 0.0) -> int:
-        """Control periods back to just before something resisted a motion along ``direction``; 0 without contact.
+        """Number of control periods since just before a contact against ``direction`` began; 0 without contact.
 
         ``direction``: base frame, its first three numbers; all zero means any direction. ``threshold``: the force
-        that counts [N]; 0 takes the usual one. What resists less than that is no contact yet, but part of one that is
-        (Script Manual: back to just before the contact started).
+        that counts [N]; 0 uses the default. A smaller force is not a contact itself, but counts as part of one that
+        follows (Script Manual: back to just before the contact started).
         """
         least = threshold or _CONTACT_N
         if not self._wrench or not any(self._wrench[0]) or not _resists(self._wrench[0], direction[:3], least):
@@ -80,15 +80,15 @@ class Watchdogs:
         self._watched[watchdog.variable] = watchdog
 
     def __bool__(self) -> bool:
-        """True when anything is watched."""
+        """Whether anything is watched."""
         return bool(self._watched)
 
     def remove(self, variable: str) -> None:
-        """Watch a variable no longer."""
+        """Stop watching a variable."""
         self._watched.pop(variable, None)
 
     def clear(self) -> None:
-        """Forget all of them, as at the end of a program."""
+        """Remove all watchdogs, as at the end of a program."""
         self._watched.clear()
 
     def restart(self, step: int) -> None:
@@ -97,9 +97,9 @@ class Watchdogs:
             watchdog.since = step
 
     def expired(self, step: int, refreshed: Mapping[str, int]) -> list[Watchdog]:
-        """Those that starved, given the step at which each variable was last written.
+        """Expired watchdogs, given the step at which each variable was last written.
 
-        Each is told once and then has another interval.
+        Each is reported once, and its interval then restarts.
         """
         if not self._watched:
             return []

@@ -1,1 +1,1 @@
-"""What stands around the arm: solid things that push back, hands that push, and what comes of it."""
+"""Objects around the arm: solid objects that push back, hands that push, and the resulting forces."""

@@ -1,15 +1,15 @@
-"""What can go wrong in a world on purpose: the interface by which faults reach it, whatever computes it."""
+"""Injected disturbances of a world: the interface for faults, independent of how the world is computed."""
 
 from collections.abc import Collection
 from typing import Protocol
 
 
 class Disturbances(Protocol):
-    """Names are those of the world's file. Each can be called again and again, and undone."""
+    """Disturbances by the names in the world file. Each can be repeated and undone."""
 
     @property
     def parts(self) -> Collection[str]:
-        """What moves freely."""
+        """Objects that move freely."""
 
     @property
     def conveyors(self) -> Collection[str]:
@@ -17,19 +17,19 @@ class Disturbances(Protocol):
 
     @property
     def cameras(self) -> Collection[str]:
-        """What looks."""
+        """Cameras."""
 
     def take_away(self, part: str) -> None:
-        """Let a part be nowhere, although somebody has put it back since."""
+        """Remove a part, even if it has been put back since."""
 
     def bring_back(self, part: str) -> None:
-        """Let it be where it was at first, or was put since, at rest."""
+        """Return a part, at rest, to its first position or to where it was put since."""
 
     def set_friction(self, part: str, friction: float | None) -> None:
-        """Let it slide with this coefficient, whatever it touches; None for its own again."""
+        """Set a part's coefficient of friction with everything it touches; None restores its own."""
 
     def jam(self, conveyor: str, *, jammed: bool) -> None:
-        """Let a belt stand whatever its output says, or not any more."""
+        """Stop a belt regardless of its output, or release it."""
 
     def cover(self, camera: str, *, covered: bool) -> None:
-        """Let something be before a lens, or not any more."""
+        """Cover a camera's lens, or uncover it."""

@@ -1,4 +1,4 @@
-"""Worlds out of world files (`urproto.worldfile`): planes, boxes and spheres that push back."""
+"""Worlds from world files (`urproto.worldfile`): planes, boxes and spheres that push back."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,18 +22,18 @@ _SHAPES: Final[Mapping[str, Callable[[tuple[float, ...]], Shape]]] = {
 
 @dataclass(frozen=True)
 class WorldPlan:
-    """A world to be made: as often as there are controllers to stand in it."""
+    """The plan of a world, from which one world per controller is built."""
 
     things: Mapping[str, WorldObject] = field(default_factory=dict)
     tool: WorldObject = POINT
     links: bool = False
 
     def build(self, model: RobotModel, period_s: float) -> World:
-        """A world of its own for one arm. Raises WorldError."""
+        """Build a separate world for one arm. Raises WorldError."""
         return self._fill(World(self.tool, _links(model) if self.links else None))
 
     def check(self, model: RobotModel, q: Sequence[float]) -> None:
-        """Where the arm stands does not matter: nothing moves, and an arm may begin inside of a thing."""
+        """Check the plan. The arm's position does not matter: no object moves, and an arm may start inside one."""
         self._fill(World(self.tool))
 
     def _fill(self, world: World) -> World:
@@ -43,19 +43,19 @@ class WorldPlan:
 
 
 def _links(model: RobotModel) -> "Links":
-    from emulator.world.links import Links  # coal and numpy, for which a look at options does not wait
+    from emulator.world.links import Links  # imports coal and numpy, which printing the options should not wait for
 
     return Links(model)
 
 
 def read_world(path: Path) -> WorldPlan:
-    """What a YAML file says. Raises WorldFileError naming the file and the place, and OSError."""
+    """Read a world from a YAML file. Raises OSError, or WorldFileError that names the file and the place."""
     world = read_world_file(path, _SHAPES)
     if unmoved := (
         *world.sections,
         *(f"{key} of {name}" for name, thing in world.things.items() for key in thing.moving),
     ):
-        raise WorldFileError(f"{path}: {unmoved[0]} is for a world with physics: add --physics, or leave it out")
+        raise WorldFileError(f"{path}: {unmoved[0]} requires physics: add --physics, or leave it out")
     try:
         tool = POINT if world.tool is None else _object("tool", world.tool)
         plan = WorldPlan({name: _object(name, thing) for name, thing in world.things.items()}, tool, world.links)
@@ -66,10 +66,10 @@ def read_world(path: Path) -> WorldPlan:
 
 
 def read_thing(name: str, description: Any, *, tool: bool = False) -> WorldObject:
-    """One thing as a world file describes it; a tool has no material of its own. Raises ValueError."""
+    """Read one object in the format of a world file; a tool has no material of its own. Raises ValueError."""
     thing = read_description(name, description, _SHAPES, tool=tool)
     if thing.moving:
-        raise ValueError(f"{name}: {next(iter(thing.moving))} is for things of a world file, with --physics")
+        raise ValueError(f"{name}: {next(iter(thing.moving))} is only for objects of a world file, with --physics")
     return _object(name, thing)
 
 
@@ -81,7 +81,7 @@ def _object(name: str, thing: Thing) -> WorldObject:
 
 
 def describe_thing(thing: WorldObject, *, tool: bool = False) -> dict[str, Any]:
-    """What ``read_thing`` makes the thing of."""
+    """Describe an object in the format of ``read_thing``."""
     match thing.shape:
         case Plane():
             shape: dict[str, Any] = {"plane": {}}

@@ -1,11 +1,11 @@
-"""The arm's own links among the things of a world and beside each other: capsules of `urproto.robots.shapes`.
+"""Contacts of the arm's links with objects and with each other, using the capsules of `urproto.robots.shapes`.
 
-With things, upper arm, forearm, wrist 1 and wrist 2 count: the base stands where it stands, and wrist 3 belongs to the
-tool. A link's contact is no wrench at the TCP: the joints before it carry it.
+Upper arm, forearm, wrist 1 and wrist 2 can touch objects: the base does not move, and wrist 3 belongs to the tool. A
+link's contact is not a wrench at the TCP: it acts on the joints before the link.
 
-A real controller does not look after links that touch each other but for the flange and the lower arm
-(`emulator.safety.geometry`); its joints notice the contact. So that check is off unless asked for, and stands for what
-the joints would notice.
+A real controller does not monitor links touching each other, except for the flange and the lower arm
+(`emulator.safety.geometry`); its joints detect the contact. That check is therefore off unless enabled, and represents
+what the joints would detect.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,8 +23,8 @@ from urproto.robots.kinematics import Kinematics
 from urproto.robots.shapes import ArmCapsules
 from urproto.vectors import ZERO6, Vector3, Vector6, cross, lerp, unit
 
-_CARRIED: Final = (1, 2, 3, 4)  # capsules that things touch; so many joints and one more carry each
-# base, upper arm, forearm, wrist 1, 2 and 3; neighbours touch always
+_CARRIED: Final = (1, 2, 3, 4)  # capsules that objects can touch; each is carried by this many joints plus one
+# base, upper arm, forearm, wrist 1, 2 and 3; neighbours always touch
 _PAIRS: Final = ((0, 2), (0, 3), (0, 4), (0, 5), (1, 3), (1, 4), (1, 5), (2, 5))
 _X: Final[Vector3] = (1.0, 0.0, 0.0)
 _Y: Final[Vector3] = (0.0, 1.0, 0.0)
@@ -32,7 +32,7 @@ _Y: Final[Vector3] = (0.0, 1.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Touching:
-    """A link in a thing: ``carrying`` joints carry the link; point and normal (the way out) in the base frame [m]."""
+    """A link in an object: ``carrying`` joints carry the link; point and outward normal in the base frame [m]."""
 
     carrying: int
     thing: WorldObject
@@ -42,7 +42,7 @@ class Touching:
 
 
 class Links:
-    """The capsules of one arm and what they can meet."""
+    """The capsules of one arm and the objects they can touch."""
 
     def __init__(self, model: RobotModel) -> None:
         self._kinematics = Kinematics(model.dh)
@@ -53,11 +53,11 @@ class Links:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
 
     def surround(self, things: Iterable[WorldObject]) -> None:
-        """These are what the links can meet from now on."""
+        """Set the objects that the links can touch."""
         self._things = [(thing, _geometry(thing.shape), _placement(thing)) for thing in things]
 
     def clearance(self, q: Sequence[float]) -> float:
-        """The least distance between surfaces of links that are no neighbours [m]; negative where they overlap."""
+        """Smallest distance between the surfaces of links that are not neighbours [m]; negative if they overlap."""
         placed = [(capsule, _along(*ends)) for capsule, ends in zip(self._capsules, self._arm.axes(q), strict=True)]
         return min(self._distance(*placed[one], *placed[other]) for one, other in _PAIRS)
 
@@ -67,7 +67,7 @@ class Links:
         return distance
 
     def touches(self, q: Vector6) -> Iterator[Touching]:
-        """Where links are in things."""
+        """Contacts of links with objects."""
         if not self._things:
             return
         axes = self._arm.axes(q)
@@ -81,7 +81,7 @@ class Links:
                     yield Touching(link + 1, thing, -distance, (px, py, pz), (-nx, -ny, -nz))
 
     def torques(self, q: Vector6, qd: Vector6) -> Vector6:
-        """What the things do to the joints by touching links [Nm]."""
+        """Joint torques by contacts of the links [Nm]."""
         total = ZERO6
         for touching in self.touches(q):
             total = lerp(total, self._torque(touching, q, qd), 1.0)
@@ -110,7 +110,7 @@ def _placement(thing: WorldObject) -> Any:
 
 
 def _along(start: Vector3, end: Vector3) -> Any:
-    """A frame half way between two points, z pointing from one to the other."""
+    """A frame halfway between two points, with z pointing from one to the other."""
     z = unit((end[0] - start[0], end[1] - start[1], end[2] - start[2]), (0.0, 0.0, 1.0))
     x = unit(cross(_Y if abs(z[0]) > abs(z[1]) else _X, z), _X)
     middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]

@@ -1,7 +1,7 @@
-"""Planes, boxes and spheres: how deep a small ball is inside one, and which way is out.
+"""Planes, boxes and spheres: penetration depth of a small ball, and the direction that leads out.
 
-Lengths in m; poses as everywhere: x, y, z and a rotation vector, in the base frame. Every formula is closed: no
-iteration, nothing to load.
+Lengths in m; poses are x, y, z and a rotation vector, in the base frame. All formulas are closed-form, without
+iteration or libraries.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,7 +20,7 @@ _ALMOST = 1e-9
 
 
 class Frame(StrEnum):
-    """In whose axes a wrench is given."""
+    """Frame in which a wrench is given."""
 
     BASE = "base"
     TOOL = "tool"
@@ -30,7 +30,7 @@ class Frame(StrEnum):
 class Push:
     """A force [N] and torque [Nm] at the TCP. ``duration_s``: None pushes until it is released.
 
-    Raises ValueError for what is not finite, or no time.
+    Raises ValueError for a wrench that is not finite or an invalid duration.
     """
 
     wrench: Vector6
@@ -44,28 +44,28 @@ class Push:
             raise ValueError(f"a push must last longer than 0 s, not {self.duration_s}")
 
     def wrench_base(self, pose_base_tcp: Pose) -> Vector6:
-        """In the base frame's axes, for a tool that is there."""
+        """The wrench in the axes of the base frame, for a TCP pose."""
         return self.wrench if self.frame is Frame.BASE else out_of6(axes_of(pose_base_tcp), self.wrench)
 
     def over(self, period_s: float) -> bool:
-        """One period has gone; True when it was the last."""
+        """Advance one period; returns True if it was the last."""
         if self.duration_s is None:
             return False
         self.duration_s -= period_s
         return self.duration_s <= _ALMOST
 
 
-NEAR_M: Final = 0.05  # contacts are known from this distance on: more than any tool moves in a period
+NEAR_M: Final = 0.05  # contacts are reported from this distance on: more than any tool moves in a period
 _AT_TCP: Final = ZERO6
-_CREEP_M_S: Final = 1e-3  # friction grows with the sliding speed up to here, and is Coulomb's beyond (guess)
+_CREEP_M_S: Final = 1e-3  # up to this sliding speed, friction is viscous; beyond, it is Coulomb friction (guess)
 
 
 def contacts(tool: "WorldObject", things: "Iterable[WorldObject]", tcp: Pose, speed: Vector6) -> Iterator[Contact]:
-    """Where the tool touches, or soon will.
+    """Present and imminent contacts of the tool.
 
-    ``tool``: its pose in the frame of the TCP; its stiffness and the rest do not count, those of the things do.
-    ``tcp``: base frame, and so is ``speed``, of the TCP [m/s, rad/s]. Two boxes touch with their corners; crossing
-    edges go unnoticed.
+    ``tool``: its pose in the frame of the TCP; its material is ignored, that of the objects counts. ``tcp``: in the
+    base frame, like ``speed``, of the TCP [m/s, rad/s]. Two boxes touch with their corners; crossing edges are not
+    detected.
     """
     box = tool.mounted(tcp) if isinstance(tool.shape, Box) else None
     balls = _balls(tool, tcp) if box is None else [(box.place(probe.centre), probe) for probe in box.shape.probes]
@@ -87,7 +87,7 @@ def _balls(tool: "WorldObject", tcp: Pose) -> "list[tuple[Vector3, Probe]]":
 def _contact(
     touch: "Touch", centre: Vector3, probe: "Probe", thing: "tuple[WorldObject, float]", tool: tuple[Pose, Vector6]
 ) -> Iterator[Contact]:
-    """The contact of a probe in a solid. ``thing``: its material counts; 1 when the probe is the tool's, else -1."""
+    """Contact of a probe in a solid. ``thing``: the object, and 1 if the probe is the tool's, else -1."""
     if touch.depth < -NEAR_M:
         return
     material, sign = thing
@@ -102,7 +102,7 @@ def _contact(
 
 
 def velocity_at(lever: Vector3, speed: Vector6) -> Vector3:
-    """The velocity of a point of a body, from the body's speed at another."""
+    """Velocity of a point of a body, from the body's speed at another point."""
     turn = cross((speed[3], speed[4], speed[5]), lever)
     return (speed[0] + turn[0], speed[1] + turn[1], speed[2] + turn[2])
 
@@ -110,9 +110,9 @@ def velocity_at(lever: Vector3, speed: Vector6) -> Vector3:
 def force_of(
     depth: float, normal: Vector3, material: tuple[float, float, float], velocity: Vector3
 ) -> tuple[Vector3, float]:
-    """Force on what moves with ``velocity`` [N], and its friction over its sliding speed [N s/m].
+    """Force [N] on a body that moves with ``velocity``, and its friction per sliding speed [N s/m].
 
-    ``material``: stiffness, damping, coefficient of friction. The contact pushes or does nothing.
+    ``material``: stiffness, damping, coefficient of friction. A contact pushes, but never pulls.
     """
     if depth <= 0.0:
         return ZERO3, 0.0
@@ -133,7 +133,7 @@ _CORNERS_TO_A_FACE: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """A small ball that stands for a part of a shape: centre in the shape's frame, radius, share of the stiffness."""
+    """A small ball that represents part of a shape: centre in the shape's frame, radius, fraction of the stiffness."""
 
     centre: Vector3
     radius: float = 0.0
@@ -142,7 +142,7 @@ class Probe:
 
 @dataclass(frozen=True, slots=True)
 class Touch:
-    """How deep a ball is inside a solid (negative: how far outside), and the unit vector that leads out."""
+    """Penetration depth of a ball in a solid (negative: distance outside), and the unit vector that leads out."""
 
     depth: float
     out: Vector3
@@ -157,7 +157,7 @@ class Plane:
         return ()
 
     def touch(self, point: Vector3, radius: float) -> Touch:
-        """``point``: the ball's centre in the shape's frame; so in all shapes."""
+        """Contact with a ball. ``point``: its centre in the shape's frame, as for all shapes."""
         return Touch(radius - point[2], (0.0, 0.0, 1.0))
 
 
@@ -192,7 +192,7 @@ class Box:
 
     @property
     def probes(self) -> tuple[Probe, ...]:
-        """Its corners. Lying on a face it is as stiff as one point: each of four corners has its quarter."""
+        """The corners. Each has a quarter of the stiffness, so a box lying on a face is as stiff as a single point."""
         x, y, z = (0.5 * edge for edge in self.size)
         corners = product((-x, x), (-y, y), (-z, z))
         return tuple(Probe(corner, 0.0, 1.0 / _CORNERS_TO_A_FACE) for corner in corners)
@@ -215,10 +215,10 @@ Shape = Plane | Box | Sphere
 
 @dataclass(frozen=True)
 class WorldObject:
-    """A solid thing that stays where it is.
+    """A solid, fixed object.
 
     pose: in the base frame. stiffness [N/m] and damping [N s/m] along the normal of a contact. friction: Coulomb's
-    coefficient. Raises ValueError for what cannot be.
+    coefficient. Raises ValueError for invalid values.
     """
 
     shape: Shape
@@ -239,16 +239,16 @@ class WorldObject:
         object.__setattr__(self, "axes", axes_of(self.pose))
 
     def at(self, pose: Sequence[float]) -> "WorldObject":
-        """The same thing elsewhere."""
+        """The same object at another pose."""
         x, y, z, rx, ry, rz = pose
         return replace(self, pose=(x, y, z, rx, ry, rz))
 
     def mounted(self, pose_base_tcp: Pose) -> "WorldObject":
-        """The same thing, its pose given in the frame of the TCP, where that is now."""
+        """The same object, with its pose given in the frame of the TCP, placed in the base frame."""
         return self.at(pose_trans(pose_base_tcp, self.pose))
 
     def touch(self, point: Vector3, radius: float) -> Touch:
-        """A ball at a point of the base frame; so is the way out."""
+        """Contact with a ball at a point of the base frame, with the outward direction in the base frame."""
         px, py, pz = self.pose[:3]
         arm = (point[0] - px, point[1] - py, point[2] - pz)
         x, y, z = self.axes
@@ -262,5 +262,5 @@ class WorldObject:
 
 
 def _over(v: Vector3, length: float) -> Vector3:
-    """A unit vector; upwards where it has no direction."""
+    """A unit vector; upwards if the vector has no direction."""
     return (v[0] / length, v[1] / length, v[2] / length) if length > 1e-12 else (0.0, 0.0, 1.0)

@@ -1,9 +1,8 @@
-"""The world of one arm: its things, the tool that touches them, and hands that push.
+"""The world of one arm: its objects, the tool that touches them, and hands that push.
 
-Once per control period, before the arm moves, ``act`` looks where the tool is and says what that does to it. So a
-force is that of the place and the speed the arm published last; the motion looks ahead by itself
-(emulator.motion.contact).
-Without a world none of this runs.
+Once per control period, before the arm moves, ``act`` calculates the forces on the tool at its present position. A
+force therefore belongs to the position and speed that the arm published last; the motion itself looks ahead
+(emulator.motion.contact). Without a world, none of this runs.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,16 +25,16 @@ if TYPE_CHECKING:
     from emulator.world.links import Links
 
 
-MOST_OBJECTS: Final = 32  # a limit of this implementation: it bounds the work of one tick
+MOST_OBJECTS: Final = 32  # a limit of this implementation, which bounds the computing time of a period
 POINT: Final = WorldObject(Sphere(0.0))  # a tool that touches with its TCP alone
 
 
 class WorldError(ValueError):
-    """A thing that is there already, is not there, or cannot be."""
+    """An object already exists, does not exist, or is invalid."""
 
 
 class Wiring(NamedTuple):
-    """What a world can be wired to."""
+    """Parts of the controller that a world can be wired to."""
 
     signals: Signals
     encoders: Encoders
@@ -44,9 +43,9 @@ class Wiring(NamedTuple):
 
 @dataclass
 class World:
-    """What an arm can meet. ``tool``: what touches, its pose in the frame of the TCP; its material does not count.
+    """The objects an arm can touch. ``tool``: its pose in the frame of the TCP; its material is ignored.
 
-    ``links``: the arm's own, when they touch too. ``contacts``: of the tool, as of the latest period.
+    ``links``: the arm's links, if their contacts are enabled. ``contacts``: of the tool in the latest period.
     """
 
     tool: WorldObject = POINT
@@ -56,61 +55,61 @@ class World:
     _pushes: dict[str, Push] = field(default_factory=dict, init=False)
 
     disturbances: Disturbances | None = field(default=None, init=False)
-    """What can go wrong in it on purpose; None for a world of springs."""
+    """Injected disturbances; None for a world of springs."""
 
     failure = ""
-    """Why it stands still, "" while all is well: a world of springs cannot fail."""
+    """Reason why the world has stopped, "" otherwise: a world of springs cannot fail."""
 
     def __post_init__(self) -> None:
         self.mount(self.tool)
 
     def wire(self, wiring: Wiring) -> None:
-        """For a world with something in it to wire: once, before the first period."""
+        """Connect a world that can be wired; called once, before the first period."""
 
     def names(self) -> list[str]:
-        """Names of everything that stands around."""
+        """Names of all objects."""
         return list(self._things)
 
     def poses(self) -> dict[str, Vector6]:
-        """Where everything is, by name, in the base frame."""
+        """Poses of all objects by name, in the base frame."""
         return {name: thing.pose for name, thing in self._things.items()}
 
     def pose(self, name: str) -> Vector6:
-        """Where one thing is, in the base frame. Raises WorldError for an unknown name."""
+        """Pose of one object in the base frame. Raises WorldError for an unknown name."""
         return self._known(name).pose
 
     def save(self) -> list[float] | None:
-        """The state of what moves in it, for `restore`; None for a world in which nothing does."""
+        """State of all moving objects, for `restore`; None for a world without any."""
         return None
 
     def restore(self, state: Sequence[float] | None) -> None:
-        """Take over what `save` gave; None is how everything was at first. Raises WorldError for another world's."""
+        """Restore a state from `save`; None stands for the initial one. Raises WorldError for another world's state."""
         if state is not None:
-            raise WorldError("nothing in this world moves: there is no state of it to restore")
+            raise WorldError("no object of this world moves: there is no state to restore")
 
     @property
     def things(self) -> Mapping[str, WorldObject]:
-        """Everything that stands around, by name."""
+        """All objects by name."""
         return MappingProxyType(self._things)
 
     @property
     def pushes(self) -> Mapping[str, Push]:
-        """Hands that push now, by name."""
+        """Present pushes by name."""
         return MappingProxyType(self._pushes)
 
     def add(self, name: str, thing: WorldObject) -> None:
-        """Put a thing there. Raises WorldError when there is one of this name, or too many."""
+        """Add an object. Raises WorldError if there is one of this name, or too many."""
         if name in self._things:
-            raise WorldError(f"there is an object {name!r} already: remove or move it, or choose another name")
+            raise WorldError(f"the object {name!r} exists already: remove or move it, or choose another name")
         if len(self._things) >= MOST_OBJECTS:
-            raise WorldError(f"a world holds at most {MOST_OBJECTS} objects")
+            raise WorldError(f"a world can have at most {MOST_OBJECTS} objects: remove one")
         if isinstance(thing.shape, Sphere) and not thing.shape.radius:
             raise WorldError(f"the object {name!r} is a sphere without a radius")
         self._things[name] = thing
         self._changed()
 
     def move(self, name: str, pose_base: Vector6) -> None:
-        """Put a thing elsewhere, at once. Raises WorldError for an unknown name, ValueError for a bad pose."""
+        """Move an object to a pose immediately. Raises WorldError for an unknown name, ValueError for a bad pose."""
         self._things[name] = self._known(name).at(pose_base)
         self._changed()
 
@@ -121,28 +120,28 @@ class World:
         self._changed()
 
     def mount(self, tool: WorldObject) -> None:
-        """Touch with another tool from now on. Raises WorldError for one without end."""
+        """Set another tool. Raises WorldError for one of infinite size."""
         if isinstance(tool.shape, Plane):
-            raise WorldError("a plane has no end and cannot be a tool: give a sphere or a box")
+            raise WorldError("a plane is infinite and cannot be a tool: use a sphere or a box")
         self.tool = tool
 
     def push(self, name: str, push: Push) -> None:
-        """Push the tool until the push is over or released; one of the same name is replaced.
+        """Push the tool until the push is over or released; it replaces one of the same name.
 
-        Raises WorldError when there are too many.
+        Raises WorldError if there are too many.
         """
         if name not in self._pushes and len(self._pushes) >= MOST_OBJECTS:
-            raise WorldError(f"at most {MOST_OBJECTS} hands push at a time: release one")
+            raise WorldError(f"at most {MOST_OBJECTS} pushes can be active at a time: release one")
         self._pushes[name] = push
 
     def release(self, name: str) -> bool:
-        """End a push; False when there is none of this name."""
+        """End a push; returns False if there is none of this name."""
         return self._pushes.pop(name, None) is not None
 
     def act(self, arm: "Arm", motion: Motion, wrench: Vector6, period_s: float) -> Vector6:
-        """One period: what the world does to the tool is added to a wrench at its TCP [N, Nm], base frame.
+        """Advance one period: add the world's forces on the tool to a wrench at its TCP [N, Nm], base frame.
 
-        Also tells the motion of the contacts, and the arm what the world does to its links.
+        Also passes the contacts to the motion, and the torques on its links to the arm.
         """
         wrench = lerp(wrench, self._tool_wrench(arm, period_s), 1.0)
         motion.force_control.contacts = self.contacts
@@ -178,14 +177,14 @@ class World:
 
 
 class Plan(Protocol):
-    """A world to be made: as often as there are controllers to stand in it."""
+    """The plan of a world, from which one world per controller is built."""
 
     @property
     def links(self) -> bool:
-        """The arm's own links touch too."""
+        """Whether contacts of the arm's links are enabled."""
 
     def check(self, model: RobotModel, q: Sequence[float]) -> None:
-        """Raise WorldError when it cannot be built around an arm that stands at q [rad]."""
+        """Raise WorldError if the world cannot be built around an arm at q [rad]."""
 
     def build(self, model: RobotModel, period_s: float) -> World:
-        """A world of its own for one arm. Raises WorldError."""
+        """Build a separate world for one arm. Raises WorldError."""

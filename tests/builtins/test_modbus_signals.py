@@ -379,10 +379,10 @@ def test_without_a_network_units_are_unreachable(make_rig):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        ('modbus_add_signal("", 255, 0, 0, "s")', "address of a Modbus unit is empty"),
+        ('modbus_add_signal("", 255, 0, 0, "s")', "address of a Modbus unit must not be empty"),
         ('modbus_add_signal("10.0.0.5", 256, 0, 0, "s")', "must be 0 to 255, not 256"),
-        ('modbus_add_signal("10.0.0.5", 255, -1, 0, "s")', "no Modbus address -1"),
-        ('modbus_add_signal("10.0.0.5", 255, 65535, 16, "s", False, 2)', "no Modbus address 65535 with 2 values"),
+        ('modbus_add_signal("10.0.0.5", 255, -1, 0, "s")', "Modbus address -1 with 1 values is out of range"),
+        ('modbus_add_signal("10.0.0.5", 255, 65535, 16, "s", False, 2)', "Modbus address 65535 with 2 values is out of range"),
         ('modbus_add_signal("10.0.0.5", 255, 0, 23, "s")', "signal_type must be one of"),
         ('modbus_add_signal("10.0.0.5", 255, 0, 0, "")', "1 to 20 characters, not 0"),
         ('modbus_add_signal("10.0.0.5", 255, 0, 0, "012345678901234567890")', "1 to 20 characters, not 21"),
@@ -420,7 +420,7 @@ def test_mistakes_are_named(rig, modbus, call, message):
 
 def test_there_is_an_end_to_signals(rig, modbus):
     text = rig.fault('i = 0\nwhile True:\n  modbus_add_signal("10.0.0.5", 255, 0, 0, to_str(i))\n  i = i + 1\nend')
-    assert "500 Modbus signals already" in text
+    assert "there are already 500 Modbus signals" in text
 
 
 def test_an_input_signal_frees_the_arm_while_it_is_high_and_its_unit_answers(rig, modbus):

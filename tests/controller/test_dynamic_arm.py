@@ -140,7 +140,7 @@ def test_stopped_at_a_wall_it_presses_hardly_harder(make):
     rig = make("ur5e", running=True, dynamic=True, initial_q=(0.0, -1.5, 1.5, -1.6, -1.57, 0.0), world=world)
     rig.script("movel(pose_add(get_actual_tcp_pose(), p[0, 0, -0.4, 0, 0, 0]), a=0.5, v=0.1)")
     rig.until(lambda snapshot: rig.controller.safety.stopped)
-    assert "something holds joint" in str(rig.messages)
+    assert "is obstructed: its current is off the model" in str(rig.messages)
     force = rig.controller.arm.wrench[2]
     assert force > 50.0
     rig.seconds(2.0)

@@ -193,7 +193,7 @@ def test_the_checksum_follows_every_change(write):
         ("normal: {joint_speed: [0, 1, 1, 1, 1, 1]}", "joint_speed must be positive"),
         ("normal: {elbow_speed: 1}", "UR5 has no limit elbow_speed"),
         ("preset: soft", "preset is 'soft'"),
-        ("planes: [{normal: [0, 0, 0]}]", "normal has no length"),
+        ("planes: [{normal: [0, 0, 0]}]", "normal must not be zero"),
         ("planes: [{normal: [0, 0, 1], mode: sometimes}]", "mode is 'sometimes'"),
         ("planes: 3", "planes must be a list"),
         ("tool_orientation: {direction: [0, 0, 1], deviation: 4}", "less than pi"),
@@ -201,7 +201,7 @@ def test_the_checksum_follows_every_change(write):
         ("inputs: {emergency_stop: [0, 1], reduced_mode: [1, 2]}", "share pin 1"),
         ("outputs: {bell: [0, 1]}", "unknown entry 'bell'"),
         ("manual_high_speed: 1", "must be true or false"),
-        ("- 1", "the file must be a table"),
+        ("- 1", "the file must be a mapping"),
         ("normal: [", "it is not YAML"),
     ],
 )
@@ -248,7 +248,7 @@ def test_an_installation_with_another_safety_configuration_is_noted(make):
     def noted(safety):
         before = len(rig.controller.messages.history)
         rig.controller.apply_installation(Path("cell.installation"), InstallationFile(safety=safety))
-        return [line for line in list(rig.controller.messages.history)[before:] if "not the one in force" in line]
+        return [line for line in list(rig.controller.messages.history)[before:] if "is not the active one" in line]
 
     assert noted(None) == []
     assert noted(own) == []

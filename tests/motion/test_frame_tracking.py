@@ -265,7 +265,7 @@ def test_a_frame_that_is_gone_stops_the_arm(rig):
     part.step((1e-4, 0, 0, 0, 0, 0), 200)
     part.pose = None
     part.step()
-    assert str(rig.fault).startswith('C204A5: the frame "part" cannot be tracked any more: there is no frame "part"')
+    assert str(rig.fault).startswith('C204A5: the frame "part" can no longer be tracked: there is no frame "part"')
     rig.rest()
 
 

@@ -161,7 +161,7 @@ def test_physics_that_explodes_stops_the_robot_and_says_so(cell, value, monkeypa
     for _ in range(20):
         texts += [getattr(message, "text", "") for message in here.controller.tick().messages]
     assert here.controller.safety.mode.name == "PROTECTIVE_STOP"
-    assert any("the physics of cell.yaml exploded" in text for text in texts)
+    assert any("the physics of cell.yaml became unstable" in text for text in texts)
     assert here.controller.registers.output.get_bit(3)
     assert here.position("part") == pytest.approx((-0.5, 0, 0.0201))
     here.robot.reset_world()

@@ -21,30 +21,30 @@ MJCF = """<mujoco><worldbody>
         (f"objects: {{a: {{{PART}, mass: 0}}}}", "a: Expected float > 0.0 - at $.mass"),
         (f"objects: {{a: {{{PART}, mass: heavy}}}}", "a: Expected float | null, got str"),
         ("objects: {a: {torus: 1}}", "a has 'torus'"),
-        (f"objects: {{a: {{{PART}, mass: 1, friction: .nan}}}}", "a: its friction must be from 0 to 10, not nan"),
-        ("objects: {a: {box: [1, 1, 1], pose: [.inf, 0, 0]}}", "a: its pose must be finite numbers"),
-        (f"objects: {{'': {{{PART}}}}}", "a thing must have a name"),
-        (f"objects: {{a: {{{PART}, conveyor: {{speed: .nan}}}}}}", "a: its numbers must be finite"),
-        ("barriers: {b: {from: [.nan, 0, 0], to: [0, 0, 1], input: 1}}", "b: its numbers must be finite"),
-        ("cameras: {c: {pose: [0, .nan, 1]}}", "c: its numbers must be finite"),
+        (f"objects: {{a: {{{PART}, mass: 1, friction: .nan}}}}", "a: the friction must be from 0 to 10, not nan"),
+        ("objects: {a: {box: [1, 1, 1], pose: [.inf, 0, 0]}}", "a: the pose must be finite numbers"),
+        (f"objects: {{'': {{{PART}}}}}", "an object must have a name"),
+        (f"objects: {{a: {{{PART}, conveyor: {{speed: .nan}}}}}}", "a: all numbers must be finite"),
+        ("barriers: {b: {from: [.nan, 0, 0], to: [0, 0, 1], input: 1}}", "b: all numbers must be finite"),
+        ("cameras: {c: {pose: [0, .nan, 1]}}", "c: all numbers must be finite"),
         ("objects: {a: {box: [0.1, 0, 0.1]}}", "lengths greater than 0"),
         (
             f"objects: {{a: {{{PART}, mass: 1}}, b: {{{PART}, mass: 1}}}}",
-            "a and b are 40.0 mm in each other at the start",
+            "a and b overlap by 40.0 mm at the start",
         ),
         ("objects: {a: {box: [1, 1, 1], pose: [0, 0, 0.3]}}", "start elsewhere"),
-        ("objects: {a: {mesh: none.stl}}", "there is no mesh"),
-        (f"objects: {{a: {{{PART}, slide: {{axis: [0, 0, 1], range: [0, 1]}}}}}}", "what a joint moves needs a mass"),
-        (f"objects: {{a: {{{PART}, mass: 1, slide: {{axis: [0, 0, 0], range: [0, 1]}}}}}}", "axis has no direction"),
-        ("objects: {a: {plane: {}, mass: 1}}", "a plane has no end"),
+        ("objects: {a: {mesh: none.stl}}", "does not exist"),
+        (f"objects: {{a: {{{PART}, slide: {{axis: [0, 0, 1], range: [0, 1]}}}}}}", "an object with a joint needs a mass"),
+        (f"objects: {{a: {{{PART}, mass: 1, slide: {{axis: [0, 0, 0], range: [0, 1]}}}}}}", "axis must not be zero"),
+        ("objects: {a: {plane: {}, mass: 1}}", "a plane is infinite"),
         ("barriers: {b: {from: [0, 0, 0], to: [0, 0, 1], input: 18}}", "Expected int <= 17"),
         ("scene: other.xml", "cannot read"),
         ("mounted: {m: {}}", "m must have exactly one of"),
-        (f"objects: {{a: {{{PART}, coupling: [0, 0, 0]}}}}", "what a tool changer takes is free to move"),
-        ("mounted: {m: {suction: {output: 0}, tool: a}}", "m: tool is 'a', not a thing with a coupling: none"),
-        ("mounted: {m: {changer: {output: 0}, tool: a}}", "m: a tool changer is on the flange: leave tool out"),
+        (f"objects: {{a: {{{PART}, coupling: [0, 0, 0]}}}}", "an object with a coupling must be free to move"),
+        ("mounted: {m: {suction: {output: 0}, tool: a}}", "m: tool 'a' is not an object with a coupling: none"),
+        ("mounted: {m: {changer: {output: 0}, tool: a}}", "m: a tool changer must be on the flange: leave tool out"),
         ("mounted: {m: {changer: {output: 0}, suction: {output: 1}}}", "give parallel, suction or changer"),
-        ("cameras: {c: {pose: [0, 0, 1], at: [0, 0, 1]}}", "at is where the camera is"),
+        ("cameras: {c: {pose: [0, 0, 1], at: [0, 0, 1]}}", "at is the camera's own position"),
     ],
 )
 def test_a_bad_scene_is_one_clear_line(tmp_path, text, says):
@@ -65,7 +65,7 @@ def test_a_bad_scene_of_mujoco_is_one_clear_line(tmp_path, text):
 
 def test_without_physics_a_world_does_not_move(tmp_path):
     (scene := tmp_path / "cell.yaml").write_text(f"objects: {{a: {{{PART}, mass: 1}}}}")
-    with pytest.raises(ConfigError, match="mass of a is for a world with physics: add --physics"):
+    with pytest.raises(ConfigError, match="mass of a requires physics: add --physics"):
         controller_config("ur5", world=scene)
     with pytest.raises(ConfigError, match="--physics needs a scene"):
         controller_config("ur5", physics=True)

@@ -126,7 +126,7 @@ def test_an_installation_that_cannot_be_read_is_a_line_in_the_log(tmp_path, cont
         path.write_bytes(content)
         box = Arm(tmp_path)
         assert len(box.controller.messages.history) == 1
-        assert "default.installation is not used: " in box.controller.messages.history[0]
+        assert "default.installation cannot be used: " in box.controller.messages.history[0]
     else:
         path.mkdir()
         box = Arm(tmp_path)

@@ -235,7 +235,7 @@ def _struct(members: dict[Any, Value], structs: bool) -> Value:
     if members.keys() == set(_POSE_MEMBERS) and all(map(is_number, members.values())):
         return Pose([float(members[name]) for name in _POSE_MEMBERS])
     if not structs:
-        raise BadReplyError(f"the result contains a struct other than a pose ({', '.join(_POSE_MEMBERS)}): that needs 5.15")
+        raise BadReplyError(f"the result has a struct that is not a pose ({', '.join(_POSE_MEMBERS)}): that needs 5.15")
     if not all(isinstance(name, str) for name in members):
         raise BadReplyError("the result contains a struct whose names are not text")
     return Struct(members)
