@@ -185,7 +185,7 @@ class ActiveMovement:
         self._holding = Holding.STOP if self.generator is not None else Holding.RUN
         self._hasten()
 
-    def quicken(self) -> None:
+    def use_fastest_ramp(self) -> None:
         """Let the speed change as quickly as the joints can until it has reached its commanded value."""
         if self.running:
             self.ramp = min(self._qdd_max)
