@@ -1,10 +1,10 @@
-"""The driver library: dashboard, data exchange and scripts for a robot, emulated or real.
+"""Client library for Universal Robots controllers, real or emulated: motion, state, dashboard and scripts.
 
-`Robot` is what most programs want. The clients below it come in two shells over the same logic: ``X`` for
-asyncio, ``BlockingX`` for plain scripts; of the robot itself these are `AsyncRobot` and `Robot`.
+Most programs need `Robot` only. The clients of the individual ports come in two variants with the same logic: ``X`` for
+asyncio programs, ``BlockingX`` for plain scripts. For the robot itself these are `AsyncRobot` and `Robot`.
 
-The names are those of the modules below, each loaded when the first of its names is asked for: what needs little,
-as most commands of ``ur-client`` do, starts in half the time.
+The names below are imported from their modules on first use. Programs that need few of them, like most commands of
+``ur-client``, start in half the time.
 """
 
 from collections.abc import Mapping

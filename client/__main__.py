@@ -1,4 +1,4 @@
-"""``python -m client``, and what the command ``ur-client`` calls."""
+"""Entry point of ``python -m client``, the same as the command ``ur-client``."""
 
 from urproto.entry import ur_client as main
 

@@ -1,4 +1,4 @@
-"""Calibration files as ur_description reads them, and what a robot says about its own geometry.
+"""Calibration files in the format of ur_description, and the geometry that a robot reports.
 
 calibration = read_calibration(Path("my_robot_calibration.yaml"))
 with Robot("192.168.1.10", calibration=calibration) as robot:     # refuses another arm
@@ -18,13 +18,13 @@ from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics
 from urproto.robots.calibrated import CalibratedKinematics
 from urproto.yamltext import NotYaml, load_yaml
 
-_SAME_LENGTH_M: Final = 0.01  # configuration data and data files give the same lengths, but for old hardware's
+_SAME_LENGTH_M: Final = 0.01  # configuration data and data files have the same lengths, except for old hardware
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Of ur_description's ``my_robot_calibration.yaml``, or a file with lists of Denavit-Hartenberg parameters.
+    """Read ur_description's ``my_robot_calibration.yaml``, or a file with lists of Denavit-Hartenberg parameters.
 
-    Raises FileError for a file that cannot be read or is none.
+    Raises FileError if the file cannot be read or is not a calibration.
     """
     try:
         return Calibration.from_mapping(load_yaml(path.read_bytes()), str(path))
@@ -37,7 +37,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
-    """As ur_calibration does. Raises FileError when the file cannot be written."""
+    """Write a calibration file in the format of ur_calibration. Raises FileError if it cannot be written."""
     try:
         path.write_text(yaml.safe_dump(calibration.to_mapping(), sort_keys=False), "utf-8")
     except OSError as error:
@@ -50,7 +50,7 @@ def parameters(kinematics: KinematicsInfo) -> DH:
 
 
 def calibration_of(kinematics: KinematicsInfo) -> Calibration:
-    """Of the robot that says so. Raises CalibrationError for one that has none."""
+    """Return the calibration that a robot reports. Raises CalibrationError if the robot is not calibrated."""
     if kinematics.status != KinematicsStatus.OK:
         raise CalibrationError(
             f"the robot's calibration status is {kinematics.status}: calibrate it or restore its calibration"
@@ -59,12 +59,12 @@ def calibration_of(kinematics: KinematicsInfo) -> Calibration:
 
 
 def is_nominal(calibration: Calibration, arm: ConfigurationData) -> bool:
-    """True for an arm without deviations, such as a simulated one."""
+    """True if the calibration does not deviate from the nominal geometry, as on a simulated arm."""
     return calibration.dh == _nominal(arm)
 
 
 def geometry_of(arm: ConfigurationData, kinematics: KinematicsInfo | None) -> Kinematics | None:
-    """The kinematics of the arm as it says it is, calibrated if it is; None for a shape that is not known here."""
+    """Kinematics of the arm as it describes itself, including its calibration; None for an unknown geometry."""
     try:
         nominal = _nominal(arm)
         if kinematics is None or parameters(kinematics) == nominal:
@@ -75,7 +75,7 @@ def geometry_of(arm: ConfigurationData, kinematics: KinematicsInfo | None) -> Ki
 
 
 def model_of(arm: ConfigurationData) -> RobotModel | None:
-    """The model with these type numbers and lengths; None for one that is not known here."""
+    """The model with these type numbers and lengths; None if it is unknown."""
 
     def difference(model: RobotModel) -> float:
         lengths = zip((*model.dh.a, *model.dh.d), (*arm.dh_a, *arm.dh_d), strict=True)
@@ -88,7 +88,7 @@ def model_of(arm: ConfigurationData) -> RobotModel | None:
 
 
 def described(arm: ConfigurationData, calibration: Calibration) -> RobotModel | None:
-    """The model with what was measured of the arm, if that deviates; None for one that is not known here."""
+    """The model, with the arm's calibration if it deviates from the nominal one; None if the model is unknown."""
     model = model_of(arm)
     if model is None or calibration.dh == model.dh:
         return model
@@ -96,10 +96,10 @@ def described(arm: ConfigurationData, calibration: Calibration) -> RobotModel | 
 
 
 def shaped(arm: ConfigurationData | None, kinematics: KinematicsInfo) -> RobotModel:
-    """As `described`, for what needs the arm's shape. Raises PlanningError for one that is not known here."""
+    """Like `described`, for callers that need the arm's shape. Raises PlanningError if the model is unknown."""
     model = described(arm, calibration_of(kinematics)) if arm else None
     if model is None:
-        raise PlanningError("this arm is no model that is known here, so its shape is not known either")
+        raise PlanningError("this arm is not a known model, so its shape is unknown")
     return model
 
 

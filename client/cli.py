@@ -1,4 +1,4 @@
-"""``ur-client``: the everyday things, from a terminal, against any robot or emulator."""
+"""``ur-client``: everyday tasks from a terminal, for any robot or emulator."""
 
 import sys
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "plan": (
         "planning:plan_command",
-        "Find a way around what is in the way, and let the arm take it if told to.",
+        "Plan a collision-free path around obstacles, and execute it with --execute.",
     ),
     "publish-goals": (
         "goals:publish_goals_command",

@@ -1,16 +1,15 @@
-"""Two thin shells around logic that knows no sockets.
+"""Two thin wrappers, asynchronous and blocking, around protocol logic without I/O.
 
-The logic is a *flow*: a generator that yields what it wants and returns its result. It yields
+The logic is a *flow*: a generator that yields requests and returns its result. It yields
 
-- bytes, to have them sent;
-- None, to be handed the next bytes from the robot;
-- POLL, to be handed what has arrived already, b"" when nothing has;
-- TimeLimit, to have another one from now on;
-- Reconnect, to go on over a new connection.
+- bytes to send them;
+- None to receive the next bytes from the robot;
+- POLL to receive what has already arrived, b"" if nothing has;
+- TimeLimit to set a new time limit from now on;
+- Reconnect to continue over a new connection.
 
-What goes wrong meanwhile is raised inside the flow, at its yield: a flow may catch a
-ClientError, explain it, or come back with Reconnect. The same flow runs in either shell, so
-nothing is written twice.
+Errors are raised inside the flow, at its yield: a flow may catch a ClientError, explain it, or recover with Reconnect.
+Both wrappers run the same flows, so no logic is duplicated.
 """
 
 import asyncio
@@ -32,13 +31,13 @@ from urproto.compat_asyncio import timeout
 Result = TypeVar("Result")
 
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"
-_LONGEST_WAIT_S = 86400.0  # an infinite timeout becomes this: sockets take no infinity
-_LEAST_WAIT_S = 1e-6  # a socket that does not wait at all is told apart by 0
-_LOOKS = 2  # of the event loop at its sockets: a callback that is due may be in front of the first one
-_LOOKING_S = 1.0  # how long one looks, beyond the time limit, at what has arrived already; guess
+_LONGEST_WAIT_S = 86400.0  # replaces an infinite timeout, which sockets do not accept
+_LEAST_WAIT_S = 1e-6  # not 0, which makes a socket non-blocking
+_LOOKS = 2  # polls of the sockets by the event loop: a pending callback may come before the first one
+_LOOKING_S = 1.0  # how long data that has already arrived is still read after the time limit; guess
 _RETRY_EVERY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
 _CHUNK = 65536  # bytes per read
-# what opening a connection raises: TimeoutError is an OSError; names that no host can have, ports beyond 65535
+# errors of opening a connection; TimeoutError is an OSError, the others come from invalid host names and port numbers
 _NO_CONNECTION: Final = (OSError, UnicodeError, OverflowError)
 
 
@@ -51,14 +50,14 @@ POLL: Final = _Poll.POLL
 
 @dataclass(frozen=True, slots=True)
 class TimeLimit:
-    """From here on the flow may take this long [s]; None is the limit it was started with."""
+    """From now on the flow may take this long [s]; None restores the limit that it was started with."""
 
     seconds: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Reconnect:
-    """Close the connection, wait, and try to open it for ``within_s`` [s]. The time limit begins anew."""
+    """Close the connection, wait ``after_s`` [s], and try to reopen it for ``within_s`` [s]. Restarts the limit."""
 
     within_s: float
     after_s: float = 0.0
@@ -69,7 +68,7 @@ Flow = Generator[Step, bytes, Result]
 
 
 class _Progress(Generic[Result]):
-    """What a running flow wants next, and until when."""
+    """The pending request of a running flow, and its deadline."""
 
     def __init__(self, flow: Flow[Result], limit_s: float) -> None:
         self.wanted: Step = None
@@ -82,24 +81,24 @@ class _Progress(Generic[Result]):
 
     @property
     def left_s(self) -> float:
-        """Time left. When it has run out still so much that one looks at what has arrived."""
+        """Time left [s]; never 0, so that data that has already arrived is still read after the deadline."""
         return min(max(self._deadline - time.monotonic(), _LEAST_WAIT_S), _LONGEST_WAIT_S)
 
     @property
     def over(self) -> bool:
-        """The time ran out a while ago. What has arrived already is then all there is: a robot may send without end."""
+        """True if the deadline passed a while ago: then polling ends too, since a robot may send without end."""
         return self.wanted is POLL and time.monotonic() > self._deadline + _LOOKING_S
 
     def answer(self, data: bytes) -> None:
-        """Hand the flow what it wanted."""
+        """Pass the requested data to the flow."""
         if isinstance(self.wanted, Reconnect):
             self._set_limit(self.limit_s)
         self._advance(partial(self._flow.send, data))
 
     def fail(self, error: ClientError) -> None:
-        """Raise an error inside the flow; it comes back out unless the flow handles it."""
+        """Raise an error inside the flow; it propagates to the caller unless the flow handles it."""
         if isinstance(error, NoAnswerError):
-            self._set_limit(self.limit_s)  # a flow that goes on gets its time again
+            self._set_limit(self.limit_s)  # a flow that continues gets its full time again
         self._advance(partial(self._flow.throw, error))
 
     def _set_limit(self, limit_s: float) -> None:
@@ -118,7 +117,7 @@ class _Progress(Generic[Result]):
 
 
 class Connection:
-    """Where a TCP connection leads, and what is said on it first; its two shells are below."""
+    """Address and opening flow of a TCP connection; base of the two wrappers below."""
 
     def __init__(self, host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         self.host = host
@@ -126,7 +125,7 @@ class Connection:
         self.timeout_s = timeout_s
 
     def _opening(self) -> Flow[None]:
-        """What has to be said before a new connection can be used."""
+        """The flow that prepares a new connection for use."""
         yield from ()
 
 
@@ -155,7 +154,7 @@ class AsyncConnection(Connection):
         await self.close()
 
     async def close(self) -> None:
-        """Close the connection; closing twice does no harm."""
+        """Close the connection; may be called more than once."""
         if self._streams is None:
             return
         writer = self._streams[1]
@@ -163,11 +162,11 @@ class AsyncConnection(Connection):
         writer.close()
         try:
             await writer.wait_closed()
-        except OSError:  # the robot may have gone before us
+        except OSError:  # the robot may have closed it first
             return
 
     async def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
-        """Run a flow to its end, within ``timeout_s`` [s] or else the connection's."""
+        """Run a flow to its end, within ``timeout_s`` [s], by default the connection's timeout."""
         try:
             progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s)
             while not progress.result:
@@ -221,14 +220,14 @@ class AsyncConnection(Connection):
             return await self._last_look(reader)
 
     async def _last_look(self, reader: asyncio.StreamReader) -> bytes:
-        """What came while this program was too busy to look. Raises TimeoutError when that is nothing."""
+        """Return what arrived while this program was busy. Raises TimeoutError if nothing did."""
         for _ in range(_LOOKS):
             if data := await self._poll(reader):
                 return data
         raise TimeoutError
 
     async def _poll(self, reader: asyncio.StreamReader) -> bytes:
-        await asyncio.sleep(0)  # lets the loop look at the socket
+        await asyncio.sleep(0)  # lets the event loop poll the socket
         try:
             async with timeout(0):
                 return self._not_ended(await reader.read(_CHUNK))
@@ -275,19 +274,19 @@ class BlockingConnection(Connection):
         self.close()
 
     def close(self) -> None:
-        """Close the connection; closing twice does no harm."""
+        """Close the connection; may be called more than once."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def shut_down(self) -> None:
-        """End the conversation, for any thread: one that waits for bytes gets ConnectionLostError."""
+        """Shut the connection down, from any thread; a thread waiting for bytes gets ConnectionLostError."""
         if (connected := self._socket) is not None:
-            with suppress(OSError):  # it has ended already
+            with suppress(OSError):  # already closed
                 connected.shutdown(socket.SHUT_RDWR)
 
     def run(self, flow: Flow[Result], timeout_s: float | None = None) -> Result:
-        """Run a flow to its end, within ``timeout_s`` [s] or else the connection's."""
+        """Run a flow to its end, within ``timeout_s`` [s], by default the connection's timeout."""
         try:
             progress = _Progress(flow, self.timeout_s if timeout_s is None else timeout_s)
             while not progress.result:
@@ -302,11 +301,11 @@ class BlockingConnection(Connection):
             flow.close()
 
     def chunks(self, silence_s: float) -> Iterator[bytes]:
-        """What arrives from now on, as it does; NoAnswerError when nothing comes for so long."""
+        """Yield bytes as they arrive. Raises NoAnswerError if nothing arrives for ``silence_s`` [s]."""
         if self._socket is None:
             raise ConnectionLostError(self.host, self.port)
         receive = self._socket.recv
-        # the system's own time limit: with Python's, each read would be preceded by a wait
+        # the operating system's timeout: with Python's, every read would need an additional poll
         self._socket.settimeout(None)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _time_value(silence_s))
         while True:
@@ -352,7 +351,7 @@ class BlockingConnection(Connection):
             return b""
         try:
             data = self._socket.recv(_CHUNK)
-        except BlockingIOError:  # nothing there to poll
+        except BlockingIOError:  # POLL, and nothing has arrived
             return b""
         return self._not_ended(data)
 
@@ -370,12 +369,12 @@ class BlockingConnection(Connection):
 
 
 def _time_value(seconds: float) -> bytes:
-    """A C timeval; 0 would be for ever."""
+    """Pack a C timeval; at least 1 µs, because 0 would mean forever."""
     micros = max(1, round(seconds * 1e6))
     return struct.pack("@ll", *divmod(micros, 1_000_000))
 
 
 def _reason(error: Exception) -> str:
     if isinstance(error, TimeoutError):
-        return "nobody answered in time"
+        return "no answer in time"
     return getattr(error, "strerror", None) or str(error)

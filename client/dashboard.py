@@ -1,4 +1,4 @@
-"""The dashboard of a robot: power, brakes, programs, popups, modes.
+"""Client for a robot's dashboard server: power, brakes, programs, popups, modes.
 
     async with DashboardClient("192.168.56.101") as dashboard:
         await dashboard.ask(POWER_ON)
@@ -7,9 +7,9 @@
     with BlockingDashboardClient("192.168.56.101") as dashboard:
         dashboard.ask(load("pick.urp"))
 
-What can be asked is an Operation, all of them in client.dashboard_commands: a line and how to read
-the answer. An answer that is not the one of success is a RobotRefused, and so is a command
-that the controller's version does not have: that one is not even sent.
+An Operation is a command line and how to read its answer; client.dashboard_commands defines all of them. `ask` raises
+RobotRefused if the answer does not report success. It also does so for a command that the controller's version does not
+have, without sending it.
 """
 
 import asyncio
@@ -119,27 +119,27 @@ def _robot_api_port(port: int) -> int:
 
 
 class DashboardCore:
-    """One side of a dashboard conversation, without I/O.
+    """The client's side of a dashboard connection, without I/O.
 
-    version: the controller's, known once an operation that not every version has was asked.
+    version: the controller's, known after the first operation that not every version has.
     """
 
     def __init__(self) -> None:
         self._forget()
 
     def _forget(self) -> None:
-        """What belonged to the last connection is over."""
+        """Reset the state of the last connection."""
         self.version: PolyscopeVersion | None = None
         self._lines = wire.LineDecoder()
         self._received: list[str] = []
-        self._unanswered = 0  # commands sent: more than one only after one timed out
+        self._unanswered = 0  # commands sent without an answer; more than one only after a timeout
 
     def greet(self) -> Flow[None]:
-        """Wait for a new connection's greeting; RemoteProtocolError when it is another one."""
+        """Wait for the greeting of a new connection. Raises RemoteProtocolError for any other text."""
         self._forget()
         greeting = yield from self._next_line()
         if greeting != wire.GREETING:
-            raise RemoteProtocolError(f"this is not a dashboard server, it says {greeting!r}")
+            raise RemoteProtocolError(f"this is not a dashboard server: its greeting is {greeting!r}")
 
     def ask(self, operation: Operation[Answer]) -> Flow[Answer]:
         """Send an operation's line and read its answer."""
@@ -152,13 +152,13 @@ class DashboardCore:
         return (yield from self._exchange(operation))
 
     def listen(self) -> Flow[None]:
-        """Take what has arrived meanwhile, without sending anything."""
+        """Read what has arrived meanwhile, without sending anything."""
         while data := (yield POLL):
             self._received += self._lines.feed(data)
 
     def _exchange(self, operation: Operation[Answer]) -> Flow[Answer]:
         yield from self.listen()
-        # answers to what timed out, and lines that nobody has asked for: not the answer to this
+        # answers to commands that timed out, and unsolicited lines, are not the answer to this command
         self._unanswered = max(0, self._unanswered - len(self._received))
         self._received.clear()
         yield wire.encode_line(operation.line)
@@ -176,10 +176,10 @@ class DashboardCore:
 
 
 class DashboardClient(AsyncConnection):
-    """The dashboard, for asyncio programs. Connects, and checks the greeting, on entering.
+    """Dashboard client for asyncio programs; use it with ``async with``, which connects and checks the greeting.
 
-    On a robot without one the Robot API of PolyScope X is in its place, if it answers: on ``robot_api_port``, or
-    without one as far above port 80 as ``port`` is above the dashboard's.
+    If the robot has no dashboard server but the Robot API of PolyScope X answers, that is used instead. Its port is
+    ``robot_api_port``; by default it has the same offset from port 80 as ``port`` has from the dashboard's.
     """
 
     def __init__(
@@ -191,7 +191,10 @@ class DashboardClient(AsyncConnection):
         self._one_at_a_time = asyncio.Lock()
 
     async def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
-        """Do one operation; RobotRefused when the robot says no."""
+        """Carry out one operation and return its answer. Raises RobotRefused if the robot refuses.
+
+        timeout_s: how long the answer may take [s]; None for the operation's own limit.
+        """
         async with self._one_at_a_time:
             return await self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
 
@@ -213,7 +216,7 @@ class DashboardClient(AsyncConnection):
 
 
 class BlockingDashboardClient(BlockingConnection):
-    """The dashboard, for scripts and notebooks; like `DashboardClient`."""
+    """Blocking counterpart of `DashboardClient`, for scripts and notebooks."""
 
     def __init__(
         self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S, robot_api_port: int | None = None
@@ -223,7 +226,10 @@ class BlockingDashboardClient(BlockingConnection):
         self._core: DashboardCore | DashboardOnX = DashboardCore()
 
     def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
-        """Do one operation; RobotRefused when the robot says no."""
+        """Carry out one operation and return its answer. Raises RobotRefused if the robot refuses.
+
+        timeout_s: how long the answer may take [s]; None for the operation's own limit.
+        """
         return self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
 
     def __enter__(self) -> Self:
@@ -240,7 +246,7 @@ class BlockingDashboardClient(BlockingConnection):
             raise missing from None
 
     def check(self) -> None:
-        """Raise ConnectionLostError when the robot has closed the connection meanwhile; it is not asked anything."""
+        """Raise ConnectionLostError if the robot has closed the connection meanwhile; sends nothing."""
         self.run(self._core.listen())
 
     def _opening(self) -> Flow[None]:

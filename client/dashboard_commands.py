@@ -1,8 +1,7 @@
-"""What can be asked of a dashboard: one operation for each command, constants and functions.
+"""Operations of the dashboard server, one for each command, as constants and functions.
 
-An operation has the line, how its answer is read, the first versions that know it, and what to
-do when the robot says no. Which commands there are, since when, and how they are confirmed is
-in ``urproto.dashboard.COMMANDS``.
+An operation consists of the command line, how its answer is read, the first versions that have it, and advice for a
+refusal. ``urproto.dashboard.COMMANDS`` lists the commands, their versions and their confirmations.
 """
 
 from collections.abc import Callable
@@ -19,25 +18,26 @@ Answer = TypeVar("Answer")
 
 _ALWAYS: Final = Availability.since("3.0", "5.0", None)
 _FIRST: Final = (PolyscopeVersion(3, 0), PolyscopeVersion(5, 0))  # of each series
-_REPORT_TIMEOUT_S: Final = 600.0  # the manual: a support file may take ten minutes
+_REPORT_TIMEOUT_S: Final = 600.0  # source: dashboard manual, a support file may take ten minutes
 
 _REMOTE_CONTROL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 _UNKNOWN: Final = "this controller does not know the command"
-_POWER: Final = "look at the safety mode: an emergency stop, a violation or a fault has to be cleared first"
-_PROGRAM: Final = "load a program first, release the brakes, clear any stop; log and pendant say more"
+_POWER: Final = "check the safety mode: an emergency stop, a violation or a fault must be cleared first"
+_PROGRAM: Final = "load a program first, release the brakes, clear any stop; see the log and the pendant"
 _NO_PROGRAM: Final = "there is no running program to pause"
 _PATH: Final = (
     "give a path below the controller's programs folder; the file and its installation must open on the robot"
 )
-_UNLOCK: Final = "wait until 5 s after the stop, look for its cause, then ask again"
-_ROLE: Final = "look at the roles set up on the pendant"
+_UNLOCK: Final = "wait until 5 s after the stop, find its cause, then try again"
+_ROLE: Final = "check the roles that are set up on the pendant"
 
 
 @dataclass(frozen=True, slots=True)
 class Operation(Generic[Answer]):
-    """A line to send and how to read its answer; ``read`` may raise RemoteProtocolError.
+    """A command line and how to read its answer; ``read`` may raise RemoteProtocolError.
 
-    timeout_s: how long the answer may take, None for the connection's usual limit.
+    available: the versions that have it. advice: what to do if the robot refuses. timeout_s: how long the answer may
+    take [s]; None for the connection's timeout.
     """
 
     line: str
@@ -47,7 +47,7 @@ class Operation(Generic[Answer]):
     timeout_s: float | None = None
 
     def answer(self, reply: str) -> Answer:
-        """What the reply says; RobotRefused when it is not an answer of success."""
+        """Return the value in a reply. Raises RobotRefused if the reply does not report success."""
         try:
             return self.read(reply)
         except RemoteProtocolError as error:
@@ -55,16 +55,16 @@ class Operation(Generic[Answer]):
 
     @property
     def in_every_version(self) -> bool:
-        """True when no controller of either series lacks it."""
+        """True if every controller of both series has the command."""
         return all(self.available.covers(version) for version in _FIRST)
 
     def check(self, version: PolyscopeVersion) -> None:
-        """Raise RobotRefused when a controller of this version does not know the command."""
+        """Raise RobotRefused if a controller of this version does not have the command."""
         if not self.available.covers(version):
             raise RobotRefused(
                 self.line,
                 f"PolyScope {version} does not know it",
-                f"it exists on {self.available}: update the controller, or do without",
+                f"it exists on {self.available}: update the controller, or do without it",
             )
 
     def _advice(self, reply: str) -> str:
@@ -74,7 +74,7 @@ class Operation(Generic[Answer]):
 
 
 def _says(*beginnings: str) -> Callable[[str], None]:
-    """Success is an answer that begins with one of these."""
+    """Return a reader that accepts answers beginning with one of these texts."""
 
     def read(reply: str) -> None:
         if not reply.lower().startswith(tuple(beginning.lower() for beginning in beginnings)):
@@ -84,7 +84,7 @@ def _says(*beginnings: str) -> Callable[[str], None]:
 
 
 def _confirmed(words: str, advice: str = "", argument: str = "") -> Operation[None]:
-    """A command whose answer only says that it is done."""
+    """A command whose answer only confirms it."""
     row = COMMANDS[words.lower()]
     return Operation(f"{words}{argument}", _says(*row.confirmations), row.available, advice)
 
@@ -92,7 +92,7 @@ def _confirmed(words: str, advice: str = "", argument: str = "") -> Operation[No
 def _query(
     words: str, read: Callable[[str], Answer], advice: str = "", argument: str = "", timeout_s: float | None = None
 ) -> Operation[Answer]:
-    """A command whose answer has a value."""
+    """A command whose answer contains a value."""
     return Operation(f"{words}{argument}", read, COMMANDS[words.lower()].available, advice, timeout_s)
 
 
@@ -114,7 +114,7 @@ POWER_ON = _confirmed("power on", _POWER)
 POWER_OFF = _confirmed("power off", _POWER)
 BRAKE_RELEASE = _confirmed("brake release", _POWER)
 UNLOCK_PROTECTIVE_STOP = _confirmed("unlock protective stop", _UNLOCK)
-RESTART_SAFETY = _confirmed("restart safety", "look at the safety mode")
+RESTART_SAFETY = _confirmed("restart safety", "check the safety mode")
 ROBOT_MODE: Operation[RobotMode] = _query("robotmode", wire.parse_robot_mode)
 SAFETY_MODE: Operation[SafetyMode] = _query("safetymode", wire.parse_safety_mode)
 SAFETY_STATUS: Operation[SafetyStatus] = _query("safetystatus", wire.parse_safety_status)
@@ -131,12 +131,12 @@ IS_PROGRAM_SAVED: Operation[tuple[bool, str | None]] = _query("isProgramSaved", 
 
 
 def load(program: str) -> Operation[str]:
-    """Load a program by its name below the controller's program folder; answers with its path there."""
+    """Load a program, given by its path in the controller's programs folder; returns its path on the controller."""
     return _query("load", wire.parse_loading, _PATH, f" {program}")
 
 
 def load_installation(installation: str) -> Operation[str]:
-    """Load an installation file; answers with its path on the controller."""
+    """Load an installation file; returns its path on the controller."""
     return _query("load installation", wire.parse_loading, _PATH, f" {installation}")
 
 
@@ -156,17 +156,17 @@ def popup(text: str) -> Operation[None]:
 
 
 def add_to_log(text: str) -> Operation[None]:
-    """Write a line into the controller's log."""
-    return _confirmed("addToLog", "give a text that is not empty", f" {text}")
+    """Write a line to the controller's log."""
+    return _confirmed("addToLog", "the text must not be empty", f" {text}")
 
 
 def set_user_role(role: UserRole | str) -> Operation[None]:
-    """Choose who the pendant's user is (CB3). A text is sent as it is."""
+    """Set the user role on the pendant (CB3). A string is sent unchanged."""
     return _confirmed("setUserRole", _ROLE, f" {role if isinstance(role, str) else role.value}")
 
 
 def set_operational_mode(mode: OperationalMode | str) -> Operation[None]:
-    """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC. A text is sent as it is."""
+    """Take control of the operational mode (e-Series): MANUAL or AUTOMATIC. A string is sent unchanged."""
     if mode is OperationalMode.NONE:
         raise LocalProtocolError("the operational mode NONE cannot be set: use CLEAR_OPERATIONAL_MODE")
     return _confirmed("set operational mode", argument=f" {mode if isinstance(mode, str) else mode.value}")
@@ -178,20 +178,20 @@ POLYSCOPE_VERSION: Operation[PolyscopeVersion] = _query("PolyscopeVersion", wire
 VERSION: Operation[PolyscopeVersion] = _query("version", wire.parse_polyscope_version)
 SERIAL_NUMBER: Operation[str] = _query("get serial number", _number)
 ROBOT_MODEL: Operation[str] = _query("get robot model", _model)
-SAVE_LOG = _confirmed("saveLog", "look at the space on the controller's disk")
+SAVE_LOG = _confirmed("saveLog", "check the free space on the controller's disk")
 SHUTDOWN = _confirmed("shutdown")
 QUIT = _confirmed("quit")
 
 
 def generate_flight_report(kind: str = "system") -> Operation[str]:
-    """Write a report: controller, software or system. Answers with its id; takes minutes."""
-    advice = "ask for controller, software or system, and at most once in 30 s"
+    """Generate a flight report (controller, software or system); returns its id. Takes minutes."""
+    advice = "request controller, software or system, at most once in 30 s"
     return _query("generate flight report", wire.parse_flight_report, advice, f" {kind}", _REPORT_TIMEOUT_S)
 
 
 def generate_support_file(directory: str) -> Operation[str]:
-    """Write a zip file into a directory below the programs folder. Answers with its name; takes minutes."""
-    advice = "give a directory that exists below the programs folder, and see that its disk has space"
+    """Generate a support file (zip) in a directory below the programs folder; returns its name. Takes minutes."""
+    advice = "give an existing directory below the programs folder, and check the free space on its disk"
     return _query("generate support file", wire.parse_support_file, advice, f" {directory}", _REPORT_TIMEOUT_S)
 
 
@@ -211,16 +211,16 @@ _WITH_ARGUMENT: Final[dict[str, Callable[[str], Operation[str] | Operation[None]
 _REFUSALS: Final = ("could not understand", "failed", "error", "file not found", "cannot", "command is not allowed")
 
 WORDS: Final = (*(COMMANDS[words].words for words in sorted(COMMANDS)),)
-"""The commands by their words, in alphabetical order; arguments go behind them."""
+"""All commands in alphabetical order, without arguments, which follow the command."""
 
 
 def command(line: str) -> Operation[str]:
-    """Any line; the answer is whatever the robot says."""
+    """Any command line; the answer is returned unchanged."""
     return Operation(line, str)
 
 
 def judged(line: str) -> Operation[str]:
-    """Any line; the answer is what the robot says, unless that is not an answer of success."""
+    """Any command line; the answer is returned unchanged, or raises RobotRefused if it does not report success."""
     known = _known(line.strip())
 
     def read(reply: str) -> str:

@@ -1,6 +1,6 @@
-"""The dashboard's verbs on PolyScope X, where the Robot API is in its place: lines in, the same answers out.
+"""Dashboard commands on PolyScope X, carried out through the Robot API: the same command lines, the same answers.
 
-So whoever asks a dashboard need not know which of the two a robot has. What the API lacks is refused.
+Callers need not know which of the two a robot has. Commands that the API lacks are refused.
 """
 
 from collections.abc import Callable
@@ -42,22 +42,22 @@ _QUERIES: Final[dict[str, tuple[ApiRequest[Any], Callable[[Any], str]]]] = {
 
 
 class DashboardOnX:
-    """One side of a dashboard conversation over the Robot API, without I/O; as `client.dashboard.DashboardCore`."""
+    """The counterpart of `client.dashboard.DashboardCore` over the Robot API, without I/O."""
 
     def __init__(self, host: str, port: int) -> None:
         self._api = RobotApiCore(host, port)
 
     def greet(self) -> Flow[None]:
-        """See that this is a Robot API; RemoteProtocolError when it is something else."""
+        """Check that this is a Robot API. Raises RemoteProtocolError if it is not."""
         return self._api.greet()
 
     def ask(self, operation: Operation[Answer]) -> Flow[Answer]:
-        """Do what an operation's line says, and read what a dashboard would answer."""
+        """Carry out an operation, and read the answer that a dashboard would give."""
         reply = yield from self._reply(operation.line.strip())
         return operation.answer(reply)
 
     def listen(self) -> Flow[None]:
-        """Between requests there is nothing to hear."""
+        """Do nothing: between requests nothing arrives."""
         yield from ()
 
     def _reply(self, line: str) -> Flow[str]:
@@ -80,10 +80,10 @@ class DashboardOnX:
             return f"{state.value} {(yield from self._api.ask(robotapi.LOADED_PROGRAM))}"
         if key == "quit":
             return replies.DISCONNECTED
-        raise RobotRefused(line, NOT_ON_POLYSCOPE_X, "send URScript, or do without")
+        raise RobotRefused(line, NOT_ON_POLYSCOPE_X, "send URScript, or do without it")
 
     def _play(self) -> Flow[str]:
-        """A dashboard's play lets a paused program go on."""
+        """Start the program, or resume it if it is paused, like the dashboard's play."""
         state = yield from self._api.ask(robotapi.PROGRAM_STATE)
         yield from self._api.ask(robotapi.RESUME if state is ProgramState.PAUSED else robotapi.PLAY)
         return replies.STARTING

@@ -1,6 +1,6 @@
-"""What stands between this machine and a robot: its kernel, the network and ports, versions and calibration.
+"""Diagnoses the setup of this machine and a robot: kernel, network and ports, versions and calibration.
 
-Each check yields findings; ``ur-client doctor`` prints them.
+Each check yields findings, which ``ur-client doctor`` prints.
 """
 
 import math
@@ -31,7 +31,7 @@ from urproto.rtde.fields import LONGEST_S
 
 
 class Grade(StrEnum):
-    """How bad it is."""
+    """Severity of a finding."""
 
     GOOD = "good"
     UNKNOWN = "cannot be seen"
@@ -41,7 +41,7 @@ class Grade(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """``mend``: the command, or what to do, where it is not good."""
+    """Result of a check. ``mend``: the command or action that fixes the problem, empty if there is none."""
 
     grade: Grade
     subject: str
@@ -50,7 +50,7 @@ class Finding:
 
 
 def exit_status(findings: list[Finding]) -> int:
-    """1 when something will not work, else 0."""
+    """1 if something will not work, otherwise 0."""
     return int(any(finding.grade is Grade.BROKEN for finding in findings))
 
 
@@ -58,7 +58,7 @@ _PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")
 
 
 def examine_versions() -> Iterator[Finding]:
-    """Of Python and of the packages that are here."""
+    """Report the versions of Python and of the installed packages."""
     here = [f"Python {platform.python_version()}"]
     for package in _PACKAGES:
         try:
@@ -69,7 +69,7 @@ def examine_versions() -> Iterator[Finding]:
 
 
 def examine_calibration(host: str, file: Path | None = None, port_offset: int = 0) -> Iterator[Finding]:
-    """Which arm it is, and whether the file is of this one."""
+    """Report the robot's calibration, and whether the file belongs to it."""
     subject = "calibration"
     again = f"ur-client calibration --robot-ip {host} -o {file or 'my_robot_calibration.yaml'}"
     try:
@@ -87,19 +87,19 @@ def examine_calibration(host: str, file: Path | None = None, port_offset: int = 
 
 def _compared(found: Calibration, file: Path | None, again: str, *, nominal: bool) -> Finding:
     if file is None:
-        kind = "nominal (a simulated arm)" if nominal else "of its own"
-        mend = "" if nominal else f"poses are right only with it: {again}"
+        kind = "nominal (a simulated arm)" if nominal else "individual"
+        mend = "" if nominal else f"poses are correct only with it: {again}"
         return Finding(Grade.GOOD, "calibration", f"{kind}, {found.hash}", mend)
     try:
         given = read_calibration(file)
     except FileError as error:
         return Finding(Grade.BROKEN, "calibration", str(error), again)
     if given.hash != found.hash:
-        text = f"the robot's is {found.hash}, that of {file} is {given.hash}: another arm, or calibrated again"
+        text = f"the robot has {found.hash}, {file} has {given.hash}: another arm, or it was calibrated again"
         return Finding(Grade.BROKEN, "calibration", text, again)
     if not given.is_whole:
-        return Finding(Grade.BROKEN, "calibration", f"the numbers in {file} do not give its hash", again)
-    return Finding(Grade.GOOD, "calibration", f"{file} is this robot's, {found.hash}")
+        return Finding(Grade.BROKEN, "calibration", f"the numbers in {file} do not match its hash", again)
+    return Finding(Grade.GOOD, "calibration", f"{file} matches this robot, {found.hash}")
 
 
 _ENOUGH_PRIORITY = 1  # any real-time priority is above everything else
@@ -110,10 +110,10 @@ _PRIORITY = (
 
 
 def examine_machine() -> Iterator[Finding]:
-    """What this machine lets us see."""
+    """Check kernel, real-time priority and processor speed, as far as this machine reports them."""
     if sys.platform != "linux":
         for subject in ("kernel", "real-time priority", "processor speed"):
-            yield Finding(Grade.UNKNOWN, subject, f"only Linux tells; this is {platform.system() or sys.platform}")
+            yield Finding(Grade.UNKNOWN, subject, f"reported by Linux only; this is {platform.system() or sys.platform}")
         return
     import resource
 
@@ -123,7 +123,7 @@ def examine_machine() -> Iterator[Finding]:
 
 
 def preemption(version: str, root: Path) -> Finding:
-    """Of a Linux kernel that describes itself like this (``uname -v``)."""
+    """Check the preemption of a Linux kernel by its version text (``uname -v``)."""
     subject = "kernel"
     try:
         real_time = (root / "sys/kernel/realtime").read_text().strip() == "1"
@@ -132,13 +132,13 @@ def preemption(version: str, root: Path) -> Finding:
     if real_time or "PREEMPT_RT" in version:
         return Finding(Grade.GOOD, subject, "fully preemptible (PREEMPT_RT)")
     kind = "PREEMPT_DYNAMIC" if "PREEMPT_DYNAMIC" in version else "PREEMPT" if "PREEMPT" in version else "none"
-    text = f"not a real-time one (preemption: {kind}): a loaded machine may be some milliseconds late"
+    text = f"not a real-time kernel (preemption: {kind}): under load it may be some milliseconds late"
     mend = "sudo apt install linux-image-rt-amd64 (Debian), or sudo pro enable realtime-kernel (Ubuntu), then reboot"
     return Finding(Grade.WEAK, subject, text, mend)
 
 
 def priority(limit: int) -> Finding:
-    """With this limit of the real-time priority; -1 is none."""
+    """Check the limit of the real-time priority; -1 means unlimited."""
     subject = "real-time priority"
     if limit == -1 or limit >= _ENOUGH_PRIORITY:
         return Finding(Grade.GOOD, subject, "allowed" if limit == -1 else f"allowed up to {limit}")
@@ -146,7 +146,7 @@ def priority(limit: int) -> Finding:
 
 
 def governor(root: Path) -> Finding:
-    """What the processors' speed is governed by."""
+    """Check the frequency scaling of the processors."""
     subject = "processor speed"
     files = sorted(root.glob("sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor"))
     try:
@@ -154,26 +154,26 @@ def governor(root: Path) -> Finding:
     except OSError as error:
         return Finding(Grade.UNKNOWN, subject, f"{error.strerror}")
     if not found:
-        return Finding(Grade.UNKNOWN, subject, "the kernel does not govern it (a virtual machine, or fixed)")
+        return Finding(Grade.UNKNOWN, subject, "not controlled by the kernel (a virtual machine, or a fixed speed)")
     if set(found) == {"performance"}:
-        return Finding(Grade.GOOD, subject, "always the highest")
+        return Finding(Grade.GOOD, subject, "always at maximum")
     kinds = ", ".join(f"{count} x {kind}" for kind, count in found.items())
     return Finding(Grade.WEAK, subject, f"varies: {kinds}", "sudo cpupower frequency-set -g performance")
 
 
 _PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
-_INSTEAD: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyScope X has in a port's place
+_INSTEAD: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyScope X has instead of a port
 _NEEDED: Final = ("primary", "RTDE")
 _CONNECT_S: Final = 2.0
 _REPLIES: Final = 20
 _STREAM_S: Final = 2.0
 _SLOW_CONNECT_S: Final = 0.005  # guess: a cable through a switch takes less than 1 ms
 _LATE: Final = 1.0  # periods; a servo setpoint for this state comes one period late
-_WIFI: Final = "use a cable, without other traffic on it, to this machine's own network card"
+_WIFI: Final = "use a direct cable to this machine's network card, without other traffic"
 
 
 def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
-    """Connect to each port once."""
+    """Connect to each port of the robot once."""
     times = []
     for name, port in _PORTS.items():
         port += port_offset
@@ -183,7 +183,7 @@ def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
         except OSError as error:
             other, instead = _INSTEAD.get(name, ("", 0))
             if other and _answers(host, instead + port_offset):
-                text = f"{other} is open: PolyScope X, which has it in the place of the {name} (port {port})"
+                text = f"{other} is open: this is PolyScope X, which has it instead of the {name} (port {port})"
                 yield Finding(Grade.GOOD, f"port {instead + port_offset}", text)
                 continue
             grade = Grade.BROKEN if name in _NEEDED else Grade.WEAK
@@ -208,19 +208,19 @@ def _answers(host: str, port: int) -> bool:
 
 
 def examine_own_ports() -> Iterator[Finding]:
-    """Whether a driver could open its four ports here."""
+    """Check whether a driver could open its four ports on this machine."""
     for port in (REVERSE_PORT, SENDER_PORT, TRAJECTORY_PORT, COMMAND_PORT):
         with closing(socket.socket()) as own:
             own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 own.bind(("", port))
             except OSError as error:
-                text = f"of this machine, for the driver, is taken: {error.strerror}"
-                yield Finding(Grade.WEAK, f"port {port}", text, f"ss -ltnp 'sport = :{port}' tells by whom")
+                text = f"of this machine, for the driver, is in use: {error.strerror}"
+                yield Finding(Grade.WEAK, f"port {port}", text, f"ss -ltnp 'sport = :{port}' shows the process")
 
 
 def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
-    """How long the dashboard takes to answer a question that moves nothing."""
+    """Measure how long the dashboard takes to answer a query."""
     subject = "round trip"
     try:
         with dashboard.BlockingDashboardClient(host, dashboard.PORT + port_offset) as board:
@@ -238,7 +238,7 @@ def _timed(board: dashboard.BlockingDashboardClient) -> float:
 
 
 def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) -> Iterator[Finding]:
-    """How regularly RTDE states come at the robot's full rate."""
+    """Check how regularly RTDE states arrive at the robot's full rate."""
     try:
         with rtde.BlockingRTDEClient(host, ["timestamp"], port=rtde.PORT + port_offset) as robot:
             yield Finding(Grade.GOOD, "PolyScope", str(robot.core.version))
@@ -255,27 +255,27 @@ def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) 
 
 
 def judge_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
-    """Of states by when they came here and when the robot made them [s], each on its own clock."""
+    """Judge states by their arrival times and the robot's timestamps [s], each by its own clock."""
     if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < LONGEST_S) for stamp in stamps):
         text = f"{timeless} of {len(stamps)} states have no time (timestamp)"
         yield Finding(Grade.BROKEN, "RTDE stream", text, "restart the controller")
         return
     steps = [b - a for a, b in pairwise(stamps)]
     if not steps or min(steps) <= 0.0:
-        yield Finding(Grade.BROKEN, "RTDE stream", "the robot's clock stands still", "restart the controller")
+        yield Finding(Grade.BROKEN, "RTDE stream", "the robot's clock does not advance", "restart the controller")
         return
     period = median(steps)
     lost = sum(round(step / period) - 1 for step in steps)
-    # the earliest arrival, relative to the robot's clock, is the one that was not late
+    # the state that arrived earliest, relative to the robot's clock, counts as not late
     delays = [arrival - stamp for arrival, stamp in zip(arrivals, stamps, strict=True)]
     late = sorted(delay - min(delays) for delay in delays)
     often, worst = late[int(0.99 * (len(late) - 1))], late[-1]
     rate = f"{len(stamps)} states at {1.0 / period:.0f} Hz"
     if lost:
-        mend = "read states faster than they come, or ask for a lower rate; look at the network with ping -i 0.2"
-        yield Finding(Grade.WEAK, "RTDE stream", f"{rate}, and {lost} were left out", mend)
+        mend = "read states faster than they arrive, or request a lower rate; check the network with ping -i 0.2"
+        yield Finding(Grade.WEAK, "RTDE stream", f"{rate}, {lost} missing", mend)
     else:
-        yield Finding(Grade.GOOD, "RTDE stream", f"{rate}, none left out")
+        yield Finding(Grade.GOOD, "RTDE stream", f"{rate}, none missing")
     jitter = f"99 of 100 states are less than {_ms(often)} late, the worst {_ms(worst)} (period {_ms(period)})"
     weak = often > _LATE * period
     yield Finding(Grade.WEAK if weak else Grade.GOOD, "jitter", jitter, _WIFI if weak else "")

@@ -1,41 +1,42 @@
-"""What can go wrong while talking to a robot.
+"""Exceptions of the client library.
 
-Every one of these is a `URError`, and so are those of urproto.errors below: `except URError` catches whatever a call
-of the client raises for a reason that it knows.
+All of them, and those of urproto.errors at the end of the list, derive from `URError`: `except URError` catches every
+error that the client raises for a known cause.
 
 ClientError
-├── RobotUnreachableError    no connection came about
-├── ConnectionLostError      the robot closed it, or the network did
-├── NoAnswerError            the robot keeps silent
-├── WaitTimeoutError         what was waited for has not happened yet; a TimeoutError too
-├── CameraError              there is no such camera, or no picture of it
-├── DeviceError              a device of this machine cannot be made
-├── RecordingError           a file of a recording cannot be read, written, or used for this
-│   └── MissingExtraError    a package it needs is not installed
-├── Ros2Error                ROS 2, or a package of it that is needed, is not there
-├── FileError                a file of this machine cannot be used
-├── ScriptFailedError        a script did not compile or failed while running
+├── RobotUnreachableError    no connection could be established
+├── ConnectionLostError      the robot closed the connection, or the network failed
+├── NoAnswerError            the robot did not answer in time
+├── WaitTimeoutError         the awaited event has not happened yet; also a TimeoutError
+├── CameraError              the camera does not exist, or delivers no picture
+├── DeviceError              a serial device could not be created on this machine
+├── RecordingError           a recording cannot be read, written or used for this purpose
+│   └── MissingExtraError    a required package is not installed
+├── Ros2Error                ROS 2, or a required package of it, is not available
+├── FileError                a local file cannot be used
+├── PortTakenError           a server of this library cannot listen on its port
+├── ScriptFailedError        a script did not compile, or failed while running
 ├── ProgramNotRunningError   the robot's control program is not connected to the driver
-├── ProgramEndedError        it ended while something was under way
-├── ProgramStaysError        it was told to end, and does not
-├── PlanningError            no way was found, for a reason that it tells
-│   ├── SceneError           a planning scene, or a file of one, that cannot be
-│   └── WayBlockedError      something has come into the way that the arm was on
-├── StateError               a state of the robot holds numbers that no arm has
-├── ControllerError          a controller, or a change of controllers, that cannot be had
-│   └── GoalRejectedError    a controller does not take a goal
-├── ManagerError             a running controller manager cannot be talked to, or cannot do what it is asked
-│   └── NoManagerError       none runs for this robot
-└── MotionError              the arm did not do what it was asked to
-    ├── OutOfReachError      a target beyond the joints' limits, or without joint angles
-    ├── MotionStoppedError   somebody stopped the arm
-    ├── LateSetpointError    the robot did, since this machine was late
-    └── SafetyStopError      the robot did, for safety
+├── ProgramEndedError        the control program ended during an operation
+├── ProgramStaysError        the control program did not end when it was stopped
+├── PlanningError            no path was found; the message says why
+│   ├── SceneError           a planning scene, or its file, is invalid
+│   └── PathBlockedError     an obstacle appeared on the path while the arm was following it
+├── StateError               a state of the robot contains values that no arm has
+├── ControllerError          a controller, or a change of controllers, is not possible
+│   └── GoalRejectedError    a controller rejected a goal
+├── ManagerError             a running controller manager is unreachable, or cannot carry out a request
+│   └── NoManagerError       no controller manager is running for this robot
+└── MotionError              the arm did not carry out a motion
+    ├── OutOfReachError      a target beyond the joint limits, or without an inverse kinematics solution
+    ├── MotionStoppedError   the motion was stopped
+    ├── LateSetpointError    the robot stopped the arm because a setpoint came too late
+    └── SafetyStopError      the robot stopped the arm for safety
         └── ProtectiveStopError
 
-urproto.errors.RobotRefused           the robot understood and said no
+urproto.errors.RobotRefused           the robot understood the request and refused it
 urproto.errors.RemoteProtocolError    the peer does not speak this protocol
-urproto.errors.LocalProtocolError     we were asked to send what the protocol cannot carry
+urproto.errors.LocalProtocolError     the caller passed values that the protocol cannot carry
 """
 
 from pathlib import Path
@@ -46,11 +47,11 @@ from urproto.primary.messages import ErrorCodeMessage
 
 
 class ClientError(URError):
-    """Base of what the client raises itself."""
+    """Base class of the client's own exceptions."""
 
 
 class RobotUnreachableError(ClientError):
-    """No connection to ``host``:``port``."""
+    """No connection to ``host``:``port`` could be established; ``reason`` says why."""
 
     def __init__(self, host: str, port: int, reason: str) -> None:
         super().__init__(
@@ -63,48 +64,48 @@ class RobotUnreachableError(ClientError):
 
 
 class ConnectionLostError(ClientError):
-    """The connection to ``host``:``port`` ended; connect again to go on."""
+    """The connection to ``host``:``port`` was closed; connect again to continue."""
 
     def __init__(self, host: str, port: int) -> None:
-        super().__init__(f"{host}:{port} closed the connection: connect again to go on")
+        super().__init__(f"{host}:{port} closed the connection: connect again to continue")
         self.host = host
         self.port = port
 
 
 class NoAnswerError(ClientError):
-    """What was due, or anything, did not come from ``host``:``port`` for ``timeout_s`` seconds."""
+    """An expected message, or any message at all, did not arrive from ``host``:``port`` within ``timeout_s`` [s]."""
 
     def __init__(self, host: str, port: int, timeout_s: float, what: str = "nothing") -> None:
         sent = "sent nothing" if what == "nothing" else f"has not sent {what}"
-        super().__init__(f"{host}:{port} {sent} for {timeout_s:g} s: it may be busy, or speak something else")
+        super().__init__(f"{host}:{port} {sent} for {timeout_s:g} s: it may be busy, or speak another protocol")
         self.host = host
         self.port = port
         self.timeout_s = timeout_s
 
 
 class WaitTimeoutError(ClientError, TimeoutError):
-    """What a caller waits for has not happened in the time that the caller gave; whatever is under way goes on."""
+    """An awaited event did not happen within the caller's timeout. Any motion under way continues."""
 
 
 class CameraError(ClientError):
-    """There is no such camera, or no picture of it."""
+    """The camera does not exist, or delivers no picture."""
 
 
 class DeviceError(ClientError):
-    """The serial device ``path`` cannot be made on this machine."""
+    """The serial device ``path`` could not be created on this machine."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(f"cannot make the device {path} ({reason}): choose another path, in a folder you may write to")
+        super().__init__(f"cannot create the device {path} ({reason}): choose another path, in a writable folder")
         self.path = path
         self.reason = reason
 
 
 class RecordingError(ClientError):
-    """A recording cannot be read or written, or does not have what is asked of it."""
+    """A recording cannot be read or written, or lacks the requested data."""
 
 
 class MissingExtraError(RecordingError):
-    """``what`` needs packages that are not installed; the ``extra`` of this project brings them."""
+    """``what`` needs packages that are not installed; this project's ``extra`` installs them."""
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(
@@ -114,7 +115,7 @@ class MissingExtraError(RecordingError):
 
 
 class PortTakenError(ClientError):
-    """A server of ours cannot have its port."""
+    """A server of this library cannot listen on ``host``:``port``."""
 
     def __init__(self, host: str, port: int, reason: str) -> None:
         super().__init__(f"cannot listen on {host} port {port}: {reason}; choose another --port, or --host")
@@ -123,11 +124,11 @@ class PortTakenError(ClientError):
 
 
 class Ros2Error(ClientError):
-    """ROS 2, or a package of it, is not there, or does not accept what it was given."""
+    """ROS 2, or one of its packages, is not available, or rejected its arguments."""
 
 
 class FileError(ClientError):
-    """The file at ``path`` cannot be read or written, or is not what it should be."""
+    """The file at ``path`` cannot be read or written, or has the wrong content."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")
@@ -136,10 +137,10 @@ class FileError(ClientError):
 
 
 class ScriptFailedError(ClientError):
-    """The program ``name`` did not compile, failed, or did not end as it should.
+    """The program ``name`` did not compile, failed, or was stopped before its end.
 
-    line, column: where in the script, from 1; 0 when the error has no place. errors: the
-    error codes that came while it ran, messages of urproto.primary.
+    line, column: position in the script, counted from 1; 0 when the error has no position. errors: the error codes
+    that the robot reported while the program ran (messages of urproto.primary).
     """
 
     def __init__(
@@ -164,7 +165,7 @@ class ProgramNotRunningError(ClientError):
 
 
 class ProgramEndedError(ClientError):
-    """The control program left the driver's ``port`` while ``doing`` was under way; ``why``, if that is known."""
+    """The control program disconnected from the driver's ``port`` during ``doing``; ``why`` is the known cause."""
 
     def __init__(
         self,
@@ -180,7 +181,7 @@ class ProgramEndedError(ClientError):
 
 
 class ProgramStaysError(ClientError):
-    """The control program is still connected to the driver's ``port`` ``waited_s`` after it was told to end [s]."""
+    """The control program is still connected to the driver's ``port``, ``waited_s`` [s] after it was told to end."""
 
     def __init__(self, port: int, waited_s: float) -> None:
         super().__init__(
@@ -192,7 +193,7 @@ class ProgramStaysError(ClientError):
 
 
 class StateError(ClientError):
-    """The RTDE variable ``field`` of a state cannot be used: ``why``."""
+    """The RTDE variable ``field`` of a received state is invalid: ``why``."""
 
     def __init__(self, field: str, why: str) -> None:
         super().__init__(f"a state of the robot cannot be used: {field} {why}")
@@ -201,7 +202,7 @@ class StateError(ClientError):
 
 
 class ControllerError(ClientError):
-    """What ``controller`` (a name, or the file that describes it) is asked for cannot be had: ``reason``."""
+    """A request to ``controller`` (a name, or the file that describes it) is not possible: ``reason``."""
 
     def __init__(self, controller: str, reason: str) -> None:
         super().__init__(f"{controller}: {reason}")
@@ -210,7 +211,7 @@ class ControllerError(ClientError):
 
 
 class GoalRejectedError(ControllerError):
-    """``controller`` does not take a goal; ``code`` is one of client.controllers.goals.ErrorCode."""
+    """``controller`` rejected a goal; ``code`` is one of client.controllers.goals.ErrorCode."""
 
     def __init__(self, controller: str, code: int, reason: str) -> None:
         super().__init__(controller, reason)
@@ -218,11 +219,11 @@ class GoalRejectedError(ControllerError):
 
 
 class ManagerError(ClientError):
-    """A running controller manager cannot be talked to, or cannot do what it is asked."""
+    """A running controller manager is unreachable, or cannot carry out a request."""
 
 
 class NoManagerError(ManagerError):
-    """No controller manager runs for the robot at ``host``."""
+    """No controller manager is running for the robot at ``host``."""
 
     def __init__(self, host: str) -> None:
         super().__init__(
@@ -233,7 +234,7 @@ class NoManagerError(ManagerError):
 
 
 class MotionError(ClientError):
-    """``doing`` was not carried out, and ``why``."""
+    """The motion ``doing`` was not carried out; ``why`` is the reason."""
 
     def __init__(self, doing: str, why: str) -> None:
         super().__init__(f"{doing} was not carried out: {why}")
@@ -242,9 +243,9 @@ class MotionError(ClientError):
 
 
 class OutOfReachError(MotionError):
-    """The arm cannot get to a target.
+    """The arm cannot reach a target.
 
-    point: which one of ``doing``, from 0; None when the robot said so and not which.
+    point: index of the target within ``doing``, from 0; None when the robot reported the error without an index.
     """
 
     def __init__(self, doing: str, why: str, point: int | None = None) -> None:
@@ -253,41 +254,41 @@ class OutOfReachError(MotionError):
 
 
 class MotionStoppedError(MotionError):
-    """Somebody stopped the arm on the way; the program still runs, the next motion may follow."""
+    """The motion was stopped before its end. The control program still runs and accepts the next motion."""
 
 
 class LateSetpointError(MotionError):
-    """The next setpoint came too late, so the robot has stopped the arm; the program still runs."""
+    """The next setpoint came too late, so the robot stopped the arm. The control program still runs."""
 
     def __init__(self, doing: str, why: str) -> None:
         super().__init__(
             doing,
-            f"{why}. The arm is at rest and the program goes on. Look for what keeps this machine busy "
+            f"{why}. The arm is at rest and the program continues. Find out what keeps this machine busy "
             "(ur-client doctor), and allow real-time priority",
         )
         self.late = why
 
 
 class SafetyStopError(MotionError):
-    """The robot has stopped for safety: its ``mode``, and the ``cause`` it reports, empty when it reports none."""
+    """The robot stopped for safety. ``mode``: its safety mode; ``cause``: what it reports, empty if it reports none."""
 
     def __init__(self, doing: str, mode: SafetyMode, cause: str, advice: str) -> None:
-        super().__init__(doing, f"{mode.name}, {cause or 'the robot does not say why'}: {advice}")
+        super().__init__(doing, f"{mode.name}, {cause or 'the robot reports no cause'}: {advice}")
         self.mode = mode
         self.cause = cause
 
 
 class ProtectiveStopError(SafetyStopError):
-    """A protective stop."""
+    """The robot is in a protective stop; see `client.AsyncRobot.recover`."""
 
 
 class PlanningError(ClientError):
-    """No way was found; the text says why."""
+    """No path was found; the message says why."""
 
 
-class WayBlockedError(PlanningError):
-    """Something has come into the way that the arm was on; it stands now. The text says what."""
+class PathBlockedError(PlanningError):
+    """An obstacle appeared on the path while the arm was following it; the arm is at rest. The message names it."""
 
 
 class SceneError(PlanningError):
-    """A planning scene that cannot be."""
+    """A planning scene is invalid."""

@@ -1,4 +1,4 @@
-"""The robot's Modbus server (port 502): its registers and coils.
+"""Client for the robot's Modbus server (port 502): registers and coils.
 
     async with ModbusClient("192.168.56.101") as modbus:
         await modbus.write_register(128, 7)
@@ -7,8 +7,8 @@
     with BlockingModbusClient("192.168.56.101") as modbus:
         modbus.write_coil(16, True)                          # digital output 0
 
-Words are 0 to 65535. Registers 128 to 255 are free for any use: programs have them as
-``read_port_register``. A request the robot refuses is a RobotRefused.
+Words are 0 to 65535. Registers 128 to 255 are free for any use: programs read them with ``read_port_register``. A
+request that the robot refuses raises RobotRefused.
 """
 
 from collections.abc import Sequence
@@ -33,15 +33,15 @@ PORT: Final = CONTROLLER_PORTS["modbus"]
 GENERAL_REGISTERS: Final = range(128, 256)
 """Addresses of the registers that are free for any use."""
 
-_UNIT: Final = 255  # "not used", as the Messaging Guide wants it for a device with an address of its own
+_UNIT: Final = 255  # "not used", as the Messaging Guide specifies for a device with its own IP address
 _EXCEPTIONS: Final = {
     int(ExceptionCode.ILLEGAL_FUNCTION): ("ILLEGAL_FUNCTION", "its Modbus server does not have this function"),
     int(ExceptionCode.ILLEGAL_DATA_ADDRESS): (
         "ILLEGAL_DATA_ADDRESS",
-        "there is nothing at this address, or it can only be read, or only be written",
+        "this address does not exist, or is read-only, or is write-only",
     ),
     int(ExceptionCode.ILLEGAL_DATA_VALUE): ("ILLEGAL_DATA_VALUE", "the value does not fit"),
-    int(ExceptionCode.DEVICE_FAILURE): ("DEVICE_FAILURE", "look at the robot"),
+    int(ExceptionCode.DEVICE_FAILURE): ("DEVICE_FAILURE", "check the robot"),
 }
 
 
@@ -53,28 +53,28 @@ class ModbusCore:
         self._decoder = FrameDecoder()
 
     def start(self) -> Flow[None]:
-        """Forget what belonged to an earlier connection."""
+        """Reset the state of an earlier connection."""
         self._decoder = FrameDecoder()
         yield from ()
 
     def read_registers(self, address: int, count: int) -> Flow[tuple[int, ...]]:
-        """Words from an address on, 125 at most."""
+        """Read up to 125 registers (words), starting at ``address``."""
         return self._request(ModbusRequest(Function.READ_HOLDING_REGISTERS, address, count))
 
     def write_registers(self, address: int, words: Sequence[int]) -> Flow[tuple[int, ...]]:
-        """Words from an address on, 123 at most."""
+        """Write up to 123 registers (words), starting at ``address``."""
         return self._request(ModbusRequest(Function.WRITE_REGISTERS, address, values=tuple(words)))
 
     def write_register(self, address: int, word: int) -> Flow[tuple[int, ...]]:
-        """One word."""
+        """Write one register (word)."""
         return self._request(ModbusRequest(Function.WRITE_REGISTER, address, values=(word,)))
 
     def read_coils(self, address: int, count: int) -> Flow[tuple[int, ...]]:
-        """Bits from an address on, 2000 at most."""
+        """Read up to 2000 coils (bits), starting at ``address``."""
         return self._request(ModbusRequest(Function.READ_COILS, address, count))
 
     def write_coil(self, address: int, level: bool) -> Flow[tuple[int, ...]]:
-        """One bit."""
+        """Write one coil (bit)."""
         return self._request(ModbusRequest(Function.WRITE_COIL, address, values=(int(level),)))
 
     def _request(self, request: ModbusRequest) -> Flow[tuple[int, ...]]:
@@ -82,7 +82,7 @@ class ModbusCore:
         yield encode_frame(Frame(transaction, _UNIT, encode_request(request)))
         while True:
             for frame in self._decoder.feed((yield None)):
-                if frame.transaction == transaction:  # else that of a request which was given up
+                if frame.transaction == transaction:  # otherwise it answers an earlier request that timed out
                     return _answer(request, frame.pdu)
 
 
@@ -96,30 +96,30 @@ def _answer(request: ModbusRequest, pdu: bytes) -> tuple[int, ...]:
 
 
 class ModbusClient(AsyncConnection):
-    """For asyncio programs; one task at a time."""
+    """Modbus client for asyncio programs; use it with ``async with``, from one task at a time."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
         self.core = ModbusCore()
 
     async def read_registers(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Words from an address on, 125 at most."""
+        """Read up to 125 registers (words), starting at ``address``."""
         return await self.run(self.core.read_registers(address, count))
 
     async def write_registers(self, address: int, words: Sequence[int]) -> None:
-        """Words from an address on, 123 at most."""
+        """Write up to 123 registers (words), starting at ``address``."""
         await self.run(self.core.write_registers(address, words))
 
     async def write_register(self, address: int, word: int) -> None:
-        """One word."""
+        """Write one register (word)."""
         await self.run(self.core.write_register(address, word))
 
     async def read_coils(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Bits from an address on, 2000 at most."""
+        """Read up to 2000 coils (bits), starting at ``address``."""
         return await self.run(self.core.read_coils(address, count))
 
     async def write_coil(self, address: int, level: bool) -> None:
-        """One bit."""
+        """Write one coil (bit)."""
         await self.run(self.core.write_coil(address, level))
 
     def _opening(self) -> Flow[None]:
@@ -127,30 +127,30 @@ class ModbusClient(AsyncConnection):
 
 
 class BlockingModbusClient(BlockingConnection):
-    """For scripts and notebooks."""
+    """Modbus client for scripts and notebooks; use it with ``with``."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
         self.core = ModbusCore()
 
     def read_registers(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Words from an address on, 125 at most."""
+        """Read up to 125 registers (words), starting at ``address``."""
         return self.run(self.core.read_registers(address, count))
 
     def write_registers(self, address: int, words: Sequence[int]) -> None:
-        """Words from an address on, 123 at most."""
+        """Write up to 123 registers (words), starting at ``address``."""
         self.run(self.core.write_registers(address, words))
 
     def write_register(self, address: int, word: int) -> None:
-        """One word."""
+        """Write one register (word)."""
         self.run(self.core.write_register(address, word))
 
     def read_coils(self, address: int, count: int = 1) -> tuple[int, ...]:
-        """Bits from an address on, 2000 at most."""
+        """Read up to 2000 coils (bits), starting at ``address``."""
         return self.run(self.core.read_coils(address, count))
 
     def write_coil(self, address: int, level: bool) -> None:
-        """One bit."""
+        """Write one coil (bit)."""
         self.run(self.core.write_coil(address, level))
 
     def _opening(self) -> Flow[None]:

@@ -1,13 +1,13 @@
-"""A robot's state and messages, scripts to it and what it says about them: the primary interface.
+"""Client for the primary interface: the robot's state and messages, and scripts sent to it.
 
     with BlockingPrimaryClient("192.168.56.101") as robot:
         robot.run(robot.core.command(POWER_ON))
         result = robot.run(robot.core.execute("movej([0, -1.57, 0, -1.57, 0, 0])\\ntextmsg(1)"))
         print(result.texts, robot.run(robot.core.kinematics_info()))
 
-Everything a robot says passes through ``next_message``, which keeps what one may want to
-look at later: state, kinematics, configuration, error codes, texts, dialogues. The other
-flows are made of it, so a message one flow has read is not there for the next.
+Every message of the robot passes through ``next_message``, which stores what may be needed later: state, kinematics,
+configuration, error codes, texts, dialogues. The other flows use it too, so a message that one flow has read is not
+available to the next.
 """
 
 from collections import deque
@@ -42,7 +42,7 @@ _SOON_S: Final = 5.0
 
 @dataclass(frozen=True, slots=True)
 class TextCommand:
-    """A line to send, what tells that it took effect, and what to do when it did not in time."""
+    """A command line, a test for its effect on the robot's state, and advice if it has no effect in time."""
 
     line: str
     done: Callable[[ModeData], bool]
@@ -54,7 +54,7 @@ def _mode(*modes: RobotMode) -> Callable[[ModeData], bool]:
     return lambda state: state.robot_mode in modes
 
 
-_SAFETY: Final = "look at the safety mode, and on e-Series switch to Remote Control and connect again"
+_SAFETY: Final = "check the safety mode, and on e-Series switch to Remote Control and connect again"
 _PROGRAM: Final = "on e-Series switch to Remote Control and connect again"
 
 POWER_ON = TextCommand("power on", _mode(RobotMode.IDLE, RobotMode.RUNNING), _BOOT_S, _SAFETY)
@@ -64,14 +64,14 @@ UNLOCK_PROTECTIVE_STOP = TextCommand(
     "set unlock protective stop",
     lambda state: not state.protective_stopped,
     _SOON_S,
-    "wait until 5 s after the stop and look for its cause; then as for any other command: " + _PROGRAM,
+    "wait until 5 s after the stop and find its cause; " + _PROGRAM,
 )
 STOP_PROGRAM = TextCommand("stop program", lambda state: not state.program_running, _SOON_S, _PROGRAM)
 PAUSE_PROGRAM = TextCommand(
     "pause program", lambda state: state.program_paused or not state.program_running, _SOON_S, _PROGRAM
 )
 RESUME_PROGRAM = TextCommand("resume program", lambda state: not state.program_paused, _SOON_S, _SAFETY)
-_STANDING: Final = "let the program end and the arm stand first; on e-Series the robot's own pendant has the switch"
+_STANDING: Final = "stop the program and bring the arm to rest first; on e-Series use the switch on the robot's pendant"
 SIMULATE = TextCommand("set sim", lambda state: not state.real_robot_enabled, _SOON_S, _STANDING)
 REAL_ROBOT = TextCommand("set real", lambda state: state.real_robot_enabled, _SOON_S, _STANDING)
 
@@ -80,18 +80,18 @@ PORT = 30001
 
 Found = TypeVar("Found")
 
-_KEPT: Final = 100  # of each kind of message; older ones are dropped
+_KEPT: Final = 100  # messages of each kind; older ones are dropped
 _START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
-_STATES_OF_A_SECONDARY: Final = 3  # after which nothing more is heard of it (guess; an error comes within a period)
+_STATES_OF_A_SECONDARY: Final = 3  # guess: states after which no error of it can follow; errors come within one period
 _READ_ONLY: Final = 210  # error code of a script port while the robot is in local control
 _LOCAL: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 
 
 class PrimaryCore:
-    """One client's side of a primary connection, without I/O.
+    """The client's side of a primary connection, without I/O.
 
-    version, state, kinematics, configuration: the newest, None until they came. errors,
-    texts, dialogues (popups and questions): the last ones, oldest first; take them out at will.
+    version, state, kinematics, configuration: the newest, None until they are received. errors, texts, dialogues
+    (popups and questions): the most recent ones, oldest first; callers may remove entries.
     """
 
     def __init__(self) -> None:
@@ -105,16 +105,16 @@ class PrimaryCore:
         self._forget()
 
     def _forget(self) -> None:
-        """What belonged to the last connection is over."""
+        """Reset the state of the last connection."""
         self._decoder = PrimaryDecoder()
         self._received: deque[PrimaryMessage] = deque()
 
     def opening(self) -> Flow[None]:
-        """A new connection: nothing has to be said."""
+        """Start on a new connection, which needs no handshake."""
         self._forget()
         yield from ()
 
-    # what the robot says
+    # messages of the robot
 
     def next_message(self) -> Flow[PrimaryMessage]:
         """The next message of any type."""
@@ -125,26 +125,26 @@ class PrimaryCore:
         return message
 
     def robot_state(self) -> Flow[RobotStateData]:
-        """The next robot state; kinematics and configuration are only in the first of a connection."""
+        """The next robot state; only the first of a connection contains kinematics and configuration."""
         while True:
             message = yield from self.next_message()
             if isinstance(message, RobotStateData):
                 return message
 
     def polyscope_version(self) -> Flow[PolyscopeVersion]:
-        """The controller's version; waits until it came."""
+        """The controller's version; waits until it is received."""
         return (yield from self._once_known(lambda: self.version))
 
     def kinematics_info(self) -> Flow[KinematicsInfo]:
-        """The arm's Denavit-Hartenberg parameters and the state of its calibration; waits until they came."""
+        """The arm's Denavit-Hartenberg parameters and calibration status; waits until they are received."""
         return (yield from self._once_known(lambda: self.kinematics))
 
     def configuration_data(self) -> Flow[ConfigurationData]:
-        """The arm's type, limits and defaults; waits until they came."""
+        """The arm's type, limits and defaults; waits until they are received."""
         return (yield from self._once_known(lambda: self.configuration))
 
     def take_errors(self) -> list[ErrorCodeMessage]:
-        """The error codes that came since the last call, oldest first. Reads nothing."""
+        """Return the error codes received since the last call, oldest first; reads nothing from the connection."""
         taken = list(self.errors)
         self.errors.clear()
         return taken
@@ -152,11 +152,11 @@ class PrimaryCore:
     # scripts
 
     def send_script(self, text: str) -> Flow[None]:
-        """Send a script and wait for nothing: right for ``sec`` programs and bare statements."""
+        """Send a script without waiting for it; suitable for ``sec`` programs and bare statements."""
         yield to_bytes(text) + b"\n"
 
     def send_secondary(self, text: str) -> Flow[None]:
-        """Send a ``sec`` program. ScriptFailedError for an error that is reported with the states that follow."""
+        """Send a ``sec`` program. Raises ScriptFailedError for an error reported along with the next few states."""
         yield from self._catch_up()
         run = ScriptRun(Script("", text))
         yield from self.send_script(text)
@@ -164,29 +164,29 @@ class PrimaryCore:
             yield from self._last_words(run)
 
     def run_script(self, text: str) -> Flow[str]:
-        """Send a ``def`` program and wait until it runs; its name.
+        """Send a ``def`` program, wait until it runs, and return its name.
 
-        Raises ScriptFailedError when the controller reports an error in it.
+        Raises ScriptFailedError if the controller reports an error in it.
         """
         yield from self._drain()
-        if self.version is None:  # a controller speaks first: then this connection is being served
+        if self.version is None:  # the controller speaks first, which shows that it serves this connection
             yield from self.next_message()
         yield from self.send_script(text)
         return (yield from self._key_message(PROGRAM_STARTED))
 
     def wait_until_stopped(self) -> Flow[str]:
-        """Wait until a program ends; its name. Raises ScriptFailedError when an error ended it."""
+        """Wait until a program ends, and return its name. Raises ScriptFailedError if an error ended it."""
         return (yield from self._key_message(PROGRAM_STOPPED))
 
     def execute(
         self, text: str, name: str | None = None, *, start_timeout_s: float = _START_S, timeout_s: float = float("inf")
     ) -> Flow[ScriptResult]:
-        """Run a ``def`` program, or bare statements as one of this name, and wait for its end.
+        """Run a ``def`` program, or bare statements as a program of this name, and wait for its end.
 
-        Raises RobotRefused when the robot is in no state to run it, and ScriptFailedError
-        (with the line of ``text``) when it does not compile, fails, is stopped for safety, does
-        not start within ``start_timeout_s`` or has not ended after ``timeout_s``. After the
-        last two, and a protective stop, the program may still be there: see STOP_PROGRAM.
+        Raises RobotRefused if the robot is not in a state to run it. Raises ScriptFailedError, with the line of
+        ``text``, if it does not compile, fails, is stopped for safety, does not start within ``start_timeout_s`` or has
+        not ended after ``timeout_s``. In the last two cases, and after a protective stop, the program may still be
+        loaded or running: see STOP_PROGRAM.
         """
         run = yield from self.start(text, name, timeout_s=start_timeout_s)
         return (yield from self.finish(run, timeout_s=timeout_s))
@@ -200,10 +200,10 @@ class PrimaryCore:
         to_its_end: bool = False,
         failing: Collection[ReportLevel] = GRAVE,
     ) -> Flow[ScriptRun]:
-        """The first half of ``execute``: until the program runs. `ScriptRun.script` has its name.
+        """The first half of ``execute``: wait until the program runs. `ScriptRun.script` has its name.
 
-        failing: levels of error codes that are a ScriptFailedError. to_its_end: let ``finish`` raise it when somebody
-        stops the program, too; see `telling_its_end`.
+        failing: levels of error codes that raise ScriptFailedError. to_its_end: ``finish`` also raises it if the
+        program is stopped before its end; see `telling_its_end`.
         """
         script = telling_its_end(prepare(text, name)) if to_its_end else prepare(text, name)
         yield from self._catch_up()
@@ -214,17 +214,17 @@ class PrimaryCore:
         return run
 
     def finish(self, run: ScriptRun, *, timeout_s: float = float("inf")) -> Flow[ScriptResult]:
-        """The second half of ``execute``: until the program has ended."""
+        """The second half of ``execute``: wait until the program has ended."""
         yield from self._within(timeout_s, self._until(run, PROGRAM_STOPPED), run, "it is still running after")
         yield from self._last_words(run)
         if self.state and self.state.mode and self.state.mode.robot_mode != RobotMode.RUNNING:
-            raise run.failed(f"it was ended with the arm; {self._condition}")
+            raise run.failed(f"it ended because the arm was switched off; {self._condition}")
         return run.result()
 
     # power and program
 
     def command(self, command: TextCommand) -> Flow[None]:
-        """Send a text command and wait until the robot's state shows its effect; RobotRefused if it does not."""
+        """Send a text command and wait until the robot's state shows its effect. Raises RobotRefused if it does not."""
         yield from self._catch_up()
         yield TimeLimit(command.timeout_s)
         yield from self.send_script(command.line)
@@ -246,7 +246,7 @@ class PrimaryCore:
             self.state = message
             self.configuration = message.configuration or self.configuration
             kinematics = message.kinematics
-            if kinematics and any(kinematics.dh_d):  # else only its status, as some software repeats it
+            if kinematics and any(kinematics.dh_d):  # otherwise only the status, which some software versions repeat
                 self.kinematics = kinematics
         elif isinstance(message, VersionMessage):
             self.version = message.version
@@ -263,7 +263,7 @@ class PrimaryCore:
         return found
 
     def _catch_up(self) -> Flow[None]:
-        """Read what has piled up and one state more: what comes now is about now."""
+        """Read everything that has accumulated, and one more state, so that later messages are current."""
         yield from self._drain()
         yield from self.robot_state()
 
@@ -290,7 +290,7 @@ class PrimaryCore:
                 return
 
     def _last_words(self, run: ScriptRun) -> Flow[None]:
-        """Messages about the end may follow it: the next state comes after them."""
+        """Read until the next state: messages about a program's end may come after it, but before the next state."""
         while True:
             message = yield from self.next_message()
             run.watch(message)
@@ -306,7 +306,7 @@ class PrimaryCore:
         yield TimeLimit(None)
 
     def _check_ready(self, script: Script) -> None:
-        """As the official client does: a program is sent only to a robot that can run it."""
+        """Check that the robot can run a program before sending it, like the official client."""
         state = self.state
         request = f"program {script.name}"
         if state and state.mode and state.mode.robot_mode != RobotMode.RUNNING:
@@ -316,7 +316,7 @@ class PrimaryCore:
 
     @property
     def _condition(self) -> str:
-        """The robot's modes, for people."""
+        """The robot's modes, for error messages."""
         if self.state is None or self.state.mode is None:
             return "the robot's state is unknown"
         text = f"the robot mode is {mode_name(RobotMode, self.state.mode.robot_mode)}"
@@ -337,7 +337,7 @@ def _program(mode: ModeData) -> str:
 
 
 class _Primary(Connection):
-    """Of both shells."""
+    """Common part of the asynchronous and the blocking client."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
@@ -348,8 +348,8 @@ class _Primary(Connection):
 
 
 class PrimaryClient(_Primary, AsyncConnection):
-    """The primary interface, for asyncio programs: ``await client.run(client.core....)``."""
+    """Primary client for asyncio programs: ``await client.run(client.core....)``, in ``async with``."""
 
 
 class BlockingPrimaryClient(_Primary, BlockingConnection):
-    """The primary interface, for scripts and notebooks: ``client.run(client.core....)``."""
+    """Primary client for scripts and notebooks: ``client.run(client.core....)``, in ``with``."""

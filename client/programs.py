@@ -1,6 +1,6 @@
-"""Program trees and installations on this machine: a new one, opened, checked, saved.
+"""PolyScope programs and installations as local files: create, open, check and save them.
 
-The trees themselves, and all that edits them, are `urscript.polyscope`.
+The program trees and their editing are in `urscript.polyscope`.
 """
 
 import re
@@ -27,21 +27,23 @@ from urscript.work import run_to_end
 CHECKER_LINE: Final = re.compile(r"<stdin>:(\d+):(\d+): (warning: )?(.*)")
 _SYNTAX_ERROR: Final = "syntax error"
 CHECKED: Final = (0, 1)  # exit statuses of a script without and with errors
-_CHECK_S: Final = 60.0  # guess: a second is usual
+_CHECK_S: Final = 60.0  # guess: it usually takes one second
 
 
 class CheckerError(ClientError):
-    """The checker did not run: the text is what it wrote."""
+    """The script checker could not run; the message contains its output."""
 
 
 def checker_command(version: PolyscopeVersion) -> tuple[str, ...]:
-    """What checks a script on standard input. The client does not import the language; it runs its command, as any
-    editor would."""
+    """Command that checks a script on standard input.
+
+    The client does not import the language package: it runs the command, as an editor would.
+    """
     return (*module_command("urscript"), "check", "--polyscope", str(version), "-")
 
 
 def controller(model: str | None, polyscope: str | None) -> tuple[RobotModel, PolyscopeVersion]:
-    """The arm and the PolyScope that are meant, with the emulator's defaults. Raises ClientError."""
+    """Resolve the arm model and the PolyScope version, with the emulator's defaults. Raises ClientError."""
     try:
         arm = load_model((model or default_model(polyscope)).lower())
         return arm, choose_version(polyscope, arm)
@@ -50,7 +52,7 @@ def controller(model: str | None, polyscope: str | None) -> tuple[RobotModel, Po
 
 
 def saved_in(root: Element) -> PolyscopeVersion:
-    """The PolyScope that saved a program last; the usual one when it does not say."""
+    """The PolyScope version that last saved a program; the default version if the file does not say."""
     try:
         return PolyscopeVersion.parse(root.get("lastSavedIn"))
     except ValueError:
@@ -58,9 +60,9 @@ def saved_in(root: Element) -> PolyscopeVersion:
 
 
 def open_program(path: Path, model: str | None = None, polyscope: str | None = None) -> ProgramEditor:
-    """A program with the installation beside it that it was saved with, and the code of URCaps in its script.
+    """Open a program, with its installation from the same folder and the code of URCaps from its script file.
 
-    Raises FileError for what is no program, ClientError for an arm or a version that is not known.
+    Raises FileError if the file is not a program, and ClientError for an unknown arm or version.
     """
     folder = ProgramsFolder(path.absolute().parent)
     try:
@@ -76,7 +78,7 @@ def open_program(path: Path, model: str | None = None, polyscope: str | None = N
 
 
 def find_installation(root: Element, folder: ProgramsFolder) -> InstallationFile:
-    """The installation that a program was saved with, if it is in the folder, else one that sets nothing."""
+    """The installation that a program was saved with, if it is in the folder; otherwise an empty one."""
     found = folder.installation(root.get("installationRelativePath"), root.get("installation"))
     if found is None:
         return InstallationFile(root.get("installation") or "default")
@@ -87,7 +89,10 @@ def find_installation(root: Element, folder: ProgramsFolder) -> InstallationFile
 
 
 def set_driver(path: Path, host: str, port: int, version: PolyscopeVersion) -> bool:
-    """Let an installation name the driver of External Control; True if a new one had to be made. Raises FileError."""
+    """Set the address of External Control's driver in an installation, and return whether the file is new.
+
+    Raises FileError.
+    """
     is_new = not path.exists()
     root = new_installation(version, path.stem) if is_new else open_installation(path)
     try:
@@ -99,7 +104,7 @@ def set_driver(path: Path, host: str, port: int, version: PolyscopeVersion) -> b
 
 
 def open_installation(path: Path) -> Element:
-    """The document of an installation file. Raises FileError."""
+    """Open an installation file and return its document. Raises FileError."""
     try:
         root = link(read_document(path.read_bytes()))
     except (OSError, DocumentError) as error:
@@ -110,7 +115,7 @@ def open_installation(path: Path) -> Element:
 
 
 def save_installation(root: Element, path: Path) -> None:
-    """Write an installation, whole or not at all. Raises FileError."""
+    """Write an installation file atomically. Raises FileError."""
     try:
         write_file(path, packed(write_document(root)))
     except (OSError, DocumentError) as error:
@@ -118,9 +123,9 @@ def save_installation(root: Element, path: Path) -> None:
 
 
 def all_problems(editor: ProgramEditor) -> list[Problem]:
-    """What keeps a program from being run: of its nodes, and, when these are complete, of its script.
+    """All problems that keep a program from running: those of its nodes or, if there are none, those of its script.
 
-    Raises CheckerError when the script cannot be checked.
+    Raises CheckerError if the script cannot be checked.
     """
     found = editor.problems()
     if found:
@@ -137,9 +142,9 @@ def all_problems(editor: ProgramEditor) -> list[Problem]:
 
 
 def _script_errors(text: str, version: PolyscopeVersion) -> list[tuple[int, str]]:
-    """Line and message of each error; warnings keep nothing from running.
+    """Line and message of each error; warnings are ignored, because they do not keep a program from running.
 
-    Statements end where nothing can follow, so what the first word of a line may not follow is in the line before.
+    A syntax error at the first word of a line is attributed to the line before, which the parser takes to continue.
     """
     try:
         ran = subprocess.run(checker_command(version), input=to_bytes(text), capture_output=True, timeout=_CHECK_S)

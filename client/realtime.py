@@ -1,10 +1,10 @@
-"""The realtime interface: a robot's whole state, every control period, without asking.
+"""Client for the realtime interface, which sends a robot's complete state in every control period, unrequested.
 
     with BlockingRealtimeClient("192.168.56.101") as robot:
         state = robot.receive()          # {"timestamp": 41.2, "actual_q": (0.0, ...), ...}
 
-Names and units are those of RTDE, as far as the robot's version sends them; what RTDE offers
-is better taken from there.
+Names and units are those of RTDE. The robot's version determines which variables it sends. Prefer RTDE for everything
+that RTDE offers.
 """
 
 from collections import deque
@@ -26,19 +26,19 @@ class RealtimeCore:
         self._received: deque[RealtimeState] = deque()
 
     def opening(self) -> Flow[None]:
-        """A new connection: nothing has to be said."""
+        """Start on a new connection, which needs no handshake."""
         self._forget()
         yield from ()
 
     def receive(self) -> Flow[RealtimeState]:
-        """The next state, by variable name; in order, none skipped."""
+        """The next state, by variable name; states come in order, and none is skipped."""
         while not self._received:
             self._received.extend(self._decoder.feed((yield None)))
         return self._received.popleft()
 
 
 class _Realtime(Connection):
-    """Of both shells."""
+    """Common part of the asynchronous and the blocking client."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
@@ -49,16 +49,16 @@ class _Realtime(Connection):
 
 
 class RealtimeClient(_Realtime, AsyncConnection):
-    """The realtime interface, for asyncio programs."""
+    """Client for the realtime interface, for asyncio programs; use it with ``async with``."""
 
     async def receive(self) -> RealtimeState:
-        """The next state, by variable name; in order, none skipped."""
+        """The next state, by variable name; states come in order, and none is skipped."""
         return await self.run(self.core.receive())
 
 
 class BlockingRealtimeClient(_Realtime, BlockingConnection):
-    """The realtime interface, for scripts and notebooks."""
+    """Client for the realtime interface, for scripts and notebooks; use it with ``with``."""
 
     def receive(self) -> RealtimeState:
-        """The next state, by variable name; in order, none skipped."""
+        """The next state, by variable name; states come in order, and none is skipped."""
         return self.run(self.core.receive())

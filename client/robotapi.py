@@ -1,4 +1,4 @@
-"""The Robot API of PolyScope X: power, brakes, programs, modes, over HTTP.
+"""Client for the Robot API of PolyScope X: power, brakes, programs and modes, over HTTP.
 
     async with RobotAPIClient("192.168.56.101") as robot:
         await robot.ask(POWER_ON)
@@ -8,9 +8,9 @@
         robot.ask(upload(Path("pick.urpx").read_bytes()))
         robot.ask(load("pick"))
 
-What can be asked is an ApiRequest. An answer that is not the one of success is a RobotRefused, and so is a request that
-the API of the robot's version does not have: that one is not even sent. Each request has a connection of its own, since
-robots close those that are idle.
+An ApiRequest is a request and how to read its answer. `ask` raises RobotRefused if the answer does not report success.
+It also does so for a request that the robot's API version does not have, without sending it. Each request uses a new
+connection, because robots close idle ones.
 """
 
 import asyncio
@@ -41,17 +41,17 @@ _MOST_REDIRECTS: Final = 3
 _OK, _FORBIDDEN, _REDIRECTS = 200, 403, (301, 302, 307, 308)
 _READING_SINCE: Final = (3, 1, 4)  # of the API's own versions: came with PolyScope 10.12
 REMOTE_CONTROL: Final = "switch the robot to Remote Control on its teach pendant"
-"""The advice where a robot in local control says no."""
-_POWER: Final = "look at the safety mode: an emergency stop, a violation or a fault has to be cleared first"
-_PROGRAM: Final = "load a program first, release the brakes, clear any stop; log and pendant say more"
+"""Advice for a refusal by a robot in local control."""
+_POWER: Final = "check the safety mode: an emergency stop, a violation or a fault must be cleared first"
+_PROGRAM: Final = "load a program first, release the brakes, clear any stop; see the log and the pendant"
 
 
 @dataclass(frozen=True, slots=True)
 class ApiRequest(Generic[Answer]):
     """A request and how to read its answer; ``read`` may raise RemoteProtocolError.
 
-    body: a JSON object, or the bytes of a file; timeout_s: how long the answer may take, None for the usual limit.
-    name: of the program in the path.
+    body: a JSON object, or the bytes of a file. name: the program in the path. advice: what to do if the robot refuses.
+    timeout_s: how long the answer may take [s]; None for the connection's timeout.
     """
 
     endpoint: Endpoint
@@ -63,7 +63,7 @@ class ApiRequest(Generic[Answer]):
 
     @property
     def path(self) -> str:
-        """Where it goes, on the robot."""
+        """Path of the request on the robot."""
         path = wire.program_path(self.name) if self.name else self.endpoint.path
         return f"{wire.BASE}{path}"
 
@@ -74,7 +74,7 @@ class ApiRequest(Generic[Answer]):
 
 @dataclass(frozen=True, slots=True)
 class StoredProgram:
-    """A program as the robot lists it. Dates are milliseconds since 1970, None where it never happened."""
+    """A program as the robot lists it. Dates are milliseconds since 1970, or None if the event never happened."""
 
     name: str
     description: str
@@ -96,14 +96,14 @@ def _field(content: Any, name: str) -> str:
 
 
 def _word(name: str, parse: Callable[[str], Answer]) -> Callable[[Any], Answer]:
-    """Read a field whose words are known."""
+    """Return a reader for a field with a fixed set of words."""
 
     def read(content: Any) -> Answer:
         word = _field(content, name)
         try:
             return parse(word)
         except (ValueError, KeyError) as error:
-            raise RemoteProtocolError(f"{word!r} is not a {name} that is known") from error
+            raise RemoteProtocolError(f"{word!r} is not a known {name}") from error
 
     return read
 
@@ -141,7 +141,7 @@ def _act(action: ProgramAction) -> ApiRequest[None]:
 POWER_ON = _change(StateAction.POWER_ON)
 POWER_OFF = _change(StateAction.POWER_OFF)
 BRAKE_RELEASE = _change(StateAction.BRAKE_RELEASE)
-UNLOCK_PROTECTIVE_STOP = _change(StateAction.UNLOCK_PROTECTIVE_STOP, "look for the cause of the stop, then ask again")
+UNLOCK_PROTECTIVE_STOP = _change(StateAction.UNLOCK_PROTECTIVE_STOP, "find the cause of the stop, then try again")
 RESTART_SAFETY = _change(StateAction.RESTART_SAFETY)
 PLAY = _act(ProgramAction.PLAY)
 PAUSE = _act(ProgramAction.PAUSE)
@@ -161,18 +161,18 @@ PROGRAMS: ApiRequest[list[StoredProgram]] = ApiRequest(wire.GET_PROGRAMS, _progr
 
 
 def load(program: str) -> ApiRequest[None]:
-    """Load a stored program by its name, without .urpx. How it is asked for depends on the API's version."""
-    return ApiRequest(wire.PUT_LOADED, _done, {"name": program}, advice="PROGRAMS lists those there are")
+    """Load a stored program by its name, without .urpx. The client chooses the request by the API's version."""
+    return ApiRequest(wire.PUT_LOADED, _done, {"name": program}, advice="PROGRAMS lists the stored programs")
 
 
 def upload(file: bytes, *, replace: bool = False) -> ApiRequest[str]:
-    """Store a .urpx file, as a new program or in the place of the one of its name; answers with its name."""
+    """Store a .urpx file, as a new program or as a replacement for the program of that name; returns the name."""
     place = wire.PUT_PROGRAM if replace else wire.POST_PROGRAM
     return ApiRequest(place, lambda content: _field(content, "programName"), file)
 
 
 def download(program: str) -> ApiRequest[bytes]:
-    """A stored program, as a .urpx file."""
+    """Download a stored program as a .urpx file."""
     return ApiRequest(wire.GET_PROGRAM, _as_file, name=program)
 
 
@@ -188,7 +188,7 @@ class _Response:
 
 
 class RobotApiCore:
-    """One side of a conversation with a Robot API, without I/O. version: of the API, once it was asked."""
+    """The client's side of a Robot API connection, without I/O. version: version of the API, known after `greet`."""
 
     def __init__(self, host: str, port: int) -> None:
         self.host = host if port == PORT else f"{host}:{port}"
@@ -196,7 +196,7 @@ class RobotApiCore:
         self._used = False
 
     def greet(self) -> Flow[None]:
-        """Ask for the API's version; RemoteProtocolError when this is something else."""
+        """Request the API's version. Raises RemoteProtocolError if this is not a Robot API."""
         self.version = None
         response = yield from self._exchange("GET", wire.OPENAPI, b"", "")
         try:
@@ -226,7 +226,7 @@ class RobotApiCore:
             raise RobotRefused(str(request), str(error)) from error
 
     def _for_this_version(self, request: ApiRequest[Answer]) -> ApiRequest[Answer]:
-        """As the robot's version of the API wants it. Raises RobotRefused when it has no such thing."""
+        """Adapt a request to the robot's API version. Raises RobotRefused if that version does not have it."""
         if self.version is None or self.version >= _READING_SINCE or request.endpoint.available == wire.AVAILABLE:
             return request
         if request.endpoint is wire.PUT_LOADED and isinstance(request.body, Mapping):
@@ -248,7 +248,7 @@ class RobotApiCore:
             yield b"".join(http.send(event) or b"" for event in events)
             return (yield from self._response(http))
         except h11.ProtocolError as error:
-            raise RemoteProtocolError(f"the robot does not answer as a web server: {error}") from error
+            raise RemoteProtocolError(f"the robot does not answer like a web server: {error}") from error
 
     def _response(self, http: h11.Connection) -> Flow[_Response]:
         head: h11.Response | None = None
@@ -266,7 +266,7 @@ class RobotApiCore:
                 return _Response(head.status_code, found.get(b"location", b"").decode("latin-1"), bytes(content))
 
     def _received(self, http: h11.Connection) -> Flow[bytes]:
-        """The next bytes; b"" at the end of the connection, which may be that of the answer."""
+        """The next bytes; b"" if the connection has ended, which may also mark the end of the answer."""
         try:
             return (yield None)
         except ConnectionLostError:
@@ -276,7 +276,7 @@ class RobotApiCore:
 
 
 def _encoded(body: Mapping[str, str] | bytes | None) -> tuple[bytes, str]:
-    """The body and its content type; a file goes into a form."""
+    """The encoded body and its content type; a file is sent as a form."""
     if body is None:
         return b"", "application/json"
     if not isinstance(body, bytes):
@@ -295,7 +295,7 @@ def _json(body: bytes) -> Any:
 
 
 def _reason(response: _Response) -> str:
-    """What the robot says against it: the message of an error, or what is wrong with the request."""
+    """The robot's reason for a refusal: its error message, or what is wrong with the request."""
     try:
         content = json.loads(response.body)
     except (ValueError, RecursionError):
@@ -310,7 +310,7 @@ def _reason(response: _Response) -> str:
 
 
 class RobotAPIClient(AsyncConnection):
-    """The Robot API, for asyncio programs. Connects, and asks for its version, on entering."""
+    """Robot API client for asyncio programs; use it with ``async with``, which connects and requests the version."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
@@ -318,7 +318,7 @@ class RobotAPIClient(AsyncConnection):
         self._one_at_a_time = asyncio.Lock()
 
     async def ask(self, request: ApiRequest[Answer]) -> Answer:
-        """Do one request; RobotRefused when the robot says no."""
+        """Send one request and return its answer. Raises RobotRefused if the robot refuses."""
         async with self._one_at_a_time:
             return await self.run(self.core.ask(request))
 
@@ -327,14 +327,14 @@ class RobotAPIClient(AsyncConnection):
 
 
 class BlockingRobotAPIClient(BlockingConnection):
-    """The Robot API, for scripts and notebooks."""
+    """Robot API client for scripts and notebooks; use it with ``with``."""
 
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
         self.core = RobotApiCore(host, port)
 
     def ask(self, request: ApiRequest[Answer]) -> Answer:
-        """Do one request; RobotRefused when the robot says no."""
+        """Send one request and return its answer. Raises RobotRefused if the robot refuses."""
         return self.run(self.core.ask(request))
 
     def _opening(self) -> Flow[None]:

@@ -1,4 +1,4 @@
-"""Data exchange with a robot: receive its state at a fixed rate, write its inputs.
+"""RTDE client (Real-Time Data Exchange): receive a robot's state at a fixed rate, and write its inputs.
 
     async with RTDEClient("192.168.56.101", ["timestamp", "actual_q"], frequency_hz=125) as rtde:
         state = await rtde.receive()          # {"timestamp": 41.2, "actual_q": (0.0, ...)}
@@ -7,8 +7,8 @@
         state = rtde.latest()                 # the newest, however slow the loop is
         rtde.write(input_int_register_24=7)
 
-Variables and their types are those of urproto.rtde.fields. A recipe the robot refuses is a
-RobotRefused that names the variables. Options are those of RTDECore.
+Variables and their types are those of urproto.rtde.fields. A recipe that the robot refuses raises RobotRefused, which
+names the variables. Options are those of RTDECore.
 """
 
 import math
@@ -29,34 +29,34 @@ from urproto.versions import PolyscopeVersion
 
 Names = Sequence[str] | Path  # variables, or a file that lists them
 
-_CLOSE_NAMES = 5  # told to who wrote a wrong one
-_MASK = "_mask"  # these choose what the same package changes, so they are not kept from one write to the next
+_CLOSE_NAMES = 5  # suggestions for an unknown name
+_MASK = "_mask"  # masks select what the same package changes, so their values are not kept between writes
 
 
 def read_recipe(path: Path) -> tuple[str, ...]:
-    """The variables of a file with one name a line. Blank lines and what follows a ``#`` do not count.
+    """Read the variables from a file with one name per line. Blank lines and text after a ``#`` are ignored.
 
-    Raises OSError when the file cannot be read and LocalProtocolError when it is not a list of names.
+    Raises OSError if the file cannot be read, and LocalProtocolError if it is not a list of names.
     """
     lines = (line.partition("#")[0].strip() for line in path.read_text("utf-8-sig").splitlines())
     names = tuple(line for line in lines if line)
     odd = [name for name in names if not name.isidentifier()]
     if odd:
-        raise LocalProtocolError(f"{path}: {odd[0]!r} is not a variable: give one name a line")
+        raise LocalProtocolError(f"{path}: {odd[0]!r} is not a variable: give one name per line")
     if not names:
         raise LocalProtocolError(f"{path} names no variable")
     return names
 
 
 def variable_names(names: Names) -> tuple[str, ...]:
-    """The variables, read from their file if need be."""
+    """The variables, read from their file if a path is given."""
     if isinstance(names, str):
         raise LocalProtocolError(f"a recipe is a list of names or the Path of a file, not the text {names!r}")
     return read_recipe(names) if isinstance(names, Path) else tuple(names)
 
 
 def unknown_fields(names: Iterable[str]) -> str | None:
-    """What is wrong with the names of outputs, and what may have been meant; None when nothing is."""
+    """Say which output name is unknown, and suggest similar ones; None if all are known."""
     for name in names:
         if name not in OUTPUT_FIELDS:
             close = get_close_matches(name, OUTPUT_FIELDS, _CLOSE_NAMES, 0.5)
@@ -68,8 +68,8 @@ def unknown_fields(names: Iterable[str]) -> str | None:
 class InputRecipes:
     """The input recipes of one connection, and the values last written to each variable.
 
-    A variable that was never written counts as 0, false or zeros. Masks are 0 in every
-    package that does not name them: it leaves alone what they guard.
+    A variable that was never written counts as 0, false or zeros. Masks are 0 in every package that does not name
+    them, so that it leaves the masked values unchanged.
     """
 
     def __init__(self, recipes: Iterable[Names]) -> None:
@@ -77,37 +77,37 @@ class InputRecipes:
         self._last: dict[str, Any] = {}
 
     def add(self, names: Names) -> Recipe:
-        """One more."""
+        """Add a recipe."""
         self.recipes.append(Recipe.of(variable_names(names), INPUT_FIELDS))
         return self.recipes[-1]
 
     def exactly(self, names: Collection[str]) -> int:
-        """Index of the recipe that has exactly these variables. Raises LocalProtocolError."""
+        """Index of the recipe with exactly these variables. Raises LocalProtocolError if there is none."""
         for index, recipe in enumerate(self.recipes):
             if set(recipe.names) == set(names):
                 return index
         raise LocalProtocolError(f"no input recipe has exactly the variables {', '.join(sorted(names))}")
 
     def covering(self, names: Collection[str]) -> list[int]:
-        """Indices of few recipes that have all these variables: one if possible. Raises LocalProtocolError."""
+        """Indices of as few recipes as possible that cover these variables. Raises LocalProtocolError if none do."""
         left, chosen = set(names), list[int]()
         while left:
             best = max(range(len(self.recipes)), key=lambda index: self._worth(index, left), default=0)
             if not self.recipes or left.isdisjoint(self.recipes[best].names):
-                raise LocalProtocolError(f"no input recipe has {', '.join(sorted(left))}: name it when connecting")
+                raise LocalProtocolError(f"no input recipe has {', '.join(sorted(left))}: add it when connecting")
             chosen.append(best)
             left -= set(self.recipes[best].names)
         return chosen
 
     def _worth(self, index: int, wanted: set[str]) -> tuple[int, int]:
-        """Most of the wanted variables first, then the fewest others."""
+        """Sort key: most of the wanted variables first, then the fewest others."""
         names = self.recipes[index].names
         return len(wanted.intersection(names)), -len(names)
 
     def pack(self, index: int, values: Mapping[str, Any]) -> bytes:
-        """The data of a recipe: these values, and the last ones of its other variables.
+        """Pack the data of a recipe: these values, and the last values of its other variables.
 
-        Raises LocalProtocolError for a value that does not fit; then nothing is remembered.
+        Raises LocalProtocolError for a value that does not fit its type; then no value is stored.
         """
         recipe = self.recipes[index]
         current = {field.name: self._value(field.name, field.type.count, values) for field in recipe.fields}
@@ -130,16 +130,23 @@ _LOST = (ConnectionLostError, NoAnswerError, RobotUnreachableError)
 
 
 class RTDECore:
-    """Flows of one connection, and what is known about it.
+    """The client's side of an RTDE connection, without I/O.
 
-    outputs: the variables to receive, none for a client that only writes. inputs: the
-    recipes to write, each a list of variables. Either may be the Path of a file with one
-    name a line. frequency_hz: how often to receive, the robot's full rate by default.
-    ignore_unavailable: go without the outputs this robot does not have; ``unavailable``
-    names them. reconnect_s: how long to try to come back after a loss [s]; 0 is not at all.
+    Parameters:
 
-    state: the newest state received, empty before the first. skipped: states ``latest`` has
-    passed over. reconnects: how often the connection came back. messages: the robot's texts.
+    - outputs: the variables to receive; empty for a client that only writes.
+    - inputs: the recipes to write, each a list of variables. Each recipe, and outputs, may also be the Path of a file
+      with one name per line.
+    - frequency_hz: rate of the states [Hz]; the robot's full rate by default.
+    - ignore_unavailable: leave out outputs that this robot does not have; ``unavailable`` names them.
+    - reconnect_s: how long to try to reconnect after a loss [s]; 0 disables it.
+
+    Attributes:
+
+    - state: the newest state received, empty before the first.
+    - skipped: number of states that ``latest`` has skipped.
+    - reconnects: number of successful reconnections.
+    - messages: the robot's text messages.
     """
 
     def __init__(
@@ -152,12 +159,12 @@ class RTDECore:
         reconnect_s: float = 0.0,
     ) -> None:
         if frequency_hz is not None and not 0.0 < frequency_hz < math.inf:
-            raise LocalProtocolError(f"a robot cannot send {frequency_hz} times a second: give a positive number")
+            raise LocalProtocolError(f"a robot cannot send {frequency_hz} states per second: give a positive number")
         self.version: PolyscopeVersion | None = None
         self.messages: deque[codec.TextMessage] = deque(maxlen=_KEPT_MESSAGES)
         self.state: State = {}
         self.unavailable: frozenset[str] = frozenset()
-        self.rate_hz = 0.0  # at which states come, once that is agreed on
+        self.rate_hz = 0.0  # rate of the states, known once the outputs are set up
         self.skipped = 0
         self.reconnects = 0
         self.running = False
@@ -172,17 +179,17 @@ class RTDECore:
         self._forget()
 
     def _forget(self) -> None:
-        """What belonged to the last connection is over."""
+        """Reset the state of the last connection."""
         self._protocol = 1
         self._decoder = codec.RTDEDecoder()
         self._replies: deque[codec.Reply] = deque()
         self._arrived: deque[bytes] = deque()  # payloads of data packages
         self.running = False
 
-    # what a client does
+    # operations of a client
 
     def start(self) -> Flow[None]:
-        """Agree on protocol and recipes over a new connection, and let the data flow."""
+        """Negotiate protocol and recipes on a new connection, and start the data exchange."""
         self._forget()
         version = codec.KNOWN_PROTOCOLS[-1]
         if (yield from self._request(codec.RequestProtocol(version), codec.ProtocolReply)).accepted:
@@ -197,23 +204,23 @@ class RTDECore:
             yield from self._start()
 
     def pause(self) -> Flow[None]:
-        """Let no more states come until ``resume``; those on their way are dropped."""
+        """Stop the stream of states until ``resume``; states still on their way are dropped."""
         if not (yield from self._request(codec.Pause(), codec.PauseReply)).accepted:
             raise RobotRefused("pause of the data exchange", "not accepted")
         self._arrived.clear()
         self._paused, self.running = True, False
 
     def resume(self) -> Flow[None]:
-        """Let states come again."""
+        """Resume the stream of states."""
         self._paused = False
         yield from self._start()
 
     def receive(self) -> Flow[State]:
-        """The next state, by variable name; in order, none skipped."""
+        """The next state, by variable name; states come in order, and none is skipped."""
         return (yield from self._surviving(self._receive))
 
     def latest(self) -> Flow[State]:
-        """The newest state that has arrived, older ones are skipped; waits when none came since the last."""
+        """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
         return (yield from self._surviving(self._latest))
 
     def send(self, values: State) -> Flow[None]:
@@ -221,12 +228,12 @@ class RTDECore:
         yield self._input_package(self._inputs.exactly(values), values)
 
     def write(self, values: State) -> Flow[None]:
-        """Write any inputs of the recipes; their other variables keep the last value (see InputRecipes)."""
+        """Write any inputs of the recipes; their other variables keep their last values (see InputRecipes)."""
         packages = [self._input_package(index, values) for index in self._inputs.covering(values)]
         yield b"".join(packages)
 
     def add_inputs(self, names: Names) -> Flow[None]:
-        """Agree on another input recipe; a connection without outputs may do so at any time."""
+        """Set up another input recipe; possible at any time on a connection without outputs."""
         recipe = self._inputs.add(names)
         try:
             yield from self._set_up_inputs(recipe)
@@ -235,11 +242,11 @@ class RTDECore:
             raise
 
     def say(self, text: str, source: str = "", level: codec.MessageLevel = codec.MessageLevel.INFO) -> Flow[None]:
-        """Write a line to the controller's log; text and source are cut at 255 bytes."""
+        """Write a line to the controller's log; text and source are truncated to 255 bytes."""
         yield codec.ClientMessage(text, source, level).encode(self._protocol)
 
     def reconnect(self, within_s: float) -> Flow[None]:
-        """Open the connection again and agree on the same things. Raises the last attempt's error."""
+        """Reopen the connection and negotiate the same recipes. Raises the error of the last attempt."""
         after_s = 0.0
         for attempt in range(1, _AGREEING_ATTEMPTS + 1):
             self.running = False
@@ -277,7 +284,7 @@ class RTDECore:
             while data := (yield POLL):
                 self._take(data)
         except _LOST:
-            if not self._arrived:  # else what came before the loss counts; the next call notices again
+            if not self._arrived:  # otherwise return what arrived before; the next call raises
                 raise
         while not self._arrived:
             self._take((yield None))
@@ -288,7 +295,7 @@ class RTDECore:
 
     def _check_running(self) -> None:
         if not self._wanted:
-            raise LocalProtocolError("this connection has no outputs to receive: name some when connecting")
+            raise LocalProtocolError("this connection has no outputs to receive: give some when connecting")
         if self._paused:
             raise LocalProtocolError("the data exchange is paused: resume it to receive states")
 
@@ -297,7 +304,7 @@ class RTDECore:
         return self.state
 
     def take(self, data: bytes) -> list[State]:
-        """The states that these bytes from the robot complete, for who reads the connection himself."""
+        """Return the states that these bytes complete, for a caller that reads the connection itself."""
         self._take(data)
         states = [self._read(arrived) for arrived in self._arrived]
         self._arrived.clear()
@@ -308,17 +315,17 @@ class RTDECore:
     def _input_package(self, index: int, values: State) -> bytes:
         data = self._inputs.pack(index, values)
         if index >= len(self._input_ids):
-            raise LocalProtocolError("the input recipes are not agreed on: connect first")
+            raise LocalProtocolError("the input recipes are not set up: connect first")
         return codec.InputData(self._input_ids[index], data).encode(self._protocol)
 
-    # agreeing
+    # negotiation
 
     def _set_up_outputs(self, version: PolyscopeVersion) -> Flow[None]:
         most_hz = version.series.frequency_hz
         frequency_hz = self._frequency_hz or float(most_hz)
         if frequency_hz > most_hz:
             raise LocalProtocolError(
-                f"a {version.series.value} sends at most {most_hz} times a second, not {frequency_hz:g}: ask for less"
+                f"a {version.series.value} sends at most {most_hz} states per second, not {frequency_hz:g}: request less"
             )
         available = self._wanted
         reply = yield from self._request(codec.SetupOutputs(available, frequency_hz), codec.SetupOutputsReply)
@@ -328,7 +335,7 @@ class RTDECore:
         self._outputs = Recipe.of(available, OUTPUT_FIELDS)
         _check(self._outputs, reply.types)
         self.unavailable = frozenset(self._wanted) - frozenset(available)
-        every = 1 if self._protocol == 1 else int(most_hz / frequency_hz + 1e-9)  # the guide: whole periods
+        every = 1 if self._protocol == 1 else int(most_hz / frequency_hz + 1e-9)  # source: RTDE guide, whole periods
         self.rate_hz = most_hz / every
 
     def _set_up_inputs(self, recipe: Recipe) -> Flow[None]:
@@ -337,7 +344,7 @@ class RTDECore:
         self._input_ids.append(reply.recipe_id)
 
     def _start(self) -> Flow[None]:
-        self._arrived.clear()  # of an earlier start
+        self._arrived.clear()  # states from before an earlier pause
         if not (yield from self._request(codec.Start(), codec.StartReply)).accepted:
             raise RobotRefused("start of the data exchange", "not accepted", "the robot's text messages may say why")
         self.running = True
@@ -348,13 +355,13 @@ class RTDECore:
             self._take((yield None))
         reply = self._replies.popleft()
         if not isinstance(reply, kind):
-            raise RemoteProtocolError(f"a {kind.__name__} was due, a {type(reply).__name__} came")
+            raise RemoteProtocolError(f"expected a {kind.__name__}, received a {type(reply).__name__}")
         return reply
 
     def _take(self, data: bytes) -> None:
-        """Sort what arrived: states, texts, replies."""
+        """Sort received packages into states, texts and replies."""
         for package in self._decoder.feed(data):
-            if package.type == codec.PackageType.DATA_PACKAGE:  # hundreds a second, so it is left as it is until read
+            if package.type == codec.PackageType.DATA_PACKAGE:  # hundreds per second: decoded only when read
                 self._arrived.append(package.payload)
                 continue
             reply = codec.decode_reply(package, self._protocol)
@@ -367,7 +374,7 @@ class RTDECore:
 def _found(names: tuple[str, ...], types: tuple[str, ...]) -> tuple[str, ...]:
     found = tuple(name for name, kind in zip(names, types, strict=False) if kind != NOT_FOUND)
     if not found:
-        raise RobotRefused("RTDE recipe", f"it has none of {', '.join(names)}", "ask for other variables")
+        raise RobotRefused("RTDE recipe", f"it has none of {', '.join(names)}", "request other variables")
     return found
 
 
@@ -375,7 +382,7 @@ def _check(recipe: Recipe, types: tuple[str, ...]) -> None:
     if types == recipe.types:
         return
     if len(types) != len(recipe.types):
-        raise RemoteProtocolError(f"{len(types)} types came for {len(recipe.types)} variables")
+        raise RemoteProtocolError(f"received {len(types)} types for {len(recipe.types)} variables")
     pairs = list(zip(recipe.names, types, strict=True))
     refused = [f"{name}: {kind}" for name, kind in pairs if kind in (NOT_FOUND, IN_USE)]
     if refused:
@@ -386,7 +393,7 @@ def _check(recipe: Recipe, types: tuple[str, ...]) -> None:
 
 def _advice(types: tuple[str, ...]) -> str:
     if IN_USE in types:
-        return "another client (or fieldbus) writes it: close that one, or use other registers"
+        return "another client (or fieldbus) writes it: disconnect that client, or use other registers"
     return "this controller's version does not have it: leave it out, or ignore unavailable outputs"
 
 
@@ -395,7 +402,7 @@ _RECONNECT_S = 60.0  # guess: a controller boots in about a minute
 
 
 class _Recipes(Connection):
-    """What both shells agree on with the robot."""
+    """Common part of the asynchronous and the blocking client."""
 
     def __init__(
         self,
@@ -419,76 +426,77 @@ class _Recipes(Connection):
 
 
 class RTDEClient(_Recipes, AsyncConnection):
-    """RTDE for asyncio programs. Entering connects, agrees on the recipes and starts.
+    """RTDE client for asyncio programs; use it with ``async with``.
 
-    One task may receive while others write.
+    Entering the context connects, sets up the recipes and starts the stream of states. One task may receive while
+    others write. Options are those of `RTDECore`.
     """
 
     async def receive(self) -> State:
-        """The next state, by variable name; in order, none skipped."""
+        """The next state, by variable name; states come in order, and none is skipped."""
         return await self.run(self.core.receive())
 
     async def latest(self) -> State:
-        """The newest state that has arrived; waits when none came since the last one."""
+        """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
         return await self.run(self.core.latest())
 
     async def send(self, **values: Any) -> None:
-        """Write inputs; the names must be exactly those of one input recipe."""
+        """Write inputs; the names must be exactly the variables of one input recipe."""
         await self.run(self.core.send(values))
 
     async def write(self, **values: Any) -> None:
-        """Write some inputs; the others of their recipes keep their last values, masks are 0."""
+        """Write some inputs; the other variables of their recipes keep their last values, and masks are 0."""
         await self.run(self.core.write(values))
 
     async def pause(self) -> None:
-        """Let no more states come until ``resume``."""
+        """Stop the stream of states until ``resume``."""
         await self.run(self.core.pause())
 
     async def resume(self) -> None:
-        """Let states come again."""
+        """Resume the stream of states."""
         await self.run(self.core.resume())
 
     async def reconnect(self, within_s: float = _RECONNECT_S) -> None:
-        """Come back after a loss, with the same recipes; paused if it was."""
+        """Reconnect after a loss, with the same recipes; the stream stays paused if it was."""
         await self.run(self.core.reconnect(within_s))
 
 
 class BlockingRTDEClient(_Recipes, BlockingConnection):
-    """RTDE for scripts, notebooks and control loops."""
+    """Blocking counterpart of `RTDEClient`, for scripts, notebooks and control loops; use it with ``with``."""
 
     def receive(self) -> State:
-        """The next state, by variable name; in order, none skipped."""
+        """The next state, by variable name; states come in order, and none is skipped."""
         return self.run(self.core.receive())
 
     def latest(self) -> State:
-        """The newest state that has arrived; waits when none came since the last one."""
+        """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
         return self.run(self.core.latest())
 
     def states(self, silence_s: float) -> Iterator[State]:
-        """Every state from now on, with as little work for each as can be: for a thread that does nothing else.
+        """Yield every state from now on, with as little overhead as possible; meant for a dedicated thread.
 
-        Raises NoAnswerError when nothing comes for ``silence_s``, ConnectionLostError.
+        Raises NoAnswerError if nothing arrives for ``silence_s`` [s], and ConnectionLostError.
         """
         yield from self.core.take(b"")
         for data in self.chunks(silence_s):
             yield from self.core.take(data)
 
     def send(self, **values: Any) -> None:
-        """Write inputs; the names must be exactly those of one input recipe."""
+        """Write inputs; the names must be exactly the variables of one input recipe."""
         self.run(self.core.send(values))
 
     def write(self, **values: Any) -> None:
-        """Write some inputs; the others of their recipes keep their last values, masks are 0."""
+        """Write some inputs; the other variables of their recipes keep their last values, and masks are 0."""
         self.run(self.core.write(values))
 
     def pause(self) -> None:
-        """Let no more states come until ``resume``."""
+        """Stop the stream of states until ``resume``."""
         self.run(self.core.pause())
 
     def resume(self) -> None:
-        """Let states come again."""
+        """Resume the stream of states."""
         self.run(self.core.resume())
 
     def reconnect(self, within_s: float = _RECONNECT_S) -> None:
-        """Come back after a loss, with the same recipes; paused if it was."""
+        """Reconnect after a loss, with the same recipes; the stream stays paused if it was."""
         self.run(self.core.reconnect(within_s))

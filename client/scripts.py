@@ -1,6 +1,6 @@
-"""Scripts as they are sent, and what is heard about them while they run.
+"""Prepares scripts for sending, and collects the controller's messages about them while they run.
 
-A text is sent as a program with a name; a controller reports that name, and errors by line.
+Every script is sent as a named program, because a controller reports that name, and errors by line.
 """
 
 import itertools
@@ -20,12 +20,12 @@ MAY_RUN: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.RECOVERY)
 GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
 """Error codes of these levels end a program."""
 
-# What may stand before a program: blank lines and comments.
+# Start of a program, after blank lines and comments.
 _HEAD: Final = re.compile(r"\A(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*(def|sec)\s+(\w+)\s*\(")
 _NAME: Final = re.compile(r"[A-Za-z_]\w*\Z", re.ASCII)
 _WIRE_LINE: Final = re.compile(r"(?<=syntax_error_on_line:)\d+")  # the controller names the line in such a text too
 
-# The last line of a text, beside comments; and what may end a program before it.
+# The last line of a text, apart from comments, and statements that may end a program before it.
 _LAST_END: Final = re.compile(r"^([ \t]*)end[ \t]*(?:#[^\n]*)?(?:\s*#[^\n]*)*\s*\Z", re.MULTILINE)
 _DEFINITION: Final = re.compile(r"^([ \t]*)(?:def|sec)\b", re.MULTILINE)
 _ENDS_EARLY: Final = re.compile(r"^[^#\n]*\b(?:halt|return)\b", re.MULTILINE)
@@ -37,7 +37,8 @@ _numbers = itertools.count(1)
 class Script:
     """A program ready to be sent.
 
-    shift: lines put before the caller's text. last_words: what it says (textmsg) at its end, empty when it does not.
+    shift: number of lines added before the caller's text. last_words: the text that it sends (textmsg) at its end;
+    empty if it sends none.
     """
 
     name: str
@@ -46,7 +47,7 @@ class Script:
     last_words: str = ""
 
     def line(self, reported: int) -> int:
-        """The caller's line for the one a controller reports, both from 1."""
+        """The line in the caller's text for a line that a controller reports, both from 1."""
         return max(1, reported - self.shift)
 
     def message(self, reported: str) -> str:
@@ -55,27 +56,26 @@ class Script:
 
 
 def prepare(text: str, name: str | None = None) -> Script:
-    """A ``def`` program as it is; bare statements become one, with this name or a new one.
+    """Prepare a script: a ``def`` program is unchanged, bare statements become one with this name or a new one.
 
-    Raises LocalProtocolError for a ``sec`` program, of which controllers report nothing, and
-    for a name that is none.
+    Raises LocalProtocolError for a ``sec`` program, about which controllers report nothing, and for an invalid name.
     """
     head = _HEAD.match(text)
     if head is None:
         return _wrapped(text, name or f"script_{next(_numbers)}")
     if head[1] == "sec":
         raise LocalProtocolError(
-            f"the secondary program {head[2]} cannot be waited for: controllers do not report its end; "
+            f"cannot wait for the secondary program {head[2]}: controllers do not report its end; "
             "send it with send_script"
         )
     return Script(head[2], text)
 
 
 def telling_its_end(script: Script) -> Script:
-    """The program with a line more, by which one sees that it has come to its end and was not stopped.
+    """Add a line to a program that shows that it has reached its end and was not stopped.
 
-    As it is where that cannot be had: a program that may end in its middle (halt, return), or whose last line is not
-    clearly the end of the only program in the text.
+    The program is returned unchanged if that is not possible: if it may end early (halt, return), or if its last line
+    is not clearly the end of the only program in the text.
     """
     end = _LAST_END.search(script.text)
     outer = [match[1] for match in _DEFINITION.finditer(script.text)]
@@ -87,22 +87,22 @@ def telling_its_end(script: Script) -> Script:
 
 
 def is_secondary(text: str) -> bool:
-    """Whether it is a ``sec`` program."""
+    """Whether the text is a ``sec`` program."""
     head = _HEAD.match(text)
     return head is not None and head[1] == "sec"
 
 
 def _wrapped(text: str, name: str) -> Script:
     if not _NAME.match(name):
-        raise LocalProtocolError(f"{name!r} is not a program name: use letters, digits and _, a digit not first")
+        raise LocalProtocolError(f"{name!r} is not a program name: use letters, digits and _, not a digit first")
     return Script(name, f"def {name}():\n{text}\nend", shift=1)
 
 
 @dataclass(frozen=True, slots=True)
 class ScriptResult:
-    """A program that ran to its end, or was stopped by somebody: controllers do not tell which (`telling_its_end`).
+    """Result of a program that ran to its end or was stopped; controllers do not report which (`telling_its_end`).
 
-    texts: what it said with textmsg(). errors: error codes that came meanwhile, none grave.
+    texts: its textmsg() output. errors: error codes reported meanwhile, none of them fatal.
     """
 
     name: str
@@ -111,7 +111,7 @@ class ScriptResult:
 
 
 class ScriptRun:
-    """What is heard about a program while it runs. failing: levels of error codes with which it has failed."""
+    """Collects the messages about a running program. failing: levels of error codes that count as its failure."""
 
     def __init__(self, script: Script, failing: Collection[ReportLevel] = GRAVE) -> None:
         self.script = script
@@ -123,7 +123,7 @@ class ScriptRun:
         self._came_to_its_end = not script.last_words
 
     def watch(self, message: PrimaryMessage) -> None:
-        """Take note; raises ScriptFailedError for what ends a program."""
+        """Process a message. Raises ScriptFailedError for one that ends the program."""
         if isinstance(message, TextMessage) and self.script.last_words and message.text == self.script.last_words:
             self._came_to_its_end = True
         elif isinstance(message, TextMessage):
@@ -142,7 +142,7 @@ class ScriptRun:
         self._judge()
 
     def _judge(self) -> None:
-        """A stop is reported with its error code, which comes before it or soon after."""
+        """Raise ScriptFailedError for a safety stop once its error code is known, which may come before or after it."""
         if self._stopped is not None and (self._errors or self._states_since > 1):
             codes = ", ".join(f"{error.label} {error.text}" for error in self._errors)
             raise self.failed(f"{mode_name(SafetyMode, self._stopped)} {codes}".rstrip())
@@ -152,5 +152,5 @@ class ScriptRun:
 
     def result(self) -> ScriptResult:
         if not self._came_to_its_end:
-            raise self.failed("it was stopped before its end: by somebody, or by another program that took its place")
+            raise self.failed("it was stopped before its end: by a user, or by another program that replaced it")
         return ScriptResult(self.script.name, tuple(self._texts), tuple(self._errors))

@@ -1,10 +1,10 @@
-"""The serial line at the robot's tool, as a serial device of this machine.
+"""Makes the serial line at the robot's tool available as a serial device of this machine.
 
     async with ToolCommunication("192.168.56.101", device=Path("/tmp/ttyUR")) as line:
         await line.run()
 
-What a program writes to the device reaches the tool, and the other way round. The robot (e-Series)
-offers its line by the vendor's RS485 URCap. Needs pseudo terminals: Linux or macOS.
+Data that a program writes to the device is sent to the tool, and vice versa. The robot (e-Series) offers its serial
+line through the vendor's RS485 URCap. Requires pseudo terminals: Linux or macOS.
 """
 
 import asyncio
@@ -23,18 +23,18 @@ from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 
 PORT: Final = 54321
-_PAUSE_S: Final = 0.5  # between attempts to connect again (guess)
+_PAUSE_S: Final = 0.5  # between attempts to reconnect (guess)
 _READ_BYTES: Final = 4096
 
 _logger = logging.getLogger(__name__)
 
 
 class ToolCommunication:
-    """The device while the context is entered; ``run`` keeps it connected to the robot.
+    """Provides the device as long as the context is open; ``run`` keeps it connected to the robot.
 
-    device: path of a link to the pseudo terminal. ``say``: told in words when the connection is
-    lost and there again. Bytes that cannot be delivered, because one side is not there or does
-    not read, are lost, as on any serial line.
+    device: path of a link to the pseudo terminal. say: called with a message when the connection is lost and when it is
+    restored. Bytes that cannot be delivered, because one side is not connected or does not read, are lost, as on any
+    serial line.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ToolCommunication:
         self._stream: _Stream | None = None
 
     async def __aenter__(self) -> Self:
-        """Raises DeviceError when the device cannot be made, RobotUnreachableError when the robot is not there."""
+        """Create the device and connect. Raises DeviceError and RobotUnreachableError."""
         try:
             self._open()
             self._stream = await self._connect()
@@ -71,7 +71,7 @@ class ToolCommunication:
             await stream.lost.wait()
 
     async def run(self) -> None:
-        """Carry bytes for ever; connects again whenever the robot is gone."""
+        """Forward bytes forever; reconnects whenever the connection is lost."""
         while True:
             if self._stream is not None:
                 await self._stream.lost.wait()
@@ -90,23 +90,23 @@ class ToolCommunication:
                     lambda: _Stream(self._near, self._read), self.host, self.port
                 )
         except OSError as error:  # TimeoutError is one
-            reason = "nobody answered in time" if isinstance(error, TimeoutError) else error.strerror or str(error)
+            reason = "no answer in time" if isinstance(error, TimeoutError) else error.strerror or str(error)
             raise RobotUnreachableError(self.host, self.port, reason) from error
         return stream
 
     # the device
 
     def _open(self) -> None:
-        """Both ends stay open here, so that programs may open and close the device as they like."""
+        """Keep both ends open, so that programs may open and close the device at any time."""
         if sys.platform == "win32":
-            raise DeviceError(self.device, "no pseudo terminal: Windows has none")
+            raise DeviceError(self.device, "Windows has no pseudo terminals")
         import tty
 
         try:
             self._near, self._far = os.openpty()
             tty.setraw(self._far)
         except OSError as error:
-            raise DeviceError(self.device, f"no pseudo terminal: {error}") from error
+            raise DeviceError(self.device, f"no pseudo terminal is available: {error}") from error
         os.set_blocking(self._near, False)
         self._link(os.ttyname(self._far))
         self._read(True)
@@ -117,7 +117,7 @@ class ToolCommunication:
                 self.device.unlink()
             self.device.symlink_to(name)
         except FileExistsError as error:
-            raise DeviceError(self.device, "something else has this name") from error
+            raise DeviceError(self.device, "another file has this name") from error
         except OSError as error:
             raise DeviceError(self.device, error.strerror or str(error)) from error
 
@@ -148,7 +148,7 @@ class ToolCommunication:
 
 
 class _Stream(asyncio.Protocol):
-    """The connection. ``lost``: set when it is over."""
+    """The connection to the robot. ``lost``: set when it has ended."""
 
     def __init__(self, device: int, read_device: Callable[[bool], None]) -> None:
         self.lost = asyncio.Event()
@@ -162,13 +162,13 @@ class _Stream(asyncio.Protocol):
             self._transport.write(data)
 
     def end(self) -> None:
-        """Close it; nothing reaches the device any more."""
+        """Close the connection; no more data reaches the device."""
         self._device = -1
         if self._transport is not None:
             self._transport.abort()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.Transport, transport)  # uvloop's is of no such class
+        self._transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass of it
 
     def data_received(self, data: bytes) -> None:
         if self._device < 0:
@@ -176,7 +176,7 @@ class _Stream(asyncio.Protocol):
         try:
             os.write(self._device, data)
         except BlockingIOError:
-            _logger.debug("%d bytes from the tool are lost: nobody reads the device", len(data))
+            _logger.debug("%d bytes from the tool are lost: no program reads the device", len(data))
 
     def pause_writing(self) -> None:
         self._held = True
@@ -194,5 +194,5 @@ class _Stream(asyncio.Protocol):
 
 
 def _may_replace(link: Path) -> bool:
-    """A link left behind: to a terminal, or to nothing."""
+    """True for a stale link: to a terminal, or to a missing file."""
     return not link.exists() or stat.S_ISCHR(link.stat().st_mode)

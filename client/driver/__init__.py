@@ -1,6 +1,6 @@
-"""The External Control driver: a robot moved through a program of the driver's own on it.
+"""The External Control driver: moves a robot through a control program that runs on the robot.
 
-`URDriver` and `BlockingURDriver` are everything together; the endpoints can be used alone.
+`URDriver` and `BlockingURDriver` combine everything; the endpoints can also be used alone.
 """
 
 from client.driver import points

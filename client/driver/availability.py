@@ -1,12 +1,12 @@
-"""What the driver offers only from some PolyScope version on."""
+"""Features of the driver that require a minimum PolyScope version."""
 
 from typing import Final
 
 from urproto.errors import RobotRefused
 from urproto.versions import Availability, PolyscopeVersion
 
-# Source: the version checks of Universal_Robots_Client_Library 2.14 and of its control program; of the questions, and
-# of freedrive's axes, those of ur_rtde 1.6.5's.
+# Source: the version checks of Universal_Robots_Client_Library 2.14 and of its control program; for the questions and
+# the axes of freedrive, those of ur_rtde 1.6.5.
 GATES: Final = {
     "zero_ftsensor": Availability.since(None, "5.0"),
     "start_tool_contact": Availability.since(None, "5.0"),
@@ -33,19 +33,19 @@ def offers(feature: str, version: PolyscopeVersion) -> bool:
 
 
 def refusal(feature: str, version: PolyscopeVersion) -> str | None:
-    """Why this version does not offer a feature, and what to do; None when it does."""
+    """Say why this version does not offer a feature, and what to do; None if it does."""
     gate = GATES[feature]
     if gate.covers(version):
         return None
     first = gate.first(version)
     if first is None:
-        return f"CB3 robots ({version}) do not have it, only e-Series and newer ones"
+        return f"CB3 robots ({version}) do not have it: it requires an e-Series or newer robot"
     wanted = first.short if first.bugfix else f"{first.major}.{first.minor}"
     return f"PolyScope {version} does not have it: update the robot to {wanted} or newer"
 
 
 def require(feature: str, version: PolyscopeVersion) -> None:
-    """Raise RobotRefused when this version lacks the feature."""
+    """Raise RobotRefused if this version lacks the feature."""
     why = refusal(feature, version)
     if why is not None:
         raise RobotRefused(feature, why)

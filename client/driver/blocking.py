@@ -1,7 +1,7 @@
-"""Plain calls to what lives in an event loop, without writing it twice.
+"""Blocking counterparts of asynchronous classes, without duplicating their code.
 
-A server has to answer while its owner does something else, so the blocking form of what
-listens keeps an event loop in a thread of its own, and every call is carried over to it:
+The driver is a server that must answer while its owner does something else. So a blocking counterpart runs an event
+loop in a separate thread and forwards every call to it:
 
     class BlockingThing(Blocking[Thing]):
         do = blocking(Thing.do)
@@ -30,9 +30,9 @@ Form = TypeVar("Form", bound=Callable[..., Any])
 
 
 class Blocking(Generic[Inner]):
-    """Owns an asynchronous object and the thread its event loop runs in; use it with ``with``.
+    """Owns an asynchronous object and the thread that runs its event loop; use it with ``with``.
 
-    make: makes the object, in that thread.
+    make: creates the object; called in that thread.
     """
 
     def __init__(self, make: Callable[[], Inner]) -> None:
@@ -70,7 +70,7 @@ class Blocking(Generic[Inner]):
             self._end()
 
     def call(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """Run a coroutine in the loop and wait for it; a KeyboardInterrupt here cancels it there."""
+        """Run a coroutine in the event loop and wait for it; a KeyboardInterrupt in the caller cancels it."""
         if self._loop is None:
             work.close()
             raise RuntimeError(f"{type(self).__name__} is not open: use it in a with statement")
@@ -103,7 +103,7 @@ class Blocking(Generic[Inner]):
 
 
 class Part(Generic[Component]):
-    """The blocking form of a component of what a `Blocking` owns; ``pick`` finds the component."""
+    """Blocking counterpart of a component of the object that a `Blocking` owns; ``pick`` returns the component."""
 
     def __init__(self, whole: Blocking[Any], pick: Callable[[Any], Component]) -> None:
         self._whole = whole
@@ -115,7 +115,7 @@ class Part(Generic[Component]):
         return self._pick(self._whole.inner)
 
     def call(self, work: Coroutine[Any, Any, Result]) -> Result:
-        """As `Blocking.call`."""
+        """See `Blocking.call`."""
         return self._whole.call(work)
 
 
@@ -134,7 +134,7 @@ def blocking(
 @overload
 def blocking(method: Callable[Concatenate[Owner, Params], Result]) -> Callable[Concatenate[Any, Params], Result]: ...
 def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
-    """The blocking form of a method, plain or async, of what a `Blocking` owns."""
+    """Return the blocking form of a method, plain or async, of the object that a `Blocking` owns."""
 
     async def do(inner: Any, args: Any, kwargs: Any) -> Any:
         result = method(inner, *args, **kwargs)
@@ -147,16 +147,16 @@ def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def named_after(method: Callable[..., Any], form: Form) -> Form:
-    """The blocking form of a method with its name and docstring."""
+    """Give the blocking form of a method the method's name and docstring."""
     functools.update_wrapper(form, method)
-    form.__dict__.pop("__wrapped__")  # it says to `inspect` that the form is a coroutine function too
+    form.__dict__.pop("__wrapped__")  # otherwise `inspect` takes the blocking form for a coroutine function too
     return form
 
 
 def straight(
     method: Callable[Concatenate[Owner, Params], Result],
 ) -> Callable[Concatenate[Any, Params], Result]:
-    """The blocking form of a method that may be called from any thread: without the way through the event loop."""
+    """Return the blocking form of a thread-safe method: it is called directly, bypassing the event loop."""
 
     @functools.wraps(method)
     def call(self: Any, *args: Params.args, **kwargs: Params.kwargs) -> Result:
@@ -176,7 +176,7 @@ def blocking_context(
     ],
 ) -> Callable[Concatenate[Any, Params], AbstractContextManager[Callable[Given, Result]]]: ...
 def blocking_context(method: Callable[..., Any]) -> Callable[..., Any]:
-    """The blocking form of a method that gives an asynchronous context, of nothing or of a coroutine function."""
+    """Return the blocking form of a method that returns an asynchronous context of None or of a coroutine function."""
 
     @contextmanager
     def enter(self: Blocking[Any], *args: Any, **kwargs: Any) -> Iterator[Any]:
@@ -188,7 +188,7 @@ def blocking_context(method: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextmanager
 def carried(owner: Blocking[Any], context: AbstractAsyncContextManager[Entered]) -> Iterator[Entered]:
-    """An asynchronous context that is entered and left in the owner's loop, by the caller's thread."""
+    """Enter and leave an asynchronous context in the owner's event loop, from the caller's thread."""
     entered = owner.call(_enter(context))
     try:
         yield entered

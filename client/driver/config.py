@@ -1,4 +1,4 @@
-"""What a driver is told about its robot."""
+"""Configuration of a driver."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,12 +17,12 @@ from urproto.robots import Calibration
 
 
 def calibration_hash(kinematics: KinematicsInfo) -> str:
-    """The name of these parameters, the same as in ur_description's files and in the vendor's driver."""
+    """Hash of these calibration parameters, identical to the one in ur_description's files and the vendor's driver."""
     return robots.calibration_hash(parameters(kinematics))
 
 
 def calibration_problem(kinematics: KinematicsInfo, expected: Calibration | str | None) -> str | None:
-    """What is wrong with the calibration, and what to do; None when nothing is."""
+    """Say what is wrong with the calibration, and what to do; None if nothing is."""
     if kinematics.status != KinematicsStatus.OK:
         return f"its calibration status is {kinematics.status}: calibrate the robot or restore its calibration"
     found = calibration_hash(kinematics)
@@ -45,26 +45,37 @@ ROBOT_PORTS: Final[Mapping[str, int]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriverConfig:
-    """How to reach a robot and be reached by it.
+    """How the driver reaches a robot and how the robot reaches the driver.
 
-    robot: its address. headless: the driver sends the program itself; otherwise the External
-    Control URCap on the robot fetches it, from `program`, which the driver loads (None: the
-    one that is loaded) and plays through the dashboard.
-    own_address: the driver's address as the robot sees it; found by itself when None.
-    listen_on: the own addresses the four ports are opened on, the own address when None.
-    outputs: RTDE variables to receive beside those the driver needs; outputs_if_any: more of them, where the robot
-    has them; frequency_hz: how often, None as often as the robot can.
-    keep_alive_s: how often the driver says that it is alive while it has nothing to say;
-    keep_alive_timeout_s: how long the program waits for that. silence_s: a robot whose state
-    does not come for so long counts as frozen, and its program is disconnected.
-    hang_s: an event loop that hangs for so long ends the control program; 0 never does. While it hangs for less the
-    program is kept alive, and a motion goes on.
-    restart: start the control program again when it ended only because this machine was late; the arm rests until
-    somebody moves it.
-    realtime: real-time priority for the threads that feed the robot: "auto" where it is allowed, "on" or else an
-    error, "off" without.
-    calibration: what the robot's calibration has to be, as `client.read_calibration` reads it, or its hash; None
-    takes any.
+    Addresses and the control program:
+
+    - robot: address of the robot.
+    - headless: True if the driver sends the control program itself. Otherwise the robot's External Control URCap
+      fetches it when the robot plays ``program``, which the driver loads and plays through the dashboard; None plays
+      the program that is already loaded.
+    - own_address: the driver's address as the robot sees it; None determines it.
+    - listen_on: local address on which the four ports listen; None for own_address.
+    - restart: start the control program again if it ended only because this machine was late. The arm then rests until
+      the next motion.
+
+    Data received from the robot:
+
+    - outputs: RTDE variables to receive in addition to those the driver needs.
+    - outputs_if_any: further RTDE variables, received only if the robot offers them.
+    - frequency_hz: rate of the states [Hz]; None for the robot's maximum.
+    - silence_s: a robot that sends no state for this long [s] counts as frozen, and its program is disconnected.
+    - calibration: the expected calibration of the robot, as `client.read_calibration` returns it, or its hash; None
+      accepts any.
+
+    Timing:
+
+    - keep_alive_s: interval of the driver's keep-alive messages while it sends nothing else [s].
+    - keep_alive_timeout_s: how long the control program waits for them [s].
+    - start_timeout_s: how long to wait for the control program to connect after its start [s].
+    - hang_s: an event loop that hangs for this long [s] ends the control program; 0 disables this. During a shorter
+      hang the program is kept alive, and a motion continues.
+    - realtime: real-time priority of the threads that feed the robot: "auto" takes it if allowed, "on" requires it,
+      "off" does without.
     """
 
     robot: str

@@ -1,10 +1,10 @@
-"""The control program: what the robot runs so that a driver can move it (External Control).
+"""The control program, which runs on the robot so that a driver can move it (External Control).
 
-    text = ControlProgram("192.168.56.1").render(PolyscopeVersion(5, 12))
+    text = ControlProgram(host="192.168.56.1").render(PolyscopeVersion(5, 12))
 
-The program itself is control_program.script beside this file. Here its open places are filled in:
-who the driver is, and what differs between versions. Everything it names exists in that
-version, since a controller refuses a program with one unknown name.
+The template is control_program.script, next to this file. This module fills in its placeholders: the driver's address,
+and the parts that differ between PolyScope versions. Every function that the program calls must exist in the robot's
+version, because a controller refuses a program that contains an unknown name.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ from urproto.versions import PolyscopeVersion
 
 PROGRAM_NAME: Final = "external_control"
 
-SPEED_ACCELERATION: Final = 40.0  # rad/s2 or m/s2, of speeds that are streamed: the client library's
-DECELERATION: Final = 4.0  # rad/s2, of coming to rest: the client library's
+SPEED_ACCELERATION: Final = 40.0  # rad/s2 or m/s2, for streamed speeds; source: the client library
+DECELERATION: Final = 4.0  # rad/s2, for coming to rest; source: the client library
 GONE_TEXT: Final = "External Control: the driver is gone"
-"""What the program says (textmsg) before it ends because nothing came from its driver."""
+"""Text that the program sends (textmsg) before it ends because its driver sent nothing."""
 LATE_TEXT: Final = "External Control: a setpoint is late"
-"""What it says when it brings the arm to rest for that reason; it goes on."""
+"""Text that it sends when it brings the arm to rest because a setpoint is late; the program continues."""
 
-# Shares of the joint friction that direct torque control makes up for by default (the client library's)
+# Shares of the joint friction that direct torque control compensates by default; source: the client library
 _VISCOUS: Final = "[0.9, 0.9, 0.8, 0.9, 0.9, 0.9]"
 _COULOMB: Final = "[0.8, 0.8, 0.7, 0.8, 0.8, 0.8]"
 
@@ -107,7 +107,7 @@ _NO_INERTIA: Final = "set_payload(words[2] / ec_scale, ec_three(words, 3))"
 
 @dataclass(frozen=True, slots=True)
 class ToolCommunication:
-    """The serial line of an e-Series tool: parity 0 none, 1 odd, 2 even; idle times in characters."""
+    """Settings of an e-Series tool's serial line: parity 0 none, 1 odd, 2 even; idle times in characters."""
 
     baud_rate: int = 115200
     parity: int = 0
@@ -117,19 +117,19 @@ class ToolCommunication:
 
     @property
     def script(self) -> str:
-        """The script line that sets it up."""
+        """The URScript statement that applies them."""
         options = (self.baud_rate, self.parity, self.stop_bits, self.rx_idle_chars, self.tx_idle_chars)
         return f"set_tool_communication(True, {', '.join(map(str, options))})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlProgram:
-    """What goes into the control program.
+    """Parameters of the control program.
 
     host: the driver's address as the robot sees it; the ports are the driver's.
     servoj_lookahead_s (0.03 to 0.2) and servoj_gain (100 to 2000): smoothing of servoj.
-    tool_voltage, tool_communication: set when the program starts; None leaves them alone.
-    token: what the program says on each connection so that the driver knows it; "" is a program that says nothing.
+    tool_voltage, tool_communication: set when the program starts; None leaves them unchanged.
+    token: identifies the program to the driver on each connection; with "" the program sends no token.
     """
 
     host: str
@@ -150,14 +150,14 @@ class ControlProgram:
             raise LocalProtocolError(f"{self.token!r} is not a token: letters and digits only")
 
     def render(self, version: PolyscopeVersion) -> str:
-        """The program as the External Control URCap wants it: bare statements between anchors."""
+        """The program in the form that the External Control URCap expects: bare statements between anchors."""
         text = _template()
         for place, value in self._places(version).items():
             text = text.replace("{{" + place + "}}", value)
         return text
 
     def render_headless(self, version: PolyscopeVersion) -> str:
-        """The program as a script port takes it: a def, by the name PROGRAM_NAME."""
+        """The program in the form that a script port accepts: a def with the name PROGRAM_NAME."""
         lines = "".join(f"  {line}\n" if line else "\n" for line in self.render(version).splitlines())
         return f"def {PROGRAM_NAME}():\n{lines}end\n"
 
@@ -203,9 +203,9 @@ class ControlProgram:
 
 
 def check_servo_parameters(lookahead_s: float, gain: float) -> None:
-    """Raise LocalProtocolError for what servoj does not take."""
+    """Raise LocalProtocolError for values that servoj does not accept."""
     if not 0.03 <= lookahead_s <= 0.2:
-        raise LocalProtocolError(f"the lookahead of servoj is 0.03 to 0.2 s, not {lookahead_s}")
+        raise LocalProtocolError(f"the lookahead time of servoj is 0.03 to 0.2 s, not {lookahead_s}")
     if not 100 <= gain <= 2000:
         raise LocalProtocolError(f"the gain of servoj is 100 to 2000, not {gain}")
 

@@ -1,4 +1,4 @@
-"""The driver: everything a robot with External Control can do.
+"""The driver: complete access to a robot through External Control.
 
 async with URDriver("192.168.56.101") as driver:
     await driver.start_program()
@@ -41,20 +41,22 @@ from urproto.versions import PolyscopeVersion
 
 
 class URDriver:
-    """A robot as a driver sees it, for asyncio programs; options are those of `DriverConfig`.
+    """External Control driver for asyncio programs; options are those of `DriverConfig`.
 
-    Setpoints (`servoj` to `torque`, and freedrive) may be sent from any thread. timeout_s: how long the robot waits
-    for the next message before it stops the arm, from one control period to 0.2 s. Until `idle`, or another mode, the
-    next one has to come within it; one that comes later is not sent but a LateSetpointError, and the program goes on.
+    **Setpoints** (`servoj` to `torque`, and freedrive) may be sent from any thread. timeout_s: how long the robot waits
+    for the next message before it stops the arm, from one control period to 0.2 s. Each further setpoint must follow
+    within this time, until `idle` or another mode. A later one is not sent: it raises LateSetpointError, and the
+    control program continues.
 
-    Trajectories go one at a time, whole or as a stream of points; see client.driver.points for the points. They raise
-    ProgramEndedError when the program ends on the way, and LocalProtocolError for points that cannot be sent.
+    **Trajectories** are executed one at a time, whole or as a stream of points; client.driver.points creates the
+    points. They raise ProgramEndedError if the program ends meanwhile, and LocalProtocolError for points that cannot
+    be sent.
 
-    Commands beside the motion that set something up (payload, tool voltage, gravity, zeroing) work without the
-    control program too: then the robot is sent a small script.
+    **Commands** that change settings (payload, tool voltage, gravity, zeroing the sensor) also work without the control
+    program: the driver then sends a small script.
 
-    All others raise ProgramNotRunningError without the control program. Any raises LocalProtocolError for values that
-    make no sense and RobotRefused for what this version does not have.
+    All other methods raise ProgramNotRunningError without the control program. Every method raises LocalProtocolError
+    for invalid values, and RobotRefused for features that the robot's version does not have.
 
     In the order of this file:
 
@@ -64,25 +66,25 @@ class URDriver:
     - setpoints: `servoj`, `servo_pose`, `speedj`, `speedl`, `torque`, `idle`; `start_freedrive` to `stop_freedrive`
     - trajectories: `execute`; `start_trajectory`, `trajectory_result`, `cancel_trajectory`; `start_stream`, `stream`,
       `end_stream`
-    - commands beside the motion: payload, gravity, TCP, force mode, tool contact, friction; `ask`
+    - commands, possible during any motion: payload, gravity, TCP, force mode, tool contact, friction; `ask`
     """
 
     config: DriverConfig
     """Addresses, ports, rates and timeouts, as given."""
     robot: RobotLink
-    """What the robot says about itself."""
+    """Connections to the robot, and what it reports about itself."""
     program: ProgramSupervisor
-    """The control program, and the ports that it connects to: the five below."""
+    """The control program, and its parts below: the ports that it connects to, and the pulse."""
     reverse: ReverseEndpoint
-    """The port that says what the arm is to do."""
+    """The port for setpoints and modes."""
     sender: ScriptSender
-    """The port that gives the program to the URCap."""
+    """The port from which the URCap fetches the program."""
     trajectory: TrajectoryEndpoint
     """The port for the points of trajectories."""
     commands: ScriptCommandEndpoint
-    """The port for commands beside the motion."""
+    """The port for commands and questions."""
     pulse: Pulse
-    """Keeps the program alive, or ends it when its watchdog is not kicked."""
+    """Keeps the program alive, or ends it if its watchdog is not kicked."""
 
     def __init__(self, robot: str, **options: Any) -> None:
         self.config = DriverConfig(robot=robot, **options)
@@ -96,8 +98,7 @@ class URDriver:
     async def __aenter__(self) -> Self:
         """Connect, check the calibration and open the ports; the program is not started yet.
 
-        Raises the errors of client.errors, RobotRefused for a wrong calibration, OSError for a
-        port that is taken.
+        Raises the errors of client.errors, RobotRefused for a wrong calibration, and OSError for a port that is in use.
         """
         async with AsyncExitStack() as opening:
             await opening.enter_async_context(self.robot)
@@ -137,31 +138,31 @@ class URDriver:
 
     @property
     def lost_why(self) -> str:
-        """Why the last control program has ended, when that was this machine's doing; else empty."""
+        """Why the last control program ended, if this machine was the cause; otherwise empty."""
         return self.program.lost_why
 
     def program_text(self) -> str:
-        """The control program as the URCap gets it."""
+        """The control program in the form that the URCap receives."""
         return self.program.text()
 
     def on_program_state(self, callback: Callable[[bool], None]) -> None:
-        """Call back with True and False as the control program connects and leaves."""
+        """Register a callback: called with True when the control program connects, with False when it disconnects."""
         self.reverse.listeners.append(callback)
 
     async def start_program(self) -> None:
-        """Start the control program, or start it again, and wait until it is connected.
+        """Start or restart the control program, and wait until it is connected.
 
-        Raises ScriptFailedError when the robot reports an error in it, RobotRefused in a mode
-        in which no program can run, ProgramNotRunningError when it does not connect in time.
+        Raises ScriptFailedError if the robot reports an error in it, RobotRefused in a mode in which no program can
+        run, and ProgramNotRunningError if it does not connect in time.
         """
         await self.program.start()
 
     async def stop_program(self) -> None:
-        """End the control program, which stops the arm; does nothing when it is not running."""
+        """End the control program, which stops the arm; does nothing if it is not running."""
         await self.program.stop()
 
     async def wait_for_program(self, timeout_s: float) -> None:
-        """Wait until somebody started the program on the robot. Raises ProgramNotRunningError."""
+        """Wait until the control program is started on the robot. Raises ProgramNotRunningError on timeout."""
         await self.reverse.wait_connected(timeout_s)
 
     # safety and speed
@@ -172,51 +173,54 @@ class URDriver:
         return self.robot.protective_stopped
 
     def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
-        """Call back with each new safety mode."""
+        """Register a callback that is called with each new safety mode."""
         self.robot.on_safety_mode(callback)
 
     async def recover(self) -> None:
         """Unlock a protective stop, 5 s after it occurred, and start the control program again.
 
-        For a caller who knows why the arm stopped and that it may move again. Raises RobotRefused
-        when something else than a protective stop is the matter, or it comes back at once.
+        Call it only when you know why the arm stopped and that it may move again. Raises RobotRefused if the robot is
+        stopped for another reason, or if the stop recurs immediately.
         """
         if self.protective_stopped:
             await self.robot.unlock_protective_stop()
         await self.start_program()
 
     async def set_speed_slider(self, fraction: float) -> None:
-        """Scale the speed of everything by 0.01 to 1; RobotRefused when another client holds the slider."""
+        """Set the speed slider, 0.01 to 1, which scales the speed of every motion.
+
+        Raises RobotRefused while another client controls the slider.
+        """
         if not 0.01 <= fraction <= 1.0:
-            raise LocalProtocolError(f"the speed slider goes from 0.01 to 1, not to {fraction}")
+            raise LocalProtocolError(f"the speed slider takes 0.01 to 1, not {fraction}")
         try:
             await self.robot.write_inputs(speed_slider_mask=1, speed_slider_fraction=fraction)
         except RobotRefused as refused:
             if "IN_USE" not in refused.answer:
                 raise
-            why = "another RTDE client holds the speed slider: end that one first"
+            why = "another RTDE client controls the speed slider: disconnect that client first"
             raise RobotRefused("speed_slider_fraction", why) from None
 
     # setpoints
 
     def servoj(self, q_rad: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
-        """Joint angles (6,) [rad] to be at one control period from now."""
+        """Send joint angles (6,) [rad] to reach one control period from now."""
         self.reverse.setpoint(ControlMode.SERVOJ, q_rad, timeout_s)
 
     def servo_pose(self, pose_base_tcp: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
-        """Pose of the TCP in the base frame (6,) [m, rotation vector], reached by the nearest joint angles."""
+        """Send a TCP pose in the base frame (6,) [m, rotation vector], reached by the nearest joint angles."""
         self.reverse.setpoint(ControlMode.POSE, pose_base_tcp, timeout_s)
 
     def speedj(self, qd_rad_s: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
-        """Joint speeds (6,) [rad/s]."""
+        """Send joint speeds (6,) [rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDJ, qd_rad_s, timeout_s)
 
     def speedl(self, velocity_base: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
-        """Velocity of the TCP in the base frame (6,) [m/s, rad/s]."""
+        """Send a TCP velocity in the base frame (6,) [m/s, rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDL, velocity_base, timeout_s)
 
     def torque(self, torque_Nm: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
-        """Joint torques (6,) [Nm] on top of what gravity needs; from 5.23 on."""
+        """Send joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer."""
         self.robot.require("torque")
         self.reverse.setpoint(ControlMode.TORQUE, torque_Nm, timeout_s)
 
@@ -225,64 +229,64 @@ class URDriver:
         self.reverse.keep_alive(self.config.keep_alive_timeout_s)
 
     def start_freedrive(self) -> None:
-        """Let the arm be moved by hand until `stop_freedrive`, `idle` or another mode."""
+        """Let a person guide the arm by hand until `stop_freedrive`, `idle` or another mode."""
         self.reverse.freedrive(FreedriveAction.START, self.config.keep_alive_timeout_s)
 
     def keep_freedrive(self) -> None:
-        """Say that freedrive goes on; the driver does so by itself too."""
+        """Keep freedrive active; the driver also does this by itself."""
         self.reverse.freedrive(FreedriveAction.NOOP, self.config.keep_alive_timeout_s)
 
     def stop_freedrive(self) -> None:
-        """Hold the arm where it is."""
+        """End freedrive; the arm holds its position."""
         self.reverse.freedrive(FreedriveAction.STOP, self.config.keep_alive_timeout_s)
 
     # trajectories
 
     async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None = None) -> TrajectoryResult:
-        """Execute a trajectory and wait for its end; it is cancelled when the caller is, or when it takes too long.
+        """Execute a trajectory and wait for its end; it is cancelled if the caller is cancelled, or on timeout.
 
-        CANCELED when somebody cancelled it, the robot too, which shows a popup for points it
-        cannot reach in their time; FAILURE when points were missing.
+        Returns CANCELED if it was cancelled, also by the robot itself, which shows a popup for points that it cannot
+        reach in time; FAILURE if points did not arrive in time.
         """
         return await self._trajectories.execute(points, timeout_s)
 
     async def start_trajectory(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Begin a trajectory; one that is under way is cancelled."""
+        """Start a trajectory; a trajectory that is under way is cancelled first."""
         await self._trajectories.start(points)
 
     async def trajectory_result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Wait for the end of the trajectory that is under way; None waits as long as it takes."""
+        """Wait for the end of the trajectory under way; a timeout of None waits as long as it takes."""
         return await self._trajectories.result(timeout_s)
 
     async def cancel_trajectory(self) -> TrajectoryResult:
-        """Stop the trajectory that is under way; SUCCESS when it ended by itself just before."""
+        """Stop the trajectory under way; returns SUCCESS if it ended by itself just before."""
         return await self._trajectories.cancel()
 
     async def start_stream(self) -> None:
-        """Begin a trajectory whose points come one by one, by `stream`, until `end_stream`.
+        """Start a trajectory whose points are added by `stream`, until `end_stream`.
 
-        A point that is not there within 0.5 s, or between spline points within a control
-        period, is a FAILURE. The last point must not blend.
+        The trajectory ends with FAILURE if the next point does not arrive within 0.5 s, or between spline points
+        within one control period. The last point must not blend.
         """
         await self._trajectories.start_stream()
 
     async def stream(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Add points to the stream, as fast as the robot takes them."""
+        """Add points to the stream, as fast as the robot accepts them."""
         await self._trajectories.stream(points)
 
     async def end_stream(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Say that there are no more points, and wait for the end."""
+        """End the stream of points, and wait for the end of the trajectory."""
         return await self._trajectories.end_stream(timeout_s)
 
-    # commands beside the motion
+    # commands, possible during any motion
 
     async def zero_ftsensor(self) -> None:
-        """Let what the force sensor feels now be zero; e-Series."""
+        """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
         self.robot.require("zero_ftsensor")
         await self._command_or_script(ScriptCommand.plain(ScriptCommandKind.ZERO_FTSENSOR), "zero_ftsensor()")
 
     async def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> None:
-        """Mass and its centre of gravity (3,) in the flange frame."""
+        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame."""
         _check_mass(mass_kg)
         script = f"set_payload({mass_kg}, {_list(cog_m)})"
         await self._command_or_script(ScriptCommand.set_payload(mass_kg, cog_m), script)
@@ -294,7 +298,10 @@ class URDriver:
         inertia_kg_m2: Sequence[float] = ZERO6,
         transition_time_s: float = 0.0,
     ) -> None:
-        """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,), taking effect gradually; from 5.10 on."""
+        """Like `set_payload`, with inertia and a gradual transition; PolyScope 5.10 or newer.
+
+        inertia_kg_m2: Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,).
+        """
         self.robot.require("set_target_payload")
         _check_mass(mass_kg)
         command = ScriptCommand.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
@@ -302,15 +309,15 @@ class URDriver:
         await self._command_or_script(command, script)
 
     async def set_tool_voltage(self, volts: int) -> None:
-        """0, 12 or 24 V."""
+        """Set the supply voltage at the tool: 0, 12 or 24 V."""
         await self._command_or_script(ScriptCommand.set_tool_voltage(volts), f"set_tool_voltage({volts})")
 
     async def set_gravity(self, gravity_m_s2: Sequence[float]) -> None:
-        """Acceleration of the base (3,) in its frame: [0, 0, 9.82] for an upright arm."""
+        """Set the acceleration of the base (3,) [m/s2] in the base frame: [0, 0, 9.82] for an upright arm."""
         await self._command_or_script(ScriptCommand.set_gravity(gravity_m_s2), f"set_gravity({_list(gravity_m_s2)})")
 
     def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
-        """Flange to TCP (6,) [m, rotation vector]."""
+        """Set the TCP as a pose in the flange frame (6,) [m, rotation vector]."""
         self.commands.send(ScriptCommand.set_tcp_offset(pose_flange_tcp))
 
     def start_force_mode(
@@ -324,13 +331,13 @@ class URDriver:
         damping: float = 0.025,
         gain_scaling: float = 0.5,
     ) -> None:
-        """Comply along the axes of a frame.
+        """Start force mode: be compliant along axes of a frame.
 
-        task_frame_base: pose in the base frame (6,) [m, rotation vector]. selection: 1 for
-        axes that comply (6,). wrench: to press with [N, Nm] (6,). kind: 1 the frame's y axis
-        points to the TCP, 2 the frame as it is, 3 its x axis follows the velocity. limits:
-        top speeds of complying axes [m/s, rad/s], deviations of the others [m, rad] (6,).
-        damping: 0 to 1. gain_scaling: 0 to 2, e-Series only.
+        task_frame_base: the frame, as a pose in the base frame (6,) [m, rotation vector]. selection: 1 for each
+        compliant axis (6,). wrench: applied to the environment (6,) [N, Nm]. kind: 1 turns the frame's y axis towards
+        the TCP, 2 takes the frame as it is, 3 aligns its x axis with the velocity. limits (6,): maximum speeds of
+        compliant axes [m/s, rad/s], maximum deviations of the others [m, rad]. damping: 0 to 1. gain_scaling: 0 to 2,
+        e-Series only.
         """
         if kind not in (1, 2, 3):
             raise LocalProtocolError(f"the kind of force mode is 1, 2 or 3, not {kind}")
@@ -345,37 +352,37 @@ class URDriver:
         self.commands.send(command)
 
     def end_force_mode(self) -> None:
-        """Hold the pose again."""
+        """End force mode; the arm holds its pose again."""
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE))
 
     def start_tool_contact(self, direction_base: Sequence[float] = ZERO6) -> None:
-        """Stop the motion where the tool touches something, and go back to where the contact began; e-Series.
+        """Stop the motion when the tool touches something, and return to where the contact began; e-Series.
 
-        direction_base: along which it counts (6,), the first three in the base frame; all zero for that of the motion.
-        Afterwards the arm rests until `end_tool_contact`. Watched once with each message to the
-        robot, so best with setpoints in every control period.
+        direction_base: direction in which contact counts (6,), in the base frame; only the first three numbers are
+        used, and all zeros stand for the direction of motion. Afterwards the arm rests until `end_tool_contact`. The
+        robot checks for contact once per message from the driver, so send setpoints in every control period.
         """
         self.robot.require("start_tool_contact")
         self.commands.forget_results()
         self.commands.send(ScriptCommand(ScriptCommandKind.START_TOOL_CONTACT, to_words(direction_base)))
 
     def end_tool_contact(self) -> None:
-        """Watch for contact no longer; the result is CANCELED if there was none."""
+        """Stop watching for contact; the result is CANCELED if there was none."""
         self.robot.require("end_tool_contact")
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.END_TOOL_CONTACT))
 
     async def tool_contact_result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """SUCCESS when the arm is back at the beginning of a contact, CANCELED when watching ended without one."""
+        """Wait for the result: SUCCESS once the arm is back where the contact began, CANCELED without a contact."""
         return await self.commands.result(timeout_s)
 
     async def ask(
         self, question: Question, *arguments: Sequence[float] | None, number: int = 0, gate: str | None = None
     ) -> tuple[float, ...]:
-        """What the robot answers to a question, beside any motion; no values when there is no solution.
+        """Ask the control program a question, during any motion, and return its answer; empty without a solution.
 
-        arguments: up to three (6,), None for one that the robot is to choose. gate: the feature of
-        `client.driver.availability` that it needs. Raises RobotRefused for a version without it,
-        ProgramNotRunningError, NoAnswerError.
+        arguments: up to three (6,); None lets the robot use its present value. gate: the feature of
+        `client.driver.availability` that the question needs. Raises RobotRefused for a version without it,
+        ProgramNotRunningError and NoAnswerError.
         """
         if gate is not None:
             self.robot.require(gate)
@@ -389,38 +396,41 @@ class URDriver:
         acceleration: float = SPEED_ACCELERATION,
         deceleration_rad_s2: float = DECELERATION,
     ) -> None:
-        """How setpoints are followed from now on.
+        """Set how setpoints are followed from now on.
 
-        lookahead_s (0.03 to 0.2) and gain (100 to 2000): of servoing, None for those of the configuration.
-        acceleration: towards speeds [rad/s2 or m/s2]. deceleration_rad_s2: to rest.
+        lookahead_s (0.03 to 0.2) and gain (100 to 2000): parameters of servoj; None takes those of the configuration.
+        acceleration: for reaching speeds [rad/s2 or m/s2]. deceleration_rad_s2: for coming to rest.
         """
         lookahead_s = self.config.servoj_lookahead_s if lookahead_s is None else lookahead_s
         gain = self.config.servoj_gain if gain is None else gain
         check_servo_parameters(lookahead_s, gain)
         if not (acceleration > 0.0 and deceleration_rad_s2 > 0.0):
             raise LocalProtocolError(
-                f"acceleration and deceleration are above 0, not {acceleration} and {deceleration_rad_s2}"
+                f"acceleration and deceleration must be above 0, not {acceleration} and {deceleration_rad_s2}"
             )
         self.commands.send(ScriptCommand.set_stream_parameters(lookahead_s, gain, acceleration, deceleration_rad_s2))
 
     def set_freedrive_axes(self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = ZERO6) -> None:
-        """Which axes (6,) of a frame, given in the base frame (6,), the next freedrive frees; from 5.10 on."""
+        """Set which axes (6,) the next freedrive frees; freeing only some requires PolyScope 5.10 or newer.
+
+        frame_base: the frame of these axes, as a pose in the base frame (6,) [m, rotation vector].
+        """
         if list(axes) != [1] * 6:
             self.robot.require("freedrive_axes")
         self.commands.send(ScriptCommand.set_freedrive_axes(axes, frame_base))
 
     def set_force_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
-        """Of the force mode that is in effect: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
+        """Set parameters of the active force mode: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
         _check_force_mode(damping, gain_scaling)
         self.commands.send(ScriptCommand.set_force_mode_parameters(damping, gain_scaling))
 
     def start_contact_detection(self, direction_base: Sequence[float] = ZERO6) -> None:
-        """Note from now on whether the tool meets something on its way along a direction (6,), all zero for any."""
+        """From now on, record whether the tool touches something in a direction (6,); all zeros for any direction."""
         self.robot.require("contact")
         self.commands.send(ScriptCommand.start_contact_detection(direction_base))
 
     def stop_contact_detection(self) -> None:
-        """Note it no longer; what was noted can still be asked for."""
+        """Stop recording contacts; the result can still be queried."""
         self.robot.require("contact")
         self.commands.send(ScriptCommand.plain(ScriptCommandKind.STOP_CONTACT_DETECTION))
 
@@ -431,16 +441,19 @@ class URDriver:
         offset_m: Sequence[float] = ZERO3,
         cog_m: Sequence[float] = ZERO3,
     ) -> None:
-        """Take the wrench from RTDE inputs; mass, measuring point (3,) and centre of gravity (3,) are the sensor's."""
+        """Use the wrench in the RTDE inputs instead of the built-in sensor's.
+
+        sensor_mass_kg, offset_m (3,) and cog_m (3,): the sensor's mass, measuring point and centre of gravity.
+        """
         self.commands.send(ScriptCommand.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m))
 
     def set_friction_compensation(self, enabled: bool) -> None:
-        """Whether torque control makes up for friction; from 5.23 on."""
+        """Set whether torque control compensates friction; PolyScope 5.23 or newer."""
         self.robot.require("set_friction_compensation")
         self.commands.send(ScriptCommand.set_friction_compensation(enabled))
 
     def set_friction_scales(self, viscous: Sequence[float], coulomb: Sequence[float]) -> None:
-        """Shares 0 to 1 of each joint's friction (6,) that torque control makes up for; from 5.25.1 on."""
+        """Set the share, 0 to 1, of each joint's friction (6,) that torque control compensates; PolyScope 5.25.1."""
         self.robot.require("set_friction_scales")
         self.commands.send(ScriptCommand.set_friction_scales(viscous, coulomb))
 
@@ -466,9 +479,9 @@ def _list(values: Sequence[float]) -> str:
 
 
 class BlockingURDriver(Blocking[URDriver]):
-    """The same for scripts, notebooks and control loops; its connections live in a thread of its own.
+    """Blocking counterpart of `URDriver`, for scripts, notebooks and control loops.
 
-    Callbacks are called in that thread.
+    Its connections run in a separate thread, which also calls the callbacks.
     """
 
     def __init__(self, robot: str, **options: Any) -> None:
@@ -528,7 +541,7 @@ class BlockingURDriver(Blocking[URDriver]):
 
     @property
     def lost_why(self) -> str:
-        """Why the last control program has ended, when that was this machine's doing; else empty."""
+        """Why the last control program ended, if this machine was the cause; otherwise empty."""
         return self.inner.lost_why
 
     @property

@@ -1,10 +1,13 @@
-"""A port of the driver that the robot's program connects to.
+"""Ports of the driver that the robot's program connects to.
 
-Here the driver is the server. One robot is served at a time, and anybody may connect: port scanners do. So
-a newcomer has to prove that it is the robot's program. A program of this driver's own says a token that
-the driver has put into it, and takes the place of the old connection at once: it was started again before the end
-of the last one was noticed. Who says something else is sent away. Who says nothing, as the vendor's program does, waits
-until its endpoint's owner admits it, and never replaces a program that has proved itself.
+Here the driver is the server. It serves one robot at a time, but any host can connect, and port scanners do. So a new
+connection must prove that it is the robot's program:
+
+- This driver's own program sends a token that the driver has put into it. It immediately replaces the old connection,
+  because it may have been restarted before the driver noticed the end of the last one.
+- A connection that sends anything else is rejected.
+- A connection that sends nothing, like the vendor's program, waits until the endpoint's owner admits it. It never
+  replaces a program that has proved itself.
 """
 
 import asyncio
@@ -36,20 +39,19 @@ from urproto.external_control import (
 from urproto.text import to_bytes
 from urproto.versions import Series
 
-LONGEST_REAL_TIME_S: Final = 0.2  # the client library's: an arm in motion is not left alone for longer
-SETPOINT_TIMEOUT_S: Final = 0.02  # its default for a setpoint
-KEEP_ALIVE_TIMEOUT_S: Final = 1.0  # its default for a keep-alive
+LONGEST_REAL_TIME_S: Final = 0.2  # source: the client library, which limits how long an arm moves without a message
+SETPOINT_TIMEOUT_S: Final = 0.02  # the client library's default for a setpoint
+KEEP_ALIVE_TIMEOUT_S: Final = 1.0  # the client library's default for a keep-alive
 _STOP_MS: Final = 100
 _LONGEST_MS: Final = 2**31 - 1
 
 
-@lru_cache(maxsize=64)  # asked for with every setpoint
+@lru_cache(maxsize=64)  # called for every setpoint
 def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int:
-    """The timeout [ms] that is sent for `timeout_s` in this mode.
+    """Return the timeout [ms] to send for `timeout_s` in this mode.
 
-    At least one control period `period_s` [s]; in real-time modes at most 0.2 s. 0 waits for
-    ever, except in real-time modes, where it is one period. Raises LocalProtocolError for a
-    negative timeout.
+    It is at least one control period `period_s` [s], and at most 0.2 s in real-time modes. 0 waits forever, except in
+    real-time modes, where it means one period. Raises LocalProtocolError for a negative timeout.
     """
     if not timeout_s >= 0.0:
         raise LocalProtocolError(f"a timeout is 0 s or more, not {timeout_s}")
@@ -61,26 +63,26 @@ def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int
     return max(1, round(1000.0 * min(max(timeout_s, period_s), longest)))
 
 
-_MOST_UNSENT: Final = 8192  # bytes of a trajectory, beyond what the system buffers; guess
+_MOST_UNSENT: Final = 8192  # bytes of a trajectory, in addition to the system's buffers; guess
 _HINT: Final = "start the program on the robot and wait for it"
-_MOST_WAITING: Final = 8  # connections that have not proved themselves, on each port; guess
-_PATIENCE_S: Final = 10.0  # for one that does not; guess
-_ACCEPTING: Final = 3  # rounds of the event loop until a connection that was accepted is made: a task, and a call
+_MOST_WAITING: Final = 8  # connections that have not proved themselves yet, per port; guess
+_PATIENCE_S: Final = 10.0  # how long such a connection may wait; guess
+_ACCEPTING: Final = 3  # rounds of the event loop from accepting a connection to connection_made: a task, and a call
 
 _logger = logging.getLogger(__name__)
 
 
 class Peer(asyncio.Protocol):
-    """A connection of a robot, or of somebody who may be one."""
+    """A connection of a robot, or of a client that may be one."""
 
     address: str
-    """Where it comes from."""
+    """Address of the client."""
     proven: bool
-    """It has said the token."""
+    """True once it has sent the token."""
     arrived_s: float
-    """When it came, by the loop's clock [s]."""
+    """Time of the connection, by the event loop's clock [s]."""
     unread: bytes | None
-    """The beginning of its greeting; None once it has greeted, or will not."""
+    """The beginning of its greeting; None once the greeting is complete, or ruled out."""
 
     def __init__(self, endpoint: "Endpoint") -> None:
         self._endpoint = endpoint
@@ -96,19 +98,22 @@ class Peer(asyncio.Protocol):
         self._socket: socket.socket
 
     def abort(self) -> None:
-        """End the connection at once, without waiting for what is not sent yet."""
+        """Close the connection immediately, discarding unsent data."""
         self.transport.abort()
 
     def write(self, data: bytes) -> None:
-        """Send now, from any thread and past the event loop, which may be busy. A robot that does not read is gone."""
+        """Send immediately, from any thread, bypassing the event loop, which may be busy.
+
+        A robot that does not read its data is disconnected.
+        """
         try:
             sent = self._socket.send(data)
         except BlockingIOError:
             sent = 0
-        except OSError:  # the connection has ended, of which the loop will hear
+        except OSError:  # the connection has ended; the event loop notices this by itself
             return
         if sent < len(data):
-            _logger.error("%s does not read what it is sent on port %d", self.address, self._endpoint.port)
+            _logger.error("%s does not read its data on port %d: disconnected", self.address, self._endpoint.port)
             with suppress(RuntimeError):  # the loop has ended
                 self._loop.call_soon_threadsafe(self.abort)
 
@@ -117,10 +122,10 @@ class Peer(asyncio.Protocol):
         self.transport.write(data)
         await self._may_write.wait()
 
-    # asyncio's side
+    # asyncio.Protocol
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport = cast(asyncio.Transport, transport)  # uvloop's is of no such class
+        self.transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass of it
         self.address = str(transport.get_extra_info("peername")[0])
         self._socket = socket.socket(fileno=os.dup(transport.get_extra_info("socket").fileno()))
         self._socket.setblocking(False)
@@ -145,9 +150,9 @@ class Peer(asyncio.Protocol):
 
 
 async def _let_in(server: asyncio.Server) -> None:
-    """Accept nobody more, and let in who was accepted just now: closed before, asyncio would leave them open."""
+    """Stop accepting, and finish connections that were just accepted: otherwise asyncio would leave them open."""
     loop = asyncio.get_running_loop()
-    with suppress(NotImplementedError, RuntimeError):  # other event loops accept in other ways
+    with suppress(NotImplementedError, RuntimeError):  # other event loops accept differently
         for listening in server.sockets:
             loop.remove_reader(listening.fileno())
     for _ in range(_ACCEPTING):
@@ -158,15 +163,15 @@ class Endpoint:
     """A server for one robot; use it with ``async with``."""
 
     port: int
-    """0 takes a free one, which it then is."""
+    """The port; 0 takes a free one, and is replaced by its number."""
     host: str
-    """The own address to listen on, all of them when empty."""
+    """The local address to listen on; empty for all of them."""
     token: str
-    """What the robot's program says first. Without one, who comes first is the robot until it leaves, then the next."""
+    """What the robot's program sends first. If empty, the first connection is the robot's until it leaves."""
     waiting: list[Peer]
-    """Who has connected and not proved itself, oldest first."""
+    """Connections that have not proved themselves yet, oldest first."""
     listeners: list[Callable[[bool], None]]
-    """Called with True and False as the robot comes and goes."""
+    """Called with True when the robot connects, with False when it disconnects."""
 
     def __init__(self, port: int, host: str = "") -> None:
         self.port = port
@@ -179,7 +184,7 @@ class Endpoint:
         self._server: asyncio.Server | None = None
 
     async def __aenter__(self) -> Self:
-        """Listen. Raises OSError when the port is taken."""
+        """Listen. Raises OSError if the port is in use."""
         loop = asyncio.get_running_loop()
         self._server = await loop.create_server(lambda: Peer(self), self.host or None, self.port, reuse_address=True)
         self.port = self._server.sockets[0].getsockname()[1]
@@ -191,7 +196,7 @@ class Endpoint:
         await self.close()
 
     async def close(self) -> None:
-        """Stop listening and end every connection; closing twice does no harm."""
+        """Stop listening and close every connection; may be called more than once."""
         if self._server is not None:
             server, self._server = self._server, None
             await _let_in(server)
@@ -203,7 +208,7 @@ class Endpoint:
 
     @property
     def connected(self) -> bool:
-        """True while a robot is there."""
+        """True while a robot is connected."""
         return self._peer is not None
 
     @property
@@ -219,14 +224,14 @@ class Endpoint:
         return self._peer
 
     async def wait_connected(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        """Wait for a robot. Raises ProgramNotRunningError when none comes."""
+        """Wait for a robot to connect. Raises ProgramNotRunningError on timeout."""
         try:
             await self._wait_until(True, timeout_s)
         except TimeoutError:
-            raise ProgramNotRunningError(self.port, f"none came within {timeout_s:g} s; {_HINT}") from None
+            raise ProgramNotRunningError(self.port, f"none connected within {timeout_s:g} s; {_HINT}") from None
 
     async def wait_disconnected(self, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
-        """Wait until no robot is there. Raises ProgramStaysError."""
+        """Wait until no robot is connected. Raises ProgramStaysError on timeout."""
         try:
             await self._wait_until(False, timeout_s)
         except TimeoutError:
@@ -257,13 +262,13 @@ class Endpoint:
         elif robot is not None and robot.address != peer.address and (robot.proven or not self.token):
             self._send_away(peer, f"this port serves {robot.address}")
         else:
-            if len(self.waiting) >= _MOST_WAITING:  # the oldest goes: a program of ours proves itself at once
-                self._send_away(self.waiting[0], f"{_MOST_WAITING} others wait here")
+            if len(self.waiting) >= _MOST_WAITING:  # reject the oldest: this driver's program proves itself immediately
+                self._send_away(self.waiting[0], f"{_MOST_WAITING} other connections are waiting")
             self.waiting.append(peer)
             asyncio.get_running_loop().call_later(_PATIENCE_S, self._lose_patience, peer)
 
     def admit(self, peer: Peer) -> None:
-        """From here on this connection is the robot's; the last one is ended."""
+        """Take this connection for the robot's from now on; the previous one is closed."""
         if peer in self.waiting:
             self.waiting.remove(peer)
         before, self._peer = self._peer, None
@@ -280,7 +285,7 @@ class Endpoint:
             self.data_received(data)
 
     def _greeted(self, peer: Peer, data: bytes) -> bytes:
-        """Look for a greeting at the beginning of what somebody says; what follows it."""
+        """Check the first data of a connection for a greeting; return the data after it."""
         greeting = split_greeting(data)
         if greeting is None:
             peer.unread = data
@@ -288,7 +293,7 @@ class Endpoint:
         peer.unread = None
         token, rest = greeting
         if token is None and peer is not self._peer:
-            self._send_away(peer, f"no control program says {data[:40]!r}")
+            self._send_away(peer, f"it is not a control program, it sent {data[:40]!r}")
         elif token and token == self.token:
             peer.proven = True
             if peer is not self._peer:
@@ -296,14 +301,14 @@ class Endpoint:
         return rest
 
     def _send_away(self, peer: Peer, why: str) -> None:
-        _logger.warning("%s is sent away from port %d: %s", peer.address, self.port, why)
+        _logger.warning("connection from %s to port %d rejected: %s", peer.address, self.port, why)
         if peer in self.waiting:
             self.waiting.remove(peer)
         peer.abort()
 
     def _lose_patience(self, peer: Peer) -> None:
         if peer in self.waiting:
-            self._send_away(peer, f"it has not shown for {_PATIENCE_S:g} s that it is the robot's program")
+            self._send_away(peer, f"it did not identify itself as the robot's program within {_PATIENCE_S:g} s")
 
     def _left(self, peer: Peer) -> None:
         self._peers.discard(peer)
@@ -315,11 +320,11 @@ class Endpoint:
             if self.waiting and not self.token:
                 self.admit(self.waiting[0])
 
-    # for kinds of endpoints
+    # for subclasses
 
     def data_received(self, data: bytes) -> None:
-        """Bytes from the robot; of this kind none are expected."""
-        _logger.info("the robot says %r on port %d, which means nothing", data[:80], self.port)
+        """Handle bytes from the robot; the base class expects none."""
+        _logger.info("unexpected data from the robot on port %d: %r", self.port, data[:80])
 
     def _found(self, peer: Peer) -> None:
         self._tell(True)
@@ -332,7 +337,7 @@ class Endpoint:
 
 
 def tell(listeners: Sequence[Callable[..., object]], *news: object) -> None:
-    """Call each of them; one that raises is logged and harms nobody else."""
+    """Call every listener; the exception of one is logged and does not affect the others."""
     for listener in tuple(listeners):
         try:
             listener(*news)
@@ -345,14 +350,14 @@ _LONGEST_REQUEST: Final = 1024  # bytes without a line end (guess)
 
 
 class ScriptSender(Endpoint):
-    """Answers every request with the program; any number of robots may ask at the same time.
+    """Answers every request with the program; any number of robots may request it at the same time.
 
-    program: gives the text, bare statements between the URCap's anchors. The connection stays open, and the program has
-    no end mark: so does the protocol.
+    program: returns the text, bare statements between the URCap's anchors. The connection stays open and the program
+    has no end marker, as the protocol demands.
     """
 
     requests: int
-    """How many there were."""
+    """Number of requests so far."""
 
     def __init__(self, program: Callable[[], str], port: int = SENDER_PORT, host: str = "") -> None:
         super().__init__(port, host)
@@ -370,12 +375,12 @@ class ScriptSender(Endpoint):
         for line in lines:
             self._answer(peer, line)
         if len(rest) > _LONGEST_REQUEST:
-            _logger.warning("%s sends no request but %d bytes", peer.address, len(rest))
+            _logger.warning("%s sent %d bytes without a request: disconnected", peer.address, len(rest))
             peer.abort()
 
     def _answer(self, peer: Peer, line: bytes) -> None:
         if line.rstrip(b"\r") != REQUEST_PROGRAM.rstrip(b"\n"):
-            _logger.warning("%s asks for %r; this port only hands out the program", peer.address, line[:80])
+            _logger.warning("%s requested %r: this port only serves the control program", peer.address, line[:80])
             return
         self.requests += 1
         peer.transport.write(to_bytes(self._program()) + b"\n")
@@ -390,16 +395,16 @@ REVERSE_PORT: Final = 50001
 
 @dataclass(slots=True)
 class StreamStatistics:
-    """Of setpoints that follow each other in one mode, by this machine's clock."""
+    """Statistics of consecutive setpoints in one mode, by this machine's clock."""
 
     sent: int = 0
-    """How many."""
+    """Number of setpoints sent."""
     skipped: int = 0
-    """Control periods for which none was sent, beyond one that was a little late."""
+    """Number of control periods without a setpoint, not counting setpoints that were slightly late."""
     late: int = 0
-    """How often the robot had to wait for longer than it may, and stopped the arm."""
+    """How often the robot waited longer than the timeout, and stopped the arm."""
     longest_gap_s: float = 0.0
-    """Between two of them [s]."""
+    """Longest time between two setpoints [s]."""
 
     def __str__(self) -> str:
         return (
@@ -409,19 +414,19 @@ class StreamStatistics:
 
 
 class ReverseEndpoint(Endpoint):
-    """Sends what the arm is to do; while a robot is connected here its program runs.
+    """Sends setpoints and modes; while a robot is connected to this port, its control program is running.
 
-    Every method sends at once, from any thread, and raises ProgramNotRunningError without a robot and
-    LocalProtocolError for values that cannot be sent. timeout_s: how long the program waits for the message after this
-    one before it stops the arm; see `read_timeout_ms` for its limits.
+    Every method sends immediately, from any thread. It raises ProgramNotRunningError without a robot, and
+    LocalProtocolError for values that cannot be sent. timeout_s: how long the program waits for the next message before
+    it stops the arm; `read_timeout_ms` describes its limits.
     """
 
     period_s: float
     """The robot's control period [s]."""
     mode: ControlMode
-    """Of the last message."""
+    """Mode of the last message."""
     stream: StreamStatistics
-    """Of the setpoints since the last message that was none."""
+    """Statistics of the setpoints since the last other message."""
 
     def __init__(self, port: int = REVERSE_PORT, host: str = "", period_s: float = Series.E.period_s) -> None:
         super().__init__(port, host)
@@ -429,15 +434,15 @@ class ReverseEndpoint(Endpoint):
         self.mode = ControlMode.IDLE
         self.stream = StreamStatistics()
         self._lock = threading.RLock()
-        self._sent_s = 0.0  # when, by the monotonic clock, and
+        self._sent_s = 0.0  # time of the last message, by the monotonic clock
         self._timeout_s = 0.0  # how long the robot waits after that
-        self._was_late = ""  # why the arm was stopped, until who sends setpoints was told
+        self._was_late = ""  # why the arm was stopped, until the sender of setpoints has been told
 
     def setpoint(self, mode: ControlMode, values: Sequence[float], timeout_s: float = SETPOINT_TIMEOUT_S) -> None:
-        """One setpoint (6,) of a real-time mode, in the units `ReverseMessage.setpoint` gives.
+        """Send one setpoint (6,) of a real-time mode, in the units of `ReverseMessage.setpoint`.
 
-        Raises LateSetpointError, once, when the robot has waited for it too long: the arm was stopped, the program
-        goes on, and this setpoint was not sent.
+        Raises LateSetpointError, once, if the robot has waited for it too long: the arm was stopped, the program
+        continues, and this setpoint was not sent.
         """
         message = ReverseMessage.setpoint(mode, values, self._timeout_ms(mode, timeout_s))
         with self._lock:
@@ -454,7 +459,7 @@ class ReverseEndpoint(Endpoint):
             self._write(peer, message, now)
 
     def keep_alive(self, timeout_s: float = KEEP_ALIVE_TIMEOUT_S) -> None:
-        """Nothing to do: an arm in motion is brought to rest."""
+        """Send that there is nothing to do; a moving arm is brought to rest."""
         with self._lock:
             self._rest(timeout_s)
             self._was_late = ""
@@ -463,7 +468,7 @@ class ReverseEndpoint(Endpoint):
         self._send(ReverseMessage.keep_alive(self._timeout_ms(ControlMode.IDLE, timeout_s)))
 
     def trajectory(self, action: TrajectoryAction, points: int = 0, timeout_s: float = LONGEST_REAL_TIME_S) -> None:
-        """Start, keep alive, or end a trajectory of so many points."""
+        """Start, keep alive, or end a trajectory with this number of points."""
         self._send(ReverseMessage.trajectory(action, points, self._timeout_ms(ControlMode.FORWARD, timeout_s)))
 
     def freedrive(self, action: FreedriveAction, timeout_s: float = LONGEST_REAL_TIME_S) -> None:
@@ -475,7 +480,10 @@ class ReverseEndpoint(Endpoint):
         self._send(ReverseMessage.stop())
 
     def continue_mode(self, timeout_s: float = KEEP_ALIVE_TIMEOUT_S) -> None:
-        """The keep-alive of the present mode. Setpoints have none: an arm whose setpoints cease is brought to rest."""
+        """Send the keep-alive message of the present mode.
+
+        Setpoint modes have none: when setpoints stop coming, the arm is brought to rest.
+        """
         with self._lock:
             if self.mode is ControlMode.FORWARD:
                 self.trajectory(TrajectoryAction.NOOP, 0, timeout_s)
@@ -485,25 +493,25 @@ class ReverseEndpoint(Endpoint):
                 self._rest(timeout_s)
 
     def end_late_stream(self) -> None:
-        """Let the program go on when setpoints have ceased for longer than the robot waits; the arm is at rest then."""
+        """Keep the program running if setpoints stop for longer than the robot waits; the arm is then at rest."""
         with self._lock:
             if self.mode.real_time and self.quiet_s > self._timeout_s:
                 self._note_gap(self.quiet_s)
 
     def take_late(self) -> str:
-        """Why the arm was stopped, if it was for want of setpoints and nobody has been told yet."""
+        """Return why the arm was stopped, if it was for a late setpoint that has not been reported yet; else ""."""
         why, self._was_late = self._was_late, ""
         return why
 
     def note_late(self, why: str) -> None:
-        """The robot says that it had to wait for too long."""
+        """Take note of the robot's message that a setpoint was late."""
         with self._lock:
             if self.connected and self.mode.real_time:
                 self._be_late(why)
 
     @property
     def quiet_s(self) -> float:
-        """How long nothing has been sent to the robot that is there, or was."""
+        """Time since the last message to the current or last robot [s]."""
         return time.monotonic() - self._sent_s if self._sent_s else 0.0
 
     def _note_gap(self, gap_s: float) -> None:
@@ -511,7 +519,7 @@ class ReverseEndpoint(Endpoint):
         self.stream.skipped += max(0, round(gap_s / self.period_s) - 1)
         if gap_s > self._timeout_s:
             self._be_late(
-                f"this machine sent no setpoint for {1000.0 * gap_s:.0f} ms, and the robot waits "
+                f"this machine sent no setpoint for {1000.0 * gap_s:.0f} ms, and the robot waits only "
                 f"{1000.0 * self._timeout_s:.0f} ms"
             )
 
@@ -519,7 +527,7 @@ class ReverseEndpoint(Endpoint):
         self.stream.late += 1
         self._was_late = why
         _logger.warning("the arm was stopped: %s (%s)", why, self.stream)
-        self._rest(KEEP_ALIVE_TIMEOUT_S)  # which the program waits for: what follows is a new motion
+        self._rest(KEEP_ALIVE_TIMEOUT_S)  # the program waits for this; the next setpoint begins a new motion
 
     def _timeout_ms(self, mode: ControlMode, timeout_s: float) -> int:
         return read_timeout_ms(mode, timeout_s, self.period_s)

@@ -1,8 +1,8 @@
-"""A robot's states, received by a thread that does nothing else.
+"""Receives a robot's states in a dedicated thread.
 
-An event loop is busy now and then: with an import, with a file, with somebody else's work. States are
-taken from the network all the same, and a robot counts as silent only when nothing has come from it
-for too long: what waits in the socket while this machine is busy is no silence.
+An event loop is occasionally busy, with an import, a file, or another task. The thread keeps receiving states
+meanwhile. A robot counts as silent only if nothing has arrived for too long: data that waits in the socket while this
+machine is busy is not silence.
 """
 
 import logging
@@ -24,18 +24,19 @@ State = Mapping[str, Any]
 
 
 class StateFeed:
-    """Receives states in a thread of its own, and comes back by itself when the connection is lost.
+    """Receives states in a dedicated thread, and reconnects by itself when the connection is lost.
 
-    make: a client that is not connected yet. on_state, on_silence: called in that thread, with each state, and once
-    when the robot falls silent; they must be quick. silence_s: how long nothing has to come for that.
+    make: creates a client that is not connected yet. on_state, on_silence: called in that thread, with each state, and
+    once when the robot falls silent; they must be quick. silence_s: a robot that sends nothing for this long counts as
+    silent.
     """
 
     state: State
-    """The newest one, by variable name."""
+    """The newest state, by variable name."""
     count: int
-    """How many came."""
+    """Number of states received."""
     silent: bool
-    """Nothing comes any more."""
+    """True while the robot sends nothing."""
 
     def __init__(
         self,
@@ -53,13 +54,16 @@ class StateFeed:
         self._on_silence = on_silence
         self._silence_s = silence_s
         self._realtime = realtime
-        self._gates: deque[threading.Lock] = deque()  # of threads that wait for the next state; opened by releasing
+        self._gates: deque[threading.Lock] = deque()  # one per waiting thread; released to wake it
         self._closing = threading.Event()
         self._client: BlockingRTDEClient | None = None
         self._thread = threading.Thread(target=self._work, name="robot's states", daemon=True)
 
     def open(self) -> BlockingRTDEClient:
-        """Connect, receive the first state and begin; blocks. Raises the errors of client.errors and RobotRefused."""
+        """Connect, receive the first state and start the thread; blocks.
+
+        Raises the errors of client.errors, and RobotRefused.
+        """
         client = self._client = self._connect()
         try:
             self._take(client.receive())
@@ -80,12 +84,15 @@ class StateFeed:
             client.close()
 
     def wait(self, count: int, timeout_s: float) -> State:
-        """The newest state, once there are more than ``count``, for a thread; NoAnswerError from a silent robot."""
+        """Block the calling thread until more than ``count`` states have arrived, and return the newest.
+
+        Raises NoAnswerError if the robot is silent.
+        """
         if self.count <= count and not self.silent:
             gate = threading.Lock()
             gate.acquire()
             self._gates.append(gate)
-            if self.count <= count and not self.silent:  # nothing came before the gate was there to be opened
+            if self.count <= count and not self.silent:  # no state arrived before the gate was registered
                 gate.acquire(timeout=timeout_s)
         if self.count <= count:
             assert self._client is not None
@@ -109,7 +116,7 @@ class StateFeed:
                     self._take(state)
             except (ClientError, RemoteProtocolError) as error:
                 if not self._closing.is_set():
-                    _logger.error("the robot's state is lost: %s", error)
+                    _logger.error("no state from the robot: %s", error)
                     self._fall_silent()
                     self._reconnect()
 
@@ -118,10 +125,10 @@ class StateFeed:
         self.count += 1
         self.silent = False
         self._on_state(state)
-        self._open_gates()  # last: who wakes up then need not wait for this thread
+        self._open_gates()  # last, so that woken threads do not have to wait for this one
 
     def _open_gates(self) -> None:
-        """Let who waits go on. Others may come meanwhile: they have seen the newest count, or wait for the next."""
+        """Wake the waiting threads. Threads that arrive meanwhile have seen the newest count, or wait for the next."""
         while self._gates:
             self._gates.popleft().release()
 
@@ -138,5 +145,5 @@ class StateFeed:
                 self._client = self._connect()
                 return
             except URError as error:
-                _logger.info("the robot's state is not back yet: %s", error)
+                _logger.info("still no state from the robot: %s", error)
             self._closing.wait(_AGAIN_S)

@@ -1,9 +1,9 @@
-"""Points of a trajectory, by the move that leads to them.
+"""Points of a trajectory, each named after the move that leads to it.
 
-Joint angles are (6,) [rad], poses base to TCP (6,) [m, rotation vector]. v and a are the
-leading joint's [rad/s, rad/s2] or the tool's [m/s, m/s2], or for optimoves shares above 0 up
-to 1 of what the arm can do. duration_s above 0 replaces both. blend_radius_m: how far from
-the point the next move may begin; the last point of a trajectory has none.
+Joint angles are (6,) [rad], poses base to TCP (6,) [m, rotation vector]. v and a are speed and acceleration of the
+leading joint [rad/s, rad/s2] or of the TCP [m/s, m/s2]; for optimoves they are shares, above 0 and up to 1, of the
+arm's limits. A duration_s above 0 replaces both. blend_radius_m: distance from the point at which the next move may
+begin; the last point of a trajectory must not blend.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ spline = TrajectoryPoint.spline
 def movej(
     q_rad: Sequence[float], *, v: float = 1.04, a: float = 1.4, duration_s: float = 0.0, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
-    """All joints in a straight line of joint space."""
+    """Move all joints along a straight line in joint space."""
     return _point(MotionType.MOVEJ, q_rad, (v, a), duration_s, blend_radius_m)
 
 
@@ -30,7 +30,7 @@ def movej_pose(
     duration_s: float = 0.0,
     blend_radius_m: float = 0.0,
 ) -> TrajectoryPoint:
-    """As movej to the joint angles of a pose, those near `near_q_rad` or else near the present ones."""
+    """Like movej, to the inverse kinematics solution of a pose nearest to `near_q_rad`, or to the present angles."""
     near = (0.0,) * 6 if near_q_rad is None else near_q_rad
     options = (v, a, 0.0 if near_q_rad is None else 1.0)
     return _point(MotionType.MOVEJ_POSE, pose_base_tcp, options, duration_s, blend_radius_m, near)
@@ -44,14 +44,14 @@ def movel(
     duration_s: float = 0.0,
     blend_radius_m: float = 0.0,
 ) -> TrajectoryPoint:
-    """The tool in a straight line."""
+    """Move the TCP in a straight line."""
     return _point(MotionType.MOVEL, pose_base_tcp, (v, a), duration_s, blend_radius_m)
 
 
 def movep(
     pose_base_tcp: Sequence[float], *, v: float = 0.25, a: float = 1.2, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
-    """The tool in a straight line at constant speed."""
+    """Move the TCP in a straight line at constant speed."""
     return _point(MotionType.MOVEP, pose_base_tcp, (v, a), 0.0, blend_radius_m)
 
 
@@ -64,7 +64,7 @@ def movec(
     blend_radius_m: float = 0.0,
     fixed_orientation: bool = False,
 ) -> TrajectoryPoint:
-    """The tool on the arc through a via pose; its orientation turns on the way, or is fixed to the arc."""
+    """Move the TCP on the circular arc through a via pose; its orientation is interpolated, or fixed to the arc."""
     options = (v, a, float(fixed_orientation))
     return _point(MotionType.MOVEC, pose_base_tcp, options, 0.0, blend_radius_m, via_base_tcp)
 
@@ -72,7 +72,7 @@ def movec(
 def optimovej(
     q_rad: Sequence[float], *, v: float = 0.3, a: float = 0.3, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
-    """As movej, as fast as shares of the arm's limits allow; from 5.21 on."""
+    """Like movej, as fast as these shares of the arm's limits allow; PolyScope 5.21 or newer."""
     _check_shares(v, a)
     return _point(MotionType.OPTIMOVEJ, q_rad, (v, a), 0.0, blend_radius_m)
 
@@ -80,14 +80,14 @@ def optimovej(
 def optimovel(
     pose_base_tcp: Sequence[float], *, v: float = 0.3, a: float = 0.3, blend_radius_m: float = 0.0
 ) -> TrajectoryPoint:
-    """As movel, as fast as shares of the arm's limits allow; from 5.21 on."""
+    """Like movel, as fast as these shares of the arm's limits allow; PolyScope 5.21 or newer."""
     _check_shares(v, a)
     return _point(MotionType.OPTIMOVEL, pose_base_tcp, (v, a), 0.0, blend_radius_m)
 
 
 def _check_shares(v: float, a: float) -> None:
     if not (0.0 < v <= 1.0 and 0.0 < a <= 1.0):
-        raise LocalProtocolError(f"v and a of an optimove are shares above 0 up to 1, not {v} and {a}")
+        raise LocalProtocolError(f"v and a of an optimove are shares above 0 and up to 1, not {v} and {a}")
 
 
 def _point(
@@ -99,7 +99,7 @@ def _point(
     second: Sequence[float] = (0.0,) * 6,
 ) -> TrajectoryPoint:
     if not (options[0] > 0.0 and options[1] > 0.0):
-        raise LocalProtocolError(f"v and a have to be above 0, not {options[0]} and {options[1]}")
+        raise LocalProtocolError(f"v and a must be above 0, not {options[0]} and {options[1]}")
     if not (duration_s >= 0.0 and blend_radius_m >= 0.0):
         raise LocalProtocolError(f"duration ({duration_s} s) and blend radius ({blend_radius_m} m) cannot be negative")
     parameters = (*options, *(0.0,) * (6 - len(options)))

@@ -1,4 +1,4 @@
-"""The control program's life: started, watched, kept alive, ended, started again."""
+"""Life cycle of the control program: start, supervision, keep-alive, end, restart."""
 
 import asyncio
 import logging
@@ -29,25 +29,25 @@ _ENDED: Final = (RuntimeState.STOPPING, RuntimeState.STOPPED)
 _STOP_LINE: Final = "stop program"
 _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 
-_LOOK_S: Final = 0.02  # guess: how closely setpoints that cease are watched
+_LOOK_S: Final = 0.02  # guess: interval of the check for missing setpoints
 _BREATH_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
-_GREETING_S: Final = 0.2  # guess: who has said nothing for so long is not a program of ours
-_LINGER_S: Final = 2.0  # guess: a program that was disconnected has ended, by the robot's state too
+_GREETING_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
+_LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)
 
 
 class Pulse:
-    """Says that the driver lives, in a thread that does nothing else; use it with ``with``.
+    """Sends keep-alive messages from a dedicated thread; use it with ``with``.
 
-    every_s: how often; timeout_s: how long the program waits for the next time. Two things end the program: a
-    watchdog that is not kicked, if the owner has set one, and an event loop that has hung for ``hang_s``, which
-    `breathe` tells it has not. A thread that goes on by itself is no reason for the arm to.
+    every_s: interval; timeout_s: how long the program waits for the next message. Two events end the program: a
+    watchdog that is not kicked, if the owner has set one, and an event loop that hangs for ``hang_s``, that is, does
+    not call `breathe`. Otherwise this thread would keep the arm moving while the rest of the program hangs.
     """
 
     bitten: str
-    """Why the watchdog ended the program, until the next one starts; else empty."""
+    """Why the watchdog ended the program, until the next one starts; otherwise empty."""
 
     def __init__(
         self,
@@ -78,18 +78,18 @@ class Pulse:
         self._thread.join()
 
     def watch(self, longest_s: float) -> None:
-        """End the program when `kick` does not come for so long; 0 ends the watch."""
+        """End the program if `kick` is not called for ``longest_s``; 0 disables the watchdog."""
         if not longest_s >= 0.0:
-            raise LocalProtocolError(f"a watchdog waits for 0 s (off) or more, not {longest_s}")
+            raise LocalProtocolError(f"a watchdog timeout is 0 s (off) or more, not {longest_s}")
         self.kick()
         self._watchdog_s = longest_s
 
     def kick(self) -> None:
-        """The owner lives too."""
+        """Report that the owner is alive."""
         self._kicked_s = time.monotonic()
 
     def breathe(self) -> None:
-        """The event loop lives."""
+        """Report that the event loop is alive."""
         self._breathed_s = time.monotonic()
 
     def _work(self) -> None:
@@ -102,7 +102,7 @@ class Pulse:
             try:
                 due_s = self._beat(due_s)
             except Exception:
-                _logger.debug("nobody to keep alive", exc_info=True)  # the program has just left
+                _logger.debug("no program to keep alive", exc_info=True)  # it has just disconnected
 
     def _beat(self, due_s: float) -> float:
         if not self._reverse.connected:
@@ -111,8 +111,8 @@ class Pulse:
         if why := self._hangs(now):
             if not self.bitten:
                 self.bitten = why
-                self._watchdog_s = 0.0  # who starts the program again sets it again
-                _logger.error("%s: the control program is ended", why)
+                self._watchdog_s = 0.0  # a caller that restarts the program sets it again
+                _logger.error("%s: the control program is stopped", why)
                 self._reverse.stop()
             return due_s
         self._reverse.end_late_stream()
@@ -122,33 +122,33 @@ class Pulse:
         return now + self._every_s
 
     def _hangs(self, now: float) -> str:
-        """Why the arm should not go on."""
+        """Say why the arm must not keep moving; "" if it may."""
         if self._watchdog_s and now - self._kicked_s > self._watchdog_s:
             late_s = now - self._kicked_s
-            return f"the watchdog was not kicked for {late_s:.2f} s, and waits {self._watchdog_s:g} s"
+            return f"the watchdog was not kicked for {late_s:.2f} s, its timeout is {self._watchdog_s:g} s"
         if self._hang_s and now - self._breathed_s > self._hang_s:
             return f"the event loop of this program has hung for {now - self._breathed_s:.1f} s"
         return ""
 
 
 class ProgramSupervisor:
-    """The ports that the control program connects to, and its life: started, watched, kept alive, ended, started again.
+    """Owns the ports that the control program connects to; starts, supervises, ends and restarts the program.
 
-    Use it with ``async with``, inside the `RobotLink` that tells it about the robot.
+    Use it with ``async with``, inside the context of the `RobotLink` that reports the robot's state.
     """
 
     reverse: ReverseEndpoint
-    """Says what the arm is to do; while a robot is connected here its program runs."""
+    """Sends setpoints and modes; while a robot is connected here, its program is running."""
     sender: ScriptSender
-    """Gives the program to the URCap that asks for it."""
+    """Sends the program to the URCap on request."""
     trajectory: TrajectoryEndpoint
-    """Takes the points of trajectories."""
+    """Sends the points of trajectories."""
     commands: ScriptCommandEndpoint
-    """Takes commands beside the motion, and questions."""
+    """Sends commands and questions, during any motion."""
     pulse: Pulse
-    """Keeps the program alive from a thread of its own."""
+    """Keeps the program alive from a dedicated thread."""
     losses: int
-    """Programs that have ended through this machine's fault."""
+    """Number of programs that ended because of this machine."""
 
     def __init__(self, config: DriverConfig, robot: RobotLink) -> None:
         self.reverse = ReverseEndpoint(config.reverse_port)
@@ -161,25 +161,25 @@ class ProgramSupervisor:
         self._config = config
         self._robot = robot
         self._own_address = ""
-        self._has_played = False  # the robot's state shows that the program runs
+        self._has_played = False  # the robot's state has shown it running
         self.losses = 0
-        self._lost_why = ""  # how the last of them ended
-        self._losses_before = 0  # the program that is here now, or was last
+        self._lost_why = ""  # why the last of them ended
+        self._losses_before = 0  # losses before the current or last program connected
         self._restart: asyncio.Task[None] | None = None
-        self._one_at_a_time = asyncio.Lock()  # a program is started or stopped, by the caller or after a loss
+        self._one_at_a_time = asyncio.Lock()  # held while a program is being started or stopped
         self._partners: dict[Endpoint, Peer | None] = {}
-        self._token = secrets.token_hex(8)  # not against who listens in: against who connects by accident
-        self._starting = False  # a program of ours, which will greet
-        self._seen_ended = True  # the robot's state has shown the end of the last program that was here, and
-        self._left_s = 0.0  # when it left, by the loop's clock
-        self._played_since_s: float | None = None  # a program, whose ever, by the robot's clock
+        self._token = secrets.token_hex(8)  # protects against accidental connections, not against eavesdroppers
+        self._starting = False  # this driver's program is being started; it will send the token
+        self._seen_ended = True  # the robot's state has shown the end of the last connected program
+        self._left_s = 0.0  # when that program disconnected, by the event loop's clock
+        self._played_since_s: float | None = None  # since when any program has been playing, by the robot's clock
         self._open = AsyncExitStack()
         self.reverse.listeners.append(self._program_changed)
         for partner in (self.trajectory, self.commands):
             partner.listeners.append(self._partner_changed)
 
     async def __aenter__(self) -> Self:
-        """Open the ports; the program is not started yet. Raises OSError for a port that is taken."""
+        """Open the ports; the program is not started yet. Raises OSError for a port that is in use."""
         async with AsyncExitStack() as opening:
             self._own_address = self._config.own_address or self._robot.own_address
             self.reverse.period_s = self._robot.version.series.period_s
@@ -217,7 +217,7 @@ class ProgramSupervisor:
 
     @property
     def _has_ended(self) -> bool:
-        """By the robot's state, which may know it before its connection does."""
+        """Whether the program has ended by the robot's state, which may show it before the connection does."""
         state = self._robot.state["runtime_state"]
         if not self._has_played and state in _PLAYED:
             self._has_played = True
@@ -225,15 +225,15 @@ class ProgramSupervisor:
 
     @property
     def lost_why(self) -> str:
-        """Why the last control program that ended has ended, when that was this machine's doing; else empty.
+        """Why the last control program ended, if this machine was the cause; otherwise empty.
 
-        It stays while the program that replaced it runs: who waits for the end of a motion may ask only then.
+        The text is kept while the replacement program runs, because a task that waits for a motion may ask only then.
         """
         lost = self.running or self.losses > self._losses_before
         return (self._lost_why if lost else "") or self.pulse.bitten
 
     def control_program(self) -> ControlProgram:
-        """The program, with this driver's address, ports and token in it."""
+        """The program with this driver's address, ports and token."""
         config = self._config
         return ControlProgram(
             host=self._own_address,
@@ -248,16 +248,16 @@ class ProgramSupervisor:
         )
 
     def text(self) -> str:
-        """The program as the URCap gets it."""
+        """The program in the form that the URCap receives."""
         return self.control_program().render(self._robot.version)
 
     async def start(self) -> None:
-        """Start it, or start it again, and wait until it is connected; see `URDriver.start_program`."""
+        """Start or restart the program, and wait until it is connected; see `URDriver.start_program`."""
         was_running = self.running
         await self._give_up_restart()
         async with self._one_at_a_time:
             if self.running and not was_running:
-                return  # somebody else has started it meanwhile
+                return  # another task has started it meanwhile
             await self._start()
             self._lost_why = ""
 
@@ -278,7 +278,7 @@ class ProgramSupervisor:
             self._starting = False
 
     async def stop(self) -> None:
-        """End it, which stops the arm; does nothing when it is not running."""
+        """End the program, which stops the arm; does nothing if it is not running."""
         await self._give_up_restart()
         async with self._one_at_a_time:
             if self.reverse.connected:
@@ -292,7 +292,7 @@ class ProgramSupervisor:
             raise RobotRefused(
                 "start of the control program",
                 f"its safety mode is {self._robot.safety_mode.name}: clear the cause, then unlock "
-                "(dashboard: unlock protective stop) or restart the safety",
+                "(dashboard: unlock protective stop) or restart the safety system",
             )
         if self._robot.robot_mode is not RobotMode.RUNNING:
             raise RobotRefused(
@@ -335,12 +335,12 @@ class ProgramSupervisor:
 
     async def _why_not(self) -> str:
         where = f"{self._own_address}, ports {', '.join(str(endpoint.port) for endpoint in self._endpoints)}"
-        remote = "the robot has to be in remote control"
+        remote = "the robot must be in remote control"
         if not self._config.headless and not self.sender.requests:
-            return f"the URCap did not ask for it; check that it is set to {where} (program: {self.sender.port})"
-        return f"the robot was sent it; it must be able to reach {where}, and e-Series: {remote}"
+            return f"the URCap did not request it; check that it is set to {where} (program: {self.sender.port})"
+        return f"it was sent to the robot, which must be able to reach {where}; e-Series: {remote}"
 
-    # watching
+    # supervision
 
     def _program_changed(self, connected: bool) -> None:
         self._has_played = False
@@ -353,21 +353,21 @@ class ProgramSupervisor:
             return
         self._left_s = asyncio.get_running_loop().time()
         partners, self._partners = self._partners, {}
-        for peer in partners.values():  # only its own: a new program may have connected to these already
+        for peer in partners.values():  # only this program's: a new one may have connected already
             if peer is not None:
                 peer.abort()
 
     def _partner_changed(self, connected: bool) -> None:
-        """A program that has lost one of its connections is ended as a whole."""
+        """End a program that has lost one of its connections."""
         for endpoint, peer in tuple(self._partners.items()):
             if peer is None:
-                self._partners[endpoint] = endpoint.current_peer  # accepted after the last one
+                self._partners[endpoint] = endpoint.current_peer  # accepted after the reverse connection
             elif not connected and peer is not endpoint.current_peer:
                 self._end_crippled(endpoint)
                 return
 
     def _expect_partners(self, reverse: Peer | None) -> None:
-        """A program that got through to the last port only, because others were lost meanwhile, is of no use."""
+        """End a program that is connected to the reverse port only, because its other connections were lost."""
         if reverse is None or reverse is not self.reverse.current_peer:
             return
         for endpoint, peer in self._partners.items():
@@ -376,10 +376,10 @@ class ProgramSupervisor:
                 return
 
     def _end_crippled(self, endpoint: Endpoint) -> None:
-        _logger.error("the robot is not connected to port %d: its program is ended", endpoint.port)
+        _logger.error("the robot is not connected to port %d: its program is stopped", endpoint.port)
         if self.reverse.connected:
             self.reverse.stop()
-            asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # should it not obey
+            asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # in case it does not stop
 
     def _look_for_end(self, state: Mapping[str, Any]) -> None:
         if state["runtime_state"] in _ENDED:
@@ -388,16 +388,16 @@ class ProgramSupervisor:
             self._played_since_s = state["timestamp"]
 
     def _admit_foreign_program(self) -> None:
-        """A control program with another text than ours, such as the vendor's, does not say who it is.
+        """Admit a control program that is not this driver's and sends no token, such as the vendor's.
 
-        Three silent connections from one address are taken for one while the robot's state shows that a program runs,
-        which is not the one that was here last.
+        Three silent connections from one address are taken for such a program while the robot's state shows that a
+        program is running which is not the one that was connected last.
         """
         vacant = not self.reverse.connected
         if self._starting or self._played_since_s is None or not (vacant or self._seen_ended):
             return
         if self._robot.state["timestamp"] - self._played_since_s < _GREETING_S:
-            return  # one of ours has not had the time to greet, however late it is here
+            return  # this driver's program has not had time to send its token yet, by the robot's clock
         now_s = asyncio.get_running_loop().time()
         if (vacant and not self._seen_ended and now_s - self._left_s < _LINGER_S) or (
             not vacant and self.reverse.peer.proven
@@ -407,7 +407,7 @@ class ProgramSupervisor:
         for address in {peer.address for peer in self.reverse.waiting if now_s - peer.arrived_s > _GREETING_S}:
             newest = [[peer for peer in end.waiting if peer.address == address][-1:] for end in ends]
             if all(newest):
-                _logger.warning("a control program that is not this driver's connects from %s", address)
+                _logger.warning("a control program that is not this driver's connected from %s", address)
                 for end, (peer,) in zip(ends, newest, strict=True):
                     end.admit(peer)
                 return
@@ -418,37 +418,37 @@ class ProgramSupervisor:
             self._admit_foreign_program()
             await asyncio.sleep(_BREATH_S)
 
-    # late, or lost
+    # late setpoints and lost programs
 
     def _heard(self, text: str) -> None:
-        """What the control program says about its driver."""
+        """Handle the control program's messages about its driver."""
         if text == LATE_TEXT:
-            self.reverse.note_late("the robot had to wait too long for the next setpoint")
+            self.reverse.note_late("the robot waited too long for the next setpoint")
         elif text == GONE_TEXT and not self.pulse.bitten and not self._one_at_a_time.locked():
-            # While a program is being started or stopped, this is the last word of the one before it: who then started
-            # another again would end the one that the caller has just got.
+            # While a program is being started or stopped, this text comes from the previous program. Restarting then
+            # would end the program that the caller has just started.
             self.losses += 1
             self._lost_why = (
-                f"the robot heard nothing from this machine for too long ({self.reverse.quiet_s:.1f} s by its clock), "
-                "or the network failed"
+                "the robot received nothing from this machine for too long "
+                f"({self.reverse.quiet_s:.1f} s by this machine's clock), or the network failed"
             )
             _logger.warning("the control program has ended: %s", self._lost_why)
             if self._config.restart and self._config.headless and self._restart is None:
                 self._restart = asyncio.create_task(self._start_again())
 
     async def _start_again(self) -> None:
-        """The program that was lost through our own fault. The arm rests until somebody moves it."""
+        """Restart a program that ended because of this machine. The arm rests until the next motion."""
         try:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
             async with timeout(_END_TIMEOUT_S):
                 while self._robot.state["runtime_state"] != RuntimeState.STOPPED:
                     await self._robot.next_state()
-            self._restart = None  # from here on it is not given up but waited for
+            self._restart = None  # from here on it is no longer cancelled, but waited for
             async with self._one_at_a_time:
                 await self._start()
-            _logger.warning("the control program runs again; the arm rests until it is moved")
+            _logger.warning("the control program has been restarted; the arm rests until it is moved")
         except (URError, TimeoutError) as error:
-            _logger.error("the control program could not be started again: %s", error)
+            _logger.error("the control program could not be restarted: %s", error)
         finally:
             self._restart = None
 
@@ -460,5 +460,5 @@ class ProgramSupervisor:
     def _robot_is_silent(self) -> None:
         peer = self.reverse.current_peer
         if peer is not None:
-            _logger.error("the robot is silent: its program is disconnected")
+            _logger.error("the robot sends nothing: its program is disconnected")
             peer.abort()

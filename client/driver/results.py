@@ -1,4 +1,4 @@
-"""The two interfaces that answer: trajectory points (50003) and script commands (50004)."""
+"""The two ports whose messages are answered: trajectory points (50003) and script commands (50004)."""
 
 import asyncio
 import logging
@@ -28,7 +28,7 @@ _logger = logging.getLogger(__name__)
 
 
 class ResultEndpoint(Endpoint):
-    """An endpoint whose robot answers with results."""
+    """An endpoint on which the robot answers with results."""
 
     doing = "a request"
 
@@ -38,9 +38,9 @@ class ResultEndpoint(Endpoint):
         self._results: asyncio.Queue[TrajectoryResult | None] = asyncio.Queue()
 
     async def result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """The next result; None waits as long as it takes.
+        """Wait for the next result; a timeout of None waits as long as it takes.
 
-        Raises NoAnswerError, or ProgramEndedError when the program ends before it comes.
+        Raises NoAnswerError on timeout, and ProgramEndedError if the program ends first.
         """
         if not self.connected and self._results.empty():
             raise ProgramEndedError(self.port, self.doing)
@@ -54,7 +54,7 @@ class ResultEndpoint(Endpoint):
         return result
 
     def forget_results(self) -> None:
-        """Drop results nobody has asked for."""
+        """Discard results that no caller has fetched."""
         while not self._results.empty():
             self._results.get_nowait()
 
@@ -63,7 +63,7 @@ class ResultEndpoint(Endpoint):
             for result in self._decoder.feed(data):
                 self._results.put_nowait(result)
         except RemoteProtocolError as error:
-            _logger.error("port %d: %s; the connection is given up", self.port, error)
+            _logger.error("port %d: %s; the connection is closed", self.port, error)
             self.peer.abort()
 
     def _found(self, peer: Peer) -> None:
@@ -72,12 +72,12 @@ class ResultEndpoint(Endpoint):
         super()._found(peer)
 
     def _lost(self, peer: Peer) -> None:
-        self._results.put_nowait(None)  # wakes who waits
+        self._results.put_nowait(None)  # wakes waiting callers
         super()._lost(peer)
 
 
 class TrajectoryEndpoint(ResultEndpoint):
-    """Sends the points of trajectories; which of them belong together the reverse interface says."""
+    """Sends the points of trajectories; the reverse interface announces where a trajectory starts and ends."""
 
     doing = "a trajectory"
 
@@ -85,9 +85,9 @@ class TrajectoryEndpoint(ResultEndpoint):
         super().__init__(port, host)
 
     async def write(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Send points as fast as the robot takes them. Raises ProgramEndedError when it goes away meanwhile.
+        """Send points as fast as the robot accepts them. Raises ProgramEndedError if it disconnects meanwhile.
 
-        Nothing is sent when one of them raises LocalProtocolError.
+        If one of them raises LocalProtocolError, none is sent.
         """
         messages = [point.encode() for point in points]
         peer = self.peer
@@ -98,7 +98,7 @@ class TrajectoryEndpoint(ResultEndpoint):
 
 
 class ScriptCommandEndpoint(ResultEndpoint):
-    """Sends commands that are executed beside the motion; contact of the tool and questions are answered."""
+    """Sends commands that are executed during any motion; tool contact and questions are answered."""
 
     doing = "tool contact"
 
@@ -111,13 +111,13 @@ class ScriptCommandEndpoint(ResultEndpoint):
     async def ask(
         self, question: Question, arguments: Sequence[Sequence[float] | None] = (), number: int = 0
     ) -> tuple[float, ...]:
-        """What the robot answers; nothing when there is no solution.
+        """Ask a question and return the answer; empty without a solution.
 
-        arguments: up to three (6,), None for one that the robot is to choose. Raises ProgramEndedError when the
-        program ends before the answer comes, NoAnswerError when it does not come: a program that is paused.
+        arguments: up to three (6,); None lets the robot use its present value. Raises ProgramEndedError if the program
+        ends before it answers, and NoAnswerError if it does not answer, for example because it is paused.
         """
         async with self._one_asks:
-            while not self._answers.empty():  # of somebody who has not waited for it
+            while not self._answers.empty():  # left by a caller that did not wait for it
                 self._answers.get_nowait()
             for index, values in enumerate(arguments):
                 if values is not None:
@@ -141,7 +141,7 @@ class ScriptCommandEndpoint(ResultEndpoint):
                 else:
                     self._results.put_nowait(reply)
         except RemoteProtocolError as error:
-            _logger.error("port %d: %s; the connection is given up", self.port, error)
+            _logger.error("port %d: %s; the connection is closed", self.port, error)
             self.peer.abort()
 
     def _found(self, peer: Peer) -> None:
@@ -149,7 +149,7 @@ class ScriptCommandEndpoint(ResultEndpoint):
         super()._found(peer)
 
     def _lost(self, peer: Peer) -> None:
-        self._answers.put_nowait(None)  # wakes who waits
+        self._answers.put_nowait(None)  # wakes waiting callers
         super()._lost(peer)
 
     def send(self, command: ScriptCommand) -> None:

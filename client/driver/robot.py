@@ -1,4 +1,4 @@
-"""What the driver knows about its robot: state by RTDE, messages and scripts by the primary interface."""
+"""The driver's connections to its robot: states through RTDE, messages and scripts through the primary interface."""
 
 import asyncio
 import logging
@@ -28,11 +28,11 @@ from urproto.versions import PolyscopeVersion
 
 _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _KEPT: Final = 100  # error reports and popups, each
-_AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
+_AGAIN_S: Final = 1.0  # between attempts to reconnect
 MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 """Safety modes in which the arm may move."""
 _LOCKED_S: Final = 5.0  # dashboard manual: a protective stop cannot be unlocked for 5 s after it occurred
-_SPARE_S: Final = 0.2  # guess: the state that showed it may have been late
+_SPARE_S: Final = 0.2  # guess: the state that showed the stop may have been late
 _UNLOCK_LINE: Final = "set unlock protective stop"
 _UNLOCK_TIMEOUT_S: Final = 5.0
 
@@ -42,7 +42,7 @@ _logger = logging.getLogger(__name__)
 class RobotLink:
     """The connections a driver opens to its robot; use it with ``async with``.
 
-    States are received by a thread (`StateFeed`); the event loop hears of them only where somebody listens.
+    A thread receives the states (`StateFeed`); they are passed to the event loop only if a listener needs them.
     """
 
     reports: deque[ErrorCodeMessage]
@@ -52,17 +52,17 @@ class RobotLink:
     on_state: list[Callable[[Mapping[str, Any]], None]]
     """Called with each state, in order, in the event loop."""
     on_modes: list[Callable[[Mapping[str, Any]], None]]
-    """Called with each state in which a mode is another one."""
+    """Called with each state in which a mode has changed."""
     on_silence: list[Callable[[], None]]
     """Called once when the robot falls silent."""
     on_text: list[Callable[[str], None]]
-    """Called with what a program says (textmsg)."""
+    """Called with each text that a program sends (textmsg)."""
     dashboard: DashboardClient | None
-    """None where the robot has none, as PolyScope X."""
+    """The dashboard; None if the robot has none, like PolyScope X."""
     version: PolyscopeVersion
-    """The robot's."""
+    """The robot's PolyScope version."""
     feed: StateFeed
-    """The states, for threads."""
+    """Receives the states, and passes them to threads."""
 
     def __init__(self, config: DriverConfig) -> None:
         self.config = config
@@ -83,13 +83,13 @@ class RobotLink:
         self._exceptions: asyncio.Queue[ScriptFailedError] = asyncio.Queue()
         self._connections = AsyncExitStack()
         self._loop: asyncio.AbstractEventLoop
-        self._untold: deque[Mapping[str, Any]] = deque()  # states the loop has to hear of
-        self._reported_modes: tuple[int, ...] = ()  # as the thread knows it, and
-        self._last_modes: tuple[int, ...] = ()  # as the loop does
-        self._telling = False  # the loop is going to
-        self._awaited = False  # somebody waits for the next state
+        self._untold: deque[Mapping[str, Any]] = deque()  # states to be passed to the event loop
+        self._reported_modes: tuple[int, ...] = ()  # as seen by the thread
+        self._last_modes: tuple[int, ...] = ()  # as seen by the event loop
+        self._telling = False  # their delivery to the event loop is scheduled
+        self._awaited = False  # a task waits for the next state
         self._news = asyncio.Event()
-        self._stopped_at_s: float | None = None  # when the protective stop occurred that is in effect
+        self._stopped_at_s: float | None = None  # since when a protective stop has been in effect
 
     async def __aenter__(self) -> Self:
         self._loop = asyncio.get_running_loop()
@@ -119,19 +119,19 @@ class RobotLink:
 
     @property
     def own_address(self) -> str:
-        """This machine's address as the robot sees it, unless there is address translation in between."""
+        """This machine's address as the robot sees it, unless the network translates addresses (NAT)."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # connecting UDP sends nothing
             probe.connect((self.config.robot, self.config.robot_ports["primary"]))
             return str(probe.getsockname()[0])
 
     @property
     def robot_mode(self) -> RobotMode:
-        """As RTDE says; ``UNKNOWN(n)`` for one that is not known here."""
+        """Robot mode as RTDE reports it; ``UNKNOWN(n)`` for an unknown number."""
         return mode_of(RobotMode, self.state["robot_mode"])
 
     @property
     def safety_mode(self) -> SafetyMode:
-        """As RTDE says; ``UNKNOWN(n)`` for one that is not known here."""
+        """Safety mode as RTDE reports it; ``UNKNOWN(n)`` for an unknown number."""
         return mode_of(SafetyMode, self.state["safety_mode"])
 
     @property
@@ -140,7 +140,7 @@ class RobotLink:
         return self.safety_mode is SafetyMode.PROTECTIVE_STOP
 
     def on_safety_mode(self, callback: Callable[[SafetyMode], None]) -> None:
-        """Call back with each new safety mode."""
+        """Register a callback that is called with each new safety mode."""
         before: list[SafetyMode] = [self.safety_mode]
 
         def changed(_: Mapping[str, Any]) -> None:
@@ -151,26 +151,26 @@ class RobotLink:
         self.on_modes.append(changed)
 
     def require(self, feature: str) -> None:
-        """Raise RobotRefused when this robot's version lacks a feature of `client.driver.availability`."""
+        """Raise RobotRefused if this robot's version lacks a feature of `client.driver.availability`."""
         require(feature, self.version)
 
     @property
     def primary_state(self) -> RobotStateData | None:
-        """The newest state of the primary interface, which sends ten a second."""
+        """The newest state of the primary interface, which sends ten per second."""
         return self._primary.core.state
 
     @property
     def configuration(self) -> ConfigurationData | None:
-        """The arm's type and limits, None until they came."""
+        """The arm's type and limits; None until they are received."""
         return self._primary.core.configuration
 
     @property
     def calibration(self) -> KinematicsInfo | None:
-        """The calibrated Denavit-Hartenberg parameters [m, rad], None until they came."""
+        """The calibrated Denavit-Hartenberg parameters [m, rad]; None until they are received."""
         return self._primary.core.kinematics
 
     async def next_state(self) -> Mapping[str, Any]:
-        """The state after the newest one. Raises NoAnswerError from a silent robot."""
+        """Wait for the next state. Raises NoAnswerError if the robot sends none."""
         before = self.feed.count
         self._awaited = True
         while self.feed.count == before:
@@ -185,7 +185,7 @@ class RobotLink:
         return self.state
 
     async def kinematics(self) -> KinematicsInfo:
-        """The calibrated Denavit-Hartenberg parameters [m, rad]. Raises NoAnswerError when the robot does not tell."""
+        """Wait for the calibrated Denavit-Hartenberg parameters [m, rad]. Raises NoAnswerError on timeout."""
         primary = self._primary
         try:
             async with timeout(primary.timeout_s):
@@ -194,11 +194,11 @@ class RobotLink:
             raise NoAnswerError(primary.host, primary.port, primary.timeout_s, "its calibration") from None
 
     async def send_script(self, text: str) -> None:
-        """Hand a script to the primary interface."""
+        """Send a script through the primary interface."""
         await self._primary.run(self._primary.core.send_script(text))
 
     async def unlock_protective_stop(self) -> None:
-        """End a protective stop, 5 s after it occurred. Raises RobotRefused when it comes back at once."""
+        """Unlock a protective stop, 5 s after it occurred. Raises RobotRefused if the stop recurs immediately."""
         since = self._stopped_at_s if self._stopped_at_s is not None else self.state["timestamp"]
         while self.state["timestamp"] < since + _LOCKED_S + _SPARE_S:
             await self.next_state()
@@ -219,18 +219,18 @@ class RobotLink:
         return await self._exceptions.get()
 
     def take_script_error(self) -> ScriptFailedError | None:
-        """The oldest error in a script that nobody has taken yet; None without any."""
+        """Return the oldest script error that has not been fetched yet; None without one."""
         return None if self._exceptions.empty() else self._exceptions.get_nowait()
 
     def forget_errors(self) -> None:
-        """Drop errors of scripts that were sent before."""
+        """Discard the errors of earlier scripts."""
         while not self._exceptions.empty():
             self._exceptions.get_nowait()
 
     async def write_inputs(self, **values: Any) -> None:
-        """Write RTDE inputs, by a connection of its own that is opened with the first.
+        """Write RTDE inputs, through a separate connection that the first call opens.
 
-        Raises RobotRefused for one that another client writes, or that this version does not have.
+        Raises RobotRefused for an input that another client writes, or that this version does not have.
         """
         async with self._one_writes:
             names = tuple(values)
@@ -238,14 +238,14 @@ class RobotLink:
                 await self._offer(names)
                 assert self._inputs is not None
                 await self._inputs.write(**values)
-            except ConnectionLostError:  # the robot was away: once more
+            except ConnectionLostError:  # the robot may have restarted: try once more
                 await self._close_inputs()
                 await self._offer(names)
                 assert self._inputs is not None
                 await self._inputs.write(**values)
 
     async def _offer(self, names: tuple[str, ...]) -> None:
-        """See that these inputs are in a recipe."""
+        """Make sure that these inputs are part of a recipe."""
         known = names in self._recipes or any(set(names) <= set(recipe) for recipe in self._recipes)
         if self._inputs is not None and known:
             return
@@ -295,12 +295,10 @@ class RobotLink:
         except RobotUnreachableError:
             if not self.config.headless:  # the URCap's program is played through it
                 raise
-            _logger.info("no dashboard on this robot; doing without")
+            _logger.info("this robot has no dashboard: continuing without it")
             return None
 
-    # what comes in
-
-    # the first two in the feed's thread
+    # incoming data; the first two methods run in the feed's thread
 
     def _arrived(self, state: Mapping[str, Any]) -> None:
         modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
@@ -349,11 +347,11 @@ class RobotLink:
 
     async def _watch_messages(self) -> None:
         while True:
-            primary = self._primary  # another one after each reconnection
+            primary = self._primary  # replaced by each reconnection
             try:
                 self._judge(await primary.run(primary.core.next_message(), float("inf")))
             except (ClientError, RemoteProtocolError) as error:
-                _logger.error("the robot's messages are lost: %s", error)
+                _logger.error("no messages from the robot: %s", error)
                 await self._reconnect_primary()
 
     async def _reconnect_primary(self) -> None:
@@ -366,7 +364,7 @@ class RobotLink:
                 self._connections.push_async_callback(client.close)
                 return
             except ClientError as error:
-                _logger.info("the robot's messages are not back yet: %s", error)
+                _logger.info("still no messages from the robot: %s", error)
 
     def _judge(self, message: object) -> None:
         if isinstance(message, RobotStateData):
@@ -383,6 +381,6 @@ class RobotLink:
 
 
 async def cancel(task: "asyncio.Task[None]") -> None:
-    """End a task and wait until it has."""
+    """Cancel a task and wait until it has ended."""
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)

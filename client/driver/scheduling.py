@@ -1,4 +1,4 @@
-"""Real-time priority of the threads that feed a robot, where this machine allows it."""
+"""Real-time priority for the threads that feed a robot, if this machine allows it."""
 
 import logging
 import os
@@ -11,7 +11,7 @@ from typing import Final, Literal
 from urproto.errors import LocalProtocolError
 
 RealTime = Literal["auto", "on", "off"]
-"""``auto`` takes real-time priority where it is allowed, ``on`` insists on it, ``off`` does without."""
+"""``auto`` takes real-time priority if it is allowed, ``on`` requires it, ``off`` does without."""
 
 _PRIORITY: Final = 20  # guess: above anything that is not real time, below a driver's interrupt threads
 _HINT: Final = "allow it (ulimit -r 99, or the capability CAP_SYS_NICE), or use realtime='auto'"
@@ -20,9 +20,9 @@ _logger = logging.getLogger(__name__)
 
 
 def real_time_thread(how: RealTime) -> bool:
-    """Give the calling thread SCHED_FIFO; whether it has it now.
+    """Give the calling thread real-time priority (SCHED_FIFO), and return whether it has it.
 
-    Raises LocalProtocolError for a word that is none of the three, OSError with ``on`` where it is not allowed.
+    Raises LocalProtocolError for any other word, and OSError with ``on`` if it is not allowed.
     """
     if how not in ("auto", "on", "off"):
         raise LocalProtocolError(f"realtime is 'auto', 'on' or 'off', not {how!r}")
@@ -40,14 +40,14 @@ def real_time_thread(how: RealTime) -> bool:
 
 def _take_priority() -> None:
     if sys.platform != "linux":
-        raise OSError("only Linux has it")
-    # reset on fork: processes that this program starts are no part of the bargain
+        raise OSError("supported on Linux only")
+    # reset on fork: processes that this program starts must not inherit the priority
     os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
 
 
 @contextmanager
 def real_time(how: RealTime) -> Iterator[bool]:
-    """The calling thread has real-time priority for as long as the block lasts, where that is allowed."""
+    """Give the calling thread real-time priority for the duration of the block, if that is allowed."""
     if sys.platform != "linux":
         yield real_time_thread(how)
         return

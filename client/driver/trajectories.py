@@ -1,4 +1,4 @@
-"""Trajectories: points that the program executes one after the other."""
+"""Trajectories: points that the control program executes one after the other."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -12,14 +12,14 @@ from urproto.external_control import MotionType, TrajectoryAction, TrajectoryPoi
 _OPTIMOVES: Final = frozenset(
     [MotionType.OPTIMOVEJ, MotionType.OPTIMOVEL, MotionType.OPTIMOVEJ_POSE, MotionType.OPTIMOVEL_JOINT]
 )
-_CANCEL_TIMEOUT_S: Final = 5.0  # guess: a ramp to rest and 100 000 points that nobody executes any more
+_CANCEL_TIMEOUT_S: Final = 5.0  # guess: a ramp to rest, and reading 100 000 points that are not executed
 
 
 class Trajectories:
-    """The one trajectory that is under way, and how far the robot and this driver agree about that.
+    """Manages the trajectory under way, and keeps the driver's view of it consistent with the robot's.
 
-    Two ports belong to one: the reverse interface says that it begins and ends, the other one carries its points.
-    Callers know its methods from `URDriver`, which describes them.
+    A trajectory uses two ports: the reverse interface announces its start and end, the other one carries its points.
+    `URDriver` documents the methods.
     """
 
     def __init__(self, config: DriverConfig, robot: RobotLink, program: ProgramSupervisor) -> None:
@@ -28,13 +28,13 @@ class Trajectories:
         self._reverse = program.reverse
         self._port = program.trajectory
         self._timeout_s = config.keep_alive_timeout_s
-        self._executing = False  # begun, and its result not yet taken
-        self._cancelling = False  # the robot was told so, and answers it in any case
-        self._streamed: int | None = None  # points of a stream so far; None without a stream
+        self._executing = False  # started, and its result not yet fetched
+        self._cancelling = False  # cancellation was sent; the robot answers it in any case
+        self._streamed: int | None = None  # points of the stream so far; None without a stream
         self._reverse.listeners.append(self._program_changed)
 
     async def execute(self, points: Iterable[TrajectoryPoint], timeout_s: float | None) -> TrajectoryResult:
-        """From the first point to the result."""
+        """Send all points and wait for the result."""
         points = list(points)
         self._check(points)
         try:
@@ -46,36 +46,36 @@ class Trajectories:
             raise
 
     async def start(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Cancel one that is under way and begin this one."""
+        """Cancel the trajectory under way, if any, and start this one."""
         points = list(points)
         self._check(points)
         await self._begin(TrajectoryAction.START, len(points))
         await self._port.write(points)
 
     async def result(self, timeout_s: float | None = None) -> TrajectoryResult:
-        """Of the one that is under way."""
+        """Wait for the result of the trajectory under way."""
         if not self._executing:
             raise LocalProtocolError("no trajectory is under way: start one first")
         result = await self._port.result(timeout_s)
         if self._cancelling and result is not TrajectoryResult.CANCELED:
-            await self._port.result(timeout_s)  # it ended just before; cancelling is answered all the same
+            await self._port.result(timeout_s)  # it ended just before, but the cancellation is answered too
         self._executing = self._cancelling = False
         return result
 
     async def cancel(self) -> TrajectoryResult:
-        """Stop the one that is under way."""
+        """Stop the trajectory under way."""
         if not self._executing:
             raise LocalProtocolError("no trajectory is under way: there is nothing to cancel")
         self._send_cancel()
         return await self.result(_CANCEL_TIMEOUT_S)
 
     async def start_stream(self) -> None:
-        """Begin one whose points are not there yet."""
+        """Start a trajectory whose points follow later."""
         await self._begin(TrajectoryAction.STREAM_START, 0)
         self._streamed = 0
 
     async def stream(self, points: Iterable[TrajectoryPoint]) -> None:
-        """Send more of its points."""
+        """Send further points of the stream."""
         if self._streamed is None:
             raise LocalProtocolError("no stream is under way: start one first")
         points = list(points)
@@ -84,7 +84,7 @@ class Trajectories:
         self._streamed += len(points)
 
     async def end_stream(self, timeout_s: float | None) -> TrajectoryResult:
-        """Tell the robot how many points there were, and wait for the result."""
+        """Send the total number of points, and wait for the result."""
         if self._streamed is None:
             raise LocalProtocolError("no stream is under way: start one first")
         count, self._streamed = self._streamed, None

@@ -1,4 +1,4 @@
-"""A robot for whoever wants it to move: power it on, move it, read it, and be told what went wrong.
+"""High-level interface to a robot: power it on, move it, read its state, and get errors that name the cause.
 
     with Robot("192.168.1.10") as robot:
         robot.make_ready()
@@ -6,7 +6,7 @@
         x, y, z, *turn = robot.tcp_pose
         robot.move_l([x, y, z + 0.05, *turn], speed_m_s=0.1)
 
-`AsyncRobot` is the same for asyncio programs. Below it is a driver, `client.URDriver`.
+`AsyncRobot` is the counterpart for asyncio programs. Both are built on the driver `client.URDriver`.
 """
 
 from client.robot.blocking import Robot

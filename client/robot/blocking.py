@@ -1,4 +1,4 @@
-"""`Robot`: the same calls for scripts and notebooks."""
+"""`Robot`: the blocking counterpart of `AsyncRobot`, for scripts and notebooks."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager
@@ -25,7 +25,7 @@ Given = ParamSpec("Given")
 
 
 class BlockingKinematics(Part[Kinematics]):
-    """`Kinematics` for scripts and notebooks."""
+    """Blocking counterpart of `Kinematics`."""
 
     forward = blocking(Kinematics.forward)
     inverse = blocking(Kinematics.inverse)
@@ -40,7 +40,7 @@ class BlockingKinematics(Part[Kinematics]):
 
 
 class BlockingDynamics(Part[Dynamics]):
-    """`Dynamics` for scripts and notebooks."""
+    """Blocking counterpart of `Dynamics`."""
 
     mass_matrix = blocking(Dynamics.mass_matrix)
     coriolis_torques = blocking(Dynamics.coriolis_torques)
@@ -49,7 +49,7 @@ class BlockingDynamics(Part[Dynamics]):
 
 
 class BlockingContact(Part[Contact]):
-    """`Contact` for scripts and notebooks."""
+    """Blocking counterpart of `Contact`."""
 
     steps = blocking(Contact.steps)
     start_detection = blocking(Contact.start_detection)
@@ -58,7 +58,7 @@ class BlockingContact(Part[Contact]):
 
 
 class BlockingForce(Part[Force]):
-    """`Force` for scripts and notebooks."""
+    """Blocking counterpart of `Force`."""
 
     zero_sensor = blocking(Force.zero_sensor)
     set_mode_parameters = blocking(Force.set_mode_parameters)
@@ -67,7 +67,7 @@ class BlockingForce(Part[Force]):
 
 
 class BlockingPlannedMotion(Part[PlannedMotion]):
-    """`PlannedMotion` for scripts and notebooks."""
+    """Blocking counterpart of `PlannedMotion`."""
 
     model = blocking(PlannedMotion.model)
     tcp_offset = straight(PlannedMotion.tcp_offset)
@@ -78,7 +78,7 @@ class BlockingPlannedMotion(Part[PlannedMotion]):
 
 
 class BlockingIO(Part[IO]):
-    """`IO` for scripts and notebooks."""
+    """Blocking counterpart of `IO`."""
 
     set_analog_voltage = blocking(IO.set_analog_voltage)
     set_analog_current = blocking(IO.set_analog_current)
@@ -92,7 +92,7 @@ class BlockingIO(Part[IO]):
 
 
 class BlockingPrograms(Part[Programs]):
-    """`Programs` for scripts and notebooks."""
+    """Blocking counterpart of `Programs`."""
 
     send = blocking(Programs.send)
     run = blocking(Programs.run)
@@ -101,10 +101,10 @@ class BlockingPrograms(Part[Programs]):
 
 
 class BlockingDashboard(Part[Dashboard]):
-    """`Dashboard` for scripts and notebooks."""
+    """Blocking counterpart of `Dashboard`."""
 
     def ask(self, operation: Operation[Answer]) -> Answer:
-        """Any operation of `client.dashboard_commands`; its ``command("...")`` makes one that is not there."""
+        """Carry out any operation of `client.dashboard_commands`; use its ``command("...")`` for any other command."""
         return self.call(self.inner.ask(operation))
 
     power_on = blocking(Dashboard.power_on)
@@ -138,7 +138,7 @@ class BlockingDashboard(Part[Dashboard]):
 def _streaming(
     method: Callable[Concatenate[AsyncRobot, Given], AbstractAsyncContextManager[Follow]],
 ) -> Callable[Concatenate[Any, Given], AbstractContextManager[Callable[[Sequence[float]], RobotState]]]:
-    """The blocking form of a stream of setpoints: the caller's thread sends them itself, with real-time priority."""
+    """Return the blocking form of a setpoint stream: the caller's thread sends directly, with real-time priority."""
 
     @contextmanager
     def enter(
@@ -152,9 +152,10 @@ def _streaming(
 
 
 class Robot(Blocking[AsyncRobot]):
-    """`AsyncRobot` for scripts and notebooks; use it with ``with``.
+    """A robot for scripts and notebooks; use it with ``with``.
 
-    `stop` may be called from another thread. A KeyboardInterrupt during a move stops the arm.
+    The blocking counterpart of `AsyncRobot`, which documents units, frames and errors. `stop` may be called from
+    another thread. A KeyboardInterrupt during a move stops the arm.
     """
 
     def __init__(self, host: str, **options: Any) -> None:
@@ -232,18 +233,18 @@ class Robot(Blocking[AsyncRobot]):
         return self.inner.tcp_pose
 
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
-        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
+        """TCP pose in the base frame (6,) at these joint angles (6,) [rad], from the geometry that this arm reports.
 
-        Raises RobotRefused while the robot has not reported its geometry, or for one that is not known here.
+        Raises RobotRefused if the robot has not reported its geometry yet, or if its geometry is unknown.
         """
         return self.inner.tcp_pose_at(q_rad)
 
     @property
     def stream(self) -> StreamStatistics:
-        """How the setpoints of the present or the last such block went out: sent, skipped, late, longest gap."""
+        """Statistics of the current or last setpoint stream: sent, skipped and late setpoints, longest gap."""
         return self.inner.stream
 
     @property
     def moving(self) -> bool:
-        """True while a motion that was begun here is under way."""
+        """True while a motion started by this object is under way."""
         return self.inner.moving

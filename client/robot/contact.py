@@ -1,4 +1,4 @@
-"""Contact of the tool, and the sensor that feels it."""
+"""Tool contact detection and the force sensor."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -12,10 +12,10 @@ _ANY: Final = ZERO6
 
 
 class Contact:
-    """Whether the tool touches something, beside any motion; from 5.4 on. See also `AsyncRobot.move_until_contact`.
+    """Detects tool contact, during any motion; PolyScope 5.4 or newer. See also `AsyncRobot.move_until_contact`.
 
-    direction_base: along which it would have to move to do so (6,) in the base frame, of which the first three
-    count; all zero for any direction.
+    direction_base: direction of motion in which contact counts (6,), in the base frame; only the first three numbers
+    are used. All zeros stand for any direction.
     """
 
     def __init__(self, readiness: Readiness) -> None:
@@ -23,20 +23,20 @@ class Contact:
         self._driver = readiness.driver
 
     async def steps(self, direction_base: Sequence[float] = _ANY) -> int:
-        """Control periods since just before the tool met something, 0 without contact; see `AsyncRobot.history`."""
+        """Number of control periods since just before the contact, 0 without contact; see `AsyncRobot.history`."""
         return round((await self._readiness.ask("contact", Question.TOOL_CONTACT, direction_base, gate="contact"))[0])
 
     async def start_detection(self, direction_base: Sequence[float] = _ANY) -> None:
-        """Let the robot look in every control period, and note the first contact."""
+        """Let the robot check for contact in every control period, and remember the first one."""
         await self._readiness.need_program("contact")
         self._driver.start_contact_detection(direction_base)
 
     async def detected(self) -> bool:
-        """Whether there was one since `start_detection`."""
+        """Whether a contact occurred since `start_detection`."""
         return bool((await self._readiness.ask("contact", Question.CONTACT_DETECTED, gate="contact"))[0])
 
     async def stop_detection(self) -> bool:
-        """Look no longer; whether there was one."""
+        """Stop checking, and return whether a contact occurred."""
         await self._readiness.need_program("contact")
         self._driver.stop_contact_detection()
         return await self.detected()
@@ -50,11 +50,11 @@ class Force:
         self._driver = readiness.driver
 
     async def zero_sensor(self) -> None:
-        """Let what the sensor feels now be zero; e-Series."""
+        """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
         await self._driver.zero_ftsensor()
 
     async def set_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
-        """Of the force mode that is in effect: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
+        """Set parameters of the active force mode: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
         await self._readiness.need_program("force mode")
         self._driver.set_force_mode_parameters(damping, gain_scaling)
 
@@ -65,12 +65,18 @@ class Force:
         offset_m: Sequence[float] = (0.0, 0.0, 0.0),
         cog_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Take the wrench from `set_external_wrench`; mass, offset (3,) and centre of gravity (3,) are its own."""
+        """Use the wrench from `set_external_wrench` instead of the built-in sensor's.
+
+        sensor_mass_kg, offset_m (3,) and cog_m (3,): the sensor's mass, measuring point and centre of gravity.
+        """
         await self._readiness.need_program("external sensor")
         self._driver.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m)
 
     async def set_external_wrench(self, wrench: Sequence[float]) -> None:
-        """What an external sensor measures (6,) [N, Nm]; RobotRefused while another client writes it."""
+        """Send the wrench that an external sensor measures (6,) [N, Nm].
+
+        Raises RobotRefused while another client writes this input.
+        """
         to_words(wrench)
         if len(wrench) != len(_ANY):
             raise LocalProtocolError(f"a wrench has 6 numbers, not {len(wrench)}")

@@ -1,4 +1,4 @@
-"""Why a robot does not do, or no longer does, what it was asked to."""
+"""Finds out why a robot does not carry out a request, or stopped doing so."""
 
 import asyncio
 from collections.abc import Callable
@@ -27,8 +27,8 @@ _LISTEN_EVERY_S: Final = 0.01
 _LOCAL_CONTROL_CODE: Final = 210  # error code of a script port while the robot is in local control
 
 _ADVICE: Final = {
-    SafetyMode.PROTECTIVE_STOP: "find the cause, see that the way is free, then recover()",
-    SafetyMode.SAFEGUARD_STOP: "clear what the safeguard watches and reset it, then make_ready()",
+    SafetyMode.PROTECTIVE_STOP: "find the cause, make sure that the path is clear, then recover()",
+    SafetyMode.SAFEGUARD_STOP: "clear the safeguarded area and reset the safeguard, then make_ready()",
     SafetyMode.SYSTEM_EMERGENCY_STOP: "release the emergency stop, then make_ready()",
     SafetyMode.ROBOT_EMERGENCY_STOP: "release the emergency stop, then make_ready()",
     SafetyMode.VIOLATION: "find the cause, then restart the safety system on the robot",
@@ -37,10 +37,10 @@ _ADVICE: Final = {
 
 
 class Diagnosis:
-    """The reasons that a driver does not see: which stop it was, who ended the program, whether the robot is there."""
+    """Causes that a driver does not see: which stop it was, why the program ended, whether the robot still answers."""
 
     alarm: asyncio.Event
-    """Set when the robot stops for safety or falls silent; who begins a motion clears it."""
+    """Set when the robot stops for safety or stops sending states; starting a motion clears it."""
 
     def __init__(self, driver: URDriver) -> None:
         self.driver = driver
@@ -48,22 +48,22 @@ class Diagnosis:
         self._last_words: object = None  # the state after which the robot fell silent
 
     def watch(self) -> None:
-        """Begin, once the driver is connected."""
+        """Start watching; the driver must be connected."""
         self.driver.on_safety_mode(self._safety_changed)
         self.driver.robot.on_silence.append(self._fell_silent)
 
     @property
     def silent(self) -> bool:
-        """Nothing has come from the robot since it fell silent."""
+        """True if the robot stopped sending states and has not sent one since."""
         return self.driver.state is self._last_words
 
     @property
     def paused(self) -> bool:
-        """A program on the robot is paused, or about to be."""
+        """True if a program on the robot is paused, or about to be."""
         return bool(self.driver.state["runtime_state"] in (RuntimeState.PAUSING, RuntimeState.PAUSED))
 
     async def next_state(self, doing: str) -> None:
-        """Wait for it. Raises RobotUnreachableError from a silent robot."""
+        """Wait for the next state. Raises RobotUnreachableError if the robot sends none."""
         try:
             await self.driver.next_state()
         except ClientError:
@@ -74,22 +74,22 @@ class Diagnosis:
         mode = self.driver.robot.safety_mode
         if mode not in MOVABLE:
             kind = ProtectiveStopError if mode is SafetyMode.PROTECTIVE_STOP else SafetyStopError
-            raise kind(doing, mode, self.reported(), _ADVICE.get(mode, "the pendant says what has to be done"))
+            raise kind(doing, mode, self.reported(), _ADVICE.get(mode, "follow the instructions on the pendant"))
 
     async def refuse_in_stop(self, doing: str) -> None:
-        """As `check_safety`, with the cause, which comes by another connection than the mode."""
+        """Like `check_safety`, but wait for the cause, which arrives on another connection than the mode."""
         if self.driver.robot.safety_mode not in MOVABLE:
             await self.hear(lambda: bool(self.reported()))
         self.check_safety(doing)
 
     def unreachable(self, doing: str) -> RobotUnreachableError:
-        """The error of a robot that is lost, or silent."""
+        """Return the error for a lost connection, or for a robot that sends nothing."""
         config = self.driver.config
-        reason = f"it was lost, or the robot fell silent, during {doing}"
+        reason = f"the connection was lost, or the robot stopped sending, during {doing}"
         return RobotUnreachableError(config.robot, config.robot_ports["rtde"], reason)
 
     async def explanation(self, doing: str) -> Exception:
-        """Why this has ended, as far as the robot says so."""
+        """Return the exception that says why ``doing`` ended, as far as the robot reports it."""
         failure = await self._last_failure()
         if self.silent:
             return self.unreachable(doing)
@@ -105,14 +105,17 @@ class Diagnosis:
         return ProgramEndedError(self.driver.reverse.port, doing, self._why(failure), advice)
 
     async def hear(self, heard: Callable[[], bool]) -> None:
-        """Wait for what the robot says by another connection, as long as that may take."""
+        """Wait until ``heard`` returns True, for as long as messages on another connection may be delayed."""
         with suppress(TimeoutError):
             async with timeout(_WORDS_S):
                 while not heard():
                     await asyncio.sleep(_LISTEN_EVERY_S)
 
     async def in_local_control(self) -> bool:
-        """Whether it takes no scripts for that reason, as far as it says so: who plays a program takes them."""
+        """Whether the robot refuses scripts because it is in local control, as far as it reports that.
+
+        A robot that is playing a program accepts scripts.
+        """
         if any(report.code == _LOCAL_CONTROL_CODE for report in self.driver.robot.reports):
             return True
         if self.driver.state["runtime_state"] == RuntimeState.PLAYING:
@@ -124,7 +127,7 @@ class Diagnosis:
             return False
 
     def reported(self) -> str:
-        """The last error the robot has reported since the program was started."""
+        """The last error that the robot reported since the program was started; "" without one."""
         grave = [
             report
             for report in self.driver.robot.reports
@@ -133,7 +136,7 @@ class Diagnosis:
         return _described(grave[-1]) if grave else ""
 
     async def _last_failure(self) -> ScriptFailedError | None:
-        """The script error that ended the program, if one did; what else explains an end has then come too."""
+        """The script error that ended the program, if any; other messages that explain the end have arrived by then."""
         failures: list[ScriptFailedError] = []
 
         def heard() -> bool:
@@ -153,11 +156,11 @@ class Diagnosis:
         mode = self.driver.robot.robot_mode
         if mode is not RobotMode.RUNNING:
             return f"the robot's mode is {mode.name}"
-        return self.reported() or "somebody stopped it on the robot, or another program took its place"
+        return self.reported() or "it was stopped on the robot, or another program replaced it"
 
     def _safety_changed(self, mode: SafetyMode) -> None:
         if mode in MOVABLE:
-            self.driver.robot.reports.clear()  # of a stop that is over
+            self.driver.robot.reports.clear()  # they belong to a stop that is over
         else:
             self.alarm.set()
 
@@ -171,6 +174,6 @@ def _described(report: ErrorCodeMessage) -> str:
 
 
 def _means_out_of_reach(failure: ScriptFailedError) -> bool:
-    """By its text, which is the robot's: "unable to find an inverse kinematics solution" and the like."""
+    """Judged by the robot's text, such as "unable to find an inverse kinematics solution"."""
     text = failure.text.lower()
     return "inverse kin" in text or "out of reach" in text or "joint limits" in text

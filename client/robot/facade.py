@@ -1,4 +1,4 @@
-"""`AsyncRobot`: everything a program says to an arm, in one place; the parts beside it do it."""
+"""`AsyncRobot`: the complete interface to an arm, in one class; the neighbouring modules implement it."""
 
 import math
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
@@ -37,29 +37,34 @@ _JOINT_SPEED: Final = 1.04  # rad/s and rad/s2, m/s and m/s2: the defaults of UR
 _JOINT_ACCELERATION: Final = 1.4
 _TOOL_SPEED: Final = 0.25
 _TOOL_ACCELERATION: Final = 1.2
-_JOG_ACCELERATION: Final = 0.5  # ur_rtde's
-_SLOW: Final = (0.1, 0.1, 0.1, 0.17, 0.17, 0.17)  # m/s, rad/s where it complies, m, rad elsewhere; guess: slow
+_JOG_ACCELERATION: Final = 0.5  # m/s2, ur_rtde's default
+_SLOW: Final = (0.1, 0.1, 0.1, 0.17, 0.17, 0.17)  # m/s, rad/s along compliant axes, m, rad along others; guess: slow
 
 
 class AsyncRobot:
     """A robot for asyncio programs; use it with ``async with``. Options are those of `client.driver.DriverConfig`.
 
-    The driver's ports are any free ones unless they are given, as a firewall may demand.
+    The driver listens on free ports unless you give its ports, for example because of a firewall.
 
-    Moves end by themselves. Joint angles are (6,) [rad], base to wrist 3; poses are base to TCP (6,) [m, rotation
-    vector]. With ``wait=False`` a call returns when the motion has begun; see `wait_done`, `moving`, `wait_for` and
-    `stop`. The next motion replaces such a one: the arm slows down and goes on from there. While another caller waits
-    for a motion a second one raises LocalProtocolError. Contexts (`servo_j` to `force_mode`) last as long as their
-    block: the arm obeys one at a time, and leaving it brings the arm to rest.
+    **Moves** end by themselves. Joint angles are (6,) [rad], base to wrist 3; poses are base to TCP (6,) [m, rotation
+    vector]. With ``wait=False`` a call returns as soon as the motion has begun; see `wait_done`, `moving`, `wait_for`
+    and `stop`. The next motion replaces such a motion: the arm slows down and continues from there. While another
+    caller waits for a motion, starting a second one raises LocalProtocolError.
 
-    Both raise OutOfReachError before anything moves, for the first target that is; ProtectiveStopError
-    and SafetyStopError with what the robot reports; MotionStoppedError when somebody stopped it;
-    ProgramEndedError; RobotRefused in a mode in which it cannot move; RobotUnreachableError.
-    The control program is started if it has not been, and again if it has ended because this machine was
-    late; one that has ended otherwise is not started again without `make_ready`: somebody may have had a reason.
+    **Contexts** (`servo_j` to `force_mode`) last as long as their block. Only one is possible at a time, and leaving it
+    brings the arm to rest.
 
-    Settings work with and without the control program, and beside a motion. They raise LocalProtocolError for values
-    that make no sense, RobotRefused when no effect is seen.
+    Moves and contexts start the control program if it has not been started, and restart it if it ended because this
+    machine was late. If it ended for any other reason, only `make_ready` starts it again: it may have been stopped on
+    purpose. They raise
+
+    - OutOfReachError before anything moves, for the first target that is out of reach;
+    - ProtectiveStopError and SafetyStopError, with the cause that the robot reports;
+    - MotionStoppedError when the motion was stopped, and ProgramEndedError when the control program ended;
+    - RobotRefused in a mode in which the arm cannot move, and RobotUnreachableError.
+
+    **Settings** work with and without the control program, and during a motion. They raise LocalProtocolError for
+    invalid values, and RobotRefused if no effect is seen.
 
     In the order of this file:
 
@@ -70,28 +75,28 @@ class AsyncRobot:
     - the motion under way: `progress`, `moving`, `wait_done`, `wait_for`, `stop`
     - contexts: `servo_j` to `force_mode`; `stream`
     - settings: `set_digital_out`, `set_payload`, `set_tcp`, `set_speed_slider`, `set_watchdog` and others
-    - questions: `tcp_offset`, `history`, `is_steady`, `step_time`, `target_waypoint`
-    - for programs of the caller's own: `need_program`, `ask`, `free`, `start_again`
+    - queries: `tcp_offset`, `history`, `is_steady`, `step_time`, `target_waypoint`
+    - for custom control programs: `need_program`, `ask`, `free`, `start_again`
 
-    Kinematics, dynamics, contact, force, planning, I/O, other programs and the dashboard are parts of their own, below.
+    Kinematics, dynamics, contact, force, planning, I/O, other programs and the dashboard are components, listed below.
     """
 
     driver: URDriver
-    """For what this class does not offer."""
+    """The driver below this class, for everything that this class does not offer."""
     kinematics: Kinematics
-    """Where the arm would be and how it gets there, as the controller answers."""
+    """Forward and inverse kinematics, computed by the controller."""
     dynamics: Dynamics
-    """What it takes to move the arm, as the controller answers."""
+    """Mass matrix and torques, computed by the controller."""
     contact: Contact
-    """Whether the tool touches something."""
+    """Tool contact detection."""
     force: Force
-    """The force sensor, and force mode while it is in effect."""
+    """The force/torque sensor, and parameters of the active force mode."""
     planning: PlannedMotion
-    """Ways around what is in the way."""
+    """Motions planned around obstacles."""
     io: IO
     """Analog signals, tool voltage and registers."""
     programs: Programs
-    """Other programs than the control program."""
+    """Programs other than the control program."""
     dashboard: Dashboard
     """The robot's dashboard."""
 
@@ -116,7 +121,7 @@ class AsyncRobot:
         self.dashboard = Dashboard(self.driver)
 
     async def __aenter__(self) -> Self:
-        """Connect. The arm does not move, and a program that runs on the robot goes on."""
+        """Connect. The arm does not move, and a program that is running on the robot continues."""
         await self.driver.__aenter__()
         self._diagnosis.watch()
         return self
@@ -124,7 +129,10 @@ class AsyncRobot:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop the arm and disconnect. A failure nobody has asked for is raised, unless another is on its way."""
+        """Stop the arm and disconnect.
+
+        Raises the failure of a motion that has not been reported to a caller yet, unless the block itself failed.
+        """
         failure: BaseException | None = None
         try:
             failure = await self._motion.close()
@@ -155,38 +163,38 @@ class AsyncRobot:
         return self.state.digital_in(number)
 
     def digital_out(self, number: int) -> bool:
-        """Level of a digital output, numbered as the inputs are."""
+        """Level of a digital output, numbered like the inputs."""
         return self.state.digital_out(number)
 
     def tcp_pose_at(self, q_rad: Sequence[float]) -> Pose:
-        """Where the TCP would be (6,) with these joint angles (6,), by the geometry that this very arm reports.
+        """TCP pose in the base frame (6,) at these joint angles (6,) [rad], from the geometry that this arm reports.
 
-        Raises RobotRefused while the robot has not reported its geometry, or for one that is not known here.
+        Raises RobotRefused if the robot has not reported its geometry yet, or if its geometry is unknown.
         """
         link = self.driver.robot
         arm, state = link.configuration, link.primary_state
         geometry = None if arm is None else geometry_of(arm, link.calibration)
         if geometry is None or state is None or state.cartesian is None:
             raise RobotRefused(
-                "its geometry", "it has not reported one that is known here", "ask it: get_forward_kin()"
+                "its geometry", "it has not reported a known one", "let the robot compute it: get_forward_kin()"
             )
         return geometry.forward(q_rad, state.cartesian.tcp_offset)
 
     # readiness
 
     async def make_ready(self, *, program: bool = True) -> None:
-        """Power the arm on, release the brakes and start the control program, whatever of it is still to be done.
+        """Power the arm on, release its brakes and start the control program, as far as that is still to be done.
 
-        program: False leaves the control program alone. The arm moves a little as its brakes are
-        released. Raises SafetyStopError while a stop is in effect, RobotRefused when the robot says no.
+        program: False leaves the control program alone. The arm moves slightly as its brakes are released. Raises
+        SafetyStopError while a safety stop is in effect, and RobotRefused if the robot refuses.
         """
         await self._readiness.make_ready(program=program)
 
     async def recover(self) -> None:
         """Unlock a protective stop, 5 s after it occurred, and start the control program again.
 
-        For a caller who knows why the arm stopped and that it may move. Raises RobotRefused
-        when the stop comes back at once, SafetyStopError for another kind of stop.
+        Call it only when you know why the arm stopped and that it may move. Raises RobotRefused if the stop recurs
+        immediately, and SafetyStopError for any other kind of stop.
         """
         await self._readiness.recover()
 
@@ -203,15 +211,14 @@ class AsyncRobot:
         duration_s: float = 0.0,
         wait: bool = True,
     ) -> None:
-        """Turn all joints together to joint angles, or to those of a pose.
+        """Move all joints at the same time to joint angles, or to a pose.
 
-        Of a pose's joint angles those nearest to ``near_q_rad`` are taken, or to the present
-        ones. speed and acceleration: of the joint that has farthest to go; a duration above 0
-        replaces both.
+        A pose is reached by the inverse kinematics solution nearest to ``near_q_rad``, by default to the present joint
+        angles. Speed and acceleration apply to the joint with the longest distance; a duration above 0 replaces both.
         """
         speeds = {"v": speed_rad_s, "a": acceleration_rad_s2, "duration_s": duration_s}
         if (q_rad is None) == (pose_base_tcp is None):
-            raise LocalProtocolError("move_j goes to joint angles or to a pose: give one of them")
+            raise LocalProtocolError("move_j takes either joint angles or a pose: give one of them")
         if q_rad is not None:
             point = points.movej(q_rad, **speeds)
         else:
@@ -228,7 +235,7 @@ class AsyncRobot:
         duration_s: float = 0.0,
         wait: bool = True,
     ) -> None:
-        """Move the tool in a straight line; a duration above 0 replaces speed and acceleration."""
+        """Move the TCP in a straight line; a duration above 0 replaces speed and acceleration."""
         point = points.movel(pose_base_tcp, v=speed_m_s, a=acceleration_m_s2, duration_s=duration_s)
         await self._moves.execute("move_l", [point], wait)
 
@@ -240,7 +247,7 @@ class AsyncRobot:
         acceleration_m_s2: float = _TOOL_ACCELERATION,
         wait: bool = True,
     ) -> None:
-        """Move the tool in a straight line at constant speed, as for glueing."""
+        """Move the TCP in a straight line at constant speed, for processes such as gluing."""
         await self._moves.execute("move_p", [points.movep(pose_base_tcp, v=speed_m_s, a=acceleration_m_s2)], wait)
 
     async def move_c(
@@ -253,22 +260,26 @@ class AsyncRobot:
         fixed_orientation: bool = False,
         wait: bool = True,
     ) -> None:
-        """Move the tool on the arc through a via pose; its orientation turns on the way, or is fixed to the arc."""
+        """Move the TCP on the circular arc through ``via_base_tcp``.
+
+        The orientation is interpolated towards the target's, or with ``fixed_orientation`` stays fixed relative to the
+        arc.
+        """
         point = points.movec(
             via_base_tcp, pose_base_tcp, v=speed_m_s, a=acceleration_m_s2, fixed_orientation=fixed_orientation
         )
         await self._moves.execute("move_c", [point], wait)
 
     async def sequence(self, moves: Iterable[TrajectoryPoint], *, wait: bool = True) -> None:
-        """Execute moves of `client.points` as one trajectory, without stops where they blend.
+        """Execute moves of `client.points` as one trajectory, without stopping where they blend.
 
-        ``points.movel(pose, blend_radius_m=0.02)``: from 2 cm before the pose on, the next
-        move begins. The last one does not blend.
+        With ``points.movel(pose, blend_radius_m=0.02)`` the next move begins 2 cm before the pose. The last move must
+        not blend.
         """
         await self._moves.execute("the sequence", list(moves), wait)
 
     async def plan_to(self, goal: "Goal", scene: "PlanningScene", /, *, wait: bool = True, **options: Any) -> None:
-        """Go to a goal around what is in the scene; options are those of `PlannedMotion.go_to`."""
+        """Move to a goal on a collision-free path in the scene; options are those of `PlannedMotion.go_to`."""
         await self.planning.go_to(goal, scene, wait=wait, **options)
 
     async def speed_j(
@@ -279,9 +290,9 @@ class AsyncRobot:
         acceleration_rad_s2: float = SPEED_ACCELERATION,
         wait: bool = True,
     ) -> None:
-        """Turn the joints at speeds (6,) for some seconds, then come to rest.
+        """Move the joints at speeds (6,) [rad/s] for ``duration_s``, then come to rest.
 
-        One that replaces another goes on from its speeds, without a stop in between.
+        A call that replaces a previous one continues from its speeds, without a stop in between.
         """
 
         def send(_: RobotState) -> None:
@@ -297,7 +308,7 @@ class AsyncRobot:
         acceleration_m_s2: float = SPEED_ACCELERATION,
         wait: bool = True,
     ) -> None:
-        """Move the TCP at a velocity in the base frame (6,) [m/s, rad/s] for some seconds, then come to rest."""
+        """Move the TCP at a velocity in the base frame (6,) [m/s, rad/s] for ``duration_s``, then come to rest."""
 
         def send(_: RobotState) -> None:
             self.driver.speedl(velocity_base, LONGEST_REAL_TIME_S)
@@ -311,10 +322,10 @@ class AsyncRobot:
         frame: str | Sequence[float] = "base",
         acceleration_m_s2: float = _JOG_ACCELERATION,
     ) -> None:
-        """Move the TCP at a velocity (6,) [m/s, rad/s] until `stop` or the next motion; returns at once.
+        """Move the TCP at a velocity (6,) [m/s, rad/s] until `stop` or the next motion; returns immediately.
 
-        frame: "base", "tool" for the axes of the TCP as they turn, or a pose in the base frame (6,) whose axes
-        count. Call it again for another velocity: there is no stop in between.
+        frame: axes of the velocity: "base", "tool" (the TCP's axes, which turn with it), or those of a pose in the base
+        frame (6,). Call it again to change the velocity: there is no stop in between.
         """
         turn = turn_of(frame)
         values = six("a velocity", velocity)
@@ -337,45 +348,45 @@ class AsyncRobot:
         timeout_s: float = math.inf,
         wait: bool = True,
     ) -> None:
-        """Move the TCP at a velocity (6,) [m/s, rad/s] until the tool touches something; from 5.4 on.
+        """Move the TCP at a velocity (6,) [m/s, rad/s] until the tool touches something; PolyScope 5.4 or newer.
 
-        Then the arm stops, goes back to where the contact began, and rests. direction_base: along which contact
-        counts (6,), the first three in the base frame; all zero for the direction of motion. Raises MotionError
-        when there is no contact within ``timeout_s`` seconds of the robot's.
+        The arm then stops, returns to where the contact began, and rests. direction_base: direction in which contact
+        counts (6,), in the base frame; only the first three numbers are used, and all zeros stand for the direction of
+        motion. Raises MotionError if there is no contact within ``timeout_s``, by the robot's clock.
         """
         await self._moves.until_contact(velocity_base, direction_base, acceleration_m_s2, timeout_s, wait)
 
     async def progress(self) -> MotionProgress:
-        """How far the motion that is under way has come, by the robot."""
+        """Progress of the motion under way, as the robot reports it."""
         return await self._moves.progress()
 
-    # motions that are under way
+    # the motion under way
 
     @property
     def moving(self) -> bool:
-        """True while a motion that was begun here is under way."""
+        """True while a motion started by this object is under way."""
         return self._motion.moving
 
     async def wait_done(self, timeout_s: float | None = None) -> None:
-        """Wait for the end of the motion that is under way, if any, and raise what went wrong.
+        """Wait for the end of the motion under way, if any, and raise its error.
 
-        Raises WaitTimeoutError when it takes longer than ``timeout_s``; the motion goes on.
+        Raises WaitTimeoutError if it takes longer than ``timeout_s``; the motion continues.
         """
         await self._motion.wait_done(timeout_s)
 
     async def wait_for(self, condition: Callable[[RobotState], bool], timeout_s: float | None = None) -> RobotState:
-        """Look at each state until the condition holds for one, and return that.
+        """Check every state until the condition is true for one of them, and return that state.
 
-        Raises WaitTimeoutError, what ends the motion that is under way, and RobotUnreachableError
-        for a silent robot. The condition must be quick and must not call the robot.
+        Raises WaitTimeoutError, the error that ends the motion under way, and RobotUnreachableError if the robot stops
+        sending states. The condition must be quick and must not call the robot.
         """
         return await self._motion.wait_for(condition, timeout_s)
 
     async def stop(self, deceleration_rad_s2: float = DECELERATION) -> None:
-        """Bring the arm to rest, and return when it has; who waits for the motion gets MotionStoppedError.
+        """Bring the arm to rest, and return when it is; a caller waiting for the motion gets MotionStoppedError.
 
-        The program goes on, the next motion may follow. For motions that were begun here: a
-        program of somebody else is stopped by ``driver.robot.send_script("stop program")``.
+        The control program continues and accepts the next motion. This stops motions that were started by this object;
+        to stop another program, use ``driver.robot.send_script("stop program")``.
         """
         await self._motion.stop(deceleration_rad_s2)
 
@@ -389,16 +400,16 @@ class AsyncRobot:
         lookahead_s: float | None = None,
         gain: float | None = None,
     ) -> AsyncIterator[Follow]:
-        """Follow joint angles, one set in every control period.
+        """Follow a stream of joint angles, one setpoint in every control period.
 
             with robot.servo_j() as follow:
                 while not done:
                     state = follow(next_target(state))     # (6,) [rad]; paces the loop
 
-        timeout_s: without a target for so long (at most 0.2 s) the robot stops the arm, and the next
-        target is a LateSetpointError; the program goes on. lookahead_s (0.03 to 0.2, longer is smoother)
-        and gain (100 to 2000, higher is stiffer): of servoj, None for those of the configuration. Targets
-        too far away are ignored by the robot: MotionError says so. `stream` tells how it went.
+        timeout_s: without a setpoint for this long (at most 0.2 s) the robot stops the arm, and the next setpoint
+        raises LateSetpointError; the control program continues. lookahead_s (0.03 to 0.2, longer is smoother) and gain
+        (100 to 2000, higher is stiffer): parameters of servoj; None takes those of the configuration. The robot ignores
+        setpoints that are too far away, which raises MotionError. `stream` has statistics.
         """
         tuning = {"lookahead_s": lookahead_s, "gain": gain}
         async with self._stream("servo_j", lambda q_rad: self.driver.servoj(q_rad, timeout_s), tuning) as follow:
@@ -412,7 +423,7 @@ class AsyncRobot:
         lookahead_s: float | None = None,
         gain: float | None = None,
     ) -> AsyncIterator[Follow]:
-        """As servo_j with poses base to TCP (6,) [m, rotation vector]."""
+        """Like `servo_j`, with poses base to TCP (6,) [m, rotation vector]."""
         tuning = {"lookahead_s": lookahead_s, "gain": gain}
         async with self._stream("servo_pose", lambda pose: self.driver.servo_pose(pose, timeout_s), tuning) as follow:
             yield follow
@@ -421,7 +432,10 @@ class AsyncRobot:
     async def velocity_j(
         self, timeout_s: float = LONGEST_REAL_TIME_S, *, acceleration_rad_s2: float = SPEED_ACCELERATION
     ) -> AsyncIterator[Follow]:
-        """As servo_j with joint speeds (6,) [rad/s]; by default they are reached at once, so ramps are the caller's."""
+        """Like `servo_j`, with joint speeds (6,) [rad/s].
+
+        With the default acceleration, speeds are reached almost instantly: the caller provides the ramps.
+        """
         tuning = {"acceleration": acceleration_rad_s2}
         async with self._stream("velocity_j", lambda qd: self.driver.speedj(qd, timeout_s), tuning) as follow:
             yield follow
@@ -430,16 +444,17 @@ class AsyncRobot:
     async def velocity_l(
         self, timeout_s: float = LONGEST_REAL_TIME_S, *, acceleration_m_s2: float = SPEED_ACCELERATION
     ) -> AsyncIterator[Follow]:
-        """As velocity_j with velocities of the TCP in the base frame (6,) [m/s, rad/s]."""
+        """Like `velocity_j`, with TCP velocities in the base frame (6,) [m/s, rad/s]."""
         tuning = {"acceleration": acceleration_m_s2}
         async with self._stream("velocity_l", lambda xd: self.driver.speedl(xd, timeout_s), tuning) as follow:
             yield follow
 
     @asynccontextmanager
     async def direct_torque(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
-        """As servo_j with joint torques (6,) [Nm] on top of what gravity needs; from 5.23 on.
+        """Like `servo_j`, with joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer.
 
-        How much friction the robot makes up for: `URDriver.set_friction_scales` (5.25.1), `set_friction_compensation`.
+        `URDriver.set_friction_scales` (5.25.1) and `set_friction_compensation` set how much friction the robot
+        compensates.
         """
         async with self._stream("direct_torque", lambda torque_Nm: self.driver.torque(torque_Nm, timeout_s)) as follow:
             yield follow
@@ -448,10 +463,10 @@ class AsyncRobot:
     async def freedrive(
         self, axes: Sequence[int] = (1,) * 6, frame_base: Sequence[float] = (0.0,) * 6
     ) -> AsyncIterator[None]:
-        """Let the arm be moved by hand, and hold it where it is left.
+        """Let a person guide the arm by hand; the arm holds the position in which it is left.
 
-        axes: 1 for those (6,) that are free, of a frame given in the base frame (6,) [m, rotation vector]; fewer
-        than all from 5.10 on.
+        axes: 1 for each free axis (6,). frame_base: the frame of these axes, as a pose in the base frame (6,) [m,
+        rotation vector]. Freeing only some axes requires PolyScope 5.10 or newer.
         """
         async with self._motion.holding("freedrive"):
             self.driver.set_freedrive_axes(axes, frame_base)
@@ -471,13 +486,13 @@ class AsyncRobot:
         damping: float = 0.025,
         gain_scaling: float = 0.5,
     ) -> AsyncIterator[None]:
-        """Comply along some axes of a frame, while moves go on along the others.
+        """Be compliant along some axes of a frame, while moves continue along the others.
 
-        task_frame_base: pose in the base frame (6,) [m, rotation vector]. selection: 1 for
-        axes that comply (6,). wrench: to press with (6,) [N, Nm]. kind: 1 the frame's y axis
-        points to the TCP, 2 the frame as it is, 3 its x axis follows the velocity. limits: top
-        speeds of complying axes [m/s, rad/s], deviations of the others [m, rad] (6,).
-        damping: 0 to 1. gain_scaling: 0 to 2, e-Series only.
+        task_frame_base: the frame, as a pose in the base frame (6,) [m, rotation vector]. selection: 1 for each
+        compliant axis (6,). wrench: applied to the environment (6,) [N, Nm]. kind: 1 turns the frame's y axis towards
+        the TCP, 2 takes the frame as it is, 3 aligns its x axis with the velocity. limits (6,): maximum speeds of
+        compliant axes [m/s, rad/s], maximum deviations of the others [m, rad]. damping: 0 to 1. gain_scaling: 0 to 2,
+        e-Series only.
         """
         await self._motion.ready("force_mode")
         self.driver.start_force_mode(
@@ -487,7 +502,7 @@ class AsyncRobot:
         try:
             yield
         finally:
-            if self.driver.program_running:  # it ends with the program
+            if self.driver.program_running:  # force mode ends with the program
                 self.driver.end_force_mode()
         if not self.driver.program_running:
             raise await self._readiness.explanation("force_mode")
@@ -496,7 +511,7 @@ class AsyncRobot:
 
     @property
     def stream(self) -> StreamStatistics:
-        """How the setpoints of the present or the last such block went out: sent, skipped, late, longest gap."""
+        """Statistics of the current or last setpoint stream: sent, skipped and late setpoints, longest gap."""
         return self.driver.reverse.stream
 
     # settings
@@ -506,7 +521,10 @@ class AsyncRobot:
         await self._settings.set_digital_out(number, on)
 
     async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        """Mass and its centre of gravity (3,) in the flange frame; takes effect within a few control periods."""
+        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame.
+
+        It takes effect within a few control periods.
+        """
         await self.driver.set_payload(mass_kg, cog_m)
 
     async def set_target_payload(
@@ -516,51 +534,54 @@ class AsyncRobot:
         inertia_kg_m2: Sequence[float] = (0.0,) * 6,
         transition_time_s: float = 0.0,
     ) -> None:
-        """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,), taking effect gradually; from 5.10 on."""
+        """Like `set_payload`, with inertia and a gradual transition; PolyScope 5.10 or newer.
+
+        inertia_kg_m2: Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,).
+        """
         await self.driver.set_target_payload(mass_kg, cog_m, inertia_kg_m2, transition_time_s)
 
     async def set_gravity(self, gravity_m_s2: Sequence[float]) -> None:
-        """Acceleration of the base (3,) in its frame: [0, 0, 9.82] for an upright arm."""
+        """Set the acceleration of the base (3,) [m/s2] in the base frame: [0, 0, 9.82] for an upright arm."""
         await self.driver.set_gravity(gravity_m_s2)
 
     async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
-        """Flange to TCP (6,) [m, rotation vector]; not while a motion is under way."""
+        """Set the TCP as a pose in the flange frame (6,) [m, rotation vector]; not possible during a motion."""
         await self._settings.set_tcp(pose_flange_tcp)
 
     async def set_speed_slider(self, fraction: float) -> None:
-        """Scale the speed of everything by 0.01 to 1."""
+        """Set the speed slider, 0.01 to 1, which scales the speed of every motion."""
         await self._settings.set_speed_slider(fraction)
 
     def set_watchdog(self, longest_s: float) -> None:
-        """End the control program, and so stop the arm, when `kick_watchdog` is not called for so long; 0 ends that.
+        """End the control program, and so stop the arm, if `kick_watchdog` is not called for ``longest_s``; 0 is off.
 
-        Without one the arm goes on as long as this process lives, also if the caller's own loop hangs.
+        Without a watchdog the arm keeps moving as long as this process lives, even if the caller's own loop hangs.
         """
         self.driver.pulse.watch(longest_s)
 
     def kick_watchdog(self) -> None:
-        """Say that the caller's own program works; takes no time."""
+        """Report that the caller's own program is alive; takes no time."""
         self.driver.pulse.kick()
 
     async def trigger_protective_stop(self) -> None:
-        """Stop the arm as the robot would after a collision, from any motion. See `recover`."""
+        """Put the robot into a protective stop, as after a collision, from any motion. See `recover`."""
         await self._settings.trigger_protective_stop()
 
-    # questions, beside any motion
+    # queries, possible during any motion
 
     async def tcp_offset(self) -> Pose:
-        """Flange to TCP (6,) [m, rotation vector], as it is in effect. From 3.6 on."""
+        """The active TCP as a pose in the flange frame (6,) [m, rotation vector]; PolyScope 3.6 or newer."""
         return cast(Pose, await self.ask("tcp_offset", Question.TCP_OFFSET, gate="tcp_offset"))
 
     async def history(self, steps: int) -> Joints:
-        """Joint angles (6,) [rad] as measured some control periods ago. From 5.4 on."""
+        """Joint angles (6,) [rad] as measured ``steps`` control periods ago; PolyScope 5.4 or newer."""
         if steps < 0:
             raise LocalProtocolError(f"history goes back 0 periods or more, not {steps}")
         question = Question.JOINT_POSITIONS_HISTORY
         return cast(Joints, await self.ask("history", question, number=steps, gate="contact"))
 
     async def is_steady(self) -> bool:
-        """Whether the arm has stood for a while, and is in neither force mode nor freedrive."""
+        """Whether the arm has been at rest for a while, and is in neither force mode nor freedrive."""
         return bool((await self.ask("is_steady", Question.STEADY))[0])
 
     async def step_time(self) -> float:
@@ -568,15 +589,16 @@ class AsyncRobot:
         return (await self.ask("step_time", Question.STEP_TIME))[0]
 
     async def target_waypoint(self) -> Pose:
-        """Pose of the TCP (6,) that the move under way leads to. From 5.3 on."""
+        """Target TCP pose (6,) [m, rotation vector] of the move under way; PolyScope 5.3 or newer."""
         return cast(Pose, await self.ask("target_waypoint", Question.TARGET_WAYPOINT, gate="target_waypoint"))
 
-    # for programs of the caller's own
+    # for custom control programs
 
     async def need_program(self, doing: str) -> None:
-        """See that the control program runs and obeys, or raise the error that says why it does not.
+        """Make sure that the control program is running and accepts commands, or raise the error that says why not.
 
-        Started as by a motion: the first time, or after an end that was this machine's own fault.
+        It is started under the same conditions as by a motion: for the first time, or after it ended because this
+        machine was late.
         """
         await self._readiness.need_program(doing)
 
@@ -588,13 +610,16 @@ class AsyncRobot:
         number: int = 0,
         gate: str | None = None,
     ) -> tuple[float, ...]:
-        """What the control program answers; the robot's components ask so. See `URDriver.ask`."""
+        """Ask the control program a question and return its answer; see `URDriver.ask`."""
         return await self._readiness.ask(doing, question, *arguments, number=number, gate=gate)
 
     async def free(self, doing: str) -> None:
-        """See that nobody has the arm. Raises LocalProtocolError, and the failure of a motion that nobody was told."""
+        """Make sure that no motion or context is using the arm.
+
+        Raises LocalProtocolError, or the failure of a motion that has not been reported to a caller yet.
+        """
         await self._motion.check_free(doing)
 
     async def start_again(self, doing: str) -> None:
-        """Start the control program after one of the caller's own."""
+        """Start the control program again, after a program of the caller has run."""
         await self._readiness.start(doing)

@@ -1,4 +1,4 @@
-"""Analog signals, tool voltage and registers; digital signals are the robot's own (`set_digital_out`)."""
+"""Analog signals, tool voltage and registers; for digital signals see `AsyncRobot.set_digital_out`."""
 
 from typing import Any, Final
 
@@ -12,53 +12,53 @@ _AMPERES: Final = (0.004, 0.020)
 
 
 class IO:
-    """Works with and without the control program, and beside a motion.
+    """Analog signals, tool voltage and registers, with or without the control program and during motions.
 
-    Outputs and input registers are written by RTDE: RobotRefused says so when another client writes them.
+    Outputs and input registers are written through RTDE, which raises RobotRefused if another client writes them.
     """
 
     def __init__(self, driver: URDriver) -> None:
         self._driver = driver
 
     async def set_analog_voltage(self, number: int, volts: float) -> None:
-        """Analog output 0 or 1, as 0 to 10 V."""
+        """Set analog output 0 or 1 to a voltage, 0 to 10 V."""
         if not 0.0 <= volts <= _VOLTS:
             raise LocalProtocolError(f"an analog output gives 0 to {_VOLTS:g} V, not {volts}")
         await self._set_analog(number, 1, volts / _VOLTS)
 
     async def set_analog_current(self, number: int, amperes: float) -> None:
-        """Analog output 0 or 1, as 0.004 to 0.020 A."""
+        """Set analog output 0 or 1 to a current, 0.004 to 0.020 A."""
         low, high = _AMPERES
         if not low <= amperes <= high:
             raise LocalProtocolError(f"an analog output gives {low} to {high} A, not {amperes}")
         await self._set_analog(number, 0, (amperes - low) / (high - low))
 
     def analog_in(self, number: int) -> float:
-        """Analog input 0 or 1 [V or A, as it is set up]."""
+        """Value of analog input 0 or 1 [V or A, depending on its configuration]."""
         return float(self._value(f"standard_analog_input{_analog(number)}"))
 
     def analog_out(self, number: int) -> float:
-        """Analog output 0 or 1 [V or A, as it is set up]."""
+        """Value of analog output 0 or 1 [V or A, depending on its configuration]."""
         return float(self._value(f"standard_analog_output{_analog(number)}"))
 
     async def set_tool_voltage(self, volts: int) -> None:
-        """0, 12 or 24 V at the tool."""
+        """Set the supply voltage at the tool: 0, 12 or 24 V."""
         await self._driver.set_tool_voltage(volts)
 
     async def set_int_register(self, number: int, value: int) -> None:
-        """Input register 0 to 47, for programs of the robot's: 24 to 47 are those of clients."""
+        """Write input register 0 to 47, for programs on the robot to read; 24 to 47 are reserved for clients."""
         await self._driver.robot.write_inputs(**{f"input_int_register_{_register(number)}": value})
 
     async def set_double_register(self, number: int, value: float) -> None:
-        """Input register 0 to 47, for programs of the robot's: 24 to 47 are those of clients."""
+        """Write input register 0 to 47, for programs on the robot to read; 24 to 47 are reserved for clients."""
         await self._driver.robot.write_inputs(**{f"input_double_register_{_register(number)}": value})
 
     def int_register(self, number: int) -> int:
-        """Output register 0 to 47 as a program of the robot's wrote it; has to be among the robot's ``outputs``."""
+        """Value of output register 0 to 47, written by a program on the robot; ``outputs`` must include it."""
         return int(self._value(f"output_int_register_{_register(number)}"))
 
     def double_register(self, number: int) -> float:
-        """Output register 0 to 47 as a program of the robot's wrote it; has to be among the robot's ``outputs``."""
+        """Value of output register 0 to 47, written by a program on the robot; ``outputs`` must include it."""
         return float(self._value(f"output_double_register_{_register(number)}"))
 
     async def _set_analog(self, number: int, domain: int, share: float) -> None:
@@ -70,7 +70,7 @@ class IO:
         values = self._driver.state
         if name not in values:
             raise LocalProtocolError(
-                f"{name} is not received: name it when connecting, Robot(host, outputs=({name!r},))"
+                f"{name} is not received: request it when connecting, Robot(host, outputs=({name!r},))"
             )
         return values[name]
 

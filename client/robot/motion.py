@@ -1,4 +1,4 @@
-"""One motion at a time: begun, watched, waited for, stopped."""
+"""Runs one motion at a time: starts it, watches it, waits for it, stops it."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
@@ -23,14 +23,14 @@ _USUAL: Final[Mapping[str, float | None]] = {
 
 
 class MotionRunner:
-    """Who has the arm: the motion that is under way, or a context. It knows nothing of what a motion does."""
+    """Keeps track of what uses the arm, a motion or a context; it knows nothing about what a motion does."""
 
     doing: str
-    """What has the arm, or had it last, as errors name it."""
+    """Name of what uses the arm, or used it last, for error messages."""
     stops: int
-    """How often `stop` was called: who sees another number has been stopped."""
+    """Number of calls of `stop`; a task that sees it change knows that it has been stopped."""
     rolling: bool
-    """A stream of speeds is about to go on as another one, without a stop in between."""
+    """True while one stream of speeds replaces another, without a stop in between."""
 
     def __init__(self, readiness: Readiness) -> None:
         self.readiness = readiness
@@ -39,9 +39,9 @@ class MotionRunner:
         self.doing = ""
         self.stops = 0
         self.rolling = False
-        self._motion: asyncio.Task[None] | None = None  # begun, and its end not yet told to anybody
+        self._motion: asyncio.Task[None] | None = None  # started, and its result not yet reported to a caller
         self._has_context = False
-        self._awaited: asyncio.Task[None] | None = None  # the last motion whose caller waits: nobody may replace it
+        self._awaited: asyncio.Task[None] | None = None  # the last motion with a waiting caller; it cannot be replaced
         self._replaced: WeakKeyDictionary[asyncio.Task[None], str] = WeakKeyDictionary()
         self._tuned: Mapping[str, float | None] = _USUAL  # how setpoints are followed
         self.driver.on_program_state(self._program_changed)
@@ -52,7 +52,7 @@ class MotionRunner:
         return RobotState.of(self.driver.state)
 
     async def close(self) -> BaseException | None:
-        """End the motion that is under way; the failure of one that had ended and that nobody has asked for."""
+        """End the motion under way. Returns the failure of one that had already ended, if not yet reported."""
         motion, self._motion = self._motion, None
         if motion is not None and not motion.done():
             await _cancelled(motion)
@@ -60,20 +60,20 @@ class MotionRunner:
 
     @property
     def moving(self) -> bool:
-        """True while a motion that was begun here is under way."""
+        """True while a motion started by this object is under way."""
         return self._motion is not None and not self._motion.done()
 
     @property
     def taken(self) -> bool:
-        """Something has the arm: a motion, or a context."""
+        """True while a motion or a context is using the arm."""
         return self.moving or self._has_context
 
-    # to begin
+    # starting
 
     async def ready(self, doing: str, *, rolling: bool = False) -> None:
-        """The program runs and nobody has the arm, or else the error that says why not.
+        """Make sure that the program is running and the arm is free, or raise the error that says why not.
 
-        A motion that nobody waits for is replaced. The caller must take the arm before it awaits anything.
+        A motion without a waiting caller is replaced. The caller must claim the arm before its next ``await``.
         """
         stops = self.stops
         if not self._has_context:
@@ -81,22 +81,25 @@ class MotionRunner:
         await self.check_free(doing)
         self.diagnosis.alarm.clear()
         await self.readiness.need_program(doing)
-        if self.stops != stops:  # by another task, as what follows
+        if self.stops != stops:  # by another task during the await; the arm may have been claimed then, too
             raise MotionStoppedError(doing, "stop() was called")
         self.check_nobody_moves(doing)
 
     async def check_free(self, doing: str) -> None:
-        """See that nobody has the arm. Raises LocalProtocolError, and the failure of a motion that nobody was told."""
+        """Make sure that no motion or context is using the arm.
+
+        Raises LocalProtocolError, or the failure of a motion that has not been reported to a caller yet.
+        """
         self.check_nobody_moves(doing)
         await self.wait_done()
 
     def check_nobody_moves(self, doing: str) -> None:
-        """Raise LocalProtocolError while something has the arm."""
+        """Raise LocalProtocolError while a motion or a context is using the arm."""
         if self.taken:
             raise LocalProtocolError(f"{doing} has to wait for {self.doing}: wait_done() or stop() first")
 
     async def launch(self, doing: str, work: Callable[[], Coroutine[Any, Any, None]], wait: bool) -> None:
-        """Begin a motion, and wait for its end if asked to; then it ends with its caller."""
+        """Start a motion. With ``wait``, wait for its end; cancelling the caller then ends the motion."""
         self.doing = doing
         motion = self._motion = asyncio.create_task(self._guarded(work))
         if not wait:
@@ -111,7 +114,7 @@ class MotionRunner:
 
     @asynccontextmanager
     async def holding(self, doing: str) -> AsyncIterator[None]:
-        """A context that has the arm for itself; its end brings the arm to rest."""
+        """A context that has exclusive use of the arm; leaving it brings the arm to rest."""
         await self.ready(doing)
         self.doing, self._has_context = doing, True
         try:
@@ -127,12 +130,12 @@ class MotionRunner:
         await self.come_to_rest()
 
     async def settle(self, doing: str) -> None:
-        """Wait until a command that was sent is in effect: what follows travels by another connection."""
+        """Wait until a command is in effect, because the next message travels on another connection."""
         for _ in range(_SETTLE_STATES):
             await self.diagnosis.next_state(doing)
 
     async def tune(self, doing: str, **parameters: float | None) -> None:
-        """Let setpoints be followed as these `URDriver.set_stream_parameters` say."""
+        """Set how setpoints are followed; parameters are those of `URDriver.set_stream_parameters`."""
         parameters = {name: value for name, value in ({**_USUAL, **parameters}).items() if value is not None}
         if parameters == self._tuned:
             return
@@ -140,12 +143,12 @@ class MotionRunner:
         self._tuned = parameters
         await self.settle(doing)
 
-    # to wait and to stop
+    # waiting and stopping
 
     async def wait_done(self, timeout_s: float | None = None) -> None:
-        """Wait for the end of the motion that is under way, if any, and raise what went wrong.
+        """Wait for the end of the motion under way, if any, and raise its error.
 
-        Raises WaitTimeoutError when it takes longer than ``timeout_s``; the motion goes on.
+        Raises WaitTimeoutError if it takes longer than ``timeout_s``; the motion continues.
         """
         motion, doing = self._motion, self.doing
         if motion is None:
@@ -160,11 +163,7 @@ class MotionRunner:
         motion.result()
 
     async def wait_for(self, condition: Callable[[RobotState], bool], timeout_s: float | None = None) -> RobotState:
-        """Look at each state until the condition holds for one, and return that.
-
-        Raises WaitTimeoutError, what ends the motion that is under way, and RobotUnreachableError
-        for a silent robot. The condition must be quick and must not call the robot.
-        """
+        """Check every state until the condition is true for one of them, and return that state; see `AsyncRobot`."""
         try:
             async with timeout(timeout_s):
                 while not condition(state := self.state):
@@ -172,15 +171,11 @@ class MotionRunner:
                         await self.wait_done()
                     await self.diagnosis.next_state("wait_for")
         except TimeoutError:
-            raise WaitTimeoutError(f"what was waited for did not happen within {timeout_s} s: wait again") from None
+            raise WaitTimeoutError(f"the condition was not met within {timeout_s} s: wait again") from None
         return state
 
     async def stop(self, deceleration_rad_s2: float = DECELERATION) -> None:
-        """Bring the arm to rest, and return when it has; who waits for the motion gets MotionStoppedError.
-
-        The program goes on, the next motion may follow. For motions that were begun here: a
-        program of somebody else is stopped by ``driver.robot.send_script("stop program")``.
-        """
+        """Bring the arm to rest, and return when it is; a caller waiting for the motion gets MotionStoppedError."""
         self.stops += 1
         if self.driver.program_running and not self.diagnosis.paused:
             await self.tune("stop", deceleration_rad_s2=deceleration_rad_s2)
@@ -190,14 +185,14 @@ class MotionRunner:
             await _cancelled(motion)
         await self.come_to_rest()
         if motion is not None and had_failed:
-            motion.result()  # a failure that nobody was told
+            motion.result()  # raises a failure that has not been reported yet
 
     async def come_to_rest(self) -> None:
-        """Stop sending, and wait until no joint is meant to move."""
+        """Stop sending setpoints, and wait until the target speeds of all joints are zero."""
         if not self.driver.program_running or self.diagnosis.paused:
             return
         if self.driver.reverse.mode is ControlMode.FORWARD:
-            with suppress(ClientError, LocalProtocolError):  # none under way, or it ended otherwise
+            with suppress(ClientError, LocalProtocolError):  # no trajectory is under way, or it ended some other way
                 await self.driver.trajectory_result(_REST_S)
         else:
             self.driver.idle()
@@ -208,9 +203,9 @@ class MotionRunner:
                     await self.diagnosis.next_state("stop")
 
     async def _replace(self, doing: str, *, rolling: bool) -> None:
-        """End a motion that goes on by itself, since its owner wants another one instead.
+        """End a motion that no caller waits for, since another motion replaces it.
 
-        rolling: speeds that replace speeds do so without a stop in between.
+        rolling: one stream of speeds replaces another without a stop in between.
         """
         motion = self._motion
         if motion is None or motion.done() or motion is self._awaited:
@@ -222,11 +217,11 @@ class MotionRunner:
         finally:
             self.rolling = False
         if self.driver.program_running and self.driver.reverse.mode is ControlMode.FORWARD:
-            with suppress(ClientError, LocalProtocolError):  # none under way, or it ended otherwise
+            with suppress(ClientError, LocalProtocolError):  # no trajectory is under way, or it ended some other way
                 await self.driver.trajectory_result(_REST_S)
 
     async def _guarded(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Do it, and raise why it failed: also when the robot stops and the program waits for somebody."""
+        """Run the motion, and raise the cause if it fails, or if the robot stops for safety while the program waits."""
         doing = self.doing
         task = asyncio.create_task(work())
         alarm = asyncio.create_task(self.diagnosis.alarm.wait())
@@ -241,7 +236,7 @@ class MotionRunner:
 
     def _program_changed(self, connected: bool) -> None:
         if connected:
-            self._tuned = _USUAL  # a new program has those
+            self._tuned = _USUAL  # a newly started program has the defaults
 
 
 def _failed(motion: "asyncio.Task[None]") -> bool:
@@ -249,8 +244,8 @@ def _failed(motion: "asyncio.Task[None]") -> bool:
 
 
 async def _cancelled(task: "asyncio.Task[Any]") -> None:
-    """End a task and wait until it has; its failure is for whoever awaits it."""
+    """Cancel a task and wait until it has ended; its failure is left to the caller that awaits it."""
     task.cancel()
     await asyncio.wait({task})
     if not task.cancelled():
-        task.exception()  # looked at
+        task.exception()  # marks it as retrieved, so that asyncio does not log it

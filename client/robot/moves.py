@@ -1,4 +1,4 @@
-"""What motions do that end by themselves: execute points, keep sending speeds, approach until contact."""
+"""Motions that end by themselves: trajectories, speeds for a duration, approach until contact."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -14,14 +14,16 @@ from client.robot.state import RobotState
 from urproto.errors import LocalProtocolError
 from urproto.external_control import Question, TrajectoryPoint, TrajectoryResult, to_words
 
-_READ_STATES: Final = 20  # guess: what was sent while the arm went back from a contact is read within this
+_READ_STATES: Final = 20  # guess: messages sent while the arm returned from a contact are read within this
 
 
 @dataclass(frozen=True, slots=True)
 class MotionProgress:
-    """Of the motion that was begun here: its name, whether it is under way, at which point of how many, from 0.
+    """Progress of the motion under way.
 
-    Both are 0 for motions without points. With a blend, a point counts from where the move to it begins.
+    doing: its name, empty without one. running: whether it is under way. point: index of the point that the arm is
+    moving to, from 0; points: number of points. Both are 0 for motions without points. With a blend, a point counts
+    from where the move to it begins.
     """
 
     doing: str
@@ -31,16 +33,16 @@ class MotionProgress:
 
 
 class Moves:
-    """The three kinds of motion behind the moves of `AsyncRobot`, where they are described."""
+    """The three kinds of motion behind the moves of `AsyncRobot`, which documents them."""
 
     def __init__(self, motion: MotionRunner) -> None:
         self._motion = motion
         self._driver = motion.driver
         self._diagnosis = motion.diagnosis
-        self._points: Sequence[TrajectoryPoint] = ()  # of the motion that is under way, or was
+        self._points: Sequence[TrajectoryPoint] = ()  # of the current or last motion
 
     async def progress(self) -> MotionProgress:
-        """How far the motion that is under way has come, by the robot."""
+        """Progress of the motion under way, as the robot reports it."""
         point, executing = await self._motion.readiness.ask("progress", Question.PROGRESS)
         points = len(self._points) if self._motion.moving else 0
         running = self._motion.moving and (bool(executing) or not points)
@@ -51,7 +53,7 @@ class Moves:
     async def execute(self, doing: str, moves: list[TrajectoryPoint], wait: bool) -> None:
         """Execute points as one trajectory. Raises OutOfReachError before anything moves."""
         for move in moves:
-            move.encode()  # its numbers can be sent
+            move.encode()  # raises if its values cannot be sent
         await self._motion.ready(doing)
         if reach := reach_of(self._driver.robot, self._motion.state.q_rad):
             reach.check(doing, moves)
@@ -65,7 +67,7 @@ class Moves:
         losses = program.losses
         result = await self._driver.execute(moves)
         if result is TrajectoryResult.FAILURE:
-            raise MotionError(doing, "its points did not reach the robot in time: look at the network")
+            raise MotionError(doing, "its points did not reach the robot in time: check the network")
         if result is TrajectoryResult.CANCELED and not popups:
             await self._diagnosis.hear(lambda: bool(popups or program.losses > losses or program.pulse.bitten))
         if result is TrajectoryResult.CANCELED and (program.losses > losses or program.pulse.bitten):
@@ -76,19 +78,19 @@ class Moves:
             raise MotionStoppedError(doing, "it was cancelled")
 
     async def come_to_rest(self) -> None:
-        """After a motion whose caller gave up."""
+        """Bring the arm to rest, after a motion whose caller gave up."""
         await self._motion.come_to_rest()
 
     async def send_speeds(
         self, doing: str, send: Callable[[RobotState], None], duration_s: float, acceleration: float, wait: bool
     ) -> None:
-        """Call ``send`` with each state for so long, then come to rest."""
+        """Call ``send`` with every state for ``duration_s``, then come to rest."""
         if not duration_s > 0.0:
-            raise LocalProtocolError(f"the duration of {doing} is above 0 s, not {duration_s}")
+            raise LocalProtocolError(f"the duration of {doing} must be above 0 s, not {duration_s}")
         await self._motion.ready(doing, rolling=True)
         await self._motion.tune(doing, acceleration=acceleration)
         self._motion.check_nobody_moves(doing)
-        send(self._motion.state)  # raises here what cannot be sent
+        send(self._motion.state)  # raises here, in the caller, if the values cannot be sent
         self._points = ()
         await self._motion.launch(doing, partial(self._sending, doing, send, duration_s), wait)
 
@@ -111,7 +113,7 @@ class Moves:
         timeout_s: float,
         wait: bool,
     ) -> None:
-        """Move the TCP until the tool touches something, and go back to where that began."""
+        """Move the TCP until the tool touches something, and return to where the contact began."""
         doing = "move_until_contact"
         self._driver.robot.require("contact")
         work = partial(self._approach, doing, six("a velocity", velocity), direction_base, timeout_s)
@@ -129,7 +131,7 @@ class Moves:
         try:
             while not result.done():
                 if self._motion.state.timestamp_s >= until:
-                    raise MotionError(doing, f"the tool has met nothing within {timeout_s:g} s")
+                    raise MotionError(doing, f"the tool touched nothing within {timeout_s:g} s")
                 self._driver.speedl(velocity, LONGEST_REAL_TIME_S)
                 await self._diagnosis.next_state(doing)
             result.result()
@@ -138,14 +140,14 @@ class Moves:
             await asyncio.gather(result, return_exceptions=True)
             if self._driver.program_running:
                 self._driver.idle()
-                for _ in range(_READ_STATES):  # as long as it watches it follows no velocity that is on its way
+                for _ in range(_READ_STATES):  # while it watches for contact it ignores velocities still on their way
                     await self._diagnosis.next_state(doing)
                 self._driver.end_tool_contact()
         await self._motion.come_to_rest()
 
 
 def six(what: str, values: Sequence[float]) -> tuple[float, ...]:
-    """Six numbers that can be sent. Raises LocalProtocolError."""
+    """Check that these are six numbers that can be sent. Raises LocalProtocolError."""
     to_words(values)
     if len(values) != 6:
         raise LocalProtocolError(f"{what} has 6 numbers, not {len(values)}")
@@ -153,7 +155,7 @@ def six(what: str, values: Sequence[float]) -> tuple[float, ...]:
 
 
 def turn_of(frame: str | Sequence[float]) -> Sequence[float] | None:
-    """The rotation vector of a frame, None for the tool's."""
+    """The rotation vector of a frame in the base frame; None for the tool's."""
     if frame == "base":
         return (0.0, 0.0, 0.0)
     if frame == "tool":

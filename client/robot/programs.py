@@ -1,4 +1,4 @@
-"""Scripts of the caller's own on the robot, and its dashboard."""
+"""Runs the caller's own scripts on the robot, and its dashboard commands."""
 
 from pathlib import Path
 from typing import TypeVar
@@ -19,20 +19,23 @@ Answer = TypeVar("Answer")
 
 
 class Programs:
-    """Other programs than the control program. A robot runs one at a time, so this one makes way and comes back."""
+    """Runs programs other than the control program.
+
+    A robot runs one program at a time, so the control program is stopped first and started again afterwards.
+    """
 
     def __init__(self, motion: MotionRunner) -> None:
         self._motion = motion
         self._driver = motion.driver
 
     async def send(self, text: str) -> None:
-        """Hand over a script and wait for nothing. A ``sec`` program runs beside the control program."""
+        """Send a script without waiting for it. A ``sec`` program runs alongside the control program."""
         await self._driver.robot.send_script(text)
 
     async def run(self, text: str, *, timeout_s: float = float("inf")) -> ScriptResult:
-        """Run a ``def`` program, or bare statements, to its end; then the control program runs again.
+        """Run a ``def`` program, or bare statements, to the end; then restart the control program if it was running.
 
-        Raises ScriptFailedError with the line when it fails, does not compile, or takes longer than ``timeout_s``.
+        Raises ScriptFailedError, with the line, if it fails, does not compile, or takes longer than ``timeout_s``.
         """
         await self._motion.check_free("the script")
         config = self._driver.config
@@ -46,24 +49,27 @@ class Programs:
                 await self._motion.readiness.start("the script")
 
     async def run_function(self, name: str, body: str, *, timeout_s: float = float("inf")) -> ScriptResult:
-        """As `run`, with the statements of a function of this name."""
+        """Like `run`, with the body of a function of this name."""
         if not name.isidentifier():
             raise LocalProtocolError(f"{name!r} is not the name of a function")
         return await self.run(f"def {name}():\n{body}\nend\n", timeout_s=timeout_s)
 
     async def run_file(self, path: Path | str, *, timeout_s: float = float("inf")) -> ScriptResult:
-        """As `run`, with the text of a file."""
+        """Like `run`, with the script in a file."""
         return await self.run(from_bytes(Path(path).read_bytes()), timeout_s=timeout_s)
 
 
 class Dashboard:
-    """Power, brakes, programs of the pendant, popups. RobotRefused where there is no dashboard, as on PolyScope X."""
+    """Dashboard commands: power, brakes, programs of the pendant, popups.
+
+    They raise RobotRefused if the robot has no dashboard, like PolyScope X.
+    """
 
     def __init__(self, driver: URDriver) -> None:
         self._driver = driver
 
     async def ask(self, operation: Operation[Answer]) -> Answer:
-        """Any operation of `client.dashboard_commands`; its ``command("...")`` makes one that is not there."""
+        """Carry out any operation of `client.dashboard_commands`; use its ``command("...")`` for any other command."""
         board = self._driver.robot.dashboard
         if board is None:
             raise RobotRefused(operation.line, "this robot has no dashboard", "PolyScope X has an HTTP API instead")
@@ -78,7 +84,7 @@ class Dashboard:
         await self.ask(dashboard.POWER_OFF)
 
     async def brake_release(self) -> None:
-        """Release the brakes, after switching the arm on if need be."""
+        """Release the brakes, after switching the arm on if necessary."""
         await self.ask(dashboard.BRAKE_RELEASE)
 
     async def unlock_protective_stop(self) -> None:
@@ -86,7 +92,7 @@ class Dashboard:
         await self.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
 
     async def restart_safety(self) -> None:
-        """After a safety fault or violation; the arm is off then."""
+        """Restart the safety system after a safety fault or violation; the arm is off afterwards."""
         await self.ask(dashboard.RESTART_SAFETY)
 
     async def close_safety_popup(self) -> None:
@@ -98,7 +104,7 @@ class Dashboard:
         await self.ask(dashboard.load(program))
 
     async def play(self) -> None:
-        """Start the loaded program, or go on with one that is paused."""
+        """Start the loaded program, or resume it if it is paused."""
         await self.ask(dashboard.PLAY)
 
     async def pause(self) -> None:
@@ -114,7 +120,7 @@ class Dashboard:
         await self.ask(dashboard.popup(text))
 
     async def close_popup(self) -> None:
-        """Close it."""
+        """Close the popup."""
         await self.ask(dashboard.CLOSE_POPUP)
 
     async def add_to_log(self, text: str) -> None:
@@ -126,31 +132,31 @@ class Dashboard:
         await self.ask(dashboard.SHUTDOWN)
 
     async def set_user_role(self, role: UserRole) -> None:
-        """Who may do what on the pendant; CB3."""
+        """Set the user role, which restricts the use of the pendant; CB3."""
         await self.ask(dashboard.set_user_role(role))
 
     async def robot_mode(self) -> RobotMode:
-        """As the dashboard says."""
+        """Robot mode, as the dashboard reports it."""
         return await self.ask(dashboard.ROBOT_MODE)
 
     async def safety_mode(self) -> SafetyMode:
-        """As the dashboard says."""
+        """Safety mode, as the dashboard reports it."""
         return await self.ask(dashboard.SAFETY_MODE)
 
     async def safety_status(self) -> SafetyStatus:
-        """Finer than the mode; from 3.11 and 5.4 on."""
+        """Safety status, more detailed than the safety mode; PolyScope 3.11 and 5.4 or newer."""
         return await self.ask(dashboard.SAFETY_STATUS)
 
     async def running(self) -> bool:
-        """Whether a program runs."""
+        """Whether a program is running."""
         return await self.ask(dashboard.IS_RUNNING)
 
     async def program_state(self) -> tuple[ProgramState, str | None]:
-        """Of the loaded program, and its name."""
+        """State of the loaded program, and its name."""
         return await self.ask(dashboard.PROGRAM_STATE)
 
     async def loaded_program(self) -> str | None:
-        """Its path."""
+        """Path of the loaded program; None without one."""
         return await self.ask(dashboard.LOADED_PROGRAM)
 
     async def is_program_saved(self) -> tuple[bool, str | None]:
@@ -158,17 +164,17 @@ class Dashboard:
         return await self.ask(dashboard.IS_PROGRAM_SAVED)
 
     async def is_in_remote_control(self) -> bool:
-        """Whether the robot takes scripts; e-Series."""
+        """Whether the robot is in remote control, and so accepts scripts; e-Series."""
         return await self.ask(dashboard.IS_IN_REMOTE_CONTROL)
 
     async def polyscope_version(self) -> PolyscopeVersion:
-        """Of its software."""
+        """Version of the robot's software."""
         return await self.ask(dashboard.POLYSCOPE_VERSION)
 
     async def robot_model(self) -> str:
-        """UR3, UR5, ...; from 3.12 and 5.6 on."""
+        """Model of the arm: UR3, UR5, ...; PolyScope 3.12 and 5.6 or newer."""
         return await self.ask(dashboard.ROBOT_MODEL)
 
     async def serial_number(self) -> str:
-        """Of the robot; from 3.12 and 5.6 on."""
+        """Serial number of the robot; PolyScope 3.12 and 5.6 or newer."""
         return await self.ask(dashboard.SERIAL_NUMBER)

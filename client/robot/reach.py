@@ -1,4 +1,4 @@
-"""Whether an arm gets to where it is to go, judged before it is sent there."""
+"""Checks whether the arm can reach a target before the target is sent."""
 
 import math
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ _JOINTS: Final = frozenset(
     ]
 )
 _SLACK: Final = 0.01  # of the distance; guess: calibrations differ by some millimetres in a metre
-_ROUNDING_RAD: Final = 1e-6  # a word of the wire is so much
+_ROUNDING_RAD: Final = 1e-6  # resolution of a number in the driver's messages
 
 
 class Reach:
-    """Of an arm with this TCP, flange to TCP (6,) [m, rotation vector], that stands at ``q_rad``."""
+    """Reach of an arm at the joint angles ``q_rad``, with the TCP offset flange to TCP (6,) [m, rotation vector]."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class Reach:
         self._kinematics = geometry_of(arm, calibration)
 
     def check(self, doing: str, points: Sequence[TrajectoryPoint]) -> None:
-        """Raise OutOfReachError for the first point the arm cannot get to."""
+        """Raise OutOfReachError for the first point that the arm cannot reach."""
         for number, point in enumerate(points):
             problem = self._problem(point)
             if problem is not None:
@@ -57,14 +57,14 @@ class Reach:
         if point.type in _JOINTS:
             return self._beyond_limits(point.target)
         if not self._reachable(point.target):
-            return f"p[{_listed(point.target)}] has no joint angles within the arm's limits: choose one nearer to it"
+            return f"p[{_listed(point.target)}] has no joint angles within the arm's limits: choose a nearer pose"
         return None
 
     def _beyond_limits(self, q_rad: Sequence[float]) -> str | None:
         without_wrist_3 = JOINT_LABELS[:-1]  # it has no end stop on some arms
         for name, low, angle, high in zip(without_wrist_3, self._arm.q_min, q_rad, self._arm.q_max, strict=False):
             if not low - _ROUNDING_RAD <= angle <= high + _ROUNDING_RAD:
-                return f"asks {name} for {angle:.4f} rad, and its limits are {low:.4f} and {high:.4f} rad"
+                return f"needs {name} at {angle:.4f} rad, outside its limits of {low:.4f} to {high:.4f} rad"
         return None
 
     def _reachable(self, pose_base_tcp: Sequence[float]) -> bool:
@@ -75,7 +75,7 @@ class Reach:
         return any(self._solves(self._kinematics, self._moved(flange, scale)) for scale in scales)
 
     def _moved(self, pose: Pose, scale: float) -> Pose:
-        """Nearer to the shoulder, or farther from it."""
+        """Move a pose towards the shoulder (scale below 1) or away from it."""
         height = self._arm.dh_d[0]
         x, y, z, *turn = pose
         rx, ry, rz = turn
@@ -86,7 +86,7 @@ class Reach:
 
 
 def reach_of(link: RobotLink, q_rad: Sequence[float]) -> Reach | None:
-    """Of a robot with the TCP that it reports; None before it has reported its arm and its TCP."""
+    """Reach of a connected robot with the TCP that it reports; None until it has reported its arm and TCP."""
     arm, state = link.configuration, link.primary_state
     if arm is None or state is None or state.cartesian is None:
         return None

@@ -1,4 +1,4 @@
-"""Whether the arm can move: the control program started, and kept from starting when somebody has ended it."""
+"""Makes sure that the arm can move: starts the control program, but not after it was ended on purpose."""
 
 from collections.abc import Coroutine, Sequence
 from typing import Any, Final
@@ -13,7 +13,7 @@ from urproto.external_control import Question
 from urproto.modes import RobotMode
 
 PROGRAM_GONE: Final = (ProgramEndedError, ProgramNotRunningError)
-"""What a driver raises when its program has left; `Readiness.explanation` says why it has."""
+"""Errors of a driver whose program has disconnected; `Readiness.explanation` finds the cause."""
 _POWER_UP_S: Final = 60.0  # guess: switching an arm on takes up to half a minute
 _REMOTE: Final = "switch the robot to Remote Control on its teach pendant, then connect again"
 LOCAL_CONTROL: Final = ("it is in local control", _REMOTE)
@@ -21,15 +21,15 @@ _RUN_LINE: Final = "set robotmode run"
 
 
 class Readiness:
-    """Makes the arm ready, at first and after a protective stop, and sees that it still is."""
+    """Makes the arm ready to move, at first and after a protective stop, and checks that it still is."""
 
     def __init__(self, driver: URDriver, diagnosis: Diagnosis) -> None:
         self.driver = driver
         self.diagnosis = diagnosis
-        self._reported_running = False  # the program runs as far as the caller was told: its end is explained first
+        self._reported_running = False  # the caller believes that the program runs: report its end before a restart
 
     async def make_ready(self, *, program: bool = True) -> None:
-        """As `AsyncRobot.make_ready`."""
+        """See `AsyncRobot.make_ready`."""
         await self.diagnosis.refuse_in_stop("make_ready")
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             await self._release_brakes()
@@ -39,32 +39,25 @@ class Readiness:
             self._reported_running = True
 
     async def recover(self) -> None:
-        """Unlock a protective stop, 5 s after it occurred, and start the control program again.
-
-        For a caller who knows why the arm stopped and that it may move. Raises RobotRefused
-        when the stop comes back at once, SafetyStopError for another kind of stop.
-        """
+        """See `AsyncRobot.recover`."""
         if not self.driver.protective_stopped:
             await self.diagnosis.refuse_in_stop("recover")
         await self._reporting("recover", self.driver.recover())
         self._reported_running = True
 
     async def need_program(self, doing: str) -> None:
-        """See that the control program runs and obeys, or raise the error that says why it does not.
-
-        Started as by a motion: the first time, or after an end that was this machine's own fault.
-        """
+        """Make sure that the control program is running and accepts commands; see `AsyncRobot.need_program`."""
         if self.diagnosis.silent:
             raise self.diagnosis.unreachable(doing)
         await self.diagnosis.refuse_in_stop(doing)
         if self.driver.program_running and self.diagnosis.paused:
-            raise RobotRefused(doing, "its program is paused", "resume it on the robot, or make_ready() starts it anew")
+            raise RobotRefused(doing, "its program is paused", "resume it on the robot, or call make_ready()")
         if self.driver.program_running:
             self._reported_running = True
             return
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             mode = self.driver.robot.robot_mode.name
-            raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases the brakes")
+            raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases its brakes")
         if self._reported_running and (not self.driver.lost_why or self.driver.pulse.bitten):
             raise await self.explanation(doing)
         await self.start(doing)
@@ -85,7 +78,7 @@ class Readiness:
         number: int = 0,
         gate: str | None = None,
     ) -> tuple[float, ...]:
-        """What the control program answers; the robot's components ask so. See `URDriver.ask`."""
+        """Ask the control program a question and return its answer; see `URDriver.ask`."""
         await self.need_program(doing)
         try:
             return await self.driver.ask(question, *arguments, number=number, gate=gate)
@@ -96,10 +89,10 @@ class Readiness:
             raise
 
     async def explanation(self, doing: str) -> Exception:
-        """Why this has ended, as far as the robot says so."""
+        """Return the exception that says why ``doing`` ended, as far as the robot reports it."""
         error = await self.diagnosis.explanation(doing)
-        if isinstance(error, OutOfReachError):  # the caller's target, and nobody's wish to end the program
-            self._reported_running = False  # so it may start by itself
+        if isinstance(error, OutOfReachError):  # the target ended the program, nobody did so on purpose
+            self._reported_running = False  # so the next motion may restart it
         return error
 
     async def _release_brakes(self) -> None:
@@ -114,17 +107,17 @@ class Readiness:
                     self.diagnosis.check_safety("make_ready")
         except TimeoutError:
             mode = self.driver.robot.robot_mode.name
-            advice = f"look at the pendant; e-Series: {_REMOTE}"
+            advice = f"check the pendant; e-Series: {_REMOTE}"
             raise RobotRefused("brake release", f"after {_POWER_UP_S:g} s its mode is {mode}", advice) from None
 
     async def _reporting(self, doing: str, start: Coroutine[Any, Any, None]) -> None:
-        """Await the start of the program; one that does not come about is explained."""
+        """Await the start of the program, and find the cause if it fails."""
         try:
             await start
         except ProgramNotRunningError as error:
             if await self.diagnosis.in_local_control():
                 why, advice = LOCAL_CONTROL
                 raise RobotRefused(
-                    doing, why, f"{advice}; a simulator, which takes scripts anyway: {error.hint}"
+                    doing, why, f"{advice}; if this is a simulator, which accepts scripts anyway: {error.hint}"
                 ) from None
             raise

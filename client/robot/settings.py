@@ -1,4 +1,4 @@
-"""Settings that return when their effect is seen."""
+"""Settings that return once their effect is visible in the robot's state."""
 
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -12,14 +12,15 @@ from urproto.external_control import to_words
 from urproto.modes import RobotMode, SafetyMode
 from urproto.signals import digital_signal
 
-_EFFECT_S: Final = 2.0  # guess: ten times what the slowest takes, which the primary interface shows
+_EFFECT_S: Final = 2.0  # guess: ten times the slowest, which is visible through the primary interface only
 _SAME_M: Final = 1e-5  # m or rad
 
 
 class Settings:
-    """What is set by a script or a command, and seen in the robot's state afterwards.
+    """Settings made by a script or a command, and confirmed by the robot's state.
 
-    The next motion travels by another connection and could overtake it. Raises RobotRefused when no effect is seen.
+    They are waited for because the next motion travels on another connection and could overtake them. Raises
+    RobotRefused if no effect is seen.
     """
 
     def __init__(self, motion: MotionRunner) -> None:
@@ -34,7 +35,7 @@ class Settings:
         await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
 
     async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
-        """Flange to TCP (6,) [m, rotation vector]; not while a motion is under way."""
+        """Set the TCP as a pose in the flange frame (6,) [m, rotation vector]; not possible during a motion."""
         if self._motion.taken:
             await self._motion.check_free("set_tcp")
         to_words(pose_flange_tcp)
@@ -47,12 +48,12 @@ class Settings:
         await self._take_effect("set_tcp", lambda _: self._tcp_is(pose_flange_tcp))
 
     async def set_speed_slider(self, fraction: float) -> None:
-        """Scale the speed of everything by 0.01 to 1."""
+        """Set the speed slider, 0.01 to 1, which scales the speed of every motion."""
         await self._driver.set_speed_slider(fraction)
         await self._take_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
 
     async def trigger_protective_stop(self) -> None:
-        """Stop the arm as the robot would after a collision, from any motion. See `recover`."""
+        """Put the robot into a protective stop, as after a collision, from any motion."""
         await self._say("protective_stop()")
         await self._take_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
 
@@ -68,7 +69,7 @@ class Settings:
 
     @property
     def _obeys(self) -> bool:
-        """The control program executes commands: it is not held by a pause or a stop."""
+        """True if the control program executes commands, that is, no pause or stop is in effect."""
         return not self._diagnosis.paused and self._driver.robot.safety_mode in MOVABLE
 
     async def _why_no_effect(self) -> tuple[str, str]:
@@ -78,8 +79,8 @@ class Settings:
         if not why and await self._diagnosis.in_local_control():
             return LOCAL_CONTROL
         if not why and link.robot_mode is not RobotMode.RUNNING:
-            return f"its mode is {link.robot_mode.name}", "make_ready() powers it on and releases the brakes"
-        return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "look at the pendant and its log"
+            return f"its mode is {link.robot_mode.name}", "make_ready() powers it on and releases its brakes"
+        return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "check the pendant and its log"
 
     def _tcp_is(self, pose_flange_tcp: Sequence[float]) -> bool:
         state = self._driver.robot.primary_state

@@ -1,4 +1,4 @@
-"""What a robot's state is to somebody who writes a program for it."""
+"""`RobotState`: the robot's state in one control period, as a program reads it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -51,27 +51,27 @@ MORE_OUTPUTS: Final = (
     "payload_cog",
     "payload_inertia",
 )
-"""What ur_rtde receives by default too; where a version lacks one, it is missing from `RobotState.values`."""
+"""Further variables that ur_rtde receives by default; those that a version lacks are missing in `RobotState.values`."""
 _AT_REST_RAD_S: Final = 1e-4  # guess: far below any motion, above rounding
 
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """One control period.
+    """State of the robot in one control period.
 
-    values: every RTDE variable that is received, by name; the others are made of them when they are looked at.
+    values: all received RTDE variables, by name; the properties are computed from them on access.
     """
 
     values: Mapping[str, Any]
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Self:
-        """From the RTDE variables `OUTPUTS` and those a driver needs."""
+        """Create it from the RTDE variables: `OUTPUTS`, and those that a driver needs."""
         return cls(values)
 
     @property
     def timestamp_s(self) -> float:
-        """Since the controller came up [s]."""
+        """Time since the controller started [s]."""
         return cast(float, self.values["timestamp"])
 
     @property
@@ -91,27 +91,27 @@ class RobotState:
 
     @property
     def velocity_base(self) -> Joints:
-        """Of the TCP (6,) [m/s, rad/s]."""
+        """Velocity of the TCP in the base frame (6,) [m/s, rad/s]."""
         return cast(Joints, self.values["actual_TCP_speed"])
 
     @property
     def wrench_base(self) -> Joints:
-        """At the TCP (6,) [N, Nm]."""
+        """Wrench at the TCP, in the axes of the base frame (6,) [N, Nm]."""
         return cast(Joints, self.values["actual_TCP_force"])
 
     @property
     def robot_mode(self) -> RobotMode:
-        """``UNKNOWN(n)`` for one that is not known here."""
+        """Robot mode; ``UNKNOWN(n)`` for an unknown number."""
         return mode_of(RobotMode, self.values["robot_mode"])
 
     @property
     def safety_mode(self) -> SafetyMode:
-        """``UNKNOWN(n)`` for one that is not known here."""
+        """Safety mode; ``UNKNOWN(n)`` for an unknown number."""
         return mode_of(SafetyMode, self.values["safety_mode"])
 
     @property
     def runtime_state(self) -> RuntimeState:
-        """``UNKNOWN(n)`` for one that is not known here."""
+        """Runtime state of the program; ``UNKNOWN(n)`` for an unknown number."""
         return mode_of(RuntimeState, self.values["runtime_state"])
 
     @property
@@ -121,20 +121,20 @@ class RobotState:
 
     @property
     def at_rest(self) -> bool:
-        """No joint is meant to move."""
+        """True if the target speeds of all joints are zero."""
         return bool(max(map(abs, self.values["target_qd"])) < _AT_REST_RAD_S)
 
     def digital_in(self, number: int) -> bool:
-        """Level of a digital input, numbered as `urproto.signals.SIGNALS` says."""
+        """Level of a digital input, numbered as in `urproto.signals.SIGNALS`."""
         return bool(self.values["actual_digital_input_bits"] >> check_signal(number) & 1)
 
     def digital_out(self, number: int) -> bool:
-        """Level of a digital output, numbered as `urproto.signals.SIGNALS` says."""
+        """Level of a digital output, numbered as in `urproto.signals.SIGNALS`."""
         return bool(self.values["actual_digital_output_bits"] >> check_signal(number) & 1)
 
 
 def check_signal(number: int) -> int:
-    """The number of a digital signal. Raises LocalProtocolError when there is none."""
+    """Return the number of a digital signal. Raises LocalProtocolError if it does not exist."""
     try:
         digital_signal(number)
     except IndexError as error:

@@ -1,4 +1,4 @@
-"""Streams of setpoints: one for each state of the robot."""
+"""Setpoint streams: one setpoint for each state of the robot."""
 
 import asyncio
 import logging
@@ -15,11 +15,11 @@ from client.robot.state import RobotState
 _logger = logging.getLogger(__name__)
 
 _AS_IT_IS: Final[Mapping[str, float | None]] = {}
-_MANY: Final = 0.01  # guess: so many control periods without a setpoint are worth a warning
+_MANY: Final = 0.01  # guess: share of control periods without a setpoint above which a warning is logged
 
 
 class Follow:
-    """Send one setpoint (6,), wait for a state that was not seen yet, return that."""
+    """Sends one setpoint (6,) per call, waits for the next new state, and returns it."""
 
     def __init__(self, motion: MotionRunner, doing: str, send: Callable[[Sequence[float]], None]) -> None:
         self._motion = motion
@@ -32,7 +32,7 @@ class Follow:
         self._seen = self._feed.count
 
     async def __call__(self, setpoint: Sequence[float]) -> RobotState:
-        """From the event loop."""
+        """Send a setpoint from the event loop."""
         if not self._put(setpoint):
             raise await self._motion.readiness.explanation(self._doing)
         if self._feed.count > self._seen:
@@ -43,7 +43,7 @@ class Follow:
         return RobotState.of(self._feed.state)
 
     def from_thread(self, call: Callable[[Coroutine[Any, Any, Any]], Any], setpoint: Sequence[float]) -> RobotState:
-        """From a thread, past the event loop; ``call`` runs a coroutine in it and waits."""
+        """Send a setpoint from a thread, bypassing the event loop; ``call`` runs a coroutine in the loop and waits."""
         if not self._put(setpoint):
             raise call(self._motion.readiness.explanation(self._doing))
         try:
@@ -54,7 +54,7 @@ class Follow:
         return RobotState.of(self._feed.state)
 
     def _put(self, setpoint: Sequence[float]) -> bool:
-        """Send it; False when something has to be explained first."""
+        """Send a setpoint; False if the stream has ended for a cause that the caller has to find out."""
         if self._motion.stops != self._stops:
             raise MotionStoppedError(self._doing, "stop() was called")
         if popups := self._link.popups:
@@ -77,7 +77,7 @@ async def setpoint_stream(
     send: Callable[[Sequence[float]], None],
     tuning: Mapping[str, float | None] = _AS_IT_IS,
 ) -> AsyncIterator[Follow]:
-    """Hold the arm for setpoints that ``send`` sends; its end says in the log how they went out."""
+    """Reserve the arm for setpoints sent through ``send``; logs statistics of the stream at its end."""
     async with motion.holding(doing):
         await motion.tune(doing, **tuning)
         motion.driver.robot.popups.clear()

@@ -91,7 +91,7 @@ def test_description_of_a_robot(host: str, tmp_path: Path) -> None:
 def test_doctor_of_a_robot(host: str) -> None:
     status, text = run("doctor", host, "--calibration", UR5E)
     assert status == 0, text
-    for subject in ("port 30004", "round trip", "PolyScope: 5.", "RTDE stream", "jitter", "is this robot's"):
+    for subject in ("port 30004", "round trip", "PolyScope: 5.", "RTDE stream", "jitter", "matches this robot"):
         assert subject in text
     status, text = run("doctor", host, "--calibration", UR5)
     assert status == 1

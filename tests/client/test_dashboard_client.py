@@ -176,7 +176,7 @@ def test_spellings_of_the_manual_are_confirmations_too():
 
 def test_any_line_is_judged_by_the_table():
     refused = judged("setUserRole boss")
-    with pytest.raises(RobotRefused, match="roles set up on the pendant"):
+    with pytest.raises(RobotRefused, match="roles that are set up on the pendant"):
         refused.answer("Failed setting user role: boss")
     assert judged("SETUSERROLE operator").answer("Setting user role: operator") == "Setting user role: operator"
 

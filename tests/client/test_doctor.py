@@ -57,7 +57,7 @@ def test_states_that_were_left_out_are_counted() -> None:
     stamps = [stamp for i, stamp in enumerate(regular()) if i not in (50, 51, 200)]
     found = grades(stamps, stamps)
     assert found["RTDE stream"].grade is Grade.WEAK
-    assert "3 were left out" in found["RTDE stream"].text
+    assert "3 missing" in found["RTDE stream"].text
 
 
 @pytest.mark.parametrize("stamps", [[], [1.0], [1.0, 1.0, 1.0]])

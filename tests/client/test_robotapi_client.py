@@ -65,9 +65,9 @@ async def test_every_request(robot: Emulator) -> None:
         await api.ask(robotapi.PLAY)
         await api.ask(robotapi.STOP)
         assert await api.ask(robotapi.PROGRAM_STATE) is ProgramState.STOPPED
-        with pytest.raises(RobotRefused, match="there is a program 'a job' already"):
+        with pytest.raises(RobotRefused, match="the program 'a job' exists already"):
             await api.ask(robotapi.upload(file))
-        with pytest.raises(RobotRefused, match="not a program of PolyScope X"):
+        with pytest.raises(RobotRefused, match="not a PolyScope X program"):
             await api.ask(robotapi.upload(b"?"))
         with pytest.raises(RobotRefused, match="no paused program"):
             await api.ask(robotapi.RESUME)
@@ -135,7 +135,7 @@ def test_what_is_no_robot_api_is_no_robot(serve: Callable[..., int]) -> None:
         connection.sendall(b"SSH-2.0 hello\r\n\r\n")
 
     garbage = serve(another)
-    with pytest.raises(RemoteProtocolError, match="not answer as a web server"), BlockingRobotAPIClient(HOST, garbage):
+    with pytest.raises(RemoteProtocolError, match="not answer like a web server"), BlockingRobotAPIClient(HOST, garbage):
         pass
 
 

@@ -220,7 +220,7 @@ async def test_another_robot_is_sent_away(caplog):
         await reverse.wait_connected()
         second = await Robot.at(reverse, "127.0.0.2")
         await second.gone()
-        assert "127.0.0.2 is sent away" in caplog.text
+        assert "connection from 127.0.0.2" in caplog.text
         assert f"this port serves {HOST}" in caplog.text, "at once, and not for want of patience"
         reverse.keep_alive()
         assert (await first.words(8))[7] == 0

@@ -193,7 +193,7 @@ async def test_registers_and_analog_outputs(lab):
     await arm.io.set_analog_current(0, 0.012)
     await arm.wait_for(lambda state: arm.io.analog_out(0) == pytest.approx(0.012), 5)
     assert arm.io.analog_out(1) == pytest.approx(2.5)
-    with pytest.raises(LocalProtocolError, match="name it when connecting"):
+    with pytest.raises(LocalProtocolError, match="request it when connecting"):
         arm.io.int_register(30)
     with pytest.raises(LocalProtocolError):
         await arm.io.set_analog_voltage(0, 11)
