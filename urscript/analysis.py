@@ -1,8 +1,8 @@
-"""Which functions become Python generators, and which may recurse.
+"""Decide which functions become Python generators, and which may recurse.
 
-A function whose calls all return within a bounded amount of work can be a plain Python function;
-one that takes physical time, loops, may recurse, or adds up to much work through the functions
-it calls must be able to yield, so it becomes a generator.
+A function whose calls all return within a bounded amount of work can be a plain Python function. A function that takes
+physical time, loops, may recurse, or accumulates much work through the functions it calls must be able to yield, so it
+becomes a generator.
 """
 
 from collections.abc import Mapping
@@ -12,38 +12,39 @@ from urscript.builtins import Builtin
 from urscript.syntax import Parameter, Program, Scope
 from urscript.work import Steps
 
-_WORK = 8  # of planning a function, besides its calls
+_WORK = 8  # to plan a function, without its calls
 
 _PLAIN_COST = 400
-"""Most work of a plain function with all it calls, in units of the meter: about 20 us."""
+"""Maximum work of a plain function including everything it calls [meter units]: about 20 us."""
 
 
 @dataclass(frozen=True, slots=True)
 class FunctionPlan:
-    """How one def or thread is compiled and called, without its body: plans outlive the syntax tree.
+    """How a def or thread is compiled and called. Without its body, because plans outlive the syntax tree.
 
-    ``symbol``: its name in Python.
+    symbol: its name in Python.
     """
 
     parameters: tuple[Parameter, ...]
     is_thread: bool
     symbol: str
-    cost: int  # with all it calls, in units of the meter
+    cost: int  # including everything it calls [meter units]
     generator: bool
-    recursive: bool  # reaches itself, or a function that does: counts its call depth
+    recursive: bool  # calls itself, directly or indirectly, or such a function: counts its call depth
 
 
 WHOLE = 350
-"""Most cost of a function's own body that Python compiles in one go, which takes less than 2 ms: a longer one is a
-generator, and divided. A compromise: arithmetic takes twice as long with variables that pieces share."""
+"""Maximum cost of a function's own body that Python compiles in one go, which takes less than 2 ms. A longer body
+becomes a generator and is divided. The value is a compromise: arithmetic takes twice as long with variables that pieces
+share."""
 
 
 def plan_functions(
     program: Program, builtins: Mapping[str, Builtin], known: Mapping[str, FunctionPlan], prefix: str = "f"
 ) -> Steps[dict[str, FunctionPlan]]:
-    """A plan for every def and thread of the program, by name.
+    """Plan every def and thread of the program; returns the plans by name.
 
-    ``known``: functions compiled before that it may call. ``prefix``: sets its symbols apart from theirs.
+    known: functions compiled earlier that the program may call. prefix: makes its symbols differ from theirs.
     """
     callees: dict[str, list[str]] = {}
     for name, function in program.functions.items():
@@ -54,7 +55,7 @@ def plan_functions(
         scope = program.functions[name].scope
         yield _WORK + len(scope.calls)
         called = [plans[callee] for callee in callees[name]] + _known_callees(scope, program, known)
-        cost = min(scope.cost + sum(plan.cost for plan in called), _PLAIN_COST + 1)  # all there is to know
+        cost = min(scope.cost + sum(plan.cost for plan in called), _PLAIN_COST + 1)  # capped
         generator = (
             _takes_time(scope, program, builtins, known)
             or cost > _PLAIN_COST
@@ -75,7 +76,7 @@ def _plan(scope: Scope, prefix: str, cost: int, generator: bool, recursive: bool
 
 
 def lends_its_scope(scope: Scope, builtins: Mapping[str, Builtin]) -> bool:
-    """True when a body calls a built-in that is given the caller's variables."""
+    """True when a body calls a built-in that receives the caller's variables."""
     called = (builtins.get(call.name) for call in scope.calls)
     return any(builtin is not None and builtin.takes_scope for builtin in called)
 

@@ -1,4 +1,4 @@
-"""Which argument of a call belongs to which parameter. Decided when the program is compiled."""
+"""Match the arguments of a call with the parameters of the function, when the program is compiled."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ from urscript.syntax import Call, Expression
 
 
 class BindingError(Exception):
-    """A call does not fit the parameters. The controller reports it when the call is executed."""
+    """The arguments of a call do not match the parameters. The controller reports this when the call is executed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A parameter, as far as calls are concerned."""
+    """A parameter, as calls see it."""
 
     names: tuple[str, ...]
     required: bool
@@ -38,7 +38,7 @@ def bind_arguments(call: Call, slots: Sequence[Slot]) -> list[Expression | None]
 
 
 def _count_error(name: str, slots: Sequence[Slot], given: int) -> str:
-    # A real controller's log shows "Type error: str_sub takes exact…"; the rest is a guess.
+    # The log of a real controller shows "Type error: str_sub takes exact…"; the rest of the text is a guess.
     required = sum(slot.required for slot in slots)
     if required == len(slots):
         count = f"exactly {required}"

@@ -1,4 +1,4 @@
-"""Built-ins: one typed Python function each, declared to a library.
+"""Built-ins: each is a typed Python function declared in a library.
 
     motion = Library("motion", host=True)
 
@@ -8,16 +8,15 @@
         while not host.stopped(a):
             yield
 
-The signature is the declaration: parameter names are the keyword names, defaults are the
-defaults, annotations from `urscript.values` are what each argument is checked against, the
-docstring is the documentation. A function that takes physical time is a generator function;
-every bare ``yield`` ends the thread's frame, the return value is the value of the call.
+The signature of the function is the declaration: its parameter names are the keyword names, its defaults apply in
+scripts, arguments are checked against its annotations from `urscript.values`, and its docstring is the documentation.
+A function that takes physical time is a generator function: every bare ``yield`` ends the thread's frame, and the
+return value is the value of the call.
 
-A trailing underscore is dropped from function and parameter names (``type_`` is ``type``);
-`aliases` names a parameter that cannot be spelled in Python or has several names
-(``aliases={"t": ("t", "t_min")}``). Defaults must be None, bool, int, float, str or a tuple of
-them; None stands for "not given". A result that is a tuple becomes a pose or a list when the
-return annotation says so.
+A trailing underscore is dropped from function and parameter names (``type_`` is ``type``). `aliases` names a parameter
+whose name is not valid in Python, or that has several names (``aliases={"t": ("t", "t_min")}``). Defaults must be None,
+bool, int, float, str or a tuple of them; None stands for "not given". A result that is a tuple becomes a pose or a list
+when the return annotation says so.
 """
 
 import inspect
@@ -49,16 +48,16 @@ AnyFunction: TypeAlias = Callable[..., Any]
 FunctionT = TypeVar("FunctionT", bound=AnyFunction)
 
 OMITTED = object()
-"""Stands in a compiled call for an argument that was not given."""
+"""Placeholder in a compiled call for an argument that was not given."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter as scripts see it."""
+    """A parameter as seen by scripts."""
 
     names: tuple[str, ...]  # the first is the documented one
     kind: Kind
-    optional: bool  # None is let through unchecked
+    optional: bool  # None is accepted without a check
     required: bool
     default: Value = None
 
@@ -70,23 +69,23 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Builtin:
-    """A function every program can call."""
+    """A function that every program can call."""
 
     name: str
     chapter: str
     function: AnyFunction
     host: bool
-    takes_scope: bool  # its first argument is the caller's variables, which scripts do not see
+    takes_scope: bool  # its first argument is the caller's variables, which is hidden from scripts
     parameters: tuple[Parameter, ...]
-    variadic: bool  # takes whatever it is given, by position or keyword
+    variadic: bool  # takes any number of arguments, positional or by keyword
     takes_time: bool
-    result: Any  # the annotation of the value a call gives, None when there is none
+    result: Any  # the annotation of the return value, None when there is none
     returns: AnyFunction | None
     availability: Availability
     status: Status
     note: str
     doc: str
-    work: int = 0  # of a call beyond that of any [meter units]
+    work: int = 0  # extra work of a call [meter units]
 
     @property
     def signature(self) -> str:
@@ -94,7 +93,7 @@ class Builtin:
         return f"{self.name}({'...' if self.variadic else ', '.join(p.text for p in self.parameters)})"
 
     def bind(self, host: object) -> AnyFunction:
-        """The function a running program calls: every declared argument by position, OMITTED for its default."""
+        """The function that a running program calls with all arguments by position, and OMITTED for a default."""
         leading = (host,) if self.host else ()
         if self.takes_scope:
             return lambda scope, *arguments: self._bind(*leading, scope)(*arguments)
@@ -116,7 +115,7 @@ class Builtin:
             try:
                 _acceptor(parameter)(value)
             except NotPhysicalError:
-                most = f", no number beyond {MOST_PHYSICAL:g}" if isinstance(value, list) else ""
+                most = f", with no number beyond {MOST_PHYSICAL:g}" if isinstance(value, list) else ""
                 raise RuntimeFault(
                     f"argument '{parameter.names[0]}' of {self.name} must be finite{most}: it is {cut_text(value, 200)}"
                 ) from None
@@ -129,12 +128,12 @@ class Builtin:
 
 
 class Library:
-    """The built-ins of one chapter, in the order they were declared."""
+    """The built-ins of one chapter, in the order of their declaration."""
 
     def __init__(self, chapter: str, *, host: bool = False, physical: bool = False) -> None:
-        """With `host`, the first parameter of every function is the program's host, which scripts do not see.
+        """host: the first parameter of every function is the program's host, which is hidden from scripts.
 
-        With `physical`, numbers are of what robots are made of: infinite and absurd ones stop the program.
+        physical: numbers are physical quantities, so infinite and excessively large ones stop the program.
         """
         self.chapter = chapter
         self.host = host
@@ -152,11 +151,12 @@ class Library:
         takes_scope: bool = False,
         work: int = 0,
     ) -> Callable[[FunctionT], FunctionT]:
-        """Declare the decorated function; `cb3` and `e` are the first versions that have it, None for never.
+        """Declare the decorated function as a built-in.
 
-        With `takes_scope` its parameter after the host is the caller's variables (`urscript.interpreter.Locals`).
-        `work`: what a call takes beyond any other [units of `urscript.meter`], so that one in a loop slows the loop.
-        Raises TypeError when the signature cannot be offered to scripts.
+        cb3, e: the first version that has it, None if no version of the series does.
+        takes_scope: the parameter after the host is the caller's variables (`urscript.interpreter.Locals`).
+        work: extra work of a call [units of `urscript.meter`], so that calls in a loop slow the loop.
+        Raises TypeError when scripts cannot call a function with this signature.
         """
 
         def declare(function: FunctionT) -> FunctionT:
@@ -168,7 +168,7 @@ class Library:
         return declare
 
     def refuse(self, name: str, *, cb3: str | None = "3.0", e: str | None = "5.0", note: str = "") -> None:
-        """Declare a name that programs may contain but that stops them with an error when called."""
+        """Declare a name that programs may contain, but that stops them with an error when it is called."""
 
         def refused(*_arguments: Any) -> NoReturn:
             raise RuntimeFault(f"{name} is not emulated" + (f": {note}" if note else ""))
@@ -200,7 +200,7 @@ class Library:
 
 
 class LibrarySet:
-    """The libraries a program is compiled against."""
+    """The libraries that a program is compiled against."""
 
     def __init__(self, libraries: Iterable[Library]) -> None:
         self._builtins: dict[str, Builtin] = {}
@@ -215,7 +215,7 @@ class LibrarySet:
 
     @property
     def builtins(self) -> Mapping[str, Builtin]:
-        """All of them, whatever the version."""
+        """The built-ins of all versions."""
         return self._builtins
 
     def available(self, version: PolyscopeVersion) -> Mapping[str, Builtin]:
@@ -225,7 +225,7 @@ class LibrarySet:
         return self._available[version]
 
     def elsewhere(self, version: PolyscopeVersion) -> dict[str, Availability]:
-        """The built-ins that only controllers of other versions have, and which."""
+        """The built-ins that only controllers of other versions have, with those versions."""
         return {n: b.availability for n, b in self._builtins.items() if not b.availability.covers(version)}
 
 
@@ -293,7 +293,7 @@ def _parameter(
 
 
 def _kind_of(annotation: Any) -> tuple[Kind, bool]:
-    """The kind an annotation stands for, and whether None is allowed besides."""
+    """The kind that an annotation stands for, and whether None is allowed as well."""
     if get_origin(annotation) is Annotated:
         return next(item for item in get_args(annotation) if isinstance(item, Kind)), False
     if annotation in PLAIN_KINDS:

@@ -1,4 +1,4 @@
-"""The ``urscript`` command: check scripts and list built-ins; other packages add commands, as the emulator ``run``."""
+"""The ``urscript`` command: check scripts, list built-ins. Other packages add commands; the emulator adds ``run``."""
 
 import argparse
 import sys
@@ -27,7 +27,7 @@ LIBRARY_GROUP = "urscript.libraries"
 _DISTRIBUTION = "ur-emulator"
 
 _ELSEWHERE = {"run": "run needs the emulator, which is not installed here: pip install ur-emulator"}
-"""Commands of other packages, and what to do when the package is not there."""
+"""Commands of other packages, and the error when the package is not installed."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,9 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def commands() -> Iterator[Command]:
-    """The commands of this package, and those of others that are installed."""
-    yield Command("check", "compile files and show everything that is wrong with them", _check_arguments, _check)
-    yield Command("functions", "list the built-ins of a version", add_controller_options, _functions)
+    """The commands of this package, followed by those of other installed packages."""
+    yield Command("check", "check script files and report all errors and warnings", _check_arguments, _check)
+    yield Command("functions", "list the built-in functions of a PolyScope version", add_controller_options, _functions)
     for entry in entry_points(group=GROUP):
         command: Command = entry.load()
         yield command
@@ -82,7 +82,7 @@ def _usage_error(message: str) -> int:
 
 
 def _check_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("files", nargs="+", metavar="FILE", help="a file of scripts; - is standard input")
+    parser.add_argument("files", nargs="+", metavar="FILE", help="script file; - reads standard input")
     add_controller_options(parser)
 
 

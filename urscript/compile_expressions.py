@@ -1,4 +1,4 @@
-"""Expressions to Python: arithmetic and access become calls of `urscript.operators`."""
+"""Compile expressions to Python: arithmetic and element access become calls of `urscript.operators`."""
 
 import ast
 import difflib
@@ -53,7 +53,7 @@ from urscript.values import MAX_STRING
 from urscript.work import Steps
 
 MUTATORS = frozenset(["append", "clear", "insert", "pop", "remove"])
-"""List methods that change the list: the variable is bound to the list they return."""
+"""List methods that modify the list: the variable is rebound to the list they return."""
 
 _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
     "<": ("_lt", ast.Lt),
@@ -63,10 +63,10 @@ _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
 }
 _LOGIC: dict[str, type[ast.boolop]] = {"and": ast.And, "or": ast.Or}
 _MOST_ERRORS = 1000
-"""Unknown names that are told, unless they stand before the first one."""
+"""Unknown names that are reported; beyond them, only one that comes before the first error so far."""
 
 _MOST_OWNERS = 50
-"""Unknown variables for which all functions are asked whether it is theirs."""
+"""Errors after which an unknown variable is no longer searched for among the locals of all functions."""
 
 _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
 
@@ -82,18 +82,18 @@ class CallWarning:
 
 @dataclass(slots=True)
 class Unit:
-    """What all bodies of one program share while it is compiled."""
+    """State that all bodies of one program share while it is compiled."""
 
     program: Program
     source: str
     builtins: Mapping[str, Builtin]
     plans: Mapping[str, FunctionPlan]
     kinds: Kinds
-    elsewhere: Mapping[str, Availability]  # functions of other versions
+    elsewhere: Mapping[str, Availability]  # functions that only other versions have
     version: PolyscopeVersion
-    structs: bool  # this version has struct()
-    fixed_lists: bool  # this version cannot resize a list variable
-    stepped: bool = False  # every statement asks the host first
+    structs: bool  # whether this version has struct()
+    fixed_lists: bool  # whether list variables keep their length in this version
+    stepped: bool = False  # whether every statement asks the host first
     used: dict[str, Builtin] = field(default_factory=dict)
     errors: list[CompileError] = field(default_factory=list)
     first_error: tuple[float, float] = (math.inf, math.inf)  # line and column
@@ -101,10 +101,10 @@ class Unit:
     warnings: list[CallWarning] = field(default_factory=list)
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
-        """Note the error; a program can hold thousands."""
+        """Record the error; a program can contain thousands."""
         if len(self.errors) >= _MOST_ERRORS and (node.line, node.column) > self.first_error:
-            return  # what comes first in the text is what counts
-        message = f"{kind} '{name}' is not known" + (f"; {hint}" if hint else "")
+            return  # only the first error in the text matters then
+        message = f"{kind} '{name}' is not defined" + (f"; {hint}" if hint else "")
         self.first_error = min(self.first_error, (node.line, node.column))
         error = CompileError.name_not_found(name, message, node.line, node.column, self.source)
         self.errors.append(error)
@@ -112,7 +112,7 @@ class Unit:
             self.unexplained[id(error)] = name, candidates
 
     def explain(self, error: CompileError) -> Steps[None]:
-        """Add to the message for an unknown name which known one may be meant: it is looked for in steps."""
+        """Add "did you mean ...?" to the message for an unknown name; the search for a similar name takes steps."""
         name, candidates = self.unexplained.pop(id(error), ("", list[str]))
         meant = (yield from _meant(name, candidates())) if name else ""
         if meant:
@@ -121,10 +121,10 @@ class Unit:
 
 
 _MAX_CANDIDATES = 2000
-"""Most names, and characters in one, that are searched for one that was meant."""
+"""Limit for the search for a similar name: the number of known names, and the length of the unknown one."""
 
-_ALIKE = 0.6  # ratio of `difflib`, from 0 to 1, that a name needs to be the one that was meant
-_COMPARING_WORK = 3, 12  # of comparing the letters of two names, and their order
+_ALIKE = 0.6  # ratio of `difflib`, from 0 to 1, above which a name counts as similar
+_COMPARING_WORK = 3, 12  # to compare which letters two names have, and in which order
 _COMPARED = 60  # work between two yields
 
 
@@ -152,16 +152,17 @@ class ExpressionCompiler:
     """Compiles the expressions of one body."""
 
     def __init__(self, unit: Unit, scope: Scope, *, recursive: bool = False, boxed: bool = False) -> None:
-        """`boxed`: the body's variables are items of ``_locals``, so that statements sent later can share them."""
+        """boxed: keep the body's variables as items of ``_locals``, so that statements sent later can share them."""
         self.unit = unit
         self.boxed = boxed
         self.scope = scope
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
-        self.ahead: dict[int, tuple[int, ast.expr]] = {}  # values in a row that are compiled, by the first one's id
-        self._kinds: dict[int, KindSet] = {}  # of arithmetic that is compiled, by the node's id
-        # functions, not methods of this object: a cycle would keep the whole tree until it is collected
+        self.ahead: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
+        self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
+        # Functions, not bound methods: those would form a reference cycle, which keeps the whole tree alive until the
+        # garbage collector runs.
         self._handlers: dict[type, Callable[[Any, Any, Place], ast.expr]] = {
             Constant: ExpressionCompiler._constant,
             Name: ExpressionCompiler._name,
@@ -178,14 +179,14 @@ class ExpressionCompiler:
         }
 
     def expression(self, node: Expression) -> ast.expr:
-        """Python for the value of an expression."""
+        """The Python code for the value of an expression."""
         if id(node) in self.ahead:
             return self.ahead[id(node)][1]
         self.size += 1
         return self._handlers[node.__class__](self, node, place_of(node))
 
     def values(self, nodes: Sequence[Expression]) -> list[ast.expr]:
-        """Python for values in a row, some of which may have been compiled ahead together."""
+        """The Python code for a sequence of values, runs of which may have been compiled in advance."""
         code: list[ast.expr] = []
         at = 0
         while at < len(nodes):
@@ -195,14 +196,14 @@ class ExpressionCompiler:
         return code
 
     def operand(self, node: Expression) -> ast.expr:
-        """As `expression`, for code that refuses a variable without a value itself."""
+        """Like `expression`, for code that itself refuses a variable without a value."""
         if isinstance(node, Name) and self.known(node.name):
             self.size += 1
             return self.variable(node.name, place_of(node))
         return self.expression(node)
 
     def condition(self, node: Expression) -> ast.expr:
-        """Python for an expression used as a condition: a Python bool."""
+        """The Python code for an expression used as a condition; it evaluates to a Python bool."""
         code = self.operand(node)
         return code if _is_truth(node) else call("_truth", place_of(node), code)
 
@@ -217,26 +218,26 @@ class ExpressionCompiler:
         return name in self.unit.program.globals or self.is_local(name)
 
     def variable(self, name: str, place: Place) -> ast.expr:
-        """Python for the value of a variable."""
+        """The Python code for the value of a variable."""
         if self.boxed and self.is_local(name):
             return item("_locals", name, LOAD, place)
         return load(f"v_{name}", place)
 
     def bind(self, name: str, value: ast.expr, place: Place) -> ast.stmt:
-        """The Python statement that gives a variable another value."""
+        """The Python statement that assigns to a variable."""
         if self.boxed and self.is_local(name):
             return ast.Assign(targets=[item("_locals", name, STORE, place)], value=value, **place)
         return assign(f"v_{name}", value, place)
 
     def bind_within(self, name: str, value: ast.expr, place: Place) -> ast.expr:
-        """As `bind`, as an expression."""
+        """Like `bind`, as an expression."""
         if self.boxed and self.is_local(name):
             store = attribute(load("_locals", place), "__setitem__", place)
             return ast.Call(store, [constant(name, place), value], [], **place)
         return ast.NamedExpr(target=ast.Name(id=f"v_{name}", ctx=STORE, **place), value=value, **place)
 
     def name_not_found(self, name: str, node: Expression, kind: str) -> None:
-        """Note the error; the first one of the text is raised in the end."""
+        """Record the error; the first one in the text is raised in the end."""
         unit, scope = self.unit, self.scope
         if name in unit.program.damaged:
             return
@@ -248,17 +249,17 @@ class ExpressionCompiler:
             unit.name_not_found(name, node, kind, hint, lambda: [*unit.plans, *unit.builtins])
 
     def _variable_hint(self, name: str) -> str:
-        """What a name that is not a variable here is instead."""
+        """A hint for a name that is not a variable here: what it is instead."""
         unit = self.unit
         if name in unit.plans or name in unit.builtins:
             return f"it is a function: {name}() calls it"
         if name in hints.VARIABLES:
             return hints.VARIABLES[name]
         owner = next((n for n, f in unit.program.functions.items() if name in f.scope.locals | f.scope.assigned), None)
-        return f"it is local to '{owner}', where 'global {name} = ...' would let all see it" if owner else ""
+        return f"it is local to '{owner}': declare it there with 'global {name} = ...'" if owner else ""
 
     def _function_hint(self, name: str, kind: str) -> str:
-        """What a name that cannot be called, or run, is instead."""
+        """A hint for a name that cannot be called or run: what it is instead."""
         unit = self.unit
         plan = unit.plans.get(name)
         if plan is not None:
@@ -268,9 +269,9 @@ class ExpressionCompiler:
             return f"it is a function: {name}() calls it"
         availability = unit.elsewhere.get(name)
         if availability is not None:
-            return f"PolyScope {unit.version.short} does not have it ({availability})"
+            return f"not available in PolyScope {unit.version.short} ({availability})"
         if self.known(name):
-            return f"it is a variable: {name}[0] is an element of it"
+            return f"it is a variable: {name}[0] is its first element"
         return hints.FUNCTIONS.get(name, "")
 
     # leaves
@@ -283,7 +284,7 @@ class ExpressionCompiler:
             self.name_not_found(node.name, node, "variable")
         value = self.variable(node.name, place)
         if self.is_local(node.name):
-            return value  # Python itself knows when it has none
+            return value  # Python itself raises an error when a local has no value
         self.size += 1
         has_none = _compare(value, ast.Is(), load("_unset", place), place)
         return ast.IfExp(has_none, call("_without_value", place, constant(node.name, place)), value, **place)
@@ -296,7 +297,7 @@ class ExpressionCompiler:
         return call("_list", place, *items)
 
     def _number_list(self, node: NumberList, place: Place) -> ast.expr:
-        """As bytes, since Python's compiler takes its time over each element of a constant that has some."""
+        """A list of numbers as bytes, because Python's compiler takes long for constants with many elements."""
         self.size += len(node.values) // 32
         layout = "<" + "".join("i" if value.__class__ is int else "d" for value in node.values)
         return call("_numbers", place, constant(layout, place), constant(struct.pack(layout, *node.values), place))
@@ -327,13 +328,13 @@ class ExpressionCompiler:
                 self._warn_of_sum(node, kinds)
             self._kinds[id(node)] = kind = arithmetic(operator, *kinds)
             if is_number(kind):
-                self.size += kind != FLOAT  # it wraps
+                self.size += kind != FLOAT  # code for the wrap at 32 bits
                 return number_arithmetic(node, kind, left, right, place)
             return call(ARITHMETIC_HELPERS[operator], place, left, right)
         numbers = all(map(is_number, kinds))
         if operator in _ORDER:
             helper, native = _ORDER[operator]
-            # Python compares a number literal with any number itself, and refuses anything else.
+            # Python itself compares a number literal with any number and refuses anything else.
             simple = numbers or _is_number(node.left) or _is_number(node.right)
             return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
         if numbers or _is_short(node.left) or _is_short(node.right):
@@ -341,22 +342,23 @@ class ExpressionCompiler:
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
     def _constant_behind(self, node: Expression) -> Expression:
-        """What a global variable that is assigned once was given; anything else as it is."""
+        """The value assigned to a global that is assigned only once; any other expression unchanged."""
         if isinstance(node, Name) and not self.is_local(node.name):
             return self.unit.kinds.constants.get(node.name, node)
         return node
 
     def _warn_of_sum(self, node: Binary, kinds: tuple[KindSet, KindSet]) -> None:
-        """A text and what can only be a number or a list are not added."""
+        """Warn of a sum of a string and a value that can only be a number or a list."""
         other, kind = (node.right, kinds[1]) if _is_text(node.left) else (node.left, kinds[0])
         if is_number(kind) or kind == VECTOR or isinstance(other, (Constant, ListLiteral, NumberList, PoseLiteral)):
             message = (
-                "Type error: a text is only added to a text: str_cat() joins any two values, to_str() makes a text"
+                "Type error: a string can only be added to a string: str_cat() joins any two values, "
+                "to_str() converts to a string"
             )
             self.unit.warnings.append(CallWarning(message, node.line, node.column))
 
     def kind(self, node: Expression) -> KindSet:
-        """What an expression may give; known at once for arithmetic that is compiled."""
+        """The kinds of value an expression may have; cached for arithmetic that is already compiled."""
         known = self._kinds.get(id(node))
         return self.unit.kinds.expression(self.scope, node) if known is None else known
 
@@ -395,14 +397,14 @@ class ExpressionCompiler:
         return constant(None, place)
 
     def _look_through(self, node: Call) -> None:
-        """Find the errors in the arguments of a call that cannot be made."""
+        """Find the errors in the arguments of a call that itself cannot be compiled."""
         for argument in [*node.arguments, *[value for _, value in node.keywords]]:
             self.expression(argument)
 
     def _user_call(self, node: Call, plan: FunctionPlan, place: Place) -> ast.expr:
         parameters = plan.parameters
         bound = bind_arguments(node, [Slot((p.name,), p.default is None) for p in parameters])
-        defaults = ExpressionCompiler(self.unit, Scope(""))  # a default sees globals only
+        defaults = ExpressionCompiler(self.unit, Scope(""))  # a default value can only use globals
         given = len(node.arguments)
         arguments = self.values(node.arguments)
         for value, parameter in zip(bound[given:], parameters[given:], strict=True):
@@ -439,7 +441,7 @@ class ExpressionCompiler:
         return call("_struct", place, constant(names, place), *self.values([value for _, value in node.keywords]))
 
     def _method(self, node: MethodCall, place: Place) -> ast.expr:
-        """``(yield from _method(...))[1]``; item 0 is the target as the method leaves it."""
+        """``(yield from _method(...))[1]``; item 0 is the target after the call."""
         arguments = [self.expression(node.target), constant(node.name, place), *self.values(node.arguments)]
         pair = yield_from(call("_method", place, *arguments), place)
         if node.name not in MUTATORS:
@@ -455,7 +457,7 @@ class ExpressionCompiler:
     def store(self, target: Expression, value: ast.expr, place: Place) -> tuple[str, ast.expr] | None:
         """The variable to bind and the Python value to bind it to, so that `target` gets `value`.
 
-        None when the target is not a variable nor a part of one.
+        None when the target is neither a variable nor a part of one.
         """
         path: list[ast.expr] = []
         while not isinstance(target, Name):
@@ -494,7 +496,7 @@ def _is_number(node: Expression) -> bool:
 
 
 def _is_short(node: Expression) -> bool:
-    """True for what is compared in no time, with whatever it is."""
+    """True for a literal that is quickly compared with any value."""
     return isinstance(node, Constant) and (node.value.__class__ is not str or len(str(node.value)) <= MAX_STRING)
 
 
@@ -503,7 +505,7 @@ def _is_text(node: Expression) -> bool:
 
 
 def _is_truth(node: Expression) -> bool:
-    """True when the Python for this expression can only give a bool."""
+    """True when the Python code for this expression can only evaluate to a bool."""
     if isinstance(node, Constant):
         return node.value.__class__ is bool
     if isinstance(node, Unary):

@@ -1,9 +1,10 @@
-"""Statements to Python. Every generator draws its work from the meter and parks when it is empty.
+"""Compile statements to Python. Every generator draws its work from the meter and parks when it is empty.
 
-Compiling works in steps (`urscript.work`), and Python compiles a function in one go. So a long body is
-divided: what is enough for one Python function becomes one of its own, a *piece*, and a call of it takes
-its place. A piece shares the variables of the body, which are global or items of ``_locals``. What leads out
-of it, it returns to where it is called: `_Way`. What is long in one expression becomes pieces, too.
+Compiling works in steps (`urscript.work`), but Python compiles a function without interruption. Therefore, a long body
+is divided: a group of statements large enough for one Python function becomes a separate function, a *piece*, and a
+call of the piece takes its place. A piece shares the variables of the body, which are global or items of ``_locals``.
+Its exits (return, break, continue) are passed to the caller as return values: see `_Way`. Long parts of an expression
+become pieces, too.
 """
 
 import ast
@@ -52,22 +53,22 @@ from urscript.syntax import (
 from urscript.work import Steps
 
 STATEMENT = "statement"
-"""Name in Python of the function that an interpreted statement becomes."""
+"""Python name of the function compiled from an interpreted statement."""
 
 _RUN_COST = 200
-"""Most work between two looks at the meter, in its units: about 10 us."""
+"""Maximum work between two checks of the meter [meter units]: about 10 us."""
 
 _LOOP_COST = 3
 
-_WORK = 8  # of an expression, and so of a statement without its expressions
-_SLICE = 12  # of these, at least, between two yields
-_PIECE = 100  # of these, about, in a piece
-_REST = 40  # of these, at least, in a piece at the end of a block
-_BRANCH_WORK = 4  # of putting a branch before those that follow, beside what is in it
-_ROW = 20  # values, at least, that are long enough a row to be divided
+_WORK = 8  # to compile an expression, or a statement without its expressions
+_SLICE = 12  # minimum number of these between two yields
+_PIECE = 100  # approximate number of these in a piece
+_REST = 40  # minimum number of these in a piece at the end of a block
+_BRANCH_WORK = 4  # to put a branch before those that follow, without its contents
+_ROW = 20  # values from which a sequence is divided
 
 _OLD_SETTERS = {"digital_out": "set_digital_out"}
-"""Arrays of signals from before there were functions for them; python-urx still writes one."""
+"""Arrays of signals that predate the functions for them; python-urx still writes one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,7 @@ def compile_function(
 ) -> Steps[list[PythonFunction]]:
     """One def or thread as a Python function, and the pieces it is divided into when it is long.
 
-    ``lasting``: False for one that can be forgotten while it is executed, so it holds its pieces itself.
+    lasting: False for a function that may be removed while it is executed; it then refers to its pieces itself.
     """
     scope, place = definition.scope, place_of(definition)
     long = scope.cost > WHOLE
@@ -123,7 +124,7 @@ def compile_function(
 def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
     """Statements sent to a running program, as the generator function `STATEMENT` of the scope they run in.
 
-    It is given its pieces, so that they need no lasting name.
+    Its pieces are passed as an argument, so they need no lasting names.
     """
     program = unit.program
     place = place_of(program.body[0] if program.body else Node(1, 1))
@@ -134,12 +135,13 @@ def compile_interpreted(unit: Unit) -> Steps[list[PythonFunction]]:
 
 
 def piece_name(symbol: str, number: int) -> str:
-    """Name in Python of one of the pieces of a function, from 0."""
+    """Python name of a piece of a function; pieces count from 0."""
     return f"p{number}_{symbol}"
 
 
 def _boxed_locals(compiler: ExpressionCompiler, place: Place, lends: bool) -> ast.stmt:
-    """``_locals = _Locals(("a", "b"), {"a": v_a})``: every variable of the function if it lends them, its arguments."""
+    """``_locals = _Locals(("a", "b"), {"a": v_a})``: the names of all variables if the function lends them to
+    interpreted statements, and the values of its arguments."""
     scope = compiler.scope
     names = tuple(sorted(name for name in scope.locals | scope.assigned if compiler.is_local(name))) if lends else ()
     given = [parameter.name for parameter in scope.parameters]
@@ -150,15 +152,16 @@ def _boxed_locals(compiler: ExpressionCompiler, place: Place, lends: bool) -> as
 
 
 _Way: TypeAlias = ast.Return | ast.If
-"""What leads out of some code: a ``return``, or an ``if`` whose body is a ``break`` or ``continue``.
+"""An exit of some code: a ``return``, or an ``if`` whose body is a ``break`` or ``continue``.
 
-In a piece they are ``return (value,)``, ``return True`` and ``return False``; who gets to its end returns None.
+In a piece, they become ``return (value,)``, ``return True`` and ``return False``; a piece that runs to its end returns
+None.
 """
 
 
 @dataclass(slots=True)
 class _Part:
-    """Code that may become a piece. ways: out of it, in their order."""
+    """Code that may become a piece. ways: its exits, in their order."""
 
     code: list[ast.stmt] = field(default_factory=list)
     size: int = 0
@@ -183,15 +186,15 @@ class _BodyCompiler(ExpressionCompiler):
         super().__init__(unit, scope, recursive=recursive, boxed=boxed)
         self.pieces: list[PythonFunction] = []
         self._symbol = symbol
-        self._lasting = lasting  # pieces are found by their names
-        self._shared = [  # variables that a piece is given
+        self._lasting = lasting  # pieces are looked up by name
+        self._shared = [  # variables that are passed to a piece
             *(["_locals"] if boxed else []),
             *([] if lasting else ["_pieces"]),
             *(["_depth"] if recursive else []),
         ]
-        self._ways: list[_Way] = []  # out of what is being compiled, as `stored_globals` are of it
-        self._elsewhere = 0  # how much of the size is in pieces
-        self._counted = 0  # of the size, whose work was yielded
+        self._ways: list[_Way] = []  # exits of the code being compiled, like `stored_globals`
+        self._elsewhere = 0  # the part of the size that is in pieces
+        self._counted = 0  # the part of the size whose work has been yielded
         self._charged = charged  # a generator, so that it can park
         self._divided = divided
         self._compilers: dict[type, Callable[[Any, Any, Place], list[ast.stmt]]] = {
@@ -205,14 +208,14 @@ class _BodyCompiler(ExpressionCompiler):
 
     @property
     def inline(self) -> int:
-        """Size of what is not in pieces."""
+        """Size of the code that is not in pieces."""
         return self.size - self._elsewhere
 
     def piece_name(self, number: int) -> str:
         return piece_name(self._symbol, number)
 
     def body(self, statements: list[Statement], place: Place) -> Steps[list[ast.stmt]]:
-        """All of a function's Python body."""
+        """The complete Python body of the function."""
         if self._charged:
             code = (yield from self._metered(statements)) or charge(1, place, park=True)
         else:
@@ -254,10 +257,10 @@ class _BodyCompiler(ExpressionCompiler):
             self._counted = self.size
 
     def _metered(self, statements: list[Statement], extra: int = 0) -> Steps[list[ast.stmt]]:
-        """The statements in runs of bounded work, each run charged before it starts, the first with extra work.
+        """Compile statements in runs of bounded work. Each run is charged before it starts; the first includes `extra`.
 
-        When the body is divided, statements are moved into a piece as soon as there are enough for one, and so
-        are the calls of pieces.
+        When the body is divided, statements move into a piece as soon as there are enough for one, and so do the calls
+        of pieces.
         """
         outer, outer_ways = self.stored_globals, self._ways
         levels = [_Part()]  # statements, calls of pieces, calls of pieces of such, ...
@@ -282,7 +285,7 @@ class _BodyCompiler(ExpressionCompiler):
         return code
 
     def _move(self, levels: list[_Part], enough: int) -> None:
-        """Make pieces of what is large enough, from the statements upwards."""
+        """Turn the levels that are large enough into pieces, starting with the statements."""
         for level, part in enumerate(levels):
             if part.size < enough or part.place is None:
                 continue
@@ -299,7 +302,7 @@ class _BodyCompiler(ExpressionCompiler):
             levels[level] = _Part()
 
     def _called(self, part: _Part, place: Place) -> _Part:
-        """Move code into a function; what runs it instead, with the ways out of it, and stores no globals itself."""
+        """Move code into a piece; return the code that calls it and passes on its exits, and that stores no globals."""
         ways, before = part.ways, self.inline - part.size
         words = {way.body[0].__class__ for way in ways if isinstance(way, ast.If)}
         for way in ways:
@@ -330,9 +333,9 @@ class _BodyCompiler(ExpressionCompiler):
         return ast.If(test=compared, body=[then], orelse=[], **place)
 
     def _run_piece(self, code: list[ast.stmt], size: int, stored_globals: set[str], place: Place) -> ast.expr:
-        """Make a piece; ``yield from`` it."""
+        """Create a piece; return the ``yield from`` that runs it."""
         number, name = len(self.pieces), self.piece_name(len(self.pieces))
-        # what cannot be reached makes it a generator, whatever is in it
+        # The unreachable yield makes it a generator, whatever it contains.
         code = [*code, ast.Return(value=None, **place), ast.Expr(ast.Yield(value=None, **place), **place)]
         if stored_globals:
             code.insert(0, ast.Global(names=sorted(stored_globals), **place))
@@ -345,7 +348,7 @@ class _BodyCompiler(ExpressionCompiler):
     # long expressions
 
     def _divide_expressions(self, statement: Statement) -> Steps[None]:
-        """Compile what is long in the expressions of a statement, so that its own code is short."""
+        """Move the long parts of a statement's expressions into pieces, so that its own code is short."""
         match statement:
             case Assign():
                 for position in [position for group in parts(statement.target) for position in group]:
@@ -359,7 +362,7 @@ class _BodyCompiler(ExpressionCompiler):
                 yield from self._divide(statement.handle)
 
     def _divide(self, node: Expression) -> Steps[int]:
-        """Compile an expression if it is long, or what is long in it; the size that is left of it."""
+        """Move an expression, or long parts of it, into pieces; returns the remaining size."""
         if isinstance(node, (Constant, Name)):
             return 1
         size, start, enough = 1, 0, 0
@@ -378,7 +381,7 @@ class _BodyCompiler(ExpressionCompiler):
         return 1
 
     def _ahead(self, nodes: list[Expression]) -> Steps[None]:
-        """Move an expression, or values in a row, into a piece."""
+        """Move an expression, or a run of values, into a piece."""
         outer, self.stored_globals = self.stored_globals, set[str]()
         place, before = place_of(nodes[0]), self.inline
         values = self.values(nodes)
@@ -391,7 +394,7 @@ class _BodyCompiler(ExpressionCompiler):
         yield from self._count()
 
     def _step(self, place: Place) -> ast.expr:
-        """``yield from _step(line, column)``: tell the host what is next, and wait as long as it wants."""
+        """``yield from _step(line, column)``: report the next statement to the host, and wait while it says so."""
         line, column = script_position(place)
         return yield_from(call("_step", place, constant(line, place), constant(column, place)), place)
 
@@ -411,11 +414,12 @@ class _BodyCompiler(ExpressionCompiler):
                 return [self.bind(target.name, value, place)]
             return self._assign_global(target.name, value, place)
         stored = self.store(target, value, place)
-        assert stored is not None, "the parser lets only variables and their parts be assigned"
+        assert stored is not None, "the parser allows assignment only to variables and their parts"
         return [self.bind(*stored, place)]
 
     def _old_setter(self, node: Assign) -> Call | None:
-        """The built-in call behind an assignment to an element of no variable, as ``digital_out[2] = True``."""
+        """The built-in call that replaces an assignment such as ``digital_out[2] = True``, where the array is not a
+        variable; None for any other assignment."""
         target = node.target
         if not isinstance(target, Index) or not isinstance(target.target, Name) or self.known(target.target.name):
             return None
@@ -425,9 +429,9 @@ class _BodyCompiler(ExpressionCompiler):
         return Call(node.line, node.column, setter, [*target.positions, node.value], [])
 
     def _assign_global(self, target: str, value: ast.expr, place: Place) -> list[ast.stmt]:
-        """A global keeps the type of its first value; checked here, in line, because it is so frequent.
+        """Assign to a global, which keeps the type of its first value. The check is inlined because it is so frequent.
 
-        One that can only get numbers needs no check.
+        A global that only ever receives numbers needs no check.
         """
         name = f"v_{target}"
         self.stored_globals.add(name)
@@ -451,7 +455,7 @@ class _BodyCompiler(ExpressionCompiler):
         return [ast.Expr(value=self.expression(node.value), **place)]
 
     def _if(self, node: If, place: Place) -> Steps[list[ast.stmt]]:
-        """In a long row of branches, the last ones become a piece, then those before them, and so on."""
+        """Compile an if. In a long chain of branches, the last become a piece, then those before them, and so on."""
         heavy = _is_heavy(node)
         outer, outer_ways = self.stored_globals, self._ways
         branches: list[tuple[ast.expr, _Part]] = []
@@ -501,7 +505,7 @@ class _BodyCompiler(ExpressionCompiler):
         match node.word:
             case "break" | "continue":
                 leave = ast.Break(**place) if node.word == "break" else ast.Continue(**place)
-                way = ast.If(test=constant(True, place), body=[leave], orelse=[], **place)  # Python leaves the test out
+                way = ast.If(test=constant(True, place), body=[leave], orelse=[], **place)  # Python drops the test
                 self._ways.append(way)
                 return [way]
             case "halt":
@@ -516,7 +520,7 @@ class _BodyCompiler(ExpressionCompiler):
         return [ast.Expr(value=code, **place)]
 
     def _label(self, node: Label, place: Place) -> list[ast.stmt]:
-        """``while _label(number, text, option): yield``: tell the host, and wait as long as it wants."""
+        """``while _label(number, text, option): yield``: report the label to the host, and wait while it says so."""
         self.size += 1
         words = [constant(word, place) for word in (node.number, node.text, node.option)]
         wait = ast.Expr(value=ast.Yield(value=None, **place), **place)
@@ -531,9 +535,9 @@ def _is_heavy(statement: Statement) -> bool:
 
 
 def _runs(statements: list[Statement], extra: int) -> Iterator[tuple[list[Statement], int]]:
-    """The statements in groups, each with its work: bounded, unless it is that of a single statement.
+    """The statements in groups, each with its work, which is bounded unless the group is a single statement.
 
-    The first group has extra work.
+    extra: additional work of the first group.
     """
     run: list[Statement] = []
     work = extra

@@ -1,8 +1,8 @@
-"""From text to a compiled program.
+"""Compile the text of a program.
 
-Compiling is work in steps (`urscript.work`): `compile_script` takes them all at once,
-`compile_steps` leaves the pace to the caller. No step is long. Python's own compiling
-of a function cannot be interrupted: it is announced before it is done, and long functions are divided.
+Compiling works in steps (`urscript.work`), each of which is short: `compile_script` takes all of them immediately, and
+with `compile_steps` the caller sets the pace. Python's own compilation of a function cannot be interrupted, so its work
+is yielded in advance, and long functions are divided.
 """
 
 import ast
@@ -27,15 +27,15 @@ FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
 
 STRUCT = Availability.since(None, "5.14")
-"""struct(): dozens of public programs saved by 5.14.5 controllers use it; that 5.14.0 has it is a guess."""
+"""struct(): dozens of public programs saved by 5.14.5 controllers use it. It is a guess that 5.14.0 has it."""
 
 RESIZABLE_LISTS = Availability.since(None, "5.15")
-"""Before, "Resizing of 'List' is not supported" (simulators 5.9.4 to 5.14.6); after, it is (5.15.2 on)."""
+"""Earlier versions report "Resizing of 'List' is not supported" (simulators 5.9.4 to 5.14.6); 5.15.2 supports it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledProgram:
-    """A program that compiled, ready to be run any number of times."""
+    """A compiled program, which can be run any number of times."""
 
     name: str  # of the def; empty for bare statements
     kind: ProgramKind
@@ -43,8 +43,8 @@ class CompiledProgram:
     labels: tuple[Label, ...]
     global_names: tuple[str, ...]  # in order of appearance
     warnings: tuple[CallWarning, ...]  # calls that will fail when executed
-    code: tuple[CodeType, ...]  # to be executed one after the other in a namespace
-    builtins: Mapping[str, Builtin]  # those that it calls
+    code: tuple[CodeType, ...]  # to be executed one after the other in one namespace
+    builtins: Mapping[str, Builtin]  # the ones it calls
     functions: Mapping[str, FunctionPlan]  # how they are called
     libraries: LibrarySet
     version: PolyscopeVersion
@@ -56,16 +56,16 @@ class CompiledProgram:
 
 
 _CACHE_SIZE = 64  # programs
-_CACHE_CHARACTERS = 4_000_000  # of all their texts: compiled programs are some twenty times as large
+_CACHE_CHARACTERS = 4_000_000  # of all source texts together: compiled programs are some twenty times as large
 _Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
-_cache: dict[_Key, CompiledProgram] = {}  # the one used last is last
+_cache: dict[_Key, CompiledProgram] = {}  # least recently used first
 
-_FUNCTION_WORK = 60  # of Python's compiler, for a function
-_FORGETTING_WORK = 5  # of a function that is not compiled, beside its statements
-_SLICE = 20  # of functions that are forgotten at a time
-_MOST_HINTS = 5  # unknown names for which a known one is looked for, when all errors are asked for
-_STARTING_WORK = 10  # of making a namespace for a run, which follows at once, beside its contents
-_PYTHON_WORK = 6  # of Python's compiler, for each expression and statement
+_FUNCTION_WORK = 60  # of Python's compiler, per function
+_FORGETTING_WORK = 5  # to free a function that is not compiled, without its statements
+_SLICE = 20  # functions freed at a time
+_MOST_HINTS = 5  # unknown names for which a similar one is searched when all errors are collected
+_STARTING_WORK = 10  # to create the namespace of a run, which follows immediately, without its contents
+_PYTHON_WORK = 6  # of Python's compiler, per expression and statement
 
 
 def compile_script(
@@ -73,14 +73,14 @@ def compile_script(
 ) -> CompiledProgram:
     """Compile one program: ``def name(): … end``, ``sec name(): … end``, or bare statements.
 
-    With `stepped`, the program asks its host (`urscript.runtime.StepHost`) before each statement;
-    it does the same in the same frames otherwise. Raises CompileError.
+    With `stepped`, the program asks its host (`urscript.runtime.StepHost`) before each statement; apart from that, it
+    does the same in the same frames. Raises CompileError.
     """
     return run_to_end(compile_steps(text, libraries, version, stepped=stepped))
 
 
 def _cached(key: _Key) -> CompiledProgram | None:
-    """The program of a text that was compiled before: drivers send the same one again and again."""
+    """The program of a text that was compiled before; drivers send the same text again and again."""
     program = _cache.pop(key, None)
     if program is not None:
         _cache[key] = program
@@ -90,7 +90,7 @@ def _cached(key: _Key) -> CompiledProgram | None:
 def compile_steps(
     text: str, libraries: LibrarySet, version: PolyscopeVersion, *, stepped: bool = False
 ) -> Steps[CompiledProgram]:
-    """`compile_script` in steps; a text that was compiled before takes none."""
+    """Like `compile_script`, in steps; a text that was compiled before takes none."""
     key = (text, libraries, version, stepped)
     program = _cached(key)
     if program is None:
@@ -101,14 +101,14 @@ def compile_steps(
 
 
 def _make_room(wanted: int) -> Steps[None]:
-    """Forget the programs that were used longest ago, until another of so many characters may be kept."""
+    """Remove the least recently used programs until there is room for another one with this many characters."""
     characters = wanted + sum(len(text) for text, *_ in _cache)
     while _cache and (len(_cache) >= _CACHE_SIZE or characters > _CACHE_CHARACTERS):
         oldest = next(iter(_cache))
         characters -= len(oldest[0])
         program = _cache.pop(oldest)
         code, labels, plans = list(program.code), list(program.labels), list(program.functions.values())
-        del program  # with the last of who runs it; what is in these lists goes in steps
+        del program  # the program itself is freed with its last run; the contents of these lists are freed in steps
         yield _FORGETTING_WORK
         while code:
             del code[-_SLICE:]
@@ -120,10 +120,10 @@ def _make_room(wanted: int) -> Steps[None]:
 def find_problems(
     text: str, libraries: LibrarySet, version: PolyscopeVersion, *, statements: bool = False
 ) -> list[ScriptError]:
-    """Everything that is wrong with one program, in the order of its text, each thing once.
+    """All problems of one program in the order of its text, without duplicates.
 
-    A CompileError keeps it from being started, a ScriptWarning does not.
-    statements: it is the body of a program, even if it begins with a def.
+    A CompileError prevents the program from starting; a ScriptWarning does not.
+    statements: the text is the body of a program, even if it begins with a def.
     """
     source = normalize(text)
     errors: list[CompileError] = []
@@ -176,7 +176,7 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
 
 
 def _forget(unit: Unit) -> Steps[None]:
-    """Let go of the syntax tree, and of what was found out about it."""
+    """Free the syntax tree and the results of its analysis, in steps."""
     yield from let_go(unit.errors)
     unit.unexplained.clear()
     yield from unit.kinds.forget()
@@ -215,7 +215,7 @@ def make_unit(
     version: PolyscopeVersion,
     kinds: Kinds | None = None,
 ) -> Unit:
-    """What is compiled together, for a version of the language. ``plans``: every function that can be called."""
+    """The unit of a program for a version of the language. plans: those of all functions that can be called."""
     return Unit(
         program,
         source,
@@ -235,11 +235,11 @@ def _bodies(unit: Unit) -> list[Steps[list[PythonFunction]]]:
 
 
 def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: str) -> Steps[list[CodeType]]:
-    """The code of these bodies of the unit; what is wrong with it is in the unit's errors then."""
+    """The code of these bodies of the unit; errors found on the way are added to the unit's errors."""
     code: list[CodeType] = []
     for steps in bodies:
         functions = yield from steps
-        while functions:  # each is forgotten as soon as it is compiled
+        while functions:  # each is freed as soon as it is compiled
             function = functions.pop()
             if unit.errors:
                 yield _FORGETTING_WORK + function.size
@@ -250,7 +250,7 @@ def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: s
 
 
 def first_error(unit: Unit) -> Steps[CompileError | None]:
-    """The error that stands first in the unit's text, if there is one."""
+    """The first error in the unit's text, if there is one."""
     if not unit.errors:
         return None
     error = min(unit.errors, key=lambda error: (error.line, error.column))

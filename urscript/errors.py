@@ -1,13 +1,12 @@
-"""What can go wrong with a script.
+"""Errors and warnings of scripts.
 
     ScriptError                 has line, column, message, source; ``render()`` draws the caret
     ├── CompileError            the program was refused before it started; ``wire`` is the controller's text
-    ├── ScriptWarning           the program can start, and will stop or do what nobody wants if it gets there
+    ├── ScriptWarning           the program can start, but will fail or misbehave if it reaches this position
     └── ScriptRuntimeError      the program stopped while it ran
     RuntimeFault                raised by a built-in; becomes a ScriptRuntimeError at the caller's position
 
-Lines and columns count from 1, and line 1 is the first line with code (the ``def`` line): that
-is how the controller counts.
+Lines and columns count from 1. Line 1 is the first line with code (the ``def`` line), as on a controller.
 """
 
 from dataclasses import dataclass
@@ -16,12 +15,12 @@ from typing import ClassVar
 from urproto.compat import Self
 
 
-class RuntimeFault(Exception):  # noqa: N818  # becomes an error only with a place in a script
-    """A built-in refuses its arguments or cannot go on. The runtime adds line and column."""
+class RuntimeFault(Exception):  # noqa: N818  # it becomes an error only at a position in a script
+    """A built-in refuses its arguments or cannot continue. The runtime adds line and column."""
 
 
 class ScriptError(Exception):
-    """A fault at a place in a script."""
+    """An error at a position in a script."""
 
     _rank: ClassVar = ""
 
@@ -37,12 +36,12 @@ class ScriptError(Exception):
 
     @property
     def source_line(self) -> str:
-        """The text of the line at fault, without its line end; empty when unknown."""
+        """The text of the line with the error, without its line end; empty when unknown."""
         lines = self.source.split("\n")
         return lines[self.line - 1].rstrip("\r") if 0 < self.line <= len(lines) else ""
 
     def render(self, file: str = "<script>") -> str:
-        """Message, place, source line and a caret below the column, as several lines of text."""
+        """Format position, message, source line and a caret below the column, as several lines of text."""
         text = self.source_line
         indent = "".join("\t" if char == "\t" else " " for char in text[: self.column - 1])
         number = str(self.line)
@@ -57,7 +56,7 @@ class ScriptError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Where a mistake was made that is noticed elsewhere, and what it is."""
+    """A mistake that the parser noticed only later in the text: where it was made, and its description."""
 
     line: int
     column: int
@@ -67,9 +66,9 @@ class Cause:
 class CompileError(ScriptError):
     """The program was not started.
 
-    ``wire`` is the text a controller puts into its runtime exception message, as seen on real
-    ones: ``syntax_error_on_line:3:end:`` and ``compile_error_name_not_found:foo:``. Line and column are
-    where a controller notices the mistake, ``cause`` is where it was made, when that is elsewhere.
+    ``wire`` is the text that a controller puts into its runtime exception message, as seen on real controllers:
+    ``syntax_error_on_line:3:end:`` and ``compile_error_name_not_found:foo:``. Line and column are where a controller
+    notices the mistake; ``cause`` is where it was made, if that is a different position.
     """
 
     def __init__(
@@ -80,7 +79,7 @@ class CompileError(ScriptError):
         self.cause = cause
 
     def at_its_cause(self) -> "CompileError":
-        """The error where the author has to look."""
+        """The same error at the position where the mistake was made."""
         cause = self.cause
         if cause is None:
             return self
@@ -88,19 +87,19 @@ class CompileError(ScriptError):
 
     @classmethod
     def syntax(cls, message: str, line: int, column: int, source: str, cause: Cause | None = None) -> Self:
-        """A text that does not parse; the wire text quotes the line where parsing failed."""
+        """An error for text that does not parse; the wire text quotes the line where parsing failed."""
         error = cls(message, line, column, source, "", cause)
         error.wire = f"syntax_error_on_line:{line}:{error.source_line}:"
         return error
 
     @classmethod
     def name_not_found(cls, name: str, message: str, line: int, column: int, source: str) -> Self:
-        """A name that is neither a variable, a function of the program, nor a built-in of this version."""
+        """An error for a name that is neither a variable, a function of the program, nor a built-in of this version."""
         return cls(message, line, column, source, f"compile_error_name_not_found:{name}:")
 
 
-class ScriptWarning(ScriptError):  # noqa: N818  # it is none
-    """What will go wrong if the program gets there; it is not kept from starting."""
+class ScriptWarning(ScriptError):  # noqa: N818  # a warning, not an error
+    """A problem that occurs if the program reaches this position. It does not prevent the program from starting."""
 
     _rank: ClassVar = "warning: "
 

@@ -49,18 +49,18 @@ CALL_COST = 30
 """Extra work of a call, in the units of the meter: a built-in takes a few microseconds."""
 
 _MAX_DEPTH = 150
-"""Deepest nesting of one expression: a guess, far above real programs and below what Python's compiler bears."""
+"""Deepest nesting of one expression: a guess, far above real programs and below the limit of Python's compiler."""
 
 
 _MAX_TOKENS = 2_000
-"""Longest expression [words and signs]: it is read in one step. A list that is assigned may have as long elements."""
+"""Longest expression [tokens], because it is read in one step. Each element of an assigned list may be as long."""
 
 _MAX_LIST_TOKENS = 40_000
-"""Longest list that is assigned [words and signs]: more than the longest takes (a guess)."""
+"""Longest list that is assigned [tokens]: more than the longest real list needs (a guess)."""
 
-_SLICE = 64  # words and signs of a long list between two yields
-_WORK = 2  # of one of these
-_VECTOR = 50  # numbers that make a list long enough to be kept as one constant
+_SLICE = 64  # tokens of a long list between two yields
+_WORK = 2  # per token
+_VECTOR = 50  # numbers from which a list is kept as one constant
 
 
 class ExpressionParser:
@@ -70,12 +70,12 @@ class ExpressionParser:
         self.source = source
         self.tokens = tokens
         self.at = 0
-        self.started = 0  # where the statement began
-        self.measured = 0  # where what may not get too long began
-        self.odd_end: int | None = None  # where the first ``end if`` or its like stands
+        self.started = 0  # index of the statement's first token
+        self.measured = 0  # index of the first token of the expression or element whose length is limited
+        self.odd_end: int | None = None  # index of the first ``end if``, ``end while`` or similar
         self.scope = Scope("")
         self._depth = 0
-        self._operands: dict[str, Callable[[Any, Token], Expression]] = {  # no methods: see `ExpressionCompiler`
+        self._operands: dict[str, Callable[[Any, Token], Expression]] = {  # not bound methods: see `ExpressionCompiler`
             "name": ExpressionParser._name,
             "number": ExpressionParser._number,
             "string": ExpressionParser._string,
@@ -99,19 +99,19 @@ class ExpressionParser:
         return self.tokens[self.at]
 
     def take(self) -> Token:
-        """The next token, and step past it."""
+        """Return the next token and step past it."""
         token = self.tokens[self.at]
         self.at += 1
         return token
 
     def expect(self, kind: str, where: str) -> Token:
-        """Step past a token that must be there."""
+        """Step past a token of this kind; a syntax error when another one follows."""
         if self.tokens[self.at].kind != kind:
             self.fail(f"expected {_EXPECTED.get(kind) or repr(kind)} {where}")
         return self.take()
 
     def fail(self, problem: str, token: Token | None = None, blamed: Cause | None = None) -> NoReturn:
-        """Raise the syntax error at the next token, or at the given one. blamed: what is to blame for it."""
+        """Raise a syntax error at the next token, or at the given one. blamed: where the mistake was made."""
         token = token or self.token
         if token.text == '"':
             problem = "the string that starts here is never closed"
@@ -119,7 +119,7 @@ class ExpressionParser:
         string = self.string_before(token.line)
         cause: Cause | None = None
         if string is not None:
-            problem += f"; the string that starts in line {string.line} is closed only here"
+            problem += f"; the string that starts on line {string.line} is closed only here"
         else:
             at = bisect_left(self.tokens, (token.line, token.column), key=attrgetter("line", "column"))
             odd = self.odd_end is not None and self.odd_end < at - 1
@@ -130,18 +130,18 @@ class ExpressionParser:
         raise CompileError.syntax(message, token.line, token.column, self.source, cause)
 
     def string_before(self, line: int) -> Token | None:
-        """A string that began in an earlier line and ends in this one."""
+        """The string that begins on an earlier line and ends on this one, if there is one."""
         at = bisect_left(self.tokens, line, key=attrgetter("line")) - 1
         before = self.tokens[max(at, 0)]
         spans = before.kind == "string" and before.line < line == before.line + before.text.count("\n")
         return before if spans else None
 
     def another(self) -> bool:
-        """Step past a comma, if there is one, in a row of any length."""
+        """Step past a comma of a sequence of any length; False when there is none."""
         if self.token.kind != ",":
             return False
         if self.at - self.measured > _MAX_TOKENS:
-            self.fail(f"the expression is longer than {_MAX_TOKENS} words and signs: assign lists to variables first")
+            self.fail(f"the expression is longer than {_MAX_TOKENS} tokens: assign lists to variables first")
         self.take()
         return True
 
@@ -159,7 +159,7 @@ class ExpressionParser:
         return left
 
     def _operators(self, left: Expression, power: int) -> Expression:
-        """Go on behind the first operand of an expression."""
+        """Continue after the first operand of an expression."""
         while (binding := _BINARY_POWER.get(self.token.kind, 0)) > power:
             self._deeper()
             operator = self.take()
@@ -167,7 +167,7 @@ class ExpressionParser:
         return left
 
     def long_list(self) -> Steps[Expression]:
-        """As `expression`, for one that begins with a list, which may be long."""
+        """Like `expression`, for an expression that begins with a list, which may be long."""
         depth = self._depth
         opening = self.take()
         self._deeper()
@@ -180,7 +180,7 @@ class ExpressionParser:
                 yield (self.at - counted) * _WORK
                 counted = self.at
             if self.at - self.started > _MAX_LIST_TOKENS:
-                self.fail(f"the list is longer than {_MAX_LIST_TOKENS} words and signs")
+                self.fail(f"the list is longer than {_MAX_LIST_TOKENS} tokens")
             if not self.another():
                 break
         self.expect("]", "to close '['")
@@ -190,10 +190,10 @@ class ExpressionParser:
         return left
 
     def _deeper(self) -> None:
-        """A chain of operators nests, too: so does the code that is made of it."""
+        """Count a level of nesting. A chain of operators counts too, because the code compiled from it nests."""
         self._depth += 1
         if self._depth > _MAX_DEPTH:
-            self.fail(f"more than {_MAX_DEPTH} operators or brackets in one another: use several statements")
+            self.fail(f"operators or brackets are nested more than {_MAX_DEPTH} deep: use several statements")
 
     def _constant(self, token: Token) -> Expression:
         return Constant(token.line, token.column, _CONSTANTS[token.kind])
@@ -202,7 +202,7 @@ class ExpressionParser:
         text = token.text
         if text.isdigit() and len(text) <= 10 and (whole := int(text)) < 2**31:
             return Constant(token.line, token.column, whole)
-        # An integer literal beyond 32 bits becomes a float: a guess.
+        # A guess: an integer literal beyond 32 bits becomes a float.
         return Constant(token.line, token.column, float(text))
 
     def _string(self, token: Token) -> Expression:
@@ -223,9 +223,9 @@ class ExpressionParser:
         return Unary(token.line, token.column, "not", self.expression(_NOT_POWER))
 
     def _run(self, token: Token) -> Expression:
-        name = self.expect("name", "after run, that of the thread to start").text
+        name = self.expect("name", "after run: the thread to start").text
         self.expect("(", "after the thread's name")
-        self.expect(")", "since a thread takes no arguments")
+        self.expect(")", "because a thread takes no arguments")
         return Run(token.line, token.column, name)
 
     def _parenthesis(self, opening: Token) -> Expression:
@@ -284,7 +284,7 @@ class ExpressionParser:
             self.take()
             call.keywords.append((name, self.expression()))
         elif call.keywords:
-            self.fail("an argument by position cannot follow one by keyword")
+            self.fail("a positional argument cannot follow a keyword argument")
         else:
             call.arguments.append(self.expression())
 
@@ -296,7 +296,7 @@ class ExpressionParser:
                 self.take()
                 positions = self._items("]", "to close '['")
                 if len(positions) > 2:
-                    self.fail("an index has one position, or two for a matrix", token)
+                    self.fail("an index takes one position, or two for a matrix", token)
                 value = Index(token.line, token.column, value, positions)
             elif token.kind == ".":
                 self.take()
@@ -324,7 +324,7 @@ class ExpressionParser:
 
 
 def _list_of(opening: Token, items: list[Expression]) -> Expression:
-    """A list; one of many numbers as a constant, which no later stage goes through."""
+    """A list node; a list of many numbers becomes a constant, which no later stage iterates over."""
     values = [item.value for item in items if isinstance(item, Constant)]
     numbers = tuple(value for value in values if isinstance(value, (int, float)) and value.__class__ is not bool)
     if len(items) < _VECTOR or len(numbers) < len(items):

@@ -1,8 +1,8 @@
-"""Files of scripts: which programs they hold, and where in the file each of them is.
+"""Script files: the programs they contain, and where in the file each one begins.
 
-A file is meant in one of two ways, and says so itself (`is_inlined`): programs one after the other, as a
-client sends them to a script port, or the text of a Script node, which PolyScope puts into the body of a
-program. Whoever reads files of scripts asks here, so that one file is the same everywhere.
+A file has one of two forms, which `is_inlined` tells apart by its contents: programs one after the other, as a client
+sends them to a script port, or the text of a Script node, which PolyScope puts into the body of a program. All code
+that reads script files uses this module, so that a file is interpreted the same everywhere.
 """
 
 import re
@@ -34,7 +34,7 @@ _WORD_COST: Final = 1  # measured: 0.5 microseconds
 
 
 def split_steps(text: str) -> Steps[list[Unit]]:
-    """What a script port would make of a text."""
+    """The units into which a script port would split a text."""
     splitter = ScriptSplitter()
     units: list[Unit] = []
     for start in range(0, len(text), _PIECE_CHARACTERS):
@@ -44,10 +44,10 @@ def split_steps(text: str) -> Steps[list[Unit]]:
 
 
 def is_inlined(units: Sequence[Unit]) -> Steps[bool]:
-    """Whether the units of a text are the lines of one Script node, and not programs of their own.
+    """Whether the units of a text belong to one Script node rather than being separate programs.
 
-    They are when a function has parameters, which a program has not, and when one unit uses what another
-    defines, which programs cannot. A text that begins with a statement is one program anyway.
+    They do when a def has parameters, which a program does not have, or when one unit uses a name that another defines,
+    which separate programs cannot do. A text that begins with a statement is a single program anyway.
     """
     if not units or units[0].kind != "block":
         return False
@@ -56,7 +56,7 @@ def is_inlined(units: Sequence[Unit]) -> Steps[bool]:
         return True
     names = [found[2] if found else "" for found in signatures]
     defined = set(filter(None, names))
-    assigned: set[str] = set()  # by lines; the variables of a function are its own
+    assigned: set[str] = set()  # by units that are lines; variables of a function are local to it
     for unit, found, name in zip(units, signatures, names, strict=True):
         for number, word in enumerate(_WORD.finditer(unit.text, found.end() if found else 0)):
             if number % _WORDS == 0:
@@ -70,16 +70,17 @@ def is_inlined(units: Sequence[Unit]) -> Steps[bool]:
 
 
 def inlined(name: str, text: str) -> str:
-    """The text of a Script node as a program; its lines keep their numbers. name: any, say that of the file."""
+    """The text of a Script node as a program; its lines keep their numbers. name: for example that of the file."""
     word = _NO_WORD.sub("_", name) or "program"
     return f"def {'_' if word[0].isdigit() else ''}{word}(): {text}\nend\n"
 
 
 @dataclass(frozen=True, slots=True)
 class FileUnit:
-    """One program of a file. ``lines_before``: how many lines of the file come before its line 1.
+    """One program of a file.
 
-    ``text`` is what a controller is sent; ``columns_before``: how much longer its line 1 is than the file's.
+    text: as sent to a controller. lines_before: number of lines in the file before line 1 of the program.
+    columns_before: by how many characters its line 1 is longer than the line in the file.
     """
 
     text: str
@@ -89,7 +90,7 @@ class FileUnit:
 
     @property
     def secondary(self) -> bool:
-        """True for a ``sec`` program, which runs beside others."""
+        """True for a ``sec`` program, which runs alongside others."""
         return is_secondary(self.text)
 
     @property
@@ -102,7 +103,7 @@ def _is_stray(line: str) -> bool:
 
 
 class ScriptFile:
-    """The text of a file, and the programs it holds. ``name`` is what error messages call it."""
+    """The text of a file and the programs it contains. ``name`` appears in error messages."""
 
     def __init__(self, name: str, data: bytes) -> None:
         self.name = name
@@ -113,7 +114,7 @@ class ScriptFile:
 
     @classmethod
     def read(cls, name: str) -> Self:
-        """The file of this name, or standard input for ``-``. Raises OSError."""
+        """Read the file of this name, or standard input for ``-``. Raises OSError."""
         if name == "-":
             return cls("<stdin>", sys.stdin.buffer.read())
         return cls(name, Path(name).read_bytes())
@@ -131,7 +132,7 @@ class ScriptFile:
         places = []
         position = 0
         for unit in self._units:
-            text = unit.text.rstrip("\n")  # one may come from the splitter
+            text = unit.text.rstrip("\n")  # the splitter may have added one
             position = self.text.index(text, position)
             places.append((unit, position))
             position += len(text)
@@ -143,16 +144,16 @@ class ScriptFile:
         return FileUnit(code, self.text.count("\n", 0, start), block)
 
     def problems(self, libraries: LibrarySet, version: PolyscopeVersion) -> list[ScriptError]:
-        """What is wrong with each of the programs, with lines counted from the beginning of the file.
+        """The problems of all programs, with lines counted from the beginning of the file.
 
-        After an ``end`` too many, the rest of a program looks like commands of their own, whose
-        variables nobody knows: of that, only the ``end`` is reported.
+        After a surplus ``end``, the rest of a program looks like separate commands whose variables are not defined. In
+        that case, only the ``end`` is reported.
         """
         if self.inlined:
             return self._problems_inlined(libraries, version)
         found: list[ScriptError] = []
-        last: list[ScriptError] = []  # of the last block
-        outside: list[ScriptError] = []  # in lines behind it
+        last: list[ScriptError] = []  # problems of the last block
+        outside: list[ScriptError] = []  # problems of the lines after it
         block: FileUnit | None = None
         began = 0
         places = self._places() if len(self.units) > 1 else [(None, 0)]
@@ -176,7 +177,7 @@ class ScriptFile:
     def _explained(
         self, block: FileUnit, text: str, libraries: LibrarySet, version: PolyscopeVersion
     ) -> list[ScriptError]:
-        """What is wrong with a block that was meant to be all of a text; nothing if that cannot be told."""
+        """The problems of a text if all of it was meant to be one block; empty when the text does not support that."""
         problems = find_problems(text, libraries, version)
         if any(_ENDED_BEFORE in problem.message for problem in problems):
             return []
@@ -186,7 +187,7 @@ class ScriptFile:
         whole = self._program(self.text, 0, block=False)
         found = find_problems(whole.text, libraries, version, statements=True)
         problems = [self.located(problem, whole) for problem in found]
-        outside: range = range(0)  # lines behind the last block
+        outside: range = range(0)  # lines after the last block
         for unit, position in self._places():
             line = self.text.count("\n", 0, position) + 1
             if unit.kind == "block":
@@ -196,7 +197,7 @@ class ScriptFile:
         return problems
 
     def located(self, error: ScriptError, unit: FileUnit) -> ScriptError:
-        """An error of one of the programs as an error of the file."""
+        """Convert the position of an error in one of the programs to a position in the file."""
         line, column = error.line + unit.lines_before, error.column
         if error.line == 1:
             column = max(1, column - unit.columns_before)

@@ -1,7 +1,7 @@
-"""What somebody probably meant whose program does not compile: the habits of other languages, slips, lost ``end``s.
+"""Hints for programs that do not compile: habits from other languages, typing mistakes, missing or extra ``end``s.
 
-A hint is only ever added to an error. It explains, and decides nothing: which programs are refused, and at which
-line a controller reports it, does not depend on this module.
+A hint is only ever appended to an error. This module decides neither which programs are refused nor at which line a
+controller reports the error.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,14 +13,14 @@ from urscript.tokens import Token
 from urscript.work import Steps
 
 _COUNT: Final = "URScript has no 'for': count in a while loop"
-_BRANCH: Final = "another branch begins with 'elif', and the last one with 'else:'"
-_NO_TYPE: Final = "variables are not declared: write name = value"
+_BRANCH: Final = "write 'elif condition:' for another branch and 'else:' for the last one"
+_NO_TYPE: Final = "variables need no declaration: write name = value"
 _NO_SWITCH: Final = "URScript has no 'switch': use if and elif"
-_NO_TRY: Final = "URScript has no exceptions: look at what a function returns"
+_NO_TRY: Final = "URScript has no exceptions: check the values that functions return"
 _DEF: Final = "a function begins with 'def name(parameters):'"
 _END: Final = "a block ends with 'end' alone"
 END_WORDS: Final = frozenset(["endif", "endwhile", "endfor", "enddef", "endfunction", "End", "END", "fi", "done"])
-_NO_IMPORT: Final = "URScript has no modules: all functions of a program are in its text"
+_NO_IMPORT: Final = "URScript has no modules: a program must contain all its functions"
 _LOG: Final = 'textmsg("text") writes to the log'
 
 _FIRST_WORDS: Final[Mapping[str, str]] = {
@@ -34,25 +34,25 @@ _FIRST_WORDS: Final[Mapping[str, str]] = {
     **dict.fromkeys(["import", "include", "using", "from"], _NO_IMPORT),
     **dict.fromkeys(["print", "echo", "printf"], _LOG),
     "pass": "an empty block needs no statement",
-    "If": "keywords are in small letters: if",
-    "While": "keywords are in small letters: while",
-    "Def": "keywords are in small letters: def",
+    "If": "keywords are lower case: if",
+    "While": "keywords are lower case: while",
+    "Def": "keywords are lower case: def",
     "goto": "URScript has no 'goto'",
-    "class": "URScript has no classes; struct(name=value) holds values together",
+    "class": "URScript has no classes; struct(name=value) groups values",
 }
-"""First words of statements that are none."""
+"""First words of statements in other languages, and of misspelt ones."""
 
 FOREIGN_BLOCKS: Final = frozenset(["for", "foreach", "switch", "match", "try", "function", "func"])
-"""Of these, those that have a block."""
+"""Those of them that open a block."""
 
 _BEFORE_BRACKETS: Final = frozenset(["for", "foreach", "switch", "match", "elseif", "elsif", "elseIf", "If", "While"])
 
-_QUOTES: Final = 'texts stand between straight double quotes (")'
+_QUOTES: Final = 'strings are written in straight double quotes (")'
 _AND: Final = "write 'and'"
 _OR: Final = "write 'or'"
-_COMMENT: Final = "a comment begins with '#'; floor(a / b) divides without remainder"
+_COMMENT: Final = "a comment begins with '#'; floor(a / b) is integer division"
 _COUNT_UP: Final = "write name = name + 1"
-_COMPARE: Final = "'==' compares and '!=' tells whether values differ"
+_COMPARE: Final = "write '==' for equal and '!=' for not equal"
 _SIGNS: Final[Mapping[str, str]] = {
     **{f"{sign}=": f"write name = name {sign} value" for sign in "+-*/%"},
     **dict.fromkeys(["++", "--"], _COUNT_UP),
@@ -67,31 +67,31 @@ _SIGNS: Final[Mapping[str, str]] = {
     "'": _QUOTES,
     "`": _QUOTES,
     **dict.fromkeys("\u2018\u2019\u201a\u201c\u201d\u201e\u2033\u00ab\u00bb", _QUOTES),
-    "{": "blocks begin with ':' and close with 'end'; lists have square brackets",
-    "}": "blocks begin with ':' and close with 'end'; lists have square brackets",
+    "{": "blocks begin with ':' and end with 'end'; lists use square brackets",
+    "}": "blocks begin with ':' and end with 'end'; lists use square brackets",
     **dict.fromkeys("\u2013\u2014\u2212", "this is a dash: write the minus sign '-'"),
     "\u00d7": "write '*'",
     "\u00b0": "angles are in radians: d2r(90)",
-    "\u00a0": "this is a non-breaking space: write a plain one",
-    **dict.fromkeys(["{{", "{%", "{#"], "this is a template, whose values are not filled in"),
+    "\u00a0": "this is a non-breaking space: use a plain one",
+    **dict.fromkeys(["{{", "{%", "{#"], "this is a template whose placeholders were not filled in"),
     "@": "URScript has no decorators",
     "?": "URScript has no conditional expression: use if",
 }
-"""Signs of other languages, by themselves or as they stand together."""
+"""Operators and punctuation of other languages, single or adjacent."""
 
 VARIABLES: Final[Mapping[str, str]] = {
     **dict.fromkeys(["true", "TRUE"], "write True"),
     **dict.fromkeys(["false", "FALSE"], "write False"),
     **dict.fromkeys(["null", "none", "nil", "NULL", "undefined", "nullptr"], "write None"),
-    **dict.fromkeys(["pi", "PI", "math", "M_PI"], "URScript has no pi: d2r(180) gives it"),
+    **dict.fromkeys(["pi", "PI", "math", "M_PI"], "URScript has no pi: use d2r(180)"),
 }
 """Constants of other languages."""
 
 _OF_ROBOTIQ: Final = (
-    "it is defined by Robotiq's URCap, in the preamble that PolyScope puts before programs of its own and not before "
-    "scripts that are sent: put the preamble of a saved .script before yours, or ask port 63352 by sockets"
+    "it is defined by Robotiq's URCap in a preamble, which PolyScope adds to its own programs but not to scripts sent "
+    "by a client: put the preamble of a saved .script before yours, or use sockets to talk to port 63352"
 )
-_ROBOTIQ: Final = (  # as a preamble that the URCap wrote defines them
+_ROBOTIQ: Final = (  # the functions that a preamble written by the URCap defines
     *(
         "rq_activate",
         "rq_activate_and_wait",
@@ -128,29 +128,29 @@ _ROBOTIQ: Final = (  # as a preamble that the URCap wrote defines them
 FUNCTIONS: Final[Mapping[str, str]] = {
     **dict.fromkeys(_ROBOTIQ, _OF_ROBOTIQ),
     **dict.fromkeys(["print", "printf", "println", "echo", "log_message", "textMsg", "disp"], _LOG),
-    **dict.fromkeys(["len", "size_of", "sizeof", "count"], "length(list) gives the number of elements"),
-    **dict.fromkeys(["abs", "fabs"], "norm(number) gives the absolute value"),
-    **dict.fromkeys(["int", "trunc"], "floor(number) gives a whole number"),
+    **dict.fromkeys(["len", "size_of", "sizeof", "count"], "length(list) returns the number of elements"),
+    **dict.fromkeys(["abs", "fabs"], "norm(number) returns the absolute value"),
+    **dict.fromkeys(["int", "trunc"], "floor(number) returns an integer"),
     "round": "floor(number + 0.5) rounds",
-    **dict.fromkeys(["str", "string", "String"], "to_str(value) gives a text"),
-    **dict.fromkeys(["float", "double", "atof", "atoi"], 'to_num("text") reads a number'),
+    **dict.fromkeys(["str", "string", "String"], "to_str(value) converts to a string"),
+    **dict.fromkeys(["float", "double", "atof", "atoi"], 'to_num("text") converts to a number'),
     **dict.fromkeys(["wait", "delay", "pause", "wait_time"], "sleep(seconds) waits"),
-    **dict.fromkeys(["degrees", "rad2deg"], "r2d(angle) gives degrees"),
-    **dict.fromkeys(["radians", "deg2rad", "rad"], "d2r(angle) gives radians"),
+    **dict.fromkeys(["degrees", "rad2deg"], "r2d(angle) converts to degrees"),
+    **dict.fromkeys(["radians", "deg2rad", "rad"], "d2r(angle) converts to radians"),
     **dict.fromkeys(["min", "max"], "compare with if"),
     **dict.fromkeys(["range", "enumerate"], _COUNT),
     **dict.fromkeys(["exit", "quit", "stop"], "'halt' ends the program"),
-    **dict.fromkeys(["concat", "strcat", "str_concat"], "str_cat(a, b) joins texts"),
+    **dict.fromkeys(["concat", "strcat", "str_concat"], "str_cat(a, b) joins strings"),
     **dict.fromkeys(["input", "raw_input"], "request_string_from_primary_client(text) asks the operator"),
     **dict.fromkeys(["mod", "fmod"], "write a % b"),
 }
-"""Functions of other languages, and of what is installed on other controllers."""
+"""Functions of other languages, and those that URCaps define on controllers where they are installed."""
 
 
 def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:
-    """What may be wrong where a text does not parse; empty when nothing comes to mind.
+    """A hint on what may be wrong where a text does not parse; empty when there is none.
 
-    at: number of the token that does not fit, started: of the first one of its statement.
+    at: index of the token that does not fit; started: index of the first token of its statement.
     """
     token, first = tokens[at], tokens[min(started, at)]
     if first.kind == "name" and started < at and _begins_statement(first, tokens[started + 1]):
@@ -170,14 +170,14 @@ def syntax_hint(tokens: Sequence[Token], at: int, started: int) -> str:
 
 
 def _begins_statement(word: Token, following: Token) -> bool:
-    """Whether a word is the first of a statement that other languages have, and no variable or function here."""
+    """Whether a word begins a statement of another language, and is not a variable or function of this program."""
     if word.text not in _FIRST_WORDS or following.kind in ("=", ".", "["):
         return False
     return following.kind != "(" or word.text in _BEFORE_BRACKETS
 
 
 def _signs_around(tokens: Sequence[Token], at: int) -> str:
-    """The signs that stand together with this one."""
+    """The operators and punctuation directly adjacent to this one, joined."""
     first = last = at
     while first > 0 and _is_sign(tokens[first - 1]) and _touch(tokens[first - 1], tokens[first]):
         first -= 1
@@ -196,21 +196,21 @@ def _touch(left: Token, right: Token) -> bool:
 
 # blocks and their ends
 
-_WORK: Final = 1  # of a token whose indentation is looked at
-_SLICE: Final = 50  # of these between two yields
+_WORK: Final = 1  # to check the indentation of a token
+_SLICE: Final = 50  # tokens between two yields
 
 _OPENING: Final = frozenset(["def", "sec", "thread", "if", "while"])
 _BLOCK_WORDS: Final = _OPENING | {"for", "function", "switch", "else", "elif"}
 
 
 def end_with_word(tokens: Sequence[Token], at: int) -> Cause:
-    """What is wrong with the ``end if``, or its like, at a token."""
+    """The cause to report for an ``end if``, ``end while`` or similar at a token."""
     word = tokens[at + 1]
     return Cause(word.line, word.column, f"{_END}, not 'end {word.text}'")
 
 
 def is_end_with_word(tokens: Sequence[Token], at: int) -> bool:
-    """Whether ``end if`` or its like stands there, and nothing behind it in its line."""
+    """Whether the token begins an ``end if``, ``end while`` or similar that is the last thing on its line."""
     end, word, after = (*tokens[at : at + 3], tokens[-1], tokens[-1])[:3]
     return (
         end.kind == "end"
@@ -224,11 +224,11 @@ def is_end_with_word(tokens: Sequence[Token], at: int) -> bool:
 class _Block:
     opening: Token
     column: int  # of the first word of its line
-    indented: bool | None = None  # what it holds, further than itself; None while that is not known
+    indented: bool | None = None  # its body is indented further than the block itself; None while not known
 
 
 def unclosed_block(tokens: Sequence[Token]) -> Steps[Cause | None]:
-    """By its indentation, the block whose ``end`` is missing."""
+    """The block whose ``end`` is missing, judging by the indentation."""
     found = yield from _by_indentation(tokens)
     if found is None or not found[2]:
         return None
@@ -236,22 +236,23 @@ def unclosed_block(tokens: Sequence[Token]) -> Steps[Cause | None]:
     return Cause(
         block.line,
         block.column,
-        f"the '{block.text}' of line {block.line} has no 'end', to judge by the indentation of line {token.line}",
+        f"the '{block.text}' on line {block.line} has no 'end', judging by the indentation of line {token.line}",
     )
 
 
 def misplaced_end(tokens: Sequence[Token]) -> Steps[Cause | None]:
-    """By its indentation, the ``end`` that is one too many."""
+    """The surplus ``end``, judging by the indentation."""
     found = yield from _by_indentation(tokens)
     if found is None or found[2]:
         return None
     block, token, _ = found
-    text = f"this 'end' closes the '{block.text}' of line {block.line}, and stands further right: one is too many"
-    return Cause(token.line, token.column, text)
+    closes = f"this 'end' closes the '{block.text}' on line {block.line}"
+    return Cause(token.line, token.column, f"{closes} but is indented further: there is one 'end' too many")
 
 
 def _by_indentation(tokens: Sequence[Token]) -> Steps[tuple[Token, Token, bool] | None]:
-    """The first block that does not end as its indentation shows, where that shows, and whether its end is missing."""
+    """The first block that does not end where its indentation says, the token that shows it, and whether its ``end``
+    is missing rather than surplus."""
     blocks: list[_Block] = []
     line = column = 0
     for number, token in enumerate(tokens, 1):

@@ -1,9 +1,8 @@
-"""Which expressions can only be numbers, so that they become Python arithmetic instead of calls.
+"""Infer which expressions can only be numbers, so that they compile to Python arithmetic instead of calls.
 
-A variable is a number when everything the whole program assigns to it is one, and likewise a vector
-(a list of numbers, or a pose). What is assigned may be other variables, so the answer is found by
-going through all assignments until nothing changes. What cannot be told is left to the operators,
-which look at the values themselves.
+A variable is a number when every value that the program assigns to it is a number, and likewise a vector (a list of
+numbers, or a pose). Assigned values may themselves be variables, so all assignments are evaluated repeatedly until
+nothing changes. Expressions of unknown kind are left to the operators, which check the values at run time.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,7 +38,7 @@ from urscript.values import Pose
 from urscript.work import Steps, let_go
 
 KindSet: TypeAlias = int
-"""What a value may be: the sum of some of the four below; 0 when no value is known to arrive."""
+"""The kinds a value may have: a sum of the four below; 0 when no value is known."""
 
 INT: Final = 1
 FLOAT: Final = 2
@@ -48,7 +47,7 @@ OTHER: Final = 8
 NUMBER: Final = INT | FLOAT
 ANYTHING: Final = NUMBER | VECTOR | OTHER
 
-Variable: TypeAlias = tuple[str, str]  # scope and name; the scope of globals is "", of results "return"
+Variable: TypeAlias = tuple[str, str]  # scope and name; the scope of globals is "", that of results "return"
 _GLOBAL: Final = ""
 _RESULT: Final = "return"
 
@@ -56,7 +55,7 @@ _INTERPRETER: Final = "interpreter_mode"
 
 _ARITHMETIC: Final = frozenset(["+", "-", "*", "/", "%"])
 _KIND_OF_CLASS: Final[dict[Any, KindSet]] = {int: INT, float: FLOAT}
-_KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an int passes for a float
+_KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an int also satisfies the annotation float
     (int, INT),
     (float, NUMBER),
     (Pose, VECTOR),
@@ -65,11 +64,12 @@ _KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an
 )
 _SLICE: Final = 40  # work between two yields
 _MOST_ROUNDS: Final = 8
-"""Rounds before everything counts as anything: programs need two to four, and a text made to need more gets none."""
-_LONG_LIST: Final = 500  # items of a list that are not looked at: it takes a microsecond each
-_SCOPE_WORK: Final = 12  # of a body, however short
-_WORK: Final = 2  # of one store, or call, that is found
-_FORGETTING_WORK: Final = 20  # of a hundred stores, or kinds
+"""Rounds after which inference gives up and every variable may have any kind. Programs need two to four; only a text
+designed to need more reaches the limit."""
+_LONG_LIST: Final = 500  # items from which a list is not examined: each item takes a microsecond
+_SCOPE_WORK: Final = 12  # per body, however short
+_WORK: Final = 2  # per store or call that is found
+_FORGETTING_WORK: Final = 20  # to free a hundred stores or kinds
 
 
 def is_number(kind: KindSet) -> bool:
@@ -83,9 +83,9 @@ def is_local(program: Program, scope: Scope, name: str) -> bool:
 
 
 class Kinds:
-    """What the variables and expressions of a program may be. An empty one knows literals only.
+    """The possible kinds of the variables and expressions of a program. An empty instance knows only literals.
 
-    constants: what was given to the global variables that are assigned once in the whole program.
+    constants: the values of global variables that are assigned only once in the whole program.
     """
 
     def __init__(
@@ -101,15 +101,15 @@ class Kinds:
         self._variables = variables
 
     def forget(self) -> Steps[None]:
-        """Let go of everything that is known, when nobody asks any more."""
+        """Free all results, in steps, when they are no longer needed."""
         yield from let_go(self._variables, _FORGETTING_WORK)
 
     def variable(self, scope: Scope, name: str) -> KindSet:
-        """What a variable may hold once something was assigned to it."""
+        """The kinds a variable may have once a value was assigned to it."""
         return self._variables.get(_variable(self._program, scope, name), 0)
 
     def expression(self, scope: Scope, node: Expression) -> KindSet:
-        """What an expression may give."""
+        """The kinds an expression may have."""
         match node:
             case Constant():
                 return _KIND_OF_CLASS.get(node.value.__class__, OTHER)
@@ -148,12 +148,12 @@ class Kinds:
 
 
 def _result_kind(annotation: Any) -> KindSet:
-    """What a built-in that is annotated so may give."""
+    """The kinds that a built-in with this return annotation may return."""
     return next((kind for plain, kind in _KIND_OF_RESULT if annotation == plain), ANYTHING)
 
 
 def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
-    """What an arithmetic operation may give."""
+    """The kinds an arithmetic operation may result in."""
     if not left or not right:
         return 0
     if (left | right) & OTHER:
@@ -169,16 +169,16 @@ def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
 
 @dataclass(frozen=True, slots=True)
 class _Store:
-    """Something that a variable gets, in a scope; with ``part``, that one of its elements gets."""
+    """A store: an expression assigned to a variable in a scope or, with ``part``, to one of its elements."""
 
     variable: Variable
     scope: Scope
-    value: Expression | None  # None: something that is neither number nor vector
+    value: Expression | None  # None: neither a number nor a vector
     part: bool = False
-    work: int = 2  # of looking at it once
+    work: int = 2  # to evaluate it once
 
     def kind(self, kinds: Kinds) -> KindSet:
-        """What the variable may be because of this."""
+        """The kinds the variable may have because of this store."""
         if self.value is None:
             return OTHER
         kind = kinds.expression(self.scope, self.value)
@@ -188,9 +188,10 @@ class _Store:
 
 
 def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kinds]:
-    """The kinds of everything in a program.
+    """The kinds of all variables in a program.
 
-    Of nothing when they would take too long to find, or when statements that come later can assign to its variables.
+    The result is empty when inference would take too long, or when statements sent later can assign to the program's
+    variables.
     """
     stores: list[_Store] = []
     kinds = yield from _kinds(program, builtins, stores)
@@ -199,7 +200,7 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
 
 
 def _kinds(program: Program, builtins: Mapping[str, Builtin], stores: list[_Store]) -> Steps[Kinds]:
-    """The kinds of everything in a program, for which its stores are gathered."""
+    """The kinds of all variables in a program; collects its stores in the given list."""
     for scope, body in ((program.scope, program.body), *((f.scope, f.body) for f in program.functions.values())):
         for number, call in enumerate(scope.calls, 1):
             if call.name == _INTERPRETER:
@@ -233,7 +234,7 @@ def _kinds(program: Program, builtins: Mapping[str, Builtin], stores: list[_Stor
 
 
 def _constants(stores: Sequence[_Store]) -> Steps[dict[str, Expression]]:
-    """What global variables get that get nothing else."""
+    """The values of the global variables that are assigned only once."""
     seen: set[str] = set()
     constants: dict[str, Expression] = {}
     for number, store in enumerate(stores, 1):
@@ -253,9 +254,9 @@ _NO_SCOPE: Final = Scope("")  # where the defaults of parameters are evaluated
 
 
 def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_Store | None]:
-    """Everything that a body gives to variables, to parameters of functions, and as its own result.
+    """The stores of a body: to variables, to parameters of functions it calls, and to its own result.
 
-    None for what gives nothing: it had to be looked at.
+    Yields None for a statement or call without a store, so that the caller can count the work.
     """
     if scope is not program.scope and not _always_returns(body):
         yield _Store((_RESULT, scope.name), scope, None)
@@ -271,7 +272,7 @@ def _stores(program: Program, scope: Scope, body: list[Statement]) -> Iterator[_
             yield None
         else:
             yield from _arguments(program.functions[call.name].scope, scope, call)
-    for method in scope.methods:  # a list method binds its variable anew; with what, is not looked at
+    for method in scope.methods:  # a list method rebinds its variable; the new value is not examined
         yield _Store(_variable(program, scope, _root(method.target)), scope, None)
 
 
@@ -285,7 +286,7 @@ def _assignment(program: Program, scope: Scope, statement: Assign) -> _Store:
 
 
 def _work(statement: Assign | Return) -> int:
-    """Of looking at what a statement assigns or returns: half a unit a token, but for what is not looked at."""
+    """Work to evaluate the value a statement assigns or returns: half a unit per token, apart from long lists."""
     value = statement.value
     if isinstance(value, NumberList) or (isinstance(value, ListLiteral) and len(value.items) > _LONG_LIST):
         return 1
@@ -293,12 +294,12 @@ def _work(statement: Assign | Return) -> int:
 
 
 def _arguments(called: Scope, scope: Scope, call: Call) -> Iterator[_Store]:
-    """What a call gives to the parameters of a function."""
+    """The stores of a call to the parameters of a function."""
     parameters = called.parameters
     try:
         bound = bind_arguments(call, [Slot((p.name,), p.default is None) for p in parameters])
     except BindingError:
-        return  # never called: the program stops there
+        return  # the call never happens: the program stops there
     for parameter, value in zip(parameters, bound, strict=True):
         variable = (called.name, parameter.name)
         yield _Store(variable, _NO_SCOPE, parameter.default) if value is None else _Store(variable, scope, value)
@@ -309,7 +310,7 @@ def _variable(program: Program, scope: Scope, name: str) -> Variable:
 
 
 def _flat(body: list[Statement]) -> Iterator[Statement]:
-    """The statements of a body and of its blocks, without those of nested functions."""
+    """The statements of a body and its blocks, without those of nested functions."""
     waiting = [*reversed(body)]
     while waiting:
         statement = waiting.pop()
@@ -325,7 +326,7 @@ def _flat(body: list[Statement]) -> Iterator[Statement]:
 
 
 def _always_returns(body: list[Statement]) -> bool:
-    """True when a function cannot end without a return."""
+    """True when a function cannot finish without a return statement."""
     last = body[-1] if body else None
     if isinstance(last, If):
         return all(map(_always_returns, [last.otherwise, *(block for _, block in last.branches)]))
@@ -333,7 +334,7 @@ def _always_returns(body: list[Statement]) -> bool:
 
 
 def _root(node: Expression) -> str:
-    """The variable that an expression is, or is a part of; empty for anything else."""
+    """The variable that an expression is, or is an element or member of; empty for any other expression."""
     while isinstance(node, (Index, Member)):
         node = node.target
     return node.name if isinstance(node, Name) else ""

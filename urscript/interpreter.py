@@ -1,12 +1,11 @@
-"""Statements for a program that runs (interpreter mode): compiled against its functions and the variables of a scope.
+"""Statements for a running program (interpreter mode), compiled against its functions and the variables of a scope.
 
-A function that calls a built-in with the scope keeps its variables in a `Locals` instead of in
-Python's own, and so do the statements interpreted in it. Names that statements declare belong to
-that scope; functions cannot see them, as they see no other local. New globals are refused
-(Script Manual: not supported).
+A function that calls a built-in with `takes_scope` keeps its variables in a `Locals` instead of Python's own locals,
+and so do the statements interpreted in it. Names that statements declare belong to that scope; functions cannot see
+them, like any other local. New globals are refused (Script Manual: not supported).
 
-Nothing changes in the program while a statement is compiled: `Runtime.link` makes its functions
-known, all of them or, after an error, none.
+The program does not change while a statement is compiled. `Runtime.link` adds the functions of the statement: all of
+them or, after an error, none.
 """
 
 from collections.abc import Iterable, Mapping
@@ -28,9 +27,9 @@ STATEMENT_FILE = "<statement>"
 
 
 class Locals(dict[str, Value]):
-    """The variables of a scope that statements are interpreted in; without an item: declared, but without a value.
+    """The variables of a scope in which statements are interpreted. A declared name without a value has no item.
 
-    ``declared``: the names that interpreted statements brought in.
+    declared: the names that interpreted statements added.
     """
 
     def __init__(self, names: Iterable[str] = (), values: Mapping[str, Value] | None = None) -> None:
@@ -42,7 +41,7 @@ class Locals(dict[str, Value]):
         raise RuntimeFault(f"Variable '{name}' is used before it has a value")
 
     def declare(self, names: Iterable[str]) -> None:
-        """From now on these are names of the scope."""
+        """Add names to the scope."""
         self.declared |= frozenset(names) - self.own
 
     def forget(self, names: Iterable[str]) -> None:
@@ -54,12 +53,12 @@ class Locals(dict[str, Value]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompiledStatement:
-    """Statements of one line, ready to be linked into a program."""
+    """The compiled statements of one line, ready to be linked into a program."""
 
     code: tuple[CodeType, ...]
-    functions: Mapping[str, FunctionPlan]  # that they define
-    names: frozenset[str]  # that they declare
-    builtins: Mapping[str, Builtin]  # that they call
+    functions: Mapping[str, FunctionPlan]  # the ones they define
+    names: frozenset[str]  # the ones they declare
+    builtins: Mapping[str, Builtin]  # the ones they call
     calls: frozenset[str]  # functions called by the statements themselves
 
 
@@ -68,8 +67,8 @@ def compile_statement(
 ) -> Steps[CompiledStatement]:
     """Compile a line of statements for a scope of a running program.
 
-    ``functions``: all that can be called. ``serial``: another one each time, for the symbols of new
-    functions. A statement cannot interpret statements. Raises CompileError.
+    functions: all functions that can be called. serial: a different number for each call, for the symbols of new
+    functions. A statement cannot itself interpret statements. Raises CompileError.
     """
     source = normalize(text)
     try:

@@ -1,8 +1,8 @@
-"""What a call with literal values shows before it is executed: a type that does not fit, degrees, millimetres.
+"""Check calls with literal values before they are executed: wrong types, degrees for radians, millimetres for metres.
 
-Only values that stand in the call itself, or in the only assignment to a variable, are looked at. Everything
-here ends in a warning, and nothing is refused. The limits are far beyond what any arm reaches, so that no
-sensible program is warned of.
+Only values written in the call itself, or in the only assignment to a variable, are checked. Problems are reported as
+warnings, and no program is refused. The limits are far beyond what any arm reaches, so that no sensible program causes
+a warning.
 """
 
 import math
@@ -13,16 +13,16 @@ from urscript.builtins import Builtin, Parameter
 from urscript.syntax import Call, Constant, Expression, ListLiteral, PoseLiteral, Unary
 from urscript.values import KindMismatchError, Pose, is_number, type_name
 
-_LONGEST: Final = 20  # elements of a list that is looked at: no built-in asks for more
+_LONGEST: Final = 20  # elements of the longest list that is checked: no built-in expects more
 UNKNOWN: Final = object()
-"""The value of what is not a literal."""
+"""Stands for the value of an expression that is not a literal."""
 
 _JOINTS: Final = frozenset(["q", "qnear", "qNear"])
 _POSES: Final = frozenset(["pose", "pose_via", "pose_to", "q", "x"])
 _SPEEDS: Final = frozenset(["v"])
 _STRAIGHT: Final = frozenset(["movel", "movep", "movec", "servoc"])
 
-_MOST_RAD: Final = 4 * math.pi  # joints turn once in either direction; an unlimited wrist 3 may be further on
+_MOST_RAD: Final = 4 * math.pi  # joints turn once in either direction; an unlimited wrist 3 may have turned further
 _MOST_TURN_RAD: Final = 4 * math.pi  # of a rotation vector, whose length need not be more than pi
 _MOST_M: Final = 5.0  # guess: several times the reach of the longest arm
 _MOST_M_S: Final = 20.0  # guess: several times what a tool can do
@@ -53,9 +53,9 @@ def literal_value(node: Expression) -> Any:
 def call_problems(
     builtin: Builtin, arguments: Sequence[Expression | None], constants: Callable[[Expression], Expression]
 ) -> Iterator[tuple[str, Expression]]:
-    """What will not work in a call, and the argument to blame.
+    """The problems of a call, each with the argument that causes it.
 
-    arguments: one for each parameter, None if omitted. constants: what a variable that never changes was given.
+    arguments: one for each parameter, None if omitted. constants: maps a variable that never changes to its value.
     """
     for parameter, node in zip(builtin.parameters, arguments, strict=True):
         if node is None:
@@ -85,22 +85,23 @@ def _mismatch(builtin: Builtin, parameter: Parameter, value: Any) -> str:
 
 
 def _unlikely(builtin: Builtin, name: str, value: Any) -> str:
-    """What can be computed, and cannot be meant."""
+    """A warning for a value of the right type that cannot be intended; None for any other."""
     if isinstance(value, Pose):
         if name not in _POSES:
             return ""
         if max(map(abs, value[:3])) > _MOST_M:
-            return f"the positions of a pose are in metres, and {_widest(value[:3])} looks like millimetres"
+            return f"the position of a pose is in metres, but {_widest(value[:3])} looks like millimetres"
         if math.hypot(*value[3:]) > _MOST_TURN_RAD:
-            return f"the rotation of a pose is a vector in radians, and {_widest(value[3:])} looks like degrees: d2r()"
+            widest = _widest(value[3:])
+            return f"the rotation of a pose is a vector in radians, but {widest} looks like degrees: use d2r()"
     elif isinstance(value, list):
         if name in _JOINTS and all(map(is_number, value)) and max(map(abs, value), default=0) > _MOST_RAD:
-            return f"joint angles are in radians, and {_widest(value)} looks like degrees: d2r({_widest(value)})"
+            return f"joint angles are in radians, but {_widest(value)} looks like degrees: use d2r({_widest(value)})"
     elif is_number(value) and name in _SPEEDS:
         if builtin.name in _STRAIGHT and value > _MOST_M_S:
-            return f"{builtin.name} moves with m/s, and v={value:g} looks like millimetres"
+            return f"{builtin.name} takes its speed in m/s, but v={value:g} looks like millimetres per second"
         if builtin.name == "movej" and value > _MOST_RAD_S:
-            return f"movej moves with rad/s, and v={value:g} looks like degrees: d2r({value:g})"
+            return f"movej takes its speed in rad/s, but v={value:g} looks like degrees per second: use d2r({value:g})"
     return ""
 
 

@@ -1,9 +1,8 @@
 """The work budget of a frame.
 
-One script thread executes at a time in a process, so there is one meter. The scheduler fills it
-before it resumes a thread, compiled code draws from it and parks the thread when it is empty,
-and whatever does work in proportion to its arguments charges it too. Counting instead of
-measuring time keeps programs deterministic.
+Only one script thread executes at a time in a process, so there is one meter. The scheduler fills it before it resumes
+a thread; compiled code draws from it and parks the thread when it is empty. Functions whose work grows with their
+arguments charge it, too. Counting work instead of measuring time keeps programs deterministic.
 """
 
 from collections.abc import Generator
@@ -22,12 +21,12 @@ METER = Meter()
 
 
 def charge(units: int) -> None:
-    """Count work that the compiler could not foresee, such as going through a long list."""
+    """Charge work that the compiler could not foresee, such as iterating over a long list."""
     METER.left -= units
 
 
 def pay(units: int) -> Generator[None, None, None]:
-    """Charge work in a built-in that may wait: go on in the next frame when this one's budget is spent."""
+    """Charge work in a built-in that may wait: it continues in the next frame when this frame's budget is spent."""
     METER.left -= units
     if METER.left <= 0:
         yield

@@ -1,6 +1,6 @@
-"""Calls by attribute: the list methods of PolyScope 5.15, and handles of built-ins (RPC proxies and the like).
+"""Method calls: the list methods of PolyScope 5.15, and handles of built-ins (RPC proxies, for example).
 
-A method is a generator function that gives the target as it is after the call, and the result.
+A method is a generator function that returns a pair: the target after the call, and the result.
 """
 
 from collections.abc import Callable, Generator
@@ -16,15 +16,15 @@ MethodResult = tuple[Value, Value]
 
 
 class Handle:
-    """A value that only built-ins understand; scripts call its methods.
+    """An opaque value created by a built-in; scripts can only call its methods.
 
-    Subclass it and override `call_method`. `type_title` is its type name in error texts.
+    Subclass it and override `call_method`. `type_title` is its type name in error messages.
     """
 
     type_title = "Handle"
 
     def call_method(self, name: str, arguments: tuple[Value, ...]) -> Generator[None, None, Value]:
-        """Carry out one method call; each bare ``yield`` ends the thread's frame."""
+        """Execute one method call; each bare ``yield`` ends the thread's frame."""
         raise RuntimeFault(f"{self.type_title} has no method '{name}'")
         yield
 
@@ -60,7 +60,7 @@ def refuse_list_methods(target: Value, name: str, *arguments: Value) -> Generato
 
 
 def _capacity(target: list[Any]) -> int:
-    # A list that was not made by make_list has room for what it holds: a guess.
+    # A guess: the capacity of a list that was not created by make_list is its length.
     return target.capacity if isinstance(target, BoundedList) else len(target)
 
 

@@ -1,8 +1,8 @@
-"""What compiled programs do with values. Every function raises RuntimeFault for types that do not fit.
+"""The operations of compiled programs on values. Every function raises RuntimeFault for operands of the wrong type.
 
-Rules, with what they rest on in docs/urscript.md: ``/`` is always real division, ``+ - *`` of
-ints stay ints and wrap at 32 bits, ``%`` takes the sign of the dividend, floats follow IEEE 754,
-lists combine element by element, poses do not combine.
+The rules (docs/urscript.md gives their sources): ``/`` is always real division, ``+ - *`` of ints give ints that wrap
+at 32 bits, ``%`` takes the sign of the dividend, floats follow IEEE 754, lists combine element by element, and poses
+do not combine.
 """
 
 import math
@@ -34,18 +34,18 @@ _SCALARS: frozenset[Any] = frozenset([type(None), bool, int, float, str])
 _NUMBERS: frozenset[Any] = frozenset([int, float])
 _ORDERED: frozenset[Any] = frozenset([bool, int, float])
 _LISTS: frozenset[Any] = frozenset([list, BoundedList])
-_OPERANDS: frozenset[Any] = frozenset([int, float, Matrix])  # of matrix arithmetic
+_OPERANDS: frozenset[Any] = frozenset([int, float, Matrix])  # types that matrix arithmetic accepts
 
 Operator = Callable[[Any, Any], Any]
 
 
 def fault(message: str) -> NoReturn:
-    """Stop the program."""
+    """Stop the program with this message."""
     raise RuntimeFault(message)
 
 
 def without_value(name: str) -> NoReturn:
-    """Stop the program: it reads a variable that nothing was assigned to yet."""
+    """Stop the program because it reads a variable that has no value yet."""
     raise RuntimeFault(f"Variable '{name}' is used before it has a value")
 
 
@@ -58,12 +58,12 @@ def wrap32(value: int) -> int:
 
 
 def wrap(value: float) -> float:
-    """A number as the result of an operation: an int is wrapped, a float stays what it is."""
+    """The result of an operation: an int is wrapped at 32 bits, a float is unchanged."""
     return value if value.__class__ is float else wrap32(int(value))
 
 
 def whole(value: Value, what: str) -> int:
-    """An int from a number without fraction."""
+    """Convert a number without a fraction to an int; `what` names it in the error message."""
     if value.__class__ is int:
         return int(value)
     if value.__class__ is float and value.is_integer():
@@ -73,7 +73,7 @@ def whole(value: Value, what: str) -> int:
 
 def _divide(left: float, right: float) -> float:
     if right == 0:
-        # IEEE 754, a guess: the official control script can divide a list by a remaining time of zero.
+        # A guess: IEEE 754. The official control script can divide a list by a remaining time of zero.
         if left == 0 or math.isnan(left):
             return math.nan
         return math.copysign(math.inf, left) * math.copysign(1.0, right)
@@ -83,7 +83,7 @@ def _divide(left: float, right: float) -> float:
 def _modulo(left: float, right: float) -> float:
     if left.__class__ is int and right.__class__ is int:
         if right == 0:
-            raise RuntimeFault("Division by zero: % with an integer 0 on its right")
+            raise RuntimeFault("Division by zero: the right operand of % is the integer 0")
         return int(math.fmod(left, right))
     if right == 0 or math.isinf(left):
         return math.nan
@@ -122,7 +122,7 @@ def div(left: Value, right: Value) -> Value:
 
 
 def mod(left: Value, right: Value) -> Value:
-    if left.__class__ is int and right.__class__ is int and left >= 0 and right > 0:  # where Python's is the same
+    if left.__class__ is int and right.__class__ is int and left >= 0 and right > 0:  # Python's % is the same here
         return left % right
     if left.__class__ in _NUMBERS and right.__class__ in _NUMBERS:
         return _modulo(left, right)
@@ -133,7 +133,7 @@ def mod(left: Value, right: Value) -> Value:
 class _Arithmetic:
     sign: str
     general: Operator
-    floats: Operator  # the same for two floats; ZeroDivisionError where Python's differs
+    floats: Operator  # the same for two floats; raises ZeroDivisionError where Python's operator differs
 
 
 _ADD = _Arithmetic("+", add, operator.add)
@@ -165,7 +165,7 @@ _only_floats = frozenset([float]).issuperset
 
 
 def _elementwise(operation: _Arithmetic, left: Value, right: Value) -> Value:
-    """Of two lists, or of a list and a number."""
+    """Apply an operation to two lists, or to a list and a number, element by element."""
     left_list, right_list = left.__class__ in _LISTS, right.__class__ in _LISTS
     if left_list and right_list:
         if len(left) != len(right):
@@ -233,14 +233,14 @@ _MAX_PRODUCTS = 100_000
 
 
 def check_product_size(multiplications: int) -> None:
-    """Raises RuntimeFault when a matrix operation takes too many multiplications."""
+    """Raise RuntimeFault when a matrix operation takes too many multiplications."""
     if multiplications > _MAX_PRODUCTS:
         raise RuntimeFault(f"The matrices are too large: at most {_MAX_PRODUCTS} multiplications in one operation")
 
 
 def _dot(row: tuple[Value, ...], column: Value) -> Value:
     if len(row) != len(column) or not all(map(is_number, column)):
-        raise RuntimeFault(f"Matrix product: {len(row)} columns on the left do not fit {len(column)} on the right")
+        raise RuntimeFault(f"Matrix product: {len(row)} columns on the left do not match {len(column)} on the right")
     charge(25 + 3 * len(row))
     total = sum(map(operator.mul, row, column))
     return total if total.__class__ is float else wrap32(int(total))
@@ -250,7 +250,7 @@ def _dot(row: tuple[Value, ...], column: Value) -> Value:
 
 
 def truth(value: Value) -> bool:
-    """A condition. Numbers count as in C and an empty string is False (Script Manual, socket_read_string)."""
+    """The truth value of a condition: numbers as in C; an empty string is False (Script Manual, socket_read_string)."""
     if value.__class__ is bool or value.__class__ in _NUMBERS or value.__class__ is str:
         return bool(value)
     raise RuntimeFault(f"Type error: a condition expected type 'Bool' but found '{type_name(value)}'")
@@ -295,7 +295,7 @@ def list_literal(*items: Value) -> Value:
 
 
 def list_without_texts(*items: Value) -> Value:
-    """As `list_literal`, on versions before 5.15, which have no lists of strings."""
+    """Like `list_literal`, for versions before 5.15, which have no lists of strings."""
     for item in items:
         if item.__class__ is str:
             raise RuntimeFault("Type error: a list cannot hold a 'Const String' before PolyScope 5.15")
@@ -313,7 +313,7 @@ def _nested(items: list[Value]) -> Value:
 
 
 def number_list(layout: str, data: bytes) -> list[float]:
-    """A long list of numbers, packed."""
+    """Unpack a long list of numbers; `layout` is a format of the struct module."""
     METER.left -= 2 * len(layout)
     return list(struct.unpack(layout, data))
 
@@ -333,13 +333,13 @@ def make_struct(names: tuple[str, ...], *values: Value) -> Struct:
 
 
 def check_size(value: Value) -> Value:
-    """The value again; raises RuntimeFault when it is too large."""
+    """Return the value unchanged; raise RuntimeFault when it is too large."""
     charge(_size(value))
     return value
 
 
 def _size(value: Value, budget: int = MAX_ELEMENTS, levels: int = MAX_NESTING) -> int:
-    """Elements of a value, all levels together."""
+    """The number of elements of a value, all levels together."""
     if value.__class__ in _SCALARS:
         return 1
     items: Collection[Value]
@@ -371,7 +371,7 @@ def _check_elements(count: int, budget: int) -> None:
 def index(value: Value, position: Value) -> Value:
     """``value[position]`` of a list, a pose, or a matrix (a row)."""
     if isinstance(value, list):
-        if position.__class__ is int and 0 <= position < len(value):  # as nearly always
+        if position.__class__ is int and 0 <= position < len(value):  # the usual case
             return value[position]
         return value[_within(position, len(value))]
     if value.__class__ is Matrix:
@@ -410,7 +410,7 @@ Key = Any  # str: a member; a number: an index; a pair: a matrix cell
 def set_item(value: Value, key: Key, item: Value) -> Value:
     """A copy of `value` in which the element `key` is `item`."""
     result: Value
-    if value.__class__ is list and key.__class__ is int and 0 <= key < len(value):  # as nearly always
+    if value.__class__ is list and key.__class__ is int and 0 <= key < len(value):  # the usual case
         result = value.copy()
         result[key] = item
         charge(len(value) // 8)
@@ -457,9 +457,10 @@ def set_path(value: Value, path: tuple[Key, ...], item: Value) -> Value:
 
 
 def retype(old: Value, new: Value) -> Value:
-    """The new value of a global whose value has another Python type; refused when its URScript type differs.
+    """Check the new value of a global when its Python type differs from that of the old one; return it.
 
-    int and float are one type (production programs rely on it), and none fits every variable (a guess).
+    Raises RuntimeFault when the URScript types differ. int and float count as one type, because production programs
+    rely on it; none can be assigned to any variable (a guess).
     """
     if old is UNSET or old is None or new is None:
         return new
@@ -468,12 +469,12 @@ def retype(old: Value, new: Value) -> Value:
     expected, found = type_name(old), type_name(new)
     if expected == found:
         return new
-    # "exected" is how the controller spells it.
+    # "exected" is the controller's spelling.
     raise RuntimeFault(f"Type error: left-hand side of the expression exected type '{expected}' but found '{found}'")
 
 
 def retype_fixed(old: Value, new: Value) -> Value:
-    """As `retype`, on versions before 5.15, where a list variable keeps its length."""
+    """Like `retype`, for versions before 5.15, where a list variable keeps its length."""
     if old.__class__ is list and new.__class__ is list and len(old) != len(new):
         raise RuntimeFault("Resizing of 'List' is not supported")
     return new if old.__class__ is new.__class__ else retype(old, new)

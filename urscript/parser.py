@@ -1,9 +1,10 @@
-"""The statement half of the parser, and the entry `parse`.
+"""The statement half of the parser, and its entry point `parse`.
 
-It works in steps: statements with blocks inside are read by generators, which yield after each statement.
-The first error ends it, unless whoever asks wants all of them: then it goes on behind (`urscript.recovery`).
+Parsing works in steps: generators read the statements that contain blocks, and yield after each statement. The first
+error stops the parser, unless the caller collects all errors: then it continues after the broken statement
+(`urscript.recovery`).
 
-A statement ends where its grammar can no longer continue: PolyScope and several vendors write
+A statement ends where its grammar can no longer continue, not at the end of a line: PolyScope and several vendors write
 two statements on one line, or a statement and its ``end``, with nothing between them.
 """
 
@@ -46,11 +47,11 @@ _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
 _SECONDARY = re.compile(rf"\ufeff?{_LEADING.pattern}sec\b")
 _DECLARATIONS = frozenset(["global", "local"])
 _MAX_BLOCKS = 60
-"""Deepest nesting of blocks: a guess, above real programs and below what Python's compiler bears."""
+"""Deepest nesting of blocks: a guess, above real programs and below the limit of Python's compiler."""
 
 
 def normalize(text: str) -> str:
-    """The text from the first line with code on: the controller does not count what comes before it."""
+    """The text from the first line with code onwards, because the controller does not count the lines before it."""
     text = text.removeprefix("\ufeff")
     leading = _LEADING.match(text)
     first = leading.end() if leading else 0
@@ -58,7 +59,7 @@ def normalize(text: str) -> str:
 
 
 def is_secondary(text: str) -> bool:
-    """Whether a text, which may have errors, begins like a secondary program."""
+    """Whether a text begins like a secondary program; the text may contain errors."""
     return _SECONDARY.match(text) is not None
 
 
@@ -67,7 +68,7 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
 
     Raises CompileError for text that is not one program: ``def name(): … end``,
     ``sec name(): … end``, or statements; with `statements` they may begin with a def. With `errors`,
-    errors are added there instead, and what did not parse is missing in the tree.
+    errors are appended to that list instead, and the tree lacks the parts that did not parse.
     """
     tokens = yield from tokenize(source)
     parser = _Parser(source, tokens, errors)
@@ -83,11 +84,11 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
     try:
         raise error
     finally:
-        del error  # which holds this frame, and would be held by it
+        del error  # it refers to this frame: keeping it in a local variable would create a reference cycle
 
 
 def forget(program: Program) -> Steps[None]:
-    """Let go of a syntax tree that nobody needs any more."""
+    """Free a syntax tree that is no longer needed, in steps."""
     for block in program.blocks:
         yield from let_go(block, _STATEMENTS_WORK)
     yield from let_go(program.blocks)
@@ -102,7 +103,7 @@ def forget(program: Program) -> Steps[None]:
 
 
 def parse_statements(source: str) -> Steps[Program]:
-    """The syntax tree of statements for a scope that exists: what they assign is not global unless declared so.
+    """The syntax tree of statements for an existing scope: names they assign are local unless declared global.
 
     Raises CompileError.
     """
@@ -115,12 +116,12 @@ class _Parser(RecoveringParser):
         self, source: str, tokens: list[Token], errors: list[CompileError] | None, *, inner: bool = False
     ) -> None:
         super().__init__(source, tokens, errors)
-        self._inner = inner  # statements of a scope that exists
+        self._inner = inner  # parsing statements for an existing scope
         body: list[Statement] = []
         self.syntax = Program("statement", "", body, self.scope, {}, {}, [], self.damaged, [body], [self.scope])
         self._blocks = 0
         self._loops = 0
-        self._counted = 0  # tokens whose work was yielded
+        self._counted = 0  # tokens whose work has been yielded
         self._compounds: dict[str, Callable[[Any, Token], Steps[Statement]]] = {
             "def": _Parser._function,
             "thread": _Parser._function,
@@ -154,7 +155,7 @@ class _Parser(RecoveringParser):
     def _program_name(self) -> None:
         self.syntax.name = self.expect("name", "for the program").text
         self.expect("(", "after the name of the program")
-        self.expect(")", "since a program takes no parameters")
+        self.expect(")", "because a program takes no parameters")
         self.expect(":", "after ')'")
 
     def statements(self) -> Steps[Program]:
@@ -170,7 +171,7 @@ class _Parser(RecoveringParser):
         return body
 
     def _close(self, where: str, body: list[Statement]) -> Steps[None]:
-        """Step past the ``end`` of a block; recovering, the body takes in branches that cannot be there."""
+        """Step past the ``end`` of a block; during recovery, branches that do not belong there join the body."""
         while self.recovering and self.token.kind in ("else", "elif"):
             yield from self.complain(f"expected 'end' {where}", unclosed_block)
             self.skip_header()
@@ -188,13 +189,13 @@ class _Parser(RecoveringParser):
             yield from self.complain(f"expected 'end' {where}", unclosed_block)
 
     def _at_end_word(self) -> bool:
-        """True at an ``endif``, which ends a block for the purpose of finding more errors."""
+        """True at an ``endif`` or similar, which ends a block when looking for more errors."""
         token = self.token
         alone = token.text in END_WORDS and self.tokens[self.at + 1].after_newline
         return alone and self.recovering and token.after_newline
 
     def _open_block(self) -> Steps[list[Statement]]:
-        """Statements up to the word that ends the block, which is left for the caller."""
+        """Read statements up to the word that ends the block, which the caller consumes."""
         self._blocks += 1
         if self._blocks > _MAX_BLOCKS:
             self.give_up(f"blocks are nested more than {_MAX_BLOCKS} deep")
@@ -214,7 +215,7 @@ class _Parser(RecoveringParser):
                 body += yield from self._block("to close this block")
 
     def _statement(self) -> Steps[Statement]:
-        """One statement; its cost is the number of its tokens and the surcharges of its calls."""
+        """Read one statement; its cost is its number of tokens plus the extra cost of its calls."""
         first, surcharge = self.at, self.scope.cost
         kind = self.token.kind
         self.started = self.measured = first
@@ -242,7 +243,7 @@ class _Parser(RecoveringParser):
         if start.kind not in ("name", "run"):
             if self.token.kind in BLOCK_ENDS:
                 blamed = yield from misplaced_end(self.tokens)
-                self.fail("there is no open block that it could belong to", None, blamed)
+                self.fail("there is no open block it could belong to", None, blamed)
             self.fail("expected a statement")
         value = self.expression(_ABOVE_OPERATORS)
         if self.token.kind == "=":
@@ -298,7 +299,7 @@ class _Parser(RecoveringParser):
     def _label(self, token: Token) -> Statement:
         number = self.expect("number", "for the program label")
         if not number.text.isdigit() or len(number.text) > 9:
-            self.fail("a program label has a whole number", number)
+            self.fail("the number of a program label must be an integer of at most 9 digits", number)
         text = self.expect("string", "for the program label").text[1:-1]
         option = self.take().text[1:-1] if self.token.kind == "string" else ""
         label = Label(token.line, token.column, int(number.text), text, option)
@@ -319,7 +320,7 @@ class _Parser(RecoveringParser):
             self.take()
             self.header(lambda: self.expect(":", "after else"), None)
             otherwise = yield from self._open_block()
-        yield from self._close(f"to close the if of line {token.line}", otherwise)
+        yield from self._close(f"to close the if on line {token.line}", otherwise)
         loops = self.scope.loops
         self.scope.loops = loops or outer_loops
         return If(token.line, token.column, branches, otherwise, loops)
@@ -342,7 +343,7 @@ class _Parser(RecoveringParser):
         self._loops += 1
         if self._loops > _MAX_LOOPS:
             self.give_up(f"loops are nested more than {_MAX_LOOPS} deep", token)
-        body = yield from self._block(f"to close the while of line {token.line}")
+        body = yield from self._block(f"to close the while on line {token.line}")
         self._loops -= 1
         self.scope.loops = True
         return While(token.line, token.column, condition, body)
@@ -353,7 +354,7 @@ class _Parser(RecoveringParser):
         self.syntax.scopes.append(self.scope)
         self.header(lambda: self._signature(token), None)
         first = self.at
-        body = yield from self._block(f"to close the {token.kind} of line {token.line}")
+        body = yield from self._block(f"to close the {token.kind} on line {token.line}")
         self.scope.cost += self.at - first
         function = FunctionDef(token.line, token.column, self.scope, body)
         if len(self.syntax.functions) >= _MAX_FUNCTIONS:
@@ -386,7 +387,7 @@ class _Parser(RecoveringParser):
             self.take()
             default = self.expression()
         elif self.scope.parameters and self.scope.parameters[-1].default is not None:
-            self.fail("a parameter without default cannot follow one with a default", token)
+            self.fail("a parameter without a default cannot follow one with a default", token)
         self.scope.parameters.append(Parameter(token.line, token.column, token.text, default))
         self.scope.locals.add(token.text)
 
@@ -394,22 +395,22 @@ class _Parser(RecoveringParser):
 _PROGRAM_KINDS: dict[str, ProgramKind] = {"def": "program", "sec": "secondary"}
 
 _MAX_LOOPS = 20
-"""Deepest nesting of loops: what Python's compiler bears."""
+"""Deepest nesting of loops: the limit of Python's compiler."""
 
 _MAX_FUNCTIONS = 5000
-"""Most defs and threads of a program, which are planned in one step: ten times those of the largest seen (a guess)."""
+"""Most defs and threads in a program, because they are planned in one step: ten times the largest seen (a guess)."""
 
-_WORK = 2  # of a token
-_FORGETTING_WORK = 2  # of a scope, and of a function
-_STATEMENTS_WORK = 40  # of forgetting a hundred statements, or calls
+_WORK = 2  # per token
+_FORGETTING_WORK = 2  # to free a scope or a function
+_STATEMENTS_WORK = 40  # to free a hundred statements or calls
 _SLICE = 32  # tokens, at least, between two yields
 
 _ABOVE_OPERATORS = 10
-"""A statement starts with a target or a call, so no binary operator may be taken with it."""
+"""A statement starts with a target or a call, so this binding power excludes all binary operators."""
 
 
 def _is_variable(target: Expression) -> bool:
-    """True for a variable and for parts of one."""
+    """True for a variable and for elements or members of one."""
     while isinstance(target, (Index, Member)):
         target = target.target
     return isinstance(target, Name)

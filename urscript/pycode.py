@@ -1,4 +1,4 @@
-"""Small makers of Python syntax tree nodes that carry a URScript position."""
+"""Helpers that create Python syntax tree nodes with a URScript position."""
 
 import ast
 import sys
@@ -12,7 +12,8 @@ LOAD, STORE = ast.Load(), ast.Store()
 
 
 class Place(TypedDict):
-    """Where a node stands, as the Python code has it; ``script_position`` and ``instruction_position`` read it."""
+    """The position of a node as stored in the Python code; read it with ``script_position`` or
+    ``instruction_position``."""
 
     lineno: int
     col_offset: int
@@ -32,7 +33,7 @@ if sys.version_info >= (3, 11):
         return place["lineno"], place["col_offset"] + 1
 
     def script_line(lineno: int) -> int:
-        """The line of the script that a line of the Python code stands for."""
+        """The line of the script that a line number of the Python code encodes."""
         return lineno
 
     def instruction_position(code: CodeType, instruction: int) -> tuple[int, int]:
@@ -40,7 +41,7 @@ if sys.version_info >= (3, 11):
         line, _, column, _ = next(islice(code.co_positions(), instruction // 2, None))
         return line or 0, (column or 0) + 1
 
-else:  # 3.10 keeps no columns in its code: its line numbers hold them too, as far as they go
+else:  # Python 3.10 code has no columns: they are encoded in the line numbers, as far as those reach
     _COLUMNS = 1024
     _LINES = 2**31 // _COLUMNS  # a line number has 32 bits
 
@@ -64,7 +65,7 @@ def constant(value: object, place: Place) -> ast.expr:
 
 
 def load(name: str, place: Place) -> ast.expr:
-    return ast.Name(name, LOAD, **place)  # by position: by keyword it takes twice as long, and there are thousands
+    return ast.Name(name, LOAD, **place)  # keyword arguments take twice as long, for thousands of nodes
 
 
 def call(name: str, place: Place, *arguments: ast.expr) -> ast.expr:
@@ -76,7 +77,7 @@ def attribute(value: ast.expr, name: str, place: Place) -> ast.expr:
 
 
 def item(mapping: str, key: str, context: ast.expr_context, place: Place) -> ast.expr:
-    """``mapping["key"]``, to be read or assigned to."""
+    """``mapping["key"]``, to read or to assign to."""
     return ast.Subscript(value=load(mapping, place), slice=constant(key, place), ctx=context, **place)
 
 

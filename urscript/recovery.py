@@ -1,9 +1,9 @@
-"""Going on after a syntax error, for those who want to see all of them at once.
+"""Error recovery: continue after a syntax error, so that all errors of a text can be reported together.
 
-Where it goes on is a guess at what the author meant: a broken statement ends where a line begins
-that can start a statement, and a broken ``if``, ``while``, ``def`` or ``thread`` still has its
-block. What is skipped may have given a name its meaning, so names in it are not looked up
-(`RecoveringParser.damaged`): a mistake is reported, its consequences are not.
+The position where parsing resumes is a guess at what the author meant: a broken statement ends where a line begins that
+can start a statement, and a broken ``if``, ``while``, ``def`` or ``thread`` still has its block. The skipped text may
+have defined names, so the names in it are never reported as undefined (`RecoveringParser.damaged`): a mistake is
+reported, but its consequences are not.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,23 +24,23 @@ _NESTING = {"(": 1, "[": 1, ")": -1, "]": -1}
 
 
 class RecoveringParser(ExpressionParser):
-    """Reads expressions, and knows what to skip. Without `errors` the first error is raised."""
+    """Reads expressions, and knows how much to skip after an error. Without `errors`, the first error is raised."""
 
     def __init__(self, source: str, tokens: list[Token], errors: list[CompileError] | None) -> None:
         super().__init__(source, tokens)
         self._errors = errors
         self._hopeless = False
-        self.damaged: set[str] = set()  # names in what did not parse
+        self.damaged: set[str] = set()  # names in text that did not parse
 
     @property
     def recovering(self) -> bool:
-        """True when errors are gathered."""
+        """True when errors are collected."""
         return self._errors is not None
 
     def complain(self, problem: str, blamed: Callable[[Sequence[Token]], Steps[Cause | None]]) -> Steps[None]:
-        """A syntax error at the next token, after which reading goes on there.
+        """Report a syntax error at the next token and continue there.
 
-        blamed: finds out of all tokens what is to blame for it.
+        blamed: finds the cause of the error among all tokens.
         """
         try:
             self.fail(problem, None, (yield from blamed(self.tokens)))
@@ -48,12 +48,12 @@ class RecoveringParser(ExpressionParser):
             self._note(error)
 
     def give_up(self, problem: str, token: Token | None = None) -> NoReturn:
-        """A syntax error that would only be repeated by going on."""
+        """Raise a syntax error that would only be repeated if parsing continued."""
         self._hopeless = True
         self.fail(problem, token)
 
     def header(self, read: Callable[[], ResultT], instead: ResultT) -> ResultT:
-        """What a compound statement says before its block; `instead` when it is broken."""
+        """Read the header of a compound statement; returns `instead` when it is broken."""
         start = self.at
         try:
             return read()
@@ -63,17 +63,17 @@ class RecoveringParser(ExpressionParser):
             return instead
 
     def skip_header(self) -> None:
-        """Step past a word that stands where it must not, and what belongs to it in its line."""
+        """Step past a misplaced keyword and the rest of its header."""
         self._go_on(self.at, self._header_end(self.at + 1))
 
     def recover(self, error: CompileError, start: int) -> bool:
-        """Go on behind the statement that began at token number `start`; raises `error` when that is not wanted.
+        """Continue after the statement that began at token `start`; raises `error` when errors are not collected.
 
-        True when what follows is the block of a statement that there is not, as of a ``for``.
+        Returns True when the block of a statement follows that URScript does not have, such as ``for``.
         """
         self._note(error)
         at = max(self.at, start + 1)
-        while not self._begins_line(start):  # what stands before in the line may have been meant otherwise
+        while not self._begins_line(start):  # the text before it on the line may be part of the mistake
             start -= 1
         opens = self.tokens[start].text in FOREIGN_BLOCKS
         if opens:
@@ -83,7 +83,7 @@ class RecoveringParser(ExpressionParser):
         return opens
 
     def at_end_word(self, word: Token) -> None:
-        """An error at the word of ``end if``, or at ``endif``."""
+        """Report an error at the second word of ``end if``, or at ``endif``."""
         try:
             self.fail("a block ends with 'end' alone", word)
         except CompileError as error:
@@ -94,7 +94,7 @@ class RecoveringParser(ExpressionParser):
             raise error
         if all((known.line, known.column) != (error.line, error.column) for known in self._errors):
             self._errors.append(error)
-        if self.string_before(error.line):  # all that follows is taken for text, and text for program
+        if self.string_before(error.line):  # a quote is missing: from here on, strings and code are swapped
             self._hopeless = True
             raise error
 
@@ -107,7 +107,7 @@ class RecoveringParser(ExpressionParser):
         return at == 0 or self.tokens[at].line > self.tokens[at - 1].line
 
     def _header_end(self, at: int) -> int:
-        """Behind the next colon of the line, or at the next line."""
+        """The index of the token after the next colon on the line, or of the next line."""
         tokens = self.tokens
         while tokens[at].kind not in ("end", "end of text") and not self._begins_line(at):
             at += 1
@@ -116,7 +116,7 @@ class RecoveringParser(ExpressionParser):
         return at
 
     def _past_brackets(self, start: int, at: int) -> int:
-        """Behind the brackets that are open between two tokens, when they are closed before the next statement."""
+        """The index after the brackets left open between two tokens, if they are closed before the next statement."""
         open_brackets = sum(_NESTING.get(token.kind, 0) for token in self.tokens[start:at])
         end = at
         while open_brackets > 0:
@@ -128,7 +128,7 @@ class RecoveringParser(ExpressionParser):
         return end
 
     def _statement_end(self, at: int) -> int:
-        """Where the next line begins that can start a statement, or the block ends."""
+        """The index where the next line begins that can start a statement, or where the block ends."""
         blocks = 0
         while self.tokens[at].kind != "end of text":
             kind = self.tokens[at].kind

@@ -1,30 +1,28 @@
-"""Running a program: frames, threads, critical sections.
+"""Run a program: frames, threads, critical sections.
 
 How it works
 ------------
 Every thread is a Python generator. `Runtime.step` is one frame (one control period): each thread
 is resumed once and runs until it yields.
 
-* A bare ``yield`` (motion, sleep, sync, a blocking read, join) means the thread used its physical
-  time; it goes on in the next frame.
-* ``yield True`` means the thread's budget is empty: it was *parked* and goes on in the next frame.
-  The budget counts work, not time, so a program runs the same on every machine, and a busy loop
-  never holds the controller up. Threads share a frame's budget; what one does not use goes to the
-  next. A thread that overdrew (one operation on a long list) sits out frames until it is paid back.
+* A bare ``yield`` (motion, sleep, sync, a blocking read, join) means that the thread used its physical time. It
+  continues in the next frame.
+* ``yield True`` means that the thread's budget is empty: it was *parked* and continues in the next frame. The budget
+  counts work, not time, so a program runs the same on every machine, and a busy loop never delays the controller.
+  Threads share a frame's budget, and the unused part of one thread goes to the next. A thread that overdraws its budget
+  (one operation on a long list) sits out frames until the debt is paid back.
 
 Threads run in the order they were started, the program body last; a thread started in a frame
-runs in that frame. The manual leaves the order open. The vendor's own RTDE example copies input
-registers in a thread and acts on them in the body: with the body first it would act on the values
-of the command before.
+runs in that frame. The manual does not specify the order. The vendor's own RTDE example copies input registers in a
+thread and acts on them in the body; if the body ran first, it would act on the values of the previous command.
 
-Between two yields nothing else runs, so ``enter_critical`` matters only for parking: a thread
-parked inside a critical section keeps all others from running until it leaves the section or uses
-physical time. While it waits in motion, sync, sleep, a read or join, the others do run (Script
-Manual 9.2, and PolyScope's and the official control script depend on it). A thread that ends or
-is killed leaves no section behind.
+Between two yields nothing else runs, so ``enter_critical`` matters only for parking: a thread parked inside a critical
+section keeps all others from running until it leaves the section or uses physical time. While it waits in motion, sync,
+sleep, a read or join, the others run (Script Manual 9.2; PolyScope's programs and the official control script depend on
+it). A thread that finishes or is killed leaves its critical sections.
 
-A thread handle is an int, so ``thread = 0`` is a handle of no thread: killing and joining it does
-nothing. A kill takes the children of the thread with it.
+A thread handle is an int, so ``thread = 0`` is the handle of no thread: killing or joining it does nothing. Killing a
+thread also kills its children.
 """
 
 import re
@@ -46,10 +44,10 @@ from urscript.values import TYPE_NAMES, UNSET, Value
 
 
 def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
-    """Line, column, and whether the error arose in compiled code itself and not in something it called.
+    """Line, column, and whether the error was raised by compiled code itself rather than by a function it called.
 
-    An error in an interpreted statement is where the program called interpreter_mode(); only in
-    a thread of interpreted code, which the program has no line for, the line is the statement's.
+    For an error in an interpreted statement, the position is that of the interpreter_mode() call. A thread of
+    interpreted code has no position in the program, so its errors have the line of the statement.
     """
     places = {FILE_NAME: (0, 0), STATEMENT_FILE: (0, 0)}
     inside = False
@@ -63,7 +61,7 @@ def error_position(trace: TracebackType | None) -> tuple[int, int, bool]:
     return line, column, inside
 
 
-# How Python words what compiled code runs into itself.
+# Python's messages for errors that compiled code raises itself.
 _VARIABLE: Final = re.compile(r".*'v_(\w+)'")
 _COMPARISON: Final = re.compile(r"'([<>]=?)' not supported between instances of '(\w+)' and '(\w+)'")
 _TYPE_NAMES: Final = {python.__name__: name for python, name in TYPE_NAMES.items()}
@@ -73,7 +71,7 @@ def message_of(error: Exception, inside: bool) -> str:
     if isinstance(error, RuntimeFault):
         return str(error)
     if isinstance(error, RecursionError):
-        return "Functions call each other too deeply"
+        return "Function calls are nested too deeply"
     if inside and isinstance(error, NameError):
         variable = _VARIABLE.search(str(error))
         return f"Variable '{variable[1]}' is used before it has a value" if variable else str(error)
@@ -86,13 +84,14 @@ def message_of(error: Exception, inside: bool) -> str:
 
 
 WORK_PER_SECOND = 4_000_000
-"""Work all threads may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms frame.
+"""Work that all threads together may do per second of controller time [meter units of about 50 ns]: 0.4 ms of a 2 ms
+frame.
 
-A guess about what a controller's interpreter does; chosen so that a frame leaves time for the rest of the tick.
+A guess at the speed of a controller's interpreter, chosen so that a frame leaves time for the rest of the tick.
 """
 
 MIN_SHARE = 100
-"""Least budget of a thread in a frame [meter units], so that every thread advances."""
+"""Minimum budget of a thread in a frame [meter units], so that every thread advances."""
 
 MAX_THREADS = 64
 """Most threads alive at a time. A guess: the real limit is not known."""
@@ -100,31 +99,31 @@ MAX_THREADS = 64
 MAX_CALL_DEPTH = 200
 """Deepest recursion. A guess; vendor programs recurse a few levels."""
 
-_THREAD_WORK = 150  # of starting or killing a thread [meter units]
+_THREAD_WORK = 150  # to start or kill a thread [meter units]
 
 ThreadBody = Generator[bool | None, None, Value]
 
 
 class Host(Protocol):
-    """What the runtime itself asks of whoever runs programs. Built-ins ask for more: see their library."""
+    """What the runtime itself needs from the host of a program. Built-ins need more: see their library."""
 
     @property
     def period_s(self) -> float:
         """Length of a frame [s]."""
 
     def on_label(self, number: int, text: str, option: str, thread: "ScriptThread") -> bool:
-        """A thread reached the program label ``$ number "text" "option"``. True: not on yet, ask in the next frame."""
+        """A thread reached the program label ``$ number "text" "option"``. Return True to hold it for a frame."""
 
 
 class StepHost(Host, Protocol):
-    """What programs compiled with ``stepped`` ask for besides: room for a tracer or a debugger."""
+    """What programs compiled with ``stepped`` need in addition: a hook for a tracer or debugger."""
 
     def on_step(self, line: int, column: int, thread: "ScriptThread") -> bool:
-        """The thread is about to execute what stands there. True: not yet, ask again in the next frame."""
+        """The thread is about to execute the statement at this position. Return True to hold it for a frame."""
 
 
 class _Halt(BaseException):
-    """``halt``: the program ends. Not an Exception, so that no built-in catches it by accident."""
+    """``halt``: the program ends. Not an Exception, so that no built-in catches it accidentally."""
 
 
 class _Killed(BaseException):
@@ -143,24 +142,25 @@ class ScriptThread:
         self.body = body
         self.critical = 0  # nested critical sections it is in
         self.balance = 0  # overdrawn budget, never positive
-        self.parked_frames = 0  # frames in a row that ended because the budget was empty
+        self.parked_frames = 0  # consecutive frames that ended because the budget was empty
         self.label: tuple[int, str] | None = None  # number and text of the program label reached last
         self.interpreted = False  # started by an interpreted statement, or by a thread that was
 
     @property
     def position(self) -> tuple[int, int]:
-        """Line and column (from 1) of what the thread is doing; line 0 before it has started."""
+        """Line and column (from 1) that the thread is executing; line 0 before it has started."""
         frame = self._innermost()
         return (0, 0) if frame is None else instruction_position(frame.f_code, frame.f_lasti)
 
     @property
     def line(self) -> int:
-        """Line (from 1) of what the thread is doing; asked every period, so without the column, which is slow."""
+        """Line (from 1) that the thread is executing. Without the column, which is slow: this is read every period."""
         frame = self._innermost()
         return 0 if frame is None else script_line(frame.f_lineno)
 
     def _innermost(self) -> FrameType | None:
-        """The frame of the program's innermost function, of a statement's when there is none; None before the start."""
+        """The frame of the program's innermost function, else that of an interpreted statement; None before the
+        start."""
         frames: dict[str, FrameType] = {}
         body: object = self.body
         while isinstance(body, GeneratorType):
@@ -174,8 +174,8 @@ class ScriptThread:
 class Runtime:
     """One run of a program.
 
-    `motion_thread` is for the host: the thread that owns the motion of the robot, if any.
-    `parked`: the thread that was parked longest of those parked in the last frame, if any.
+    motion_thread: set by the host; the thread that owns the motion of the robot, if any.
+    parked: of the threads parked in the last frame, the one parked longest, if any.
     """
 
     def __init__(self, program: CompiledProgram, host: Host) -> None:
@@ -196,11 +196,11 @@ class Runtime:
         self._namespace = self._make_namespace()
         self._start(self._namespace["main"], program.name or "main", None)
 
-    # what the host sees
+    # for the host
 
     @property
     def threads(self) -> tuple[ScriptThread, ...]:
-        """The threads alive, oldest first."""
+        """The running threads, oldest first."""
         return tuple(self._threads.values())
 
     @property
@@ -210,7 +210,7 @@ class Runtime:
         return {name: value for name, value in values if value is not UNSET}
 
     def values(self, start: int, stop: int) -> list[Value]:
-        """Values of global variables, by their place in the program's ``global_names``; None without a value."""
+        """Values of global variables by their index in the program's ``global_names``; None without a value."""
         namespace = self._namespace
         found = [namespace[f"v_{name}"] for name in self.program.global_names[start:stop]]
         return [None if value is UNSET else value for value in found]
@@ -224,7 +224,7 @@ class Runtime:
         return owner.line if owner is not None else 0
 
     def step(self) -> None:
-        """Run one frame. Does nothing once finished; never raises what the program raises."""
+        """Run one frame. Does nothing once the program is finished; never raises errors of the program."""
         if self.finished:
             return
         self.parked = None
@@ -246,13 +246,13 @@ class Runtime:
                 self._holder = None
 
     def stop(self) -> None:
-        """End the program: every thread is closed where it stands."""
+        """End the program: close every thread where it is."""
         self._finish()
 
     # statements for the running program
 
     def link(self, statement: CompiledStatement) -> Callable[[Locals], ThreadBody]:
-        """Make the functions of a statement known; returns what executes the statement."""
+        """Add the functions of a statement to the program; returns the function that executes the statement."""
         namespace = self._namespace
         for name, builtin in statement.builtins.items():
             if f"b_{name}" not in namespace:
@@ -264,13 +264,13 @@ class Runtime:
         return lambda scope: body(scope, pieces)
 
     def unlink(self, statement: CompiledStatement) -> None:
-        """Remove the functions of a linked statement; what is executing them goes on."""
+        """Remove the functions of a linked statement; calls in progress continue."""
         for plan in statement.functions.values():
             self._namespace.pop(plan.symbol, None)
             self._forget_pieces(plan.symbol)
 
     def _forget_pieces(self, symbol: str) -> list[Any]:
-        """Remove the pieces of a function, which it holds itself while it is executed."""
+        """Remove the pieces of a function; while it is executed, it refers to them itself."""
         pieces: list[Any] = []
         while (piece := self._namespace.pop(piece_name(symbol, len(pieces)), None)) is not None:
             pieces.append(piece)
@@ -291,7 +291,7 @@ class Runtime:
         return self._in_statement and self.current is not None and self.current.id == 0
 
     def end_interpreted_threads(self) -> None:
-        """End every thread that an interpreted statement started; not to be called in one of them."""
+        """End every thread that an interpreted statement started; must not be called from one of them."""
         for thread in list(self._threads.values()):
             if thread.interpreted:
                 self._close(thread)
@@ -299,7 +299,7 @@ class Runtime:
     # one thread
 
     def _resume(self, thread: ScriptThread, share: int) -> int:
-        """Run a thread until it yields; the part of its share that it did not use."""
+        """Run a thread until it yields; returns the unused part of its share."""
         METER.left = share + thread.balance
         if METER.left > 0:
             self.current = thread
@@ -358,18 +358,18 @@ class Runtime:
         try:
             thread.body.close()
         except Exception as error:
-            # Clean-up code of a built-in failed; the program is being ended anyway.
+            # Clean-up code of a built-in failed, but the program is ending anyway.
             self.error = self.error or self._describe(error, thread)
 
     def _describe(self, error: Exception, thread: ScriptThread) -> ScriptRuntimeError:
-        """The error as scripts know it: at the innermost line of the program."""
+        """The error as reported to the user: at the innermost line of the program."""
         line, column, inside = error_position(error.__traceback__)
         source = self.program.source
         described = ScriptRuntimeError(message_of(error, inside), line, column, source, thread.name)
         described.__cause__ = error
         return described
 
-    # what compiled code calls
+    # called by compiled code
 
     def _make_namespace(self) -> dict[str, Any]:
         program = self.program
@@ -461,7 +461,7 @@ class Runtime:
 
 def _deeper(depth: int) -> int:
     if depth >= MAX_CALL_DEPTH:
-        raise RuntimeFault(f"Functions call each other more than {MAX_CALL_DEPTH} levels deep")
+        raise RuntimeFault(f"Function calls are nested more than {MAX_CALL_DEPTH} levels deep")
     return depth + 1
 
 

@@ -1,16 +1,14 @@
-"""Cutting the byte stream of a script port into programs.
+"""Split the byte stream of a script port into programs.
 
-A unit is either a block (``def``, ``sec``, ``thread``, ``if`` or ``while`` with everything up to
-its ``end``) or a line. Text comes in any pieces; a unit is complete when the byte after it has
-arrived, so a line or a closing ``end`` without a newline waits. Blank lines and lines that hold
-only a comment are dropped.
+A unit is either a block (``def``, ``sec``, ``thread``, ``if`` or ``while`` with everything up to its ``end``) or a
+line. The stream may arrive in chunks of any size. A unit is complete when the byte after it has arrived, so a line or a
+closing ``end`` without a newline waits. Blank lines and lines with only a comment are dropped.
 
-Inside a block only words, strings, comments and nesting are looked at: whether it is a program is
-for the parser to say. A line outside blocks ends at its newline whatever it holds, so junk never
-swallows the next command.
+Inside a block, only words, strings, comments and nesting matter here; the parser decides whether it is a valid program.
+A line outside blocks always ends at its newline, so invalid text never swallows the next command.
 
-Every byte is looked at a bounded number of times, however the text is cut: what is blank or comment is dropped as it
-comes, and everything else is gone on with where the last look ended.
+Every byte is examined a bounded number of times, whatever the chunks: blanks and comments are dropped on arrival, and
+everything else is scanned from where the last scan ended.
 """
 
 import re
@@ -20,26 +18,26 @@ from typing import Literal
 from urproto.text import from_bytes
 
 MAX_UNIT_BYTES = 4_000_000
-"""Longest unit [bytes]. A guess: several times the longest program seen in the wild."""
+"""Longest unit [bytes]. A guess: several times the longest real program seen."""
 
 _BLANK = re.compile(rb"(?:[ \t\r\n\f\v]+|\xef\xbb\xbf|#[^\n]*\n)*")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-_FIRST_WORD = re.compile(rb"[A-Za-z_][A-Za-z0-9_]{0,6}")  # as far as it takes to know that it opens no block
+_FIRST_WORD = re.compile(rb"[A-Za-z_][A-Za-z0-9_]{0,6}")  # one character more than "thread", the longest
 _WORD = re.compile(rb"[A-Za-z0-9_]+")
-_DULL = re.compile(  # all but strings, comments, the words that nest, and a word that may go on
+_DULL = re.compile(  # everything but strings, comments, words that nest, and a word that may be incomplete
     rb'(?:[^A-Za-z_"#]+|(?!(?:def|sec|thread|if|while|end)(?![A-Za-z0-9_]))[A-Za-z_][A-Za-z0-9_]*(?![A-Za-z0-9_]|\Z))'
-    rb"{0,500}"  # of which it remembers each
+    rb"{0,500}"  # bounded, because the regular expression engine remembers each repetition
 )
 _OPENING = frozenset([b"def", b"sec", b"thread", b"if", b"while"])
-_LONGEST_WORD = max(map(len, _OPENING))  # of those that matter
+_LONGEST_WORD = max(map(len, _OPENING))  # of the words that matter
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
     """One program or command, as text.
 
-    `complete` is False for what `flush` found unfinished. A unit of kind ``error`` holds in `text`
-    the beginning of something too long; the rest of it is lost up to the next newline.
+    `complete` is False for an unfinished unit returned by `flush`. The `text` of a unit of kind ``error`` is the
+    beginning of a unit that is too long; the rest of it is discarded up to the next newline.
     """
 
     text: str
@@ -48,16 +46,16 @@ class Unit:
 
 
 class ScriptSplitter:
-    """One per connection."""
+    """The splitter of one connection."""
 
     def __init__(self, max_unit_bytes: int = MAX_UNIT_BYTES) -> None:
         self._max = max_unit_bytes
         self._buffer = bytearray()
-        self._skipping = False  # the rest of a line that was too long
+        self._skipping = False  # discarding the rest of a unit that was too long
         self._restart()
 
     def _restart(self) -> None:
-        """At the start of the buffer a new unit may begin."""
+        """Reset the state: a new unit may begin at the start of the buffer."""
         self._scanned = 0
         self._start: int | None = None  # where the unit begins, once its kind is known
         self._is_block = False
@@ -66,32 +64,32 @@ class ScriptSplitter:
 
     @property
     def pending(self) -> bool:
-        """True while the beginning of a unit waits for the rest of it."""
+        """True while an incomplete unit is waiting for more bytes."""
         return bool(bytes(self._buffer).strip())
 
     def feed(self, data: bytes) -> list[Unit]:
-        """The units that these bytes complete. Never raises."""
+        """Add bytes; returns the units that they complete. Never raises."""
         self.add(data)
         return [*iter(self.next, None)]
 
     def add(self, data: bytes) -> None:
-        """Take bytes, for `next` to look at."""
+        """Add bytes, which `next` splits."""
         self._buffer += data
 
     def next(self) -> Unit | None:
-        """The next unit that is complete; None until more bytes come. Never raises."""
+        """The next complete unit; None until more bytes arrive. Never raises."""
         unit = self._next()
         return self._give_up() if unit is None and len(self._buffer) > self._max else unit
 
     def flush(self) -> list[Unit]:
-        """What is left when the connection ends: units that only miss a newline are complete."""
+        """The remaining units when the connection ends; a unit that lacks only its newline is complete."""
         units = self.feed(b"\n")
         if (rest := self.rest()) is not None:
             units.append(rest)
         return units
 
     def rest(self) -> Unit | None:
-        """What `next` never will complete: the end of a stream that ends in the middle of a unit."""
+        """The rest of a stream that ends in the middle of a unit, which `next` never returns."""
         text = bytes(self._buffer)
         self._buffer.clear()
         self._restart()
@@ -112,7 +110,7 @@ class ScriptSplitter:
         return newline >= 0
 
     def _begin(self) -> bool:
-        """Find out what begins; False while that is not known yet."""
+        """Determine the kind of the next unit; False while it is not known yet."""
         if not self._drop_blank():
             return False
         buffer, first = self._buffer, self._scanned
@@ -128,7 +126,7 @@ class ScriptSplitter:
         return True
 
     def _drop_blank(self) -> bool:
-        """Drop blank lines and comments, but not the indentation of what begins; False when nothing follows yet."""
+        """Drop blank lines and comments, but not the indentation of the next unit; False when nothing follows yet."""
         buffer = self._buffer
         if self._inside:
             if not self._leave():
@@ -175,7 +173,7 @@ class ScriptSplitter:
             if end == len(buffer):
                 if end > at + _LONGEST_WORD:
                     self._scanned, self._inside = end, b"a"
-                return None  # the word may go on
+                return None  # the word may be incomplete
             self._scanned = end
             self._depth += -1 if buffer[at:end] == b"end" else 1
             if self._depth == 0:
@@ -183,7 +181,7 @@ class ScriptSplitter:
         return None
 
     def _leave(self) -> bool:
-        """Step past the string, comment or long word; False when its end has not arrived."""
+        """Step past the current string, comment or long word; False when its end has not arrived."""
         if self._inside == b"a":
             word = _WORD.match(self._buffer, self._scanned)
             end = word.end() if word else self._scanned

@@ -1,7 +1,7 @@
-"""The syntax tree, as the parser leaves it.
+"""The syntax tree that the parser creates.
 
-Every node has the line and column (from 1) that an error about it should point at. A `Scope`
-gathers, for the program body and for each def and thread, what the later stages ask about it.
+Every node has the line and column (from 1) that an error about it should point at. A `Scope` collects, for the program
+body and for each def and thread, the information that later stages need.
 """
 
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class ListLiteral(Node):
 
 @dataclass(slots=True)
 class NumberList(Node):
-    """A list of number literals that is so long that no stage shall go through it."""
+    """A list of number literals so long that no later stage should iterate over it."""
 
     values: tuple[float, ...]
 
@@ -93,7 +93,7 @@ Expression: TypeAlias = (
 
 
 def parts(node: Expression) -> tuple[list[Expression], list[Expression]]:
-    """The expressions in an expression, and those of them that are values in a row of any length."""
+    """The expressions inside an expression: a fixed number of parts, and a sequence of any length."""
     match node:
         case Unary():
             return [node.operand], []
@@ -132,7 +132,7 @@ class ExpressionStatement(Node):
 class If(Node):
     branches: list[tuple[Expression, list["Statement"]]]
     otherwise: list["Statement"]
-    loops: bool  # a while loop is somewhere inside
+    loops: bool  # contains a while loop at any depth
     cost: int = 0
 
 
@@ -151,7 +151,7 @@ class Return(Node):
 
 @dataclass(slots=True)
 class Word(Node):
-    """A statement that is one keyword: break, continue, halt, enter_critical, exit_critical."""
+    """A statement of a single keyword: break, continue, halt, enter_critical, exit_critical."""
 
     word: str
     cost: int = 0
@@ -182,7 +182,7 @@ class Parameter(Node):
 
 @dataclass(slots=True)
 class Scope:
-    """What a body uses and does; bodies of nested defs and threads are scopes of their own."""
+    """The names a body uses and properties of its statements. Nested defs and threads have their own scopes."""
 
     name: str
     is_thread: bool = False
@@ -192,7 +192,7 @@ class Scope:
     calls: list[Call] = field(default_factory=list)
     methods: list[MethodCall] = field(default_factory=list)
     loops: bool = False
-    waits: bool = False  # join, a label, or a method call
+    waits: bool = False  # contains a join, a label or a method call
     cost: int = 0
 
 
@@ -212,9 +212,9 @@ class Program:
     name: str
     body: list[Statement]
     scope: Scope
-    functions: dict[str, FunctionDef]  # every def and thread of the text, whatever its nesting
+    functions: dict[str, FunctionDef]  # every def and thread of the text, at any depth
     globals: dict[str, None]  # in order of appearance
     labels: list[Label]
     damaged: set[str]  # names in text that did not parse
-    blocks: list[list[Statement]]  # of all statements: for `urscript.parser.forget`
+    blocks: list[list[Statement]]  # all lists of statements, for `urscript.parser.forget`
     scopes: list[Scope]

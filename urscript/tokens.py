@@ -1,9 +1,10 @@
 """The tokenizer.
 
-Newlines are white space; a token only remembers whether one came before it outside brackets,
-which the parser needs in three places (calls, indexing, bare ``return``). Only a token of absurd length is an error
-here: what cannot start a token becomes an ``invalid`` token, so that the parser reports the
-first fault of the text and not the first odd character.
+Newlines are white space. A token only records whether a newline came before it outside brackets, which the parser needs
+in three places (calls, indexing, bare ``return``).
+
+The only error raised here is for an excessively long token. A character that cannot start a token becomes an
+``invalid`` token, so that the parser reports the first mistake in the text rather than the first invalid character.
 """
 
 import re
@@ -33,14 +34,15 @@ _TOKEN = re.compile(
 )
 
 _LONGEST = 50_000
-"""Longest token [characters], as the expression above has it: a step takes in no more than some of them (a guess)."""
+"""Longest token [characters], as in the expression above, so that a step reads a bounded amount of text (a guess)."""
 
-_WORK = 2  # of a token and the space around it; a line end and a comment count as much
-_SLICE = 32  # of these between two yields, wherever lines end: a text may be one line
+_WORK = 2  # per token with the space around it; a line end and a comment count as much
+_SLICE = 32  # tokens between two yields, regardless of line ends: a text may be a single line
 
 
 class Token(NamedTuple):
-    """`kind` is the word or sign itself for keywords and operators; otherwise name, number, string, invalid, end."""
+    """A token. `kind` is the text itself for keywords and operators; otherwise name, number, string, invalid or
+    ``end of text``."""
 
     kind: str
     text: str
@@ -50,11 +52,11 @@ class Token(NamedTuple):
 
 
 def tokenize(source: str) -> Steps[list[Token]]:
-    """The tokens of a text, closed by one of kind ``end of text``. Raises CompileError for one of absurd length."""
+    """The tokens of a text; the last one has the kind ``end of text``. Raises CompileError for a token too long."""
     tokens: list[Token] = []
     add = tokens.append
     line, line_start, depth, fresh = 1, 0, 0, True
-    last, end_line, end_start = 0, 1, 0  # where the last token or comment ends, and its line
+    last, end_line, end_start = 0, 1, 0  # end of the last token or comment, with its line
     number = 0
     matches = _TOKEN.finditer(source)
     while (match := next(matches, None)) is not None:
@@ -71,7 +73,7 @@ def tokenize(source: str) -> Steps[list[Token]]:
             continue
         text = match[group]
         if group == "comment":
-            if len(text) == _LONGEST:  # the rest of the line too, faster than a regular expression does it
+            if len(text) == _LONGEST:  # skip the rest of the line, faster than with the regular expression
                 end = source.find("\n", match.end())
                 matches = _TOKEN.finditer(source, end) if end >= 0 else iter(())
                 text = source[match.start(group) : end if end >= 0 else None]
@@ -80,7 +82,7 @@ def tokenize(source: str) -> Steps[list[Token]]:
         column = match.start(group) - line_start + 1
         if len(text) >= _LONGEST:
             yield from let_go(tokens)
-            message = f"syntax error: a {group} here is longer than {_LONGEST - 2} characters"
+            message = f"syntax error: this {group} is longer than {_LONGEST - 2} characters"
             raise CompileError.syntax(message, line, column, source)
         if group == "name":
             add(Token(text if text in KEYWORDS else group, text, line, column, fresh))

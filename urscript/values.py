@@ -1,4 +1,4 @@
-"""The values of the language, and the annotations that built-ins are declared with.
+"""The values of the language, and the annotations for declaring built-ins.
 
 | URScript | Python            |
 |----------|-------------------|
@@ -12,13 +12,13 @@
 | struct   | ``Struct``        |
 | thread handle | ``int``      |
 
-Values are never changed in place: ``a[0] = 1`` makes a new list and binds ``a`` to it. That is
-how assignment and argument passing copy without copying. A built-in must therefore neither
-change its arguments nor keep a list it will change later.
+Values are never modified in place: ``a[0] = 1`` creates a new list and binds ``a`` to it. Assignment and argument
+passing thus have the semantics of a copy without copying. A built-in must therefore neither modify its arguments nor
+keep a list that it modifies later.
 
-Strings are byte strings on the controller. Here they are text as `urproto.text` holds it, always in the form that
-`from_bytes` gives, so that equal bytes are equal strings: what joins two strings puts a character together whose bytes
-came in halves.
+Strings are byte strings on the controller. Here they are text in the representation of `urproto.text`, always in the
+form that `from_bytes` returns, so that equal bytes are equal strings: joining two strings also joins a character whose
+bytes were split between them.
 """
 
 import math
@@ -37,10 +37,10 @@ MAX_STRING = 1023
 """Longest string a program can build [bytes] (Script Manual, str_cat)."""
 
 MAX_ELEMENTS = 10_000
-"""Most elements a list, matrix or struct may hold, all levels together. A guess: the real limit is memory."""
+"""Maximum number of elements in a list, matrix or struct, all levels together. A guess: the real limit is memory."""
 
 MAX_NESTING = 16
-"""Most levels of lists and structs inside each other. A guess."""
+"""Maximum nesting of lists and structs. A guess."""
 
 INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 
@@ -69,7 +69,7 @@ class BoundedList(list[Any]):
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """Rows of numbers, all of one length."""
+    """Rows of numbers, all of the same length."""
 
     rows: tuple[tuple[Value, ...], ...]
 
@@ -81,13 +81,13 @@ class Matrix:
 
 @dataclass(frozen=True, slots=True)
 class Struct:
-    """Named members in the order they were written."""
+    """Named members in the order of their definition."""
 
     members: dict[str, Value]
 
 
 class _Unset:
-    """The value of a global that nothing has been assigned to yet. Whatever is done with it is an error."""
+    """The value of a global that has not been assigned yet. Any use of it is an error."""
 
     __slots__ = ()
 
@@ -104,7 +104,7 @@ UNSET = _Unset()
 
 
 def copy_value(value: Value) -> Value:
-    """An equal value that shares no list with the original, for a host that changes lists itself."""
+    """An equal value that shares no list with the original, for a host that modifies lists itself."""
     if isinstance(value, BoundedList):
         return BoundedList(map(copy_value, value), value.capacity)
     if isinstance(value, Pose):
@@ -137,7 +137,7 @@ TYPE_NAMES: dict[type, str] = {
 
 
 def type_name(value: object) -> str:
-    """The controller's word for the type of a value (``Int``, ``Const String`` and ``List`` seen, others guessed)."""
+    """The controller's name for the type of a value (``Int``, ``Const String`` and ``List`` seen, others guessed)."""
     known = TYPE_NAMES.get(value.__class__)
     return known if known is not None else str(getattr(value, "type_title", value.__class__.__name__))
 
@@ -146,7 +146,7 @@ def type_name(value: object) -> str:
 
 
 def joined(left: str, right: str) -> str:
-    """Two strings, one after the other; RuntimeFault beyond 1023 bytes."""
+    """Concatenate two strings; raises RuntimeFault beyond 1023 bytes."""
     text = left + right
     size = len(text)
     if not text.isascii():
@@ -176,7 +176,7 @@ def _between(parts: Iterable[Iterator[str]], separator: str) -> Iterator[str]:
 
 
 def _chunks(value: Value, message: bool, inner: bool) -> Iterator[str]:
-    """The text in pieces, so that whoever collects it can stop at a limit."""
+    """The text in pieces, so that the caller can stop at a limit."""
     separator = "," if message else ", "
     if isinstance(value, list):
         yield "p[" if value.__class__ is Pose else "["
@@ -200,7 +200,7 @@ def _member_chunks(name: str, value: Value, message: bool) -> Iterator[str]:
 
 
 _CHUNK_WORK = 15
-"""Work for a piece of the text of a list [meter units]."""
+"""Work per piece of the text of a list [meter units]."""
 
 
 def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> str:
@@ -220,15 +220,15 @@ def to_text(value: Value, *, message: bool = False, limit: int = MAX_STRING) -> 
 
 
 def cut_text(value: Value, limit: int) -> str:
-    """The text of a value in the form of textmsg, cut where it would take more than `limit` bytes.
+    """The text of a value in the form of textmsg, cut at `limit` bytes.
 
-    Takes no more work than that many bytes are worth, whatever the value.
+    The work is limited to that many bytes, whatever the value.
     """
     return from_bytes(to_bytes(_text(value, True, limit)[:limit])[:limit])
 
 
 def _text(value: Value, message: bool, limit: int) -> str:
-    """The text of a value; of one longer than `limit` at least that much."""
+    """The text of a value; if it is longer than `limit`, at least that much of it."""
     if value.__class__ is str:
         return str(value)
     if not isinstance(value, (list, Matrix, Struct)):
@@ -249,31 +249,31 @@ def _text(value: Value, message: bool, limit: int) -> str:
 
 
 class KindMismatchError(Exception):
-    """A value is not of the kind a parameter asks for."""
+    """A value is not of the kind that a parameter expects."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What a built-in's parameter accepts. `title` is the type name in the error text."""
+    """The kind of value that a built-in's parameter accepts. `title` is the type name in error messages."""
 
     title: str
 
     def accept(self, value: Value) -> Value:
-        """The value as the built-in gets it; raises KindMismatchError."""
+        """The value as passed to the built-in; raises KindMismatchError."""
         return value
 
 
 class NotPhysicalError(KindMismatchError):
-    """A number of the right kind that no robot can do anything with."""
+    """A number of the right kind that is meaningless as a physical quantity."""
 
 
 MOST_PHYSICAL = 1e12
-"""Largest number in a pose or list of a robot's, in any unit; its square can still be computed. A guess."""
+"""Largest physical number in a pose or list, in any unit; its square can still be computed. A guess."""
 
 
 @dataclass(frozen=True)
 class PhysicalKind(Kind):
-    """Another kind, whose numbers are finite, and in lists and poses not beyond `MOST_PHYSICAL`."""
+    """Restricts another kind to finite numbers, which in lists and poses do not exceed `MOST_PHYSICAL`."""
 
     kind: Kind
 
@@ -297,7 +297,7 @@ class _NumberKind(Kind):
 
 
 class _IntKind(Kind):
-    # The official control script passes the integer arguments of force_mode as floats.
+    # Accepts floats: the official control script passes the integer arguments of force_mode as floats.
     def accept(self, value: Value) -> Value:
         if value.__class__ is int:
             return value
@@ -342,7 +342,7 @@ POSE_OR_JOINTS = _PoseOrJointsKind("Pose or List of 6 numbers")
 Num = Annotated[float, NUMBER]
 """int or float."""
 Int = Annotated[int, INT]
-"""int, or a float without fraction (arrives as int)."""
+"""int, or a float without a fraction (passed as int)."""
 Bool = Annotated[bool, BOOL]
 Str = Annotated[str, STRING]
 PoseArg = Annotated[Pose, POSE]

@@ -1,8 +1,7 @@
 """Work in steps, so that compiling a long text can be spread over control periods.
 
-A step generator yields, after each piece of work, how much that was; its return value is the
-result. One unit of work is about a microsecond on a small machine: every number is a guess
-from measuring, and all that matters is that they fit together.
+A step generator yields the amount of work after each piece; its return value is the result. One unit of work is about a
+microsecond on a small machine. All amounts are estimates from measurements, and only their proportions matter.
 """
 
 from collections.abc import Generator
@@ -14,13 +13,14 @@ Steps: TypeAlias = Generator[int, None, ResultT]
 """Yields the work done since the last yield; returns the result."""
 
 
-_SLICE = 100  # elements that are forgotten at a time
+_SLICE = 100  # elements removed at a time
 
 
 def let_go(items: list[Any] | dict[Any, Any], work: int = 10) -> Steps[None]:
-    """Empty what nobody needs any more: Python takes half a second to forget millions of objects at once.
+    """Empty a collection that is no longer needed. In steps, because Python takes half a second to free millions of
+    objects in one go.
 
-    ``work``: of a hundred elements, with all that goes with them.
+    work: to free a hundred elements with everything they refer to.
     """
     while items:
         if isinstance(items, list):
@@ -32,7 +32,7 @@ def let_go(items: list[Any] | dict[Any, Any], work: int = 10) -> Steps[None]:
 
 
 def run_to_end(steps: Steps[ResultT]) -> ResultT:
-    """The result, with all the work done at once."""
+    """Do all the work in one go; returns the result."""
     while True:
         try:
             next(steps)

@@ -121,7 +121,7 @@ def told(variables: Variables, *values: Value, start: int = 0) -> None:
     variables.hear(GlobalVariableValues(start_index=start, values=values))
 
     def test_the_checker_says_better_why_a_script_does_not_start(self, draft: Draft):
-        diagnosis = ScriptError(2, 3, "function 'sinc' is not known; did you mean 'sync'?")
+        diagnosis = ScriptError(2, 3, "function 'sinc' is not defined; did you mean 'sync'?")
         draft.sending(draft.prepared(), 0.0)
         draft.hear(compile_error(2, "compile_error_name_not_found:sinc:"))
         assert [problem.found_by for problem in draft.problems] == ["start"]

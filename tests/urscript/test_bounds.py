@@ -43,7 +43,7 @@ def test_a_statement_that_is_too_long_is_refused_before_it_is_read_to_its_end() 
     assert "longer than 40000" in error.message
     assert error.column < 45_000
     error = error_of(f"textmsg([{longest}])\n")
-    assert "longer than 2000 words and signs: assign lists to variables first" in error.message
+    assert "longer than 2000 tokens: assign lists to variables first" in error.message
     assert error.column < 2_100
 
 
@@ -108,7 +108,7 @@ def test_a_program_has_a_largest_number_of_defs(body: str) -> None:
 def test_a_long_chain_of_operators_is_compiled_or_refused_with_advice(sign: str) -> None:
     assert compile_text(f"a = {sign.join(['True'] * 140)}\n")
     assert (
-        "more than 150 operators or brackets in one another: use several statements"
+        "operators or brackets are nested more than 150 deep: use several statements"
         in error_of(f"a = {sign.join(['1'] * 160)}\n").message
     )
 

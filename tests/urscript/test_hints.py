@@ -41,8 +41,8 @@ LINES = [
     ("/* a comment */", 4, "a comment begins with '#'"),
     ("b = a && True", 9, "write 'and'"),
     ("b = a || True", 9, "write 'or'"),
-    ("b = a === 1", 11, "'==' compares"),
-    ("b = a <> 1", 10, "'==' compares"),
+    ("b = a === 1", 11, "write '==' for equal"),
+    ("b = a <> 1", 10, "write '==' for equal"),
     ("b = a ** 2", 10, "write pow(base, exponent)"),
     ("b = a ^ 2", 9, "write pow(base, exponent)"),
     ("a = 2;", 8, "statements end without ';'"),
@@ -70,28 +70,28 @@ LINES = [
     ("int b = 1", 7, "write name = value"),
     ("import math", 10, "no modules"),
     ('print "text"', 9, 'textmsg("text")'),
-    ("If a == 1: sync() end", 6, "small letters"),
+    ("If a == 1: sync() end", 6, "lower case"),
     ("try: sync()", 6, "no exceptions"),
     ("function g():", 12, "'def name(parameters):'"),
     # names
-    ("b = true", 7, "variable 'true' is not known; write True"),
+    ("b = true", 7, "variable 'true' is not defined; write True"),
     ("b = false", 7, "write False"),
     ("b = null", 7, "write None"),
     ("b = 180 / pi", 13, "d2r(180)"),
-    ("print(a)", 3, "function 'print' is not known; textmsg("),
+    ("print(a)", 3, "function 'print' is not defined; textmsg("),
     ("b = len([1])", 7, "length(list)"),
     ("b = abs(a)", 7, "norm(number)"),
     ("b = round(a)", 7, "floor(number + 0.5)"),
     ("b = str(a)", 7, "to_str(value)"),
     ("wait(1)", 3, "sleep(seconds)"),
-    ("rq_close_and_wait()", 3, "it is defined by Robotiq's URCap, in the preamble that PolyScope puts before"),
-    ("b = rq_is_object_detected()", 7, "or ask port 63352 by sockets"),
+    ("rq_close_and_wait()", 3, "it is defined by Robotiq's URCap in a preamble, which PolyScope adds to its own"),
+    ("b = rq_is_object_detected()", 7, "or use sockets to talk to port 63352"),
     ("b = degrees(a)", 7, "r2d(angle)"),
     ("movJ([0, 0, 0, 0, 0, 0])", 3, "did you mean 'movej'?"),
     ("MoveL(p[0, 0, 0, 0, 0, 0])", 3, "did you mean 'movel'?"),
     ("b = sync", 7, "it is a function: sync() calls it"),
-    ("b = a(0)", 7, "it is a variable: a[0] is an element of it"),
-    ("run sync()", 3, "thread 'sync' is not known; it is a function: sync() calls it"),
+    ("b = a(0)", 7, "it is a variable: a[0] is its first element"),
+    ("run sync()", 3, "thread 'sync' is not defined; it is a function: sync() calls it"),
 ]
 
 
@@ -119,7 +119,7 @@ BLOCKS = [
                 6,
                 10,
                 "syntax error at 'False': expected '='; "
-                "another branch begins with 'elif', and the last one with 'else:'",
+                "write 'elif condition:' for another branch and 'else:' for the last one",
             ),
         ],
     ),
@@ -129,15 +129,15 @@ BLOCKS = [
     ),
     (
         "def f():\n  while True:\n    if True:\n      sync()\n    sync()\n  end\nend\n",
-        [(3, 5, "syntax error: the 'if' of line 3 has no 'end', to judge by the indentation of line 5")],
+        [(3, 5, "syntax error: the 'if' on line 3 has no 'end', judging by the indentation of line 5")],
     ),
     (
         "def f():\n  while True:\n    if True:\n      sync()\n  end\nend\n",
-        [(3, 5, "syntax error: the 'if' of line 3 has no 'end', to judge by the indentation of line 5")],
+        [(3, 5, "syntax error: the 'if' on line 3 has no 'end', judging by the indentation of line 5")],
     ),
     (
         "def f():\n  def g(x):\n    return x\n  y = g(1)\nend\n",
-        [(2, 3, "syntax error: the 'def' of line 2 has no 'end', to judge by the indentation of line 4")],
+        [(2, 3, "syntax error: the 'def' on line 2 has no 'end', judging by the indentation of line 4")],
     ),
     (
         "def f():\n  if True:\n    sync()\n    end\n    sync()\n  end\nend\n",
@@ -145,7 +145,8 @@ BLOCKS = [
             (
                 4,
                 5,
-                "syntax error: this 'end' closes the 'if' of line 2, and stands further right: one is too many",
+                "syntax error: this 'end' closes the 'if' on line 2 but is indented further: "
+                "there is one 'end' too many",
             )
         ],
     ),
@@ -156,13 +157,13 @@ BLOCKS = [
     (
         "def f():\n  thread t():\n    z = 1\n  end\n  t()\n  y = z\nend\n",
         [
-            (5, 3, "function 't' is not known; it is a thread: 'run t()' starts it"),
-            (6, 7, "variable 'z' is not known; it is local to 't', where 'global z = ...' would let all see it"),
+            (5, 3, "function 't' is not defined; it is a thread: 'run t()' starts it"),
+            (6, 7, "variable 'z' is not defined; it is local to 't': declare it there with 'global z = ...'"),
         ],
     ),
     (
         "def f():\n  def g():\n    sync()\n  end\n  run g()\nend\n",
-        [(5, 3, "thread 'g' is not known; it is a function: g() calls it")],
+        [(5, 3, "thread 'g' is not defined; it is a function: g() calls it")],
     ),
 ]
 
@@ -178,10 +179,10 @@ def test_a_lost_end_is_found_where_it_is_missing(text, found):
         (
             "x = make_list(2, 0)\n",
             "5.11.1",
-            "function 'make_list' is not known; PolyScope 5.11.1 does not have it (e-Series since 5.15 only)",
+            "function 'make_list' is not defined; not available in PolyScope 5.11.1 (e-Series since 5.15 only)",
         ),
-        ("x = struct(a=1)\n", "3.15.8", "PolyScope 3.15.8 does not have it (e-Series since 5.14 only)"),
-        ('x = str_len("a")\n', "3.4", "PolyScope 3.4.0 does not have it (CB3 since 3.8, e-Series since 5.2)"),
+        ("x = struct(a=1)\n", "3.15.8", "not available in PolyScope 3.15.8 (e-Series since 5.14 only)"),
+        ('x = str_len("a")\n', "3.4", "not available in PolyScope 3.4.0 (CB3 since 3.8, e-Series since 5.2)"),
     ],
 )
 def test_a_function_of_another_version_is_known_to_be_one(text, version, hint):
@@ -194,7 +195,7 @@ def test_a_controller_reports_where_it_noticed_and_the_check_where_it_is():
         compile_script(text, LIBRARY_SET, NEWEST)
     error = caught.value
     assert (error.line, error.column, error.wire) == (7, 4, "syntax_error_on_line:7:end:")
-    assert "the 'if' of line 3 has no 'end'" in error.message
+    assert "the 'if' on line 3 has no 'end'" in error.message
     assert problems(text)[0][:2] == (3, 5)
 
 
@@ -203,14 +204,14 @@ WARNINGS = [
     ("movej([0, -1.57, 0, 0, 0])", 9, "expected type 'Pose or List of 6 numbers' but found a list of 5"),
     ('movej("home")', 9, "expected type 'Pose or List of 6 numbers' but found 'Const String'"),
     ("sleep(True)", 9, "expected type 'Num' but found 'Bool'"),
-    ("movej([0, -90, 90, 0, 0, 0])", 9, "joint angles are in radians, and -90 looks like degrees"),
-    ("servoj([0, 0, 0, 0, 0, 180])", 10, "joint angles are in radians, and 180 looks like degrees"),
-    ("movej([0, 0, 0, 0, 0, 0], v=60)", 31, "movej moves with rad/s, and v=60 looks like degrees"),
-    ("movel(p[400, -200, 300, 0, 3.14, 0])", 9, "in metres, and 400 looks like millimetres"),
-    ("set_tcp(p[0, 0, 150, 0, 0, 0])", 11, "in metres, and 150 looks like millimetres"),
-    ("movel(p[0.4, 0, 0, 0, 180, 0])", 9, "a vector in radians, and 180 looks like degrees"),
-    ("movel(p[0.4, 0, 0, 0, 3.1, 0], v=250)", 36, "movel moves with m/s, and v=250 looks like millimetres"),
-    ("b = [0, 90, 0, 0, 0, 0] movej(b)", 33, "joint angles are in radians, and 90 looks like degrees"),
+    ("movej([0, -90, 90, 0, 0, 0])", 9, "joint angles are in radians, but -90 looks like degrees"),
+    ("servoj([0, 0, 0, 0, 0, 180])", 10, "joint angles are in radians, but 180 looks like degrees"),
+    ("movej([0, 0, 0, 0, 0, 0], v=60)", 31, "movej takes its speed in rad/s, but v=60 looks like degrees per second"),
+    ("movel(p[400, -200, 300, 0, 3.14, 0])", 9, "in metres, but 400 looks like millimetres"),
+    ("set_tcp(p[0, 0, 150, 0, 0, 0])", 11, "in metres, but 150 looks like millimetres"),
+    ("movel(p[0.4, 0, 0, 0, 180, 0])", 9, "a vector in radians, but 180 looks like degrees"),
+    ("movel(p[0.4, 0, 0, 0, 3.1, 0], v=250)", 36, "its speed in m/s, but v=250 looks like millimetres per second"),
+    ("b = [0, 90, 0, 0, 0, 0] movej(b)", 33, "joint angles are in radians, but 90 looks like degrees"),
     ('b = "text" + 3', 14, "str_cat() joins any two values"),
     ('b = a + "text"', 9, "str_cat() joins any two values"),
 ]

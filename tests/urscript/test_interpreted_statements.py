@@ -101,9 +101,9 @@ def test_what_a_statement_brings() -> None:
 def test_compiling_changes_nothing() -> None:
     session = Session("lend()")
     session.compile("x = 1 def f(): return 1 end")
-    with pytest.raises(CompileError, match="'x' is not known"):
+    with pytest.raises(CompileError, match="'x' is not defined"):
         session.compile("textmsg(x)")
-    with pytest.raises(CompileError, match="'f' is not known"):
+    with pytest.raises(CompileError, match="'f' is not defined"):
         session.compile("f()")
 
 

@@ -16,7 +16,7 @@ def test_check_shows_every_broken_program_of_a_file(tmp_path, capsys):
     path.write_text("# two programs\ndef a():\n  x = norn(1)\nend\n\ndef b():\n  y = norm(1, 2)\nend\n")
     assert cli.main(["check", str(path)]) == 1
     assert capsys.readouterr().out.splitlines() == [
-        f"{path}:3:7: function 'norn' is not known; did you mean 'norm'?",
+        f"{path}:3:7: function 'norn' is not defined; did you mean 'norm'?",
         "  3 |   x = norn(1)",
         "    |       ^",
         f"{path}:7:7: warning: Type error: norm takes exactly 1 arguments (2 given)",

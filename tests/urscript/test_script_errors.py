@@ -189,14 +189,14 @@ def test_program_stops_at_its_fault(run, text, line, column, message):
 
 # text, line, column, problem
 SYNTAX_PROBLEMS = [
-    (f"a = [{'[1, 2], ' * 7000}3]", 1, 53340, "the list is longer than 40000 words and signs"),
-    (f"textmsg([{'1, ' * 1000}3])", 1, 3008, "longer than 2000 words and signs: assign lists to variables first"),
-    (f'textmsg("{"x" * 50_000}")', 1, 9, "a string here is longer than 49998 characters"),
+    (f"a = [{'[1, 2], ' * 7000}3]", 1, 53340, "the list is longer than 40000 tokens"),
+    (f"textmsg([{'1, ' * 1000}3])", 1, 3008, "longer than 2000 tokens: assign lists to variables first"),
+    (f'textmsg("{"x" * 50_000}")', 1, 9, "this string is longer than 49998 characters"),
     ("a = [1, 2 3]", 1, 11, "expected ']' to close '['"),
-    ("def f():\n  run t(1)\nend", 2, 9, "expected ')' since a thread takes no arguments"),
-    ("def f():\n  run 1()\nend", 2, 7, "expected a name after run, that of the thread to start"),
+    ("def f():\n  run t(1)\nend", 2, 9, "expected ')' because a thread takes no arguments"),
+    ("def f():\n  run 1()\nend", 2, 7, "expected a name after run: the thread to start"),
     ("def f():\n  run t\nend", 3, 1, "expected '(' after the thread's name"),
-    ("def f():\n  x = [1]\n  y = x[1,2,3]\nend", 3, 8, "an index has one position, or two for a matrix"),
+    ("def f():\n  x = [1]\n  y = x[1,2,3]\nend", 3, 8, "an index takes one position, or two for a matrix"),
     ("def f():\n  x = struct(a=1)\n  y = x.1\nend", 3, 8, "expected a statement"),
     ("def f():\n  x = struct(a=1)\n  y = x.(1)\nend", 3, 9, "expected a name after '.'"),
     ("def f:\nend", 1, 6, "expected '(' after the name of the program"),
@@ -204,7 +204,7 @@ SYNTAX_PROBLEMS = [
     ("def 1():\nend", 1, 5, "expected a name for the program"),
     ("def f():\n  f() = 1\nend", 2, 3, "this cannot be assigned to"),
     ('$ x "a"', 1, 3, "expected a number for the program label"),
-    ('$ 1.5 "a"', 1, 3, "a program label has a whole number"),
+    ('$ 1.5 "a"', 1, 3, "the number of a program label must be an integer of at most 9 digits"),
     ("$ 1 a", 1, 5, "expected a string for the program label"),
     ("def f():\n  if True:\n    sync()\n  else\n    sync()\n  end\nend", 5, 5, "expected ':' after else"),
     ("def f():\n  def (a):\n  end\nend", 2, 7, "expected a name after def"),
@@ -238,7 +238,7 @@ FAULTS = [
         "def f():\n  x = make_list(3, 0, 2)\nend",
         2,
         7,
-        "make_list: 0 <= length <= capacity <= 10000 does not hold for 3, 2",
+        "make_list: 0 <= length <= capacity <= 10000 is required, but length is 3 and capacity 2",
         "5.22",
     ),
     ("def f():\n  x = acos(2)\nend", 2, 7, "acos: the argument must be in -1..1, not 2", "5.22"),
@@ -271,7 +271,7 @@ FAULTS = [
         "def f():\n  x = binary_list_to_integer(make_list(33, True))\nend",
         2,
         7,
-        "binary_list_to_integer: at most 32 booleans, not 33",
+        "binary_list_to_integer: takes at most 32 booleans, not 33",
         "5.22",
     ),
     (
@@ -286,7 +286,7 @@ FAULTS = [
         "def f():\n  x = inv(p[0,0,0,0,0,1e308])\nend",
         2,
         7,
-        "inv: a pose must be finite, no number beyond 1e+12",
+        "inv: a pose must be finite, with no number beyond 1e+12",
         "5.22",
     ),
     ("def f():\n  x = inv([[1,2],[2,4]])\nend", 2, 7, "inv: the matrix is singular", "5.22"),
@@ -346,7 +346,7 @@ FAULTS = [
         "def f():\n  x = [[1,2],[3,4]] * [1]\nend",
         2,
         21,
-        "Matrix product: 2 columns on the left do not fit 1 on the right",
+        "Matrix product: 2 columns on the left do not match 1 on the right",
         "5.22",
     ),
     ('def f():\n  x = p[1,2,3,4,5,"a"]\nend', 2, 7, "Type error: a pose holds numbers, not 'Const String'", "5.22"),
@@ -499,7 +499,7 @@ FAULTS = [
         "def f():\n  movej([0,0,0/0,0,0,0])\nend",
         2,
         3,
-        "argument 'q' of movej must be finite, no number beyond 1e+12: it is [0,0,nan,0,0,0]",
+        "argument 'q' of movej must be finite, with no number beyond 1e+12: it is [0,0,nan,0,0,0]",
         "5.22",
     ),
     ('def f():\n  x = to_num("9999999999")\nend', 2, 7, 'to_num: "9999999999" is out of range', "5.22"),
@@ -531,7 +531,7 @@ FAULTS = [
         "Type error: argument 'w_from' of wrench_trans expected type 'List of 6 numbers' but found 'List'",
         "5.22",
     ),
-    ("def f():\n  x = 5 % 0\nend", 2, 9, "Division by zero: % with an integer 0 on its right", "5.22"),
+    ("def f():\n  x = 5 % 0\nend", 2, 9, "Division by zero: the right operand of % is the integer 0", "5.22"),
     (
         "def f():\n  x = [1]\n  x.append(2)\nend",
         3,
@@ -617,7 +617,7 @@ def test_render_shows_line_and_caret(compiled):
     with pytest.raises(CompileError) as caught:
         compiled("def f():\n\tnorn([1])\nend")
     assert caught.value.render("demo.script").splitlines() == [
-        "demo.script:2:2: function 'norn' is not known; did you mean 'norm'?",
+        "demo.script:2:2: function 'norn' is not defined; did you mean 'norm'?",
         "  2 | \tnorn([1])",
         "    | \t^",
     ]

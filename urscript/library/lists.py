@@ -1,4 +1,4 @@
-"""Lists: length, and making one of a given size."""
+"""Lists: their length, and creating a list of a given size."""
 
 from urproto.text import to_bytes
 from urscript.builtins import Library
@@ -38,7 +38,8 @@ def make_list(length: Int, initial_value: Any_, capacity: Int | None = None) -> 
     """A list of `length` times `initial_value` that can grow to `capacity` elements (default: `length`)."""
     room = length if capacity is None else whole(capacity, "capacity")
     if not 0 <= length <= room <= MAX_ELEMENTS:
-        raise RuntimeFault(f"make_list: 0 <= length <= capacity <= {MAX_ELEMENTS} does not hold for {length}, {room}")
+        required = f"0 <= length <= capacity <= {MAX_ELEMENTS} is required"
+        raise RuntimeFault(f"make_list: {required}, but length is {length} and capacity {room}")
     if isinstance(initial_value, (list, Matrix, Struct)):
         check_size([initial_value] * length)
     charge(length)

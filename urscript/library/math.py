@@ -29,7 +29,7 @@ _BITS = 32
 
 
 def _rounded(value: float) -> Value:
-    """An int when it fits 32 bits; beyond that the float itself (a guess)."""
+    """Convert to an int if it fits into 32 bits; otherwise the float itself (a guess)."""
     return int(value) if INT_MIN <= value <= INT_MAX else float(value)
 
 
@@ -173,7 +173,7 @@ def normalize(v: Any_) -> list[float]:
 def binary_list_to_integer(l: ListArg) -> int:  # noqa: E741  # the manual's keyword name
     """The 32 bit signed int whose bits are the booleans of `l`, the lowest first."""
     if len(l) > _BITS:
-        raise RuntimeFault(f"binary_list_to_integer: at most {_BITS} booleans, not {len(l)}")
+        raise RuntimeFault(f"binary_list_to_integer: takes at most {_BITS} booleans, not {len(l)}")
     if not all(item.__class__ is bool for item in l):
         raise RuntimeFault("Type error: binary_list_to_integer expected a list of booleans")
     return wrap32(sum(1 << bit for bit, item in enumerate(l) if item))
@@ -207,7 +207,7 @@ def inv(m: Any_) -> Value:
     """The inverse of a square matrix, or of a pose."""
     if isinstance(m, Pose):
         if not all(-MOST_PHYSICAL <= value <= MOST_PHYSICAL for value in m):
-            raise RuntimeFault(f"inv: a pose must be finite, no number beyond {MOST_PHYSICAL:g}")
+            raise RuntimeFault(f"inv: a pose must be finite, with no number beyond {MOST_PHYSICAL:g}")
         return Pose(pose_inv(m))
     if not isinstance(m, Matrix) or m.shape[0] != m.shape[1]:
         raise RuntimeFault("inv: the argument must be a square matrix")

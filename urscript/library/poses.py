@@ -55,7 +55,7 @@ def point_dist(p_from: PoseArg, p_to: PoseArg) -> float:
 
 @LIBRARY.builtin(work=60)
 def interpolate_pose(p_from: PoseArg, p_to: PoseArg, alpha: Num) -> Pose:
-    """The pose at `alpha` of the way, 0 is `p_from` and 1 is `p_to`; extrapolates beyond."""
+    """The pose at the fraction `alpha` between `p_from` (0) and `p_to` (1); extrapolates beyond."""
     return Pose(pose.interpolate_pose(p_from, p_to, alpha))
 
 

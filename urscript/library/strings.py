@@ -19,7 +19,7 @@ _LONGEST_INT = 400  # digits, more than any number in range has
 _SPECIAL = re.compile(r"[ \t\r\n\f\v]*([+-]?)(inf|infinity|nan)\Z", re.IGNORECASE)
 
 
-_BYTES_A_UNIT = 16  # of work, for what goes through a whole string
+_BYTES_A_UNIT = 16  # per unit of work, for operations on a whole string
 
 
 def _slice(text: str, start: int, stop: int) -> str:
@@ -32,7 +32,7 @@ def _length(text: str) -> int:
 
 
 def _bytes(text: str) -> bytes:
-    """The bytes of a string, which may be a long literal: its work is charged."""
+    """The bytes of a string; charges the work, because the string may be a long literal."""
     charge(len(text) // _BYTES_A_UNIT)
     return to_bytes(text)
 
@@ -88,8 +88,8 @@ def str_sub(src: Str, index: Int = 0, length: Int | None = None) -> str:
 def to_num(str_: Str) -> Value:
     """The number at the beginning of a string: an int, or a float when it has a '.' or an exponent.
 
-    Leading blanks, a sign, 0x, INF and NAN are understood; anything else is a runtime error, and so is an int
-    beyond 32 bits or a float too large for one.
+    Leading blanks, a sign, 0x, INF and NAN are accepted. Anything else is a runtime error, as is an int beyond 32 bits
+    or a number too large for a float.
     """
     charge(len(str_) // _BYTES_A_UNIT)
     special = _SPECIAL.match(str_)

@@ -1,4 +1,4 @@
-"""What the language itself does with time."""
+"""Built-ins of the language that take time."""
 
 from collections.abc import Generator
 
@@ -9,5 +9,5 @@ LIBRARY = Library("threads")
 
 @LIBRARY.builtin()
 def sync() -> Generator[None, None, None]:
-    """Give up the rest of this frame: the thread goes on in the next control period."""
+    """Give up the rest of this frame: the thread continues in the next control period."""
     yield
