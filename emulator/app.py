@@ -40,7 +40,7 @@ from emulator.servers.read_budget import ReadBudget
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
-from emulator.servers.turns import SendScheduler
+from emulator.servers.turns import STATES_PER_SECOND, SendScheduler
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
 from urproto.dashboard import AVAILABLE as DASHBOARD
@@ -72,7 +72,7 @@ class Emulator:
         self.clock = clock or RealClock(self.controller.period_s, config.speed)
         self.servers: dict[str, PortServer] = {}
         self._read_budget = ReadBudget(self.controller.period_s)
-        self._send_scheduler = SendScheduler(self.controller.period_s)
+        self._send_scheduler = SendScheduler(self.controller.period_s, STATES_PER_SECOND)
         self._rtde_scheduler = SendScheduler(self.controller.period_s)  # control loops don't wait for viewers
         self._renew_servers()
         real = self.clock if isinstance(self.clock, RealClock) else None

@@ -49,6 +49,7 @@ class ControlServer(PortServer):
         super().__init__("control", controller)
         self.control = control
         self.token = token
+        self.unfinished: dict[_ControlConnection, None] = {}  # those whose verb takes time, in order
         self._mark: BackdoorMark | None = None
 
     def connect(self) -> Connection:
@@ -67,8 +68,7 @@ class ControlServer(PortServer):
 
     def publish(self, snapshot: Snapshot) -> None:
         """Go on with verbs that take time."""
-        for connection in self.connections:
-            assert isinstance(connection, _ControlConnection)
+        for connection in tuple(self.unfinished):
             connection.go_on()
 
 
@@ -83,6 +83,7 @@ class _ControlConnection(HttpConnection):
         return {"error": text}
 
     def lost(self) -> None:
+        self.server.unfinished.pop(self, None)
         if self._steps is not None:
             self._steps.close()
 
@@ -99,8 +100,13 @@ class _ControlConnection(HttpConnection):
     def _outcome_of(self, work: Callable[[], Any]) -> Response | None:
         """What the work returns or how it fails; None, and its steps are kept, if it wants more time."""
         status, content = _outcome(work)
-        self._steps = content if is_waiting(content) else None
-        return None if self._steps is not None else Response(status, content)
+        if is_waiting(content):
+            self._steps = content
+            self.server.unfinished[self] = None
+            return None
+        self._steps = None
+        self.server.unfinished.pop(self, None)
+        return Response(status, content)
 
     def _carry_out(self, request: Request) -> Any:
         """What the request asks for, or the steps to it."""

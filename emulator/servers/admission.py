@@ -1,10 +1,10 @@
-"""Who is let in at a port, and who is turned away.
+"""Admission of clients to the ports.
 
-A robot has to keep its pace whoever knocks. So each port takes a number of clients, and a smaller number from one
-address. The last descriptors of the process are not for clients, or the robot could not open a program any more. One
-connection is accepted a millisecond, at whichever port, so that a storm of them leaves the tick its time. Those beyond
-are accepted and closed, which they notice at once. Whoever is turned away is counted, and told in the log: the first
-one, and then a line a minute.
+A robot must keep its control period, however many clients connect. So each port accepts a limited number of clients,
+and fewer from one address. The last file descriptors of the process are not for clients; otherwise the robot could not
+open a program. All ports together accept one connection at a time, at intervals, so that a storm of connections leaves
+time for the control period. Clients beyond the limits are accepted and closed, which they notice immediately. They are
+counted, and logged: the first one, and then one line per minute.
 """
 
 import asyncio
@@ -23,10 +23,10 @@ from typing import Final
 from urproto.compat import StrEnum
 from urproto.log_throttle import LogThrottle
 
-_SPARE_DESCRIPTORS: Final = 32  # for files, scripts and clients' programs: not given to clients (guess)
-_SPARE_SHARE: Final = 8  # but no more than this part of all (guess)
-_BETWEEN_CLIENTS_S: Final = 0.001  # a client costs 0.1 to 0.2 ms (measured), and a period may have 2 ms
-_PAUSE_S: Final = 0.5  # before the next attempt when nobody can even be turned away (guess)
+_SPARE_DESCRIPTORS: Final = 32  # reserved for files, scripts and clients' programs (guess)
+_SPARE_SHARE: Final = 8  # but at most this fraction of all (guess)
+_BETWEEN_CLIENTS_S: Final = 0.002  # a client takes 0.1 to 0.4 ms (measured), and a control period may be 2 ms
+_PAUSE_S: Final = 0.5  # before the next attempt if clients cannot even be turned away (guess)
 _EXHAUSTED: Final = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 _NOTHING_THERE: Final = (BlockingIOError, InterruptedError, ConnectionAbortedError)
 
@@ -35,24 +35,24 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ClientLimits:
-    """How many clients one port has at a time: in all, and from one address.
+    """Maximum number of clients of a port at a time: in total, and from one address.
 
-    Both are far beyond what a cell needs; what a controller takes is not known. The difference is for others than the
-    one whose program opens connections and never closes them.
+    Both are far beyond what a cell needs; the limits of a real controller are not known. The difference leaves room for
+    others if the program of one client opens connections and never closes them.
     """
 
     port: int = 256
     address: int = 128
 
     def broken_by(self, clients: int, from_address: int) -> "Reason | None":
-        """Why one more does not come in when there are so many."""
+        """The limit that another client would exceed, if any."""
         if clients >= self.port:
             return Reason.PORT_FULL
         return Reason.ADDRESS_FULL if from_address >= self.address else None
 
 
 class Reason(StrEnum):
-    """Why a client was turned away."""
+    """Reason for turning a client away."""
 
     HTTP = "http"
     TLS = "tls"
@@ -61,14 +61,14 @@ class Reason(StrEnum):
     NO_DESCRIPTORS = "no descriptors"
 
 
-def _tell_once_a_minute(error: OSError) -> None:
+def _log_once_a_minute(error: OSError) -> None:
     more = _descriptors.throttle.due()
     if more is not None:
         _logger.warning("no client can be accepted: %s%s", error.strerror, more)
 
 
 class TurnedAway:
-    """Clients of one port that were turned away, by reason."""
+    """Counts and logs clients of a port that were turned away, by reason."""
 
     def __init__(self, port_name: str) -> None:
         self._name = port_name
@@ -77,11 +77,11 @@ class TurnedAway:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many for each reason there was."""
+        """Number of clients for each reason that occurred."""
         return {str(reason): count for reason, count in self._counts.items()}
 
     def count(self, reason: Reason, peer: str, text: str, throttle: LogThrottle | None = None) -> None:
-        """One more. text: what happened and what to do about it; throttle: who logs it, if not each port and reason."""
+        """Count a client. text: what happened, and what to do; throttle: limits log lines, by default per reason."""
         self._counts[reason] += 1
         more = (throttle or self._lines.setdefault(reason, LogThrottle(time.monotonic))).due()
         if more is not None:
@@ -89,31 +89,31 @@ class TurnedAway:
 
 
 class _Descriptors:
-    """Those of the process: how many are left, and one in reserve for turning clients away when none is."""
+    """File descriptors of the process, one of them in reserve for turning clients away when no other is left."""
 
     def __init__(self) -> None:
         self.throttle = LogThrottle(time.monotonic)
         self._users = 0
         self._reserve: int | None = None
 
-    def take_part(self) -> None:
-        """Somebody listens: there has to be a reserve."""
+    def register(self) -> None:
+        """Register an acceptor: a reserve is needed."""
         self._users += 1
         self._fill()
 
-    def leave(self) -> None:
-        """Somebody listens no longer."""
+    def unregister(self) -> None:
+        """Unregister an acceptor."""
         self._users -= 1
         if not self._users:
             self._empty()
 
     def short(self, newest: int) -> bool:
-        """Whether this descriptor, the lowest that was free, is one of the last."""
+        """Whether this descriptor, the lowest free one, is one of the last."""
         limit = _most_descriptors()
         return limit is not None and newest >= limit - min(_SPARE_DESCRIPTORS, limit // _SPARE_SHARE)
 
     def accept_without(self, listening: socket.socket) -> bool:
-        """Accept one client in the place of the reserve and close the connection. Whether that was possible."""
+        """Accept a client with the reserve descriptor and close the connection; return whether that was possible."""
         self._empty()
         try:
             client, _ = listening.accept()
@@ -138,13 +138,13 @@ class _Descriptors:
 
 
 class _Turns:
-    """When the acceptors of the process accept, one after the other."""
+    """Schedules the acceptors of the process, so that they accept one after the other."""
 
     def __init__(self) -> None:
         self._free_s = 0.0
 
     def next(self, now_s: float) -> float:
-        """The time of the next turn, now if that is possible."""
+        """The time of the next turn, now if possible."""
         turn_s = max(now_s, self._free_s)
         self._free_s = turn_s + _BETWEEN_CLIENTS_S
         return turn_s
@@ -164,10 +164,11 @@ def _most_descriptors() -> int | None:
 
 
 class Acceptor:
-    """Accepts the clients of one listening socket, which it closes in the end.
+    """Accepts the clients of a listening socket, and closes the socket at the end.
 
-    admit: gets the address and says what keeps a client out, None for nothing. welcome: takes one over.
-    asyncio's own servers accept a hundred clients in a row, and spin at the limit of descriptors.
+    admit: takes an address and returns why a client is rejected, None to accept it. welcome: takes over a client.
+    asyncio's own servers are not used: they accept a hundred clients one after the other, and spin at the limit of
+    descriptors.
     """
 
     def __init__(
@@ -185,17 +186,17 @@ class Acceptor:
         self._loop = asyncio.get_running_loop()
         self._accepting: asyncio.Task[None] | None = None
         self._pause: asyncio.TimerHandle | None = None
-        _descriptors.take_part()
+        _descriptors.register()
         self._watch()
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where it listens: numeric address and port."""
+        """Numeric address and port of the socket."""
         host, port, *_ = self._listening.getsockname()
         return host, port
 
     def close(self) -> None:
-        """Let nobody in any more; the system refuses who comes."""
+        """Stop accepting: the system refuses new clients."""
         if self._pause is not None:
             self._pause.cancel()
         elif self._accepting is not None:
@@ -203,17 +204,17 @@ class Acceptor:
         else:
             self._loop.remove_reader(self._listening)
         self._listening.close()
-        _descriptors.leave()
+        _descriptors.unregister()
 
     def _watch(self) -> None:
         self._pause = None
         try:
-            self._loop.add_reader(self._listening, self._knock)
-        except NotImplementedError:  # the event loop of Windows watches no sockets
+            self._loop.add_reader(self._listening, self._on_client)
+        except NotImplementedError:  # the event loop of Windows cannot watch sockets
             self._accepting = self._loop.create_task(self._accept_all())
 
-    def _knock(self) -> None:
-        """Somebody waits: accept one, now or when it is this port's turn."""
+    def _on_client(self) -> None:
+        """Accept a waiting client, now or when it is this port's turn."""
         now_s = self._loop.time()
         turn_s = _turns.next(now_s)
         if turn_s > now_s:
@@ -223,9 +224,9 @@ class Acceptor:
 
     def _wait(self, until_s: float) -> None:
         self._loop.remove_reader(self._listening)
-        self._pause = self._loop.call_at(until_s, self._go_on)
+        self._pause = self._loop.call_at(until_s, self._resume)
 
-    def _go_on(self) -> None:
+    def _resume(self) -> None:
         self._watch()
         self._accept()
 
@@ -245,7 +246,7 @@ class Acceptor:
             try:
                 self._take(*await self._loop.sock_accept(self._listening))
             except OSError as error:
-                _tell_once_a_minute(error)
+                _log_once_a_minute(error)
                 await asyncio.sleep(_PAUSE_S)
 
     def _take(self, client: socket.socket, address: tuple[str, int]) -> None:
@@ -261,11 +262,11 @@ class Acceptor:
             self._welcome(client, host)
 
     def _failed(self, error: OSError) -> None:
-        """Whoever waits there would make the event loop spin."""
+        """Turn the client away or wait: otherwise it would make the event loop spin."""
         if error.errno in _EXHAUSTED and _descriptors.accept_without(self._listening):
             self._no_descriptors("a client")
             return
-        _tell_once_a_minute(error)
+        _log_once_a_minute(error)
         self._wait(self._loop.time() + _PAUSE_S)
 
     def _no_descriptors(self, peer: str) -> None:
@@ -273,6 +274,6 @@ class Acceptor:
             Reason.NO_DESCRIPTORS,
             peer,
             f"was turned away: the process may have {_most_descriptors()} files and connections, and the last ones are "
-            "the robot's. Close clients that are not needed, or raise the limit (ulimit -n)",
+            "reserved for the robot. Close clients that are not needed, or raise the limit (ulimit -n)",
             _descriptors.throttle,
         )

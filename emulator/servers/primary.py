@@ -20,6 +20,7 @@ from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from emulator.servers.program_state import ProgramReporter
+from emulator.servers.turns import StateFeed
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import NO_TIMESTAMP_US, SafetyModeMessage, UnknownMessage, VersionMessage
 from urproto.realtime import realtime_packer
@@ -89,17 +90,23 @@ class RealtimeServer(PortServer):
         super().__init__(name, controller)
         self._read_only = read_only
         self._encode = realtime_packer(controller.version)
+        self._feed = StateFeed()
 
     def connect(self) -> Connection:
         return ScriptConnection(self, read_only=self._read_only)
 
+    def came(self, connection: Connection) -> None:
+        super().came(connection)
+        self._feed.up_to_date.append(connection)
+
+    def gone(self, connection: Connection) -> None:
+        super().gone(connection)
+        self._feed.remove(connection)
+
     def publish(self, snapshot: Snapshot) -> None:
-        self.send_scheduler.next_period(snapshot.step)
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
-        packet = self._encode(snapshot)
-        for connection in tuple(self.connections):
-            self.send_scheduler.send(snapshot.step, connection, packet)
+        self.send_scheduler.publish(snapshot.step, self._feed, self._encode(snapshot))
 
 
 EncodeState = Callable[[Snapshot, bool], bytes]

@@ -9,7 +9,7 @@ from emulator.servers.command_queue import CommandQueue
 from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
-from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession
+from emulator.servers.rtde_session import Packer, RTDEHost, RTDESession, SessionState
 from emulator.snapshot import Snapshot
 from urproto.rtde.codec import Package, Reply, RTDEDecoder, TextMessage
 
@@ -26,6 +26,7 @@ class RTDEServer(PortServer):
     def __init__(self, controller: ServedController) -> None:
         super().__init__("rtde", controller)
         self.host = RTDEHost(controller.version, lambda: self.controller.snapshot.switched_on)
+        self.started: dict[_RTDEConnection, None] = {}  # clients that get output packages, in order
 
     def connect(self) -> Connection:
         return _RTDEConnection(self, self.host)
@@ -36,8 +37,7 @@ class RTDEServer(PortServer):
         if self.hooks.on_state:
             snapshot = self.hooks.state(snapshot)
         self.send_scheduler.next_period(snapshot.step)
-        for connection in tuple(self.connections):
-            assert isinstance(connection, _RTDEConnection)
+        for connection in tuple(self.started):
             packer = connection.session.due()
             if packer is None:
                 continue
@@ -52,7 +52,9 @@ class RTDEServer(PortServer):
 
 
 class _RTDEConnection(Connection):
-    def __init__(self, server: PortServer, host: RTDEHost) -> None:
+    server: RTDEServer
+
+    def __init__(self, server: RTDEServer, host: RTDEHost) -> None:
         super().__init__(server)
         self.session = RTDESession(host, self._write_inputs, self._note)
         self._decoder = RTDEDecoder()
@@ -65,6 +67,7 @@ class _RTDEConnection(Connection):
             raise self._decoder.error
 
     def lost(self) -> None:
+        self.server.started.pop(self, None)
         self.session.close()
 
     def _handle(self, package: Package) -> None:
@@ -76,6 +79,10 @@ class _RTDEConnection(Connection):
         if passed is not None:
             for reply in self.session.answer(passed):
                 self._reply(reply)
+            if self.session.state is SessionState.STARTED and self.is_open:
+                self.server.started[self] = None
+            else:
+                self.server.started.pop(self, None)
 
     def _reply(self, reply: Reply) -> None:
         passed = self.server.hooks.message(self, Direction.SENT, reply)

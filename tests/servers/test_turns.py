@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from emulator.servers.turns import PACKAGES_PER_SECOND, SendScheduler
+from emulator.servers.turns import PACKAGES_PER_SECOND, SendScheduler, StateFeed
 
 PERIOD_S = 0.002
 MOST = round(PACKAGES_PER_SECOND * PERIOD_S)
@@ -83,3 +83,58 @@ def test_who_is_gone_is_forgotten() -> None:
     scheduler.next_period(2)
     assert listeners[-2].seen == [b"1"]
     assert listeners[-1].seen == []
+
+
+def publish_feed(scheduler: SendScheduler, feed: StateFeed, step: int) -> None:
+    scheduler.publish(step, feed, b"%d" % step)
+
+
+def test_a_feed_gives_few_each_package_in_its_period() -> None:
+    scheduler, feed = SendScheduler(PERIOD_S), StateFeed()
+    listeners = [Listener() for _ in range(MOST)]
+    feed.up_to_date.extend(listeners)
+    for step in range(1, 50):
+        publish_feed(scheduler, feed, step)
+    assert all(listener.seen == [b"%d" % step for step in range(1, 50)] for listener in listeners)
+
+
+def test_clients_of_two_feeds_take_turns_and_get_what_is_newest() -> None:
+    scheduler, feeds = SendScheduler(PERIOD_S), [StateFeed(), StateFeed()]
+    listeners = [Listener() for _ in range(256)]
+    for number, listener in enumerate(listeners):
+        feeds[number % 2].up_to_date.append(listener)
+    for step in range(1, 300):
+        before = sum(len(listener.seen) for listener in listeners)
+        for feed in feeds:
+            publish_feed(scheduler, feed, step)
+        assert sum(len(listener.seen) for listener in listeners) - before <= MOST + 1
+    counts = [len(listener.seen) for listener in listeners]
+    assert max(counts) - min(counts) <= 0.2 * max(counts)
+    for listener in listeners:
+        steps = list(map(int, listener.seen))
+        assert steps == sorted(set(steps))
+        assert steps[-1] >= 299 - 256 // MOST - 2
+
+
+def test_clients_of_a_feed_that_do_not_read_cost_the_others_nothing() -> None:
+    scheduler, feed = SendScheduler(PERIOD_S), StateFeed()
+    deaf, listener = [Listener(takes_state=False) for _ in range(500)], Listener()
+    feed.up_to_date.extend([*deaf, listener])
+    for step in range(1, 50):
+        publish_feed(scheduler, feed, step)
+    assert len(listener.seen) == 49
+    assert all(one.skipped for one in deaf)
+    deaf[0].takes_state = True  # it reads again
+    for step in range(50, 60):
+        publish_feed(scheduler, feed, step)
+    assert deaf[0].seen[-1] == b"59"
+
+
+def test_a_client_that_left_a_feed_gets_nothing_more() -> None:
+    scheduler, feed, listener = SendScheduler(PERIOD_S), StateFeed(), Listener()
+    feed.up_to_date.append(listener)
+    publish_feed(scheduler, feed, 1)
+    feed.remove(listener)
+    scheduler.forget(listener)
+    publish_feed(scheduler, feed, 2)
+    assert listener.seen == [b"1"]
