@@ -114,7 +114,7 @@ class Controller(Machine):
         self.ft_input = ForceInput()
         self.arm = Arm(self.model, seed=config.seed if config.dynamic else None)
         self.simulation = Simulation(self.arm)
-        self.arm.base_wrench_wanted = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
+        self.arm.base_wrench_enabled = OUTPUT_FIELDS["target_base_wrench"].available.covers(self.version)
         supply = supply_of(self.model) if config.dynamic else None
         self.electrics = Electrics(supply, config.seed, early_simulator=early)
         self.motion = Motion(self.model, self.period_s, config.initial_q)
@@ -150,7 +150,7 @@ class Controller(Machine):
             ("running the program", self.programs.step),
             (MOVING, self._move_arm),
             ("advancing the tool", self._advance_tool),
-            ("judging safety", self._judge),
+            ("judging safety", self._check_safety),
         )
         self.snapshot = self._unaltered = Snapshot(target_execution_time=1000.0 * self.period_s)
         self._move_arm()
@@ -198,7 +198,7 @@ class Controller(Machine):
             self._publish()
         except Exception as error:
             self.guard.caught(PUBLISHING, error)
-            self._publish_least()
+            self._publish_minimum()
         for callback in tuple(self._subscribers):
             try:
                 callback(self.snapshot)
@@ -270,11 +270,11 @@ class Controller(Machine):
     def load_installation(self, path: Path) -> None:
         """Apply an installation file. Raises OSError or InstallationError; nothing has changed then."""
         self.installation.load(path)
-        self._installed()
+        self._installation_changed()
 
     def apply_installation(self, path: Path, file: InstallationFile) -> None:
         self.installation.apply(path, file)
-        self._installed()
+        self._installation_changed()
 
     def use_installation(self, path: Path, file: InstallationFile, section: str) -> None:
         """Apply a file in which one section has changed; other settings of the arm stay as programs have set them."""
@@ -290,7 +290,7 @@ class Controller(Machine):
         elif file.safety is not None and section in _SAFETY:
             self.safety_board.configure(file.safety)
 
-    def _installed(self) -> None:
+    def _installation_changed(self) -> None:
         self.set_tcp(self.installation.tcp)
         self.safety_board.compare(self.installation.name, self.installation.file.safety)
 
@@ -348,7 +348,7 @@ class Controller(Machine):
             real_changed = self.simulation.hold(self.installation, wrench, self.period_s, driven=driven)
             wrench, motion.force_control.contacts = ZERO6, ()
         if driven or motion.braking:
-            motion.force_control.feel(wrench, self.arm.q)
+            motion.force_control.set_external_wrench(wrench, self.arm.q)
             self.speed.advance()
             self._fault = motion.advance(self.speed.fraction)
         elif not (motion.idle or self.programs.paused):
@@ -392,18 +392,18 @@ class Controller(Machine):
         if self.tool_line.device is not None:
             self.tool_line.advance(powered=powered and self.signals.tool_voltage > 0)
 
-    def _judge(self) -> None:
+    def _check_safety(self) -> None:
         """Stop the arm if its movement cannot continue, or if the safety system detects a violation."""
         if self._fault is not None:
             self.protective_stop(StopCause(self._fault.code, self._fault.argument, self._fault.text, self._fault.joint))
             self._fault = None
         for warning in self.motion.commands.take_warnings():
             self.warn(warning.code, warning.argument, warning.text)
-        self.safety_board.judge(changed=self._arm_changed)
+        self.safety_board.check_arm(changed=self._arm_changed)
 
     # the snapshot
 
-    def _publish_least(self) -> None:
+    def _publish_minimum(self) -> None:
         """Publish the last snapshot with new time, modes and messages, which must be available whatever else fails."""
         snapshot = self.snapshot.successor()
         snapshot.step, snapshot.timestamp = self.step_count, self.time_s

@@ -52,10 +52,10 @@ class Guard:
         if first:
             text = f"{type(error).__name__}: {error} ({place_of(error)})"
             self.problem = Problem(stage, text, self._machine.step_count)
-            self._attempt(lambda: self._tell(stage, text, error))
+            self._attempt(lambda: self._report(stage, text, error))
         orderly = first and self._attempt(lambda: self._trip(stage, text))
         if not orderly or stage == MOVING:
-            self._let_go()
+            self._force_fault_state()
 
     def listener_failed(self, listener: object, error: Exception) -> None:
         """A subscriber of snapshots has failed: this does not affect the robot, and is logged once."""
@@ -66,7 +66,7 @@ class Guard:
         """The safety system has been restarted: a later failure is another problem."""
         self.problem = None
 
-    def _tell(self, stage: str, text: str, error: Exception) -> None:
+    def _report(self, stage: str, text: str, error: Exception) -> None:
         if not self._reported.is_new(error, stage):
             _logger.error("the emulator failed again while %s: %s", stage, text)
             return
@@ -90,7 +90,7 @@ class Guard:
         self._safety_board.trip(Cause.EMULATOR_FAILURE, text=f"the emulator failed while {stage}: {text}")
         machine.popups.show(f"The emulator failed while {stage}: {text}", title="Fault", error=True)
 
-    def _let_go(self) -> None:
+    def _force_fault_state(self) -> None:
         """Fallback: bring each part to rest separately, so that the failure of one does not prevent the others."""
         machine = self._machine
         machine.forget_movement()

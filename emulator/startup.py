@@ -39,7 +39,7 @@ class Startup:
         self._release = _Watch(machine)
         self._start = _Watch(machine)
         self._start_allowed = True
-        self._wanted = DefaultProgram()
+        self._settings = DefaultProgram()
         self._path: Path | None = None  # of the default program
         self._boot: Generator[None, None, None] | None = None
         if machine.power.state is PowerState.CONTROLLER_BOOTING:
@@ -58,8 +58,8 @@ class Startup:
             self._continue_boot(self._boot)
             return
         wanted = machine.installation.file.default_program
-        if wanted is not self._wanted:
-            self._wanted, self._path = wanted, ProgramsFolder(machine.config.programs_dir).find(wanted.name)
+        if wanted is not self._settings:
+            self._settings, self._path = wanted, ProgramsFolder(machine.config.programs_dir).find(wanted.name)
         if self._release.switched(wanted.release_brakes) and not machine.power.running:
             self._act(wanted.release_brakes, "release the brakes", self._release_brakes)
         if wanted.start is not None and not self._start.known and not self._ready():
@@ -88,19 +88,19 @@ class Startup:
             file = yield from read_installation_steps(installation)
             machine.apply_installation(installation, file)
         except (OSError, ValueError) as error:
-            self._say(f"{installation.name} cannot be used: {error}")
+            self._report(f"{installation.name} cannot be used: {error}")
             return
         wanted = file.default_program
         if not (wanted.load and wanted.name):
             return
         path = folder.find(wanted.name)
         if path is None:
-            self._say(f"the default program {wanted.name} of {installation.name} is not in the programs folder")
+            self._report(f"the default program {wanted.name} of {installation.name} is not in the programs folder")
             return
         try:
             yield from self._programs.load_default_steps(path)
         except (OSError, ValueError) as error:
-            self._say(f"loading the default program {wanted.name} failed: {error}")
+            self._report(f"loading the default program {wanted.name} failed: {error}")
 
     # acting
 
@@ -122,7 +122,7 @@ class Startup:
     def _play(self) -> None:
         self._programs.play()
 
-    def _say(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._machine.messages.note(text)
         _logger.warning("%s", text)
 

@@ -139,12 +139,12 @@ class ProgramHost:
 
     @property
     def target_q(self) -> Joints:
-        """Where the arm is to be as the program goes on [rad]."""
+        """Target joint angles at the moment when the program continues [rad]."""
         return self.motion.program_q
 
     @property
     def actual_q(self) -> Joints:
-        """Where the arm is as the program goes on [rad]."""
+        """Measured joint angles at the moment when the program continues [rad]."""
         measured, target, now = self.arm.measured_q, self.motion.program_q, self.motion.q
         return measured if target == now else as_six(q + a - b for q, a, b in zip(measured, target, now, strict=True))
 

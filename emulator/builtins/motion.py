@@ -127,7 +127,7 @@ _ORIGIN = ZERO6
 
 
 def _in_frame(host: ProgramHost, pose: Vector6, frame: str) -> Pose:
-    """A pose given in a frame, in base coordinates; for a frame carried by a tracked one, as of when tracking began."""
+    """A pose given in a frame, in base coordinates; for a frame that a tracked one carries, as when tracking began."""
     world, tracked = host.machine.world_model, host.motion.superposition.tracked_frame
     with within_range():
         there = world.convert(pose, frame, "base", arm_pose(host))

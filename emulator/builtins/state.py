@@ -143,7 +143,7 @@ def force(host: ProgramHost) -> float:
 @LIBRARY.builtin()
 def get_joint_torques(host: ProgramHost) -> list[float]:
     """External joint torques [Nm]: those beyond the torques that move and hold the arm itself."""
-    return list(host.arm.misjudged_torque)
+    return list(host.arm.external_torque)
 
 
 @LIBRARY.builtin()

@@ -161,7 +161,7 @@ class Gripper:
 
     object_mm: width of an object between the fingers, None without one. The fingers hold it from
     outside when they close on it and from inside when they open against it. In a world with
-    physics, the scene determines where the fingers are (``drive``, ``feel``). ``position``:
+    physics, the scene determines where the fingers are (``drive``, ``set_fingers``). ``position``:
     count, a float. ``powered`` follows the arm: a gripper without power does not answer and
     loses its activation.
     """
@@ -282,7 +282,7 @@ class Gripper:
         per_s = self.model.speed(self._spe()) / self.model.counts_per_mm
         return Drive(self.model.width_mm(goal), per_s, share)
 
-    def feel(self, width_mm: float, *, stopped: bool) -> None:
+    def set_fingers(self, width_mm: float, *, stopped: bool) -> None:
         """Take over where the fingers are in a scene, and whether an object there stops them."""
         count, goal = self.model.count(width_mm), self._goal()
         self._stopped = stopped

@@ -97,7 +97,7 @@ class Task:
         return cls(frame or ZERO6, free, ZERO6, kind, _FREEDRIVE_LIMITS, freedrive=True)
 
 
-class Pushing(NamedTuple):
+class ExternalLoad(NamedTuple):
     """External wrench on the tool at its TCP, base frame [N, Nm]; it includes the present forces of ``contacts``."""
 
     wrench: Joints = ZERO6
@@ -132,8 +132,8 @@ class Compliance:
         self.released = False
         self._pose = reach.pose(q)
         self._speed = ZERO6  # of the compliant motion alone, in the task frame
-        self._yielding: tuple[bool, ...] = (False,) * 6  # directions of the last step
-        self._moved = moved
+        self._was_compliant: tuple[bool, ...] = (False,) * 6  # directions of the last step
+        self._last_step = moved
         self._heading: Vector3 | None = None  # x axis of a task frame of kind 3
         self._next = (self._pose, ZERO6, ZERO6)
         self._path = (q, self._pose)  # the nominal arm's last configuration, as joints and as a pose
@@ -173,7 +173,7 @@ class Compliance:
                 raise off_the_path(i, abs(deviation), abs(limit))
 
     def step(
-        self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: Pushing, damping: float, gain: float
+        self, dt: float, q: Joints, nominal: tuple[Joints, Joints], external: ExternalLoad, damping: float, gain: float
     ) -> Joints:
         """Propose the joints after dt, while the nominal arm moves from the first to the second of ``nominal``.
 
@@ -185,16 +185,16 @@ class Compliance:
         wanted = into6(axes, shift)
         compliant = self._compliant
         loop, given = _Loop.of(dt, damping, gain), scaled(wanted, 1.0 / dt)
-        own = self._accelerated(loop, self._handed_over(given), axes, external, given)
+        own = self._accelerated(loop, self._continuous_speed(given), axes, external, given)
         followed = as_six([0.0 if gives_way else way for gives_way, way in zip(compliant, wanted, strict=True)])
         moved = lerp(followed, own, dt)
         self._next = (self._pose, own, ZERO6)
         if moved == ZERO6:
             return q
         pose = pose_add(out_of6(axes, moved), self._pose)
-        target = self._exact(dt, pose, q, alone=before == after, touching=bool(external.contacts))
+        target = self._exact_joints(dt, pose, q, alone=before == after, touching=bool(external.contacts))
         if target is None:
-            target, pose, own = self._yielded(dt, axes, (pose, own), q, touching=bool(external.contacts))
+            target, pose, own = self._yield_at_singularity(dt, axes, (pose, own), q, touching=bool(external.contacts))
         self._next = (pose, own, sub(target, q))
         return target
 
@@ -205,7 +205,7 @@ class Compliance:
         self._path = (after, self.reach.pose(after))
         return pose_sub(self._path[1], start)
 
-    def _exact(self, dt: float, pose: Pose, q: Joints, *, alone: bool, touching: bool) -> Joints | None:
+    def _exact_joints(self, dt: float, pose: Pose, q: Joints, *, alone: bool, touching: bool) -> Joints | None:
         """Joints for this pose. Without a simultaneous movement: None if they cannot get there, or only with a jerk."""
         model = self.reach.model
         try:
@@ -217,27 +217,27 @@ class Compliance:
             if alone:
                 return None
             raise
-        hardest = self._hardest(step)
+        hardest = self._peak_change(step)
         if alone:
             return target if hardest <= dt * dt else None
         if hardest > _SUDDEN * dt * dt and not touching:
             raise near_singularity()
         return target
 
-    def _hardest(self, step: Joints) -> float:
+    def _peak_change(self, step: Joints) -> float:
         """Largest change of a joint's speed, as a fraction of its acceleration limit, times dt squared."""
-        changes = zip(step, self._moved, self.reach.model.qdd_max, strict=True)
+        changes = zip(step, self._last_step, self.reach.model.qdd_max, strict=True)
         return max([abs(now - last) / most for now, last, most in changes])
 
-    def _yielded(
+    def _yield_at_singularity(
         self, dt: float, axes: Axes, wanted: tuple[Pose, Joints], q: Joints, *, touching: bool
     ) -> tuple[Joints, Pose, Joints]:
         """Move towards the pose as far as a singular arm can; compliant directions lose the rest, and its speed."""
         pose, own = wanted
         step = self.reach.step_towards(pose, q)
-        sudden = self._hardest(step) / (_SUDDEN * dt * dt)
+        sudden = self._peak_change(step) / (_SUDDEN * dt * dt)
         if sudden > 1.0 and not touching:
-            step = lerp(self._moved, sub(step, self._moved), 1.0 / sudden)
+            step = lerp(self._last_step, sub(step, self._last_step), 1.0 / sudden)
         excess = max(abs(move) / (most * dt) for move, most in zip(step, self.reach.model.qd_max, strict=True))
         target = lerp(q, step, 1.0 / max(1.0, excess))
         missed = into6(axes, pose_sub(self.reach.pose(target), pose))
@@ -249,8 +249,8 @@ class Compliance:
 
     def commit(self) -> None:
         """The last step has been executed."""
-        self._pose, self._speed, self._moved = self._next
-        self._yielding = self._compliant
+        self._pose, self._speed, self._last_step = self._next
+        self._was_compliant = self._compliant
 
     @property
     def _compliant(self) -> tuple[bool, ...]:
@@ -258,17 +258,17 @@ class Compliance:
         waiting = self.task.kind == _MOTION and self._heading is None
         return _STIFF if waiting else self.task.compliant
 
-    def _handed_over(self, wanted: Joints) -> Joints:
+    def _continuous_speed(self, wanted: Joints) -> Joints:
         """Compliant speed, corrected to keep the tool's speed continuous when a direction becomes stiff or compliant.
 
         ``wanted``: speed of the movement in progress, task frame.
         """
-        if self._compliant == self._yielding:
+        if self._compliant == self._was_compliant:
             return self._speed
-        changes = (now - before for now, before in zip(self._compliant, self._yielding, strict=True))
+        changes = (now - before for now, before in zip(self._compliant, self._was_compliant, strict=True))
         return as_six(own + change * speed for own, change, speed in zip(self._speed, changes, wanted, strict=True))
 
-    def _accelerated(self, loop: _Loop, before: Joints, axes: Axes, external: Pushing, given: Joints) -> Joints:
+    def _accelerated(self, loop: _Loop, before: Joints, axes: Axes, external: ExternalLoad, given: Joints) -> Joints:
         """Compliant speed after the period, given mass, friction, contacts and the task's speed limits.
 
         ``before``: the compliant speed now, ``given``: speed of the movement in progress, both in the task frame.
@@ -277,7 +277,7 @@ class Compliance:
         net = self.task.wrench
         if external.wrench != ZERO6:
             net = add(net, into6(axes, external.wrench))
-        free = self._unhindered(loop, before, net)
+        free = self._free_speed(loop, before, net)
         if not external.contacts or compliant == _STIFF:
             return free
         inert = as_six(c / (1.0 - decay) for c, decay in zip(loop.friction, loop.decay, strict=True))
@@ -286,12 +286,12 @@ class Compliance:
         bounds = as_six(max(abs(self.task.limits[i]), abs(before[i]) * loop.decay[i]) for i in range(6))
         response = Response(compliant, inert, kept, others, bounds, loop.gain)
         rest = lerp(net, into6(axes, without(ZERO6, external.contacts)), 1.0)
-        alone = self._unhindered(loop, before, rest)
+        alone = self._free_speed(loop, before, rest)
         start = as_six(alone[i] if compliant[i] else others[i] for i in range(6))
         speed = solve(loop.dt, axes, response, rest, external.contacts, start)
         return as_six(speed[i] if compliant[i] else free[i] for i in range(6))
 
-    def _unhindered(self, loop: _Loop, before: Joints, net: Joints) -> Joints:
+    def _free_speed(self, loop: _Loop, before: Joints, net: Joints) -> Joints:
         """Exact response of mass and friction to a constant force, bounded by the task's speed limits."""
         speeds = []
         directions = zip(self._compliant, self.task.limits, net, before, loop.friction, loop.decay, strict=True)
@@ -363,7 +363,7 @@ class ForceControl:
         compliance = self._compliance
         return compliance.task.frame if compliance is not None and self.mode is ControlMode.FORCE else ZERO6
 
-    def feel(self, external_wrench: Joints, actual_q: Joints | None = None) -> None:
+    def set_external_wrench(self, external_wrench: Joints, actual_q: Joints | None = None) -> None:
         """Set the external wrench at the TCP, base frame [N, Nm], and where the arm is if not at its target [rad]."""
         self._external_wrench, self._actual_q = external_wrench, actual_q
 
@@ -429,7 +429,7 @@ class ForceControl:
         if self._actual_q is not None and self._actual_q != here:
             compliance.check(self._actual_q)
         try:
-            target = self._yielded(compliance, (before, after), running=running)
+            target = self._compliant_joints(compliance, (before, after), running=running)
             self._limits.check(target, here)
         except MotionFault:
             if after != before:
@@ -446,11 +446,11 @@ class ForceControl:
         self._compliance.commit()
         return self._compliance.standing()
 
-    def _yielded(self, compliance: Compliance, path: tuple[Joints, Joints], *, running: bool) -> Joints:
+    def _compliant_joints(self, compliance: Compliance, path: tuple[Joints, Joints], *, running: bool) -> Joints:
         period_s, q = self._target.period_s, self._target.q
         if not running:
             damping = max(self.damping, _BRAKE_DAMPING)
-            return compliance.step(period_s, q, path, Pushing(ZERO6, ()), damping, 0.0)
-        pushing = Pushing(self._external_wrench, self.contacts)
+            return compliance.step(period_s, q, path, ExternalLoad(ZERO6, ()), damping, 0.0)
+        load = ExternalLoad(self._external_wrench, self.contacts)
         damping = max(self.damping, _BRAKE_DAMPING) if compliance.released else self.damping
-        return compliance.step(period_s, q, path, pushing, damping, self.gain_scaling)
+        return compliance.step(period_s, q, path, load, damping, self.gain_scaling)

@@ -41,32 +41,32 @@ class Lookahead:
     def __init__(self, movement: PathMotion, q: Joints, model: RobotModel) -> None:
         self.movement = movement
         self.fault: MotionFault | None = None  # reason why the path cannot be run beyond the last cell
-        self._scout = copy(movement)
+        self._probe = copy(movement)
         self._q = q
         self._qd_max = model.qd_max
         self._qdd_max = scaled(model.qdd_max, _MARGIN)
         self._now = 0.0  # where the arm is
         self._end = 0.0  # of the last cell
         self._cell = _CELL_S  # its length
-        self._over = False
+        self._finished = False
         self._middles: list[float] = []
         self._speeds: list[Joints] = []  # as planned
-        self._most: list[float] = []  # square of the highest time scale
-        self._slow = 0  # cells with less than full speed
+        self._max_scales: list[float] = []  # square of the highest time scale
+        self._slow_cells = 0  # cells with less than full speed
 
     def fraction(self, h: float) -> float:
         """Highest time scale, up to 1, for a step of up to h from where the arm is."""
         for _ in range(_CELLS_PER_PERIOD):
-            if self._over or self._end > self._now + _AHEAD_S:
+            if self._finished or self._end > self._now + _AHEAD_S:
                 break
             self._extend()
-        return self._run(h) / h if self._slow else 1.0
+        return self._distance_within(h) / h if self._slow_cells else 1.0
 
-    def _run(self, left: float) -> float:
+    def _distance_within(self, left: float) -> float:
         """How far the arm gets, in its own time, within this clock time."""
         t, here = self._now, sqrt(self._at(self._now))
         for k in range(bisect_right(self._middles, t), len(self._middles)):
-            there, way = sqrt(self._most[k]), self._middles[k] - t
+            there, way = sqrt(self._max_scales[k]), self._middles[k] - t
             if here + there <= 0.0:
                 return t - self._now
             needed = 2.0 * way / (here + there)
@@ -75,42 +75,42 @@ class Lookahead:
             t, here, left = self._middles[k], there, left - needed
         return t - self._now + here * left
 
-    def went(self, h: float) -> None:
+    def advance(self, h: float) -> None:
         """The arm has advanced by h."""
         self._now += h
         passed = bisect_right(self._middles, self._now) - 1
         if passed > len(self._middles) // 2:
-            self._slow -= sum(most < 1.0 for most in self._most[:passed])
-            del self._middles[:passed], self._speeds[:passed], self._most[:passed]
+            self._slow_cells -= sum(most < 1.0 for most in self._max_scales[:passed])
+            del self._middles[:passed], self._speeds[:passed], self._max_scales[:passed]
 
     def _at(self, t: float) -> float:
         """Square of the highest time scale at t, linear between the midpoints of two cells."""
         k = bisect_right(self._middles, t)
         if k == 0:
-            return self._most[0]
+            return self._max_scales[0]
         if k == len(self._middles):
-            return self._most[-1] if t < self._end or self._over else 1.0
+            return self._max_scales[-1] if t < self._end or self._finished else 1.0
         share = (t - self._middles[k - 1]) / (self._middles[k] - self._middles[k - 1])
-        return self._most[k - 1] + share * (self._most[k] - self._most[k - 1])
+        return self._max_scales[k - 1] + share * (self._max_scales[k] - self._max_scales[k - 1])
 
     def _extend(self) -> None:
         """Add a cell."""
-        left = self._scout.remaining_s
+        left = self._probe.remaining_s
         h = min(_CELL_S, 2.0 * self._cell, left)
-        q = self._place(h)
+        q = self._joints_after(h)
         while h > _SHORTEST_CELL_S and (q is None or self._too_coarse(sub(q, self._q), h, left)):
             h *= 0.5
-            q = self._place(h)
+            q = self._joints_after(h)
         if q is None:
-            self._wall()
+            self._end_path()
             return
-        self._scout.commit()
+        self._probe.commit()
         speed = scaled(sub(q, self._q), 1.0 / h)
         fastest = max(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True))
         self._append(self._end + 0.5 * h, speed, 1.0 if fastest <= 1.0 else 1.0 / fastest**2)
         self._end, self._cell, self._q = self._end + h, h, q
-        if self._scout.done:
-            self._over = True
+        if self._probe.done:
+            self._finished = True
             self._append(self._end, ZERO6, 1.0)
 
     def _too_coarse(self, turn: Joints, h: float, left: float) -> bool:
@@ -122,37 +122,37 @@ class Lookahead:
         limits = zip(turn, self._qdd_max, strict=True)
         return h == left > _END_CELL_S and any(abs(way) > soon * most for way, most in limits)
 
-    def _place(self, h: float) -> Joints | None:
+    def _joints_after(self, h: float) -> Joints | None:
         """Joints h further on; None if there are none, with the reason in ``fault``."""
         self.fault = None
         try:
-            return self._scout.propose(h, self._q)
+            return self._probe.propose(h, self._q)
         except MotionFault as fault:
             self.fault = fault
             return None
 
-    def _wall(self) -> None:
+    def _end_path(self) -> None:
         """End the path here: the arm has to stop."""
-        self._over = True
+        self._finished = True
         if self._speeds:
             self._append(self._end, self._speeds[-1], 0.0)
 
     def _append(self, middle: float, speed: Joints, most: float) -> None:
         self._middles.append(middle)
         self._speeds.append(speed)
-        self._most.append(most)
-        self._slow += most < 1.0
-        for k in range(len(self._most) - 2, -1, -1):
-            before = self._most[k]
+        self._max_scales.append(most)
+        self._slow_cells += most < 1.0
+        for k in range(len(self._max_scales) - 2, -1, -1):
+            before = self._max_scales[k]
             after = self._controllable(k)
             if after >= before:
                 return
-            self._slow += before == 1.0
-            self._most[k] = after
+            self._slow_cells += before == 1.0
+            self._max_scales[k] = after
 
     def _controllable(self, k: int) -> float:
         """Highest x of cell k, at most its present value, from which cell k + 1 can be run."""
-        highest, follows = self._most[k], self._most[k + 1]
+        highest, follows = self._max_scales[k], self._max_scales[k + 1]
         here, there = self._speeds[k], self._speeds[k + 1]
         dt = self._middles[k + 1] - self._middles[k]
         if highest == follows == 1.0:
@@ -161,7 +161,7 @@ class Lookahead:
                 return 1.0
         floors, ceilings = [(0.0, 0.0)], [(follows, 0.0)]  # of y: value at x = 0, slope
         for u1, u2, most in zip(here, there, self._qdd_max, strict=True):
-            p, q = _change(u1, u2, dt)
+            p, q = _coefficients(u1, u2, dt)
             if abs(q) > _NO_TURN:
                 floors.append((-most / abs(q), -p / q))
                 ceilings.append((most / abs(q), -p / q))
@@ -174,7 +174,7 @@ class Lookahead:
         return highest
 
 
-def _change(u1: float, u2: float, dt: float) -> tuple[float, float]:
+def _coefficients(u1: float, u2: float, dt: float) -> tuple[float, float]:
     """Coefficients of the two squared time scales in the acceleration between two cells."""
     if u1 * u2 >= 0.0 and u1 != -u2:
         turn = (u1 + u2) * dt

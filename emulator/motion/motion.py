@@ -67,7 +67,7 @@ class Motion:
         They are up to half a control period away from `q`; without a timed speed, they are `q`.
         """
         generator = self.movement.generator
-        if self.beside or self.paused or not isinstance(generator, JointSpeed | ToolSpeed):
+        if self.deviating or self.paused or not isinstance(generator, JointSpeed | ToolSpeed):
             return self.target.q
         try:
             return generator.joints_at_end(self.target.q)
@@ -108,14 +108,14 @@ class Motion:
         return self.movement.share
 
     @property
-    def beside(self) -> bool:
+    def deviating(self) -> bool:
         """Whether the arm deviates from its movement: the path is displaced, or the arm is compliant."""
         return self.superposition.active or self.force_control.active
 
     @property
     def idle(self) -> bool:
         """Whether nothing moves the arm and it stands still."""
-        return self.movement.generator is None and not self.beside and self.target.qd == ZERO6
+        return self.movement.generator is None and not self.deviating and self.target.qd == ZERO6
 
     @property
     def steady(self) -> bool:
@@ -182,7 +182,7 @@ class Motion:
         """
         fault = self.commands.take_refusal()
         if fault is None:
-            if self.movement.over and not self.beside and self.target.rest():
+            if self.movement.over and not self.deviating and self.target.rest():
                 return None
             try:
                 self._step(fraction)
@@ -212,7 +212,7 @@ class Motion:
         if not movement.unconditional:
             self._limits.check(target, self.target.q)
         standing = movement.commit()
-        if not self.beside:  # possibly only since this period: force mode that has come to rest is over
+        if not self.deviating:  # possibly only since this period: force mode that has come to rest is over
             self.target.advance(target, standing=standing)
             movement.put(target, self.target.qd)
             return

@@ -113,7 +113,7 @@ class ActiveMovement:
             self.generator = generator
             self._goal = generator if generator.goal() is not None else None
         if self.paused:
-            self._hasten()  # a command that arrives in the period of a stop must not soften the stop
+            self._quicken_stop()  # a command that arrives in the period of a stop must not soften the stop
         self._waiting = Move()
         return self._waiting
 
@@ -171,7 +171,7 @@ class ActiveMovement:
     def protective_stop(self) -> None:
         """Like `pause`, but as quickly as the joints' acceleration limit allows."""
         self._holding, self.ramp = Holding.PAUSE, min(self._qdd_max)
-        self._hasten()
+        self._quicken_stop()
 
     def stop(self, deceleration: float, *, along_path: bool) -> None:
         """Bring the movement to rest, the leading joint by this [rad/s2], and discard it.
@@ -183,14 +183,14 @@ class ActiveMovement:
         if not along_path:
             self.generator = brake_together(self.q, self.qd, deceleration)
         self._holding = Holding.STOP if self.generator is not None else Holding.RUN
-        self._hasten()
+        self._quicken_stop()
 
     def use_fastest_ramp(self) -> None:
         """Let the speed change as quickly as the joints can until it has reached its commanded value."""
         if self.running:
             self.ramp = min(self._qdd_max)
 
-    def _hasten(self) -> None:
+    def _quicken_stop(self) -> None:
         """Make a gentle stop of the program as quick as the one now requested; waits for it continue.
 
         Stops run in real time and not in stretched time, so holding them would have no effect.

@@ -27,7 +27,7 @@ Excess = Callable[[Joints, Joints], float]
 RAMP_RAD_S2 = 10.0  # leading joint, when the speed fraction changes or a program pauses (guess)
 _ROUNDS = 4  # proposals per period while searching for a step that the joints can follow
 _ATTEMPTS = 18  # further proposals before giving up
-_LITTLE = 0.002  # the first of these shortens a step by this fraction
+_FIRST_CUT = 0.002  # the first of these shortens a step by this fraction
 _EXCESS = 2.0  # times its acceleration limit is granted to a joint where the path demands it; more is a fault (guess)
 _TOLERANCE = 1e-6  # of limits: rounding errors of differences of positions
 _STUCK_SHARE = 1e-3  # a movement slower than this fraction of its speed ...
@@ -57,7 +57,7 @@ class Pacer:
         self._pace = 0.0  # speed of the leading joint in the movement's own time [rad/s]; 0 = not yet known
         self._gain = 0.0  # rate of change of the pace [rad/s2]
         self._stuck_s = 0.0
-        self._ahead: Lookahead | None = None
+        self._lookahead: Lookahead | None = None
 
     def reset(self, pace_rad_s: float = 0.0) -> None:
         """Start a new movement, from rest or at this speed of the leading joint."""
@@ -77,7 +77,7 @@ class Pacer:
 
         None once the movement has come to a standstill. Raises MotionFault if the joints cannot follow.
         """
-        wanted, goal = goal, self._slewed(goal, ramp)
+        requested, goal = goal, self._ramped(goal, ramp)
         self.share = 1.0
         if goal < _TOLERANCE:
             # The pace is kept: the path here is as fast as before, and the ramp when it continues depends on it.
@@ -86,39 +86,39 @@ class Pacer:
         most = goal * self._period
         # From here on, the step only becomes shorter. The lookahead comes first: it slows down in time and leaves
         # little to the others. The joints' own limits come last, because nothing may lengthen a step they allow.
-        h = self._foreseen(movement, q, most) if isinstance(movement, PathMotion) else most
+        h = self._limited_by_lookahead(movement, q, most) if isinstance(movement, PathMotion) else most
         target = movement.propose(h, q)
         step = sub(target, q)
         if excess is not None and (too_fast := excess(q, step)) > 1.0 + _TOLERANCE:
             # Ramped as well: a limit that drops suddenly, as in reduced mode, must not jerk the arm. Never down to 0,
             # because at a standstill the excess would not be evaluated any more.
-            h = max(self._slewed(h / self._period / too_fast, ramp), 2.0 * _TOLERANCE) * self._period
+            h = max(self._ramped(h / self._period / too_fast, ramp), 2.0 * _TOLERANCE) * self._period
             target = movement.propose(h, q)
             step = sub(target, q)
-        if not self._easy(step, qd):
-            h, target = self._fitted(movement, (h, most), target, q, qd)
+        if not self._within_limits(step, qd):
+            h, target = self._fit_step(movement, (h, most), target, q, qd)
             step = sub(target, q)
-            if not self._bearable(step, qd):
-                raise self._why()
+            if not self._tolerable(step, qd):
+                raise self._fault()
         if h < most:
-            self.share = h / (max(wanted, goal) * self._period)
-        self._judge(h, goal)
-        self._remember(h, largest(step))
-        if self._ahead is not None:
-            self._ahead.went(h)
+            self.share = h / (max(requested, goal) * self._period)
+        self._check_progress(h, goal)
+        self._update_pace(h, largest(step))
+        if self._lookahead is not None:
+            self._lookahead.advance(h)
         return target
 
-    def _foreseen(self, movement: PathMotion, q: Joints, h: float) -> float:
+    def _limited_by_lookahead(self, movement: PathMotion, q: Joints, h: float) -> float:
         """The longest step, up to h, after which the joints can follow the rest of the path."""
         if not movement.uneven:
-            self._ahead = None
+            self._lookahead = None
             return h
         # Once per movement: the lookahead keeps its results for the remaining path.
-        if self._ahead is None or self._ahead.movement is not movement:
-            self._ahead = Lookahead(movement, q, self._model)
-        return min(h, max(_CREEP, self._ahead.fraction(h)) * self._period)
+        if self._lookahead is None or self._lookahead.movement is not movement:
+            self._lookahead = Lookahead(movement, q, self._model)
+        return min(h, max(_CREEP, self._lookahead.fraction(h)) * self._period)
 
-    def _easy(self, step: Joints, qd: Joints) -> bool:
+    def _within_limits(self, step: Joints, qd: Joints) -> bool:
         """Whether every joint can follow."""
         dt = self._period
         for move, speed, most, change in zip(step, qd, self._reach, self._change, strict=True):
@@ -126,35 +126,35 @@ class Pacer:
                 return False
         return True
 
-    def _bearable(self, step: Joints, qd: Joints) -> bool:
+    def _tolerable(self, step: Joints, qd: Joints) -> bool:
         """Whether no joint's change of speed exceeds its limit by too much."""
         dt = self._period
         changes = zip(step, qd, self._change, strict=True)
         return all(abs(move - speed * dt) <= _EXCESS * change for move, speed, change in changes)
 
-    def _why(self) -> MotionFault:
-        return (self._ahead and self._ahead.fault) or near_singularity()
+    def _fault(self) -> MotionFault:
+        return (self._lookahead and self._lookahead.fault) or near_singularity()
 
-    def _fitted(
-        self, movement: Generator, wanted: tuple[float, float], target: Joints, q: Joints, qd: Joints
+    def _fit_step(
+        self, movement: Generator, requested: tuple[float, float], target: Joints, q: Joints, qd: Joints
     ) -> tuple[float, Joints]:
-        """The step nearest to the first of ``wanted``, and at most the second, that the joints can follow.
+        """The step nearest to the first of ``requested``, and at most the second, that the joints can follow.
 
         ``target`` was proposed for the first.
         """
-        h = wanted[0]
+        h = requested[0]
         # One round would do if joint speeds were constant along the step; the path is curved, so a few are needed.
         for _ in range(_ROUNDS):
-            better = self._bounded(h, wanted, sub(target, q), qd)
+            better = self._bounded_step(h, requested, sub(target, q), qd)
             if abs(better - h) <= _TOLERANCE * h:
                 return h, target  # every joint is slow enough for this h
             h = better
             target = movement.propose(h, q)
-            if self._easy(sub(target, q), qd):
+            if self._within_limits(sub(target, q), qd):
                 return h, target
-        return self._enforced(movement, h, target, q)
+        return self._limit_speed(movement, h, target, q)
 
-    def _slewed(self, goal: float, ramp: float) -> float:
+    def _ramped(self, goal: float, ramp: float) -> float:
         if self._pace <= 0.0 or goal == self.scale:
             return goal  # a movement that begins at rest accelerates by its own profile
         if goal > self.scale:
@@ -168,13 +168,13 @@ class Pacer:
             return self.scale  # the path itself decelerates by more than the ramp
         return max(goal, min(self.scale, 2.0 * speed / (self._pace + sqrt(root))))
 
-    def _bounded(self, h: float, wanted: tuple[float, float], step: Joints, qd: Joints) -> float:
-        """The step nearest to ``wanted`` with which joint speeds and their changes stay within limits.
+    def _bounded_step(self, h: float, requested: tuple[float, float], step: Joints, qd: Joints) -> float:
+        """The step nearest to ``requested`` with which joint speeds and their changes stay within limits.
 
         If not all changes of speed can be within limits, the excess is shared; speed limits are always kept.
         """
         dt = self._period
-        low, high, cap = 0.0, wanted[1], wanted[1]
+        low, high, cap = 0.0, requested[1], requested[1]
         for move, speed, most, acceleration in zip(step, qd, self._qd_max, self._qdd_max, strict=True):
             if abs(move) < 1e-12:
                 continue
@@ -183,29 +183,29 @@ class Pacer:
             change = acceleration * (1.0 + _TOLERANCE) * dt * dt / rate
             low, high = max(low, keep - change), min(high, keep + change)
             cap = min(cap, most * dt / rate)
-        best = max(low, min(high, wanted[0])) if low <= high else max(0.5 * (low + high), 0.5 * h)
+        best = max(low, min(high, requested[0])) if low <= high else max(0.5 * (low + high), 0.5 * h)
         return min(best, cap)
 
-    def _enforced(self, movement: Generator, h: float, target: Joints, q: Joints) -> tuple[float, Joints]:
+    def _limit_speed(self, movement: Generator, h: float, target: Joints, q: Joints) -> tuple[float, Joints]:
         """Shorten the step by increasing amounts until no joint is too fast."""
         for attempt in range(_ATTEMPTS):
             if within_speed(sub(target, q), self._qd_max, self._period):
                 return h, target
-            h *= max(0.5, 1.0 - _LITTLE * 2.0**attempt)
+            h *= max(0.5, 1.0 - _FIRST_CUT * 2.0**attempt)
             target = movement.propose(h, q)
-        raise self._why()
+        raise self._fault()
 
-    def _judge(self, h: float, goal: float) -> None:
+    def _check_progress(self, h: float, goal: float) -> None:
         """Fail a movement that hardly advances; not immediately, since a reversing joint is slow for a while, too."""
         if h >= _STUCK_SHARE * goal * self._period:
             self._stuck_s = 0.0
             return
         self._stuck_s += self._period
         if self._stuck_s > _STUCK_S:
-            raise self._why()
+            raise self._fault()
 
-    def _remember(self, h: float, moved: float) -> None:
-        pace = moved / h
+    def _update_pace(self, h: float, displacement: float) -> None:
+        pace = displacement / h
         self._gain = (pace - self._pace) / h
         self._pace = pace
         self.scale = h / self._period

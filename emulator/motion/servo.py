@@ -159,7 +159,7 @@ class ToolServo:
         pose, a = self._pose, self._limits.acceleration
         error = pose_sub(self._target, pose)
         length = self._length(error)
-        braking = min(a, self._bearable(q))
+        braking = min(a, self._followable_acceleration(q))
         brake = _BRAKE_SHARE * braking * h  # change of speed per period while braking at the end
         if length <= brake * h and self._length(self._twist) <= 2.0 * braking * h:
             self._next, self._next_pose = ZERO6, self._target
@@ -173,7 +173,7 @@ class ToolServo:
         self._next_step_m, self._next_from = self._length(self._next) * h, q
         return q if self._next_pose == pose else self.reach.joints(self._next_pose, q)
 
-    def _bearable(self, q: Joints) -> float:
+    def _followable_acceleration(self, q: Joints) -> float:
         """Tool acceleration that the joints can follow at the last step [m/s2]: small near a singularity."""
         moved = sub(q, self._from)
         hardest = max(abs(way) / most for way, most in zip(moved, self.reach.model.qdd_max, strict=True))

@@ -310,7 +310,7 @@ class Superposition:
         # Converting a pose back to joints has rounding errors, by which an arm at rest must not move.
         q = start if pose == self._pose else reach.joints(pose, start)
         self._pose = pose
-        self._judge(reach, q)
+        self._check_joints(reach, q)
         return start, q
 
     def _path_pose(self, reach: Reach, path: Joints) -> Pose:
@@ -319,7 +319,7 @@ class Superposition:
             return self._path[2]
         return reach.pose(path)
 
-    def _judge(self, reach: Reach, q: Joints) -> None:
+    def _check_joints(self, reach: Reach, q: Joints) -> None:
         period_s = self._target.period_s
         qd = ZERO6 if q == self.q else scaled(sub(q, self.q), 1.0 / period_s)
         model = reach.model

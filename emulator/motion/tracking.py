@@ -186,18 +186,18 @@ class FrameTracking:
         self._too_fast_s = 0.0
 
     def step(self, dt: float, path: Pose, shift: Joints, ramp: float | None) -> None:
-        before, moved = self._frame, self._look()
+        before, moved = self._frame, self._update_frame()
         if not moved and self._velocity == ZERO6 and (ramp is not None or self._applied == self._target):
             return
-        here = self._taken(path)
+        here = self._displaced(path)
         if ramp is not None:
             self._brake(dt, path, here, ramp)
         elif moved:
-            self._go_along(dt, path, here, before)
+            self._move_along(dt, path, here, before)
         else:
             self._too_fast_s = 0.0
             self._catch_up(dt, path, here, self._velocity, ZERO6)
-            self._arrive(path)
+            self._settle(path)
 
     def apply(self, pose: Pose) -> Pose:
         return pose if self._applied == ZERO6 else pose_trans(self._applied, pose)
@@ -209,7 +209,7 @@ class FrameTracking:
         """Pose at the start of tracking of one that moves with the frame. Raises ValueError if that is gone."""
         return pose_trans(pose_inv(pose_trans(self._place(), self._inverse)), pose)
 
-    def _look(self) -> bool:
+    def _update_frame(self) -> bool:
         """Update the frame's pose; returns whether it moved."""
         try:
             frame = self._place()
@@ -223,7 +223,7 @@ class FrameTracking:
             self._frame, self._target = frame, target
         return moved
 
-    def _taken(self, path: Pose) -> Pose:
+    def _displaced(self, path: Pose) -> Pose:
         """Tool pose with the last period's displacement; also updates the velocity there."""
         here = self.apply(path)
         if self._velocity != ZERO6:
@@ -238,7 +238,7 @@ class FrameTracking:
         if velocity != self._velocity:
             self._put(path, here, scaled(lerp(self._velocity, velocity, 1.0), 0.5 * dt), velocity)
 
-    def _go_along(self, dt: float, path: Pose, here: Pose, before: Pose) -> None:
+    def _move_along(self, dt: float, path: Pose, here: Pose, before: Pose) -> None:
         """Move rigidly with the frame and catch up; a jump counts as a frame that now stands elsewhere."""
         move = pose_trans(self._frame, pose_inv(before))
         along = pose_trans(move, here)
@@ -275,7 +275,7 @@ class FrameTracking:
         self._applied = pose_trans(there, pose_inv(path))
         self._velocity, self._tool = velocity, there[:3]
 
-    def _arrive(self, path: Pose) -> None:
+    def _settle(self, path: Pose) -> None:
         missing = pose_sub(self._goal(path), self.apply(path))
         if largest(missing) < _ARRIVED and largest(self._velocity) < _ARRIVED_SPEED:
             self._applied, self._velocity = self._target, ZERO6

@@ -32,7 +32,7 @@ MASS_KG: Final = 1e4
 LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2")
 FLANGE: Final = "flange"
 TOOL: Final = "tool"
-"""What the world file calls the tool: it is where the TCP is."""
+"""Name of the tool in world files: the body at the TCP."""
 _BODIES: Final = (*LINKS, FLANGE, TOOL)  # the last one only where something is fixed to it
 PREFIX: Final = "ur/"
 _DARK: Final = (0.2, 0.2, 0.25, 1.0)
@@ -178,7 +178,7 @@ class DrivenArm:
         self._speed = np.zeros(6 * len(self.bodies))
         self._way = self._speed.reshape(-1, 6)[:, :3]
         self._placed = False
-        self._where: tuple[Sequence[float], ...] = ()  # as of the last period
+        self._where: tuple[Sequence[float], ...] = ()  # in the last period
         self._stands = False  # since then
 
     def place(self, q: Sequence[float], flange: Sequence[float], tcp: Sequence[float]) -> None:

@@ -103,7 +103,7 @@ def _matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Cameras:
-    """The cameras of a world file, and those of a scene file, which have the usual size. Close it after use."""
+    """The cameras of a world file, and those of a scene file, which have the default size. Close it after use."""
 
     def __init__(self, scenery: Scenery) -> None:
         self._scenery, model = scenery, scenery.model

@@ -21,7 +21,7 @@ _RADIUS_M, _HEIGHT_M = 0.03, 0.02  # of the half on the flange
 _NEAR_M: Final = 0.002  # largest distance and angle between the halves at which they can lock (guesses)
 _NEAR_RAD: Final = 2.0 * pi / 180.0
 _TAKEN_M: Final = 0.02  # no force separates them: a tool that is farther away was placed elsewhere
-_STIFF: Final = (0.005, 1.0)  # time constant [s] and damping ratio: as of things that touch
+_STIFF: Final = (0.005, 1.0)  # time constant [s] and damping ratio: those of contacts
 _FRICTION: Final = 0.3  # of its sides and face
 
 

@@ -97,7 +97,7 @@ def work(orders: BinaryIO, pictures: BinaryIO) -> None:
     try:
         cameras = Cameras(sketch)
     except CameraError as error:
-        _tell(pictures, {"error": str(error)})
+        _send(pictures, {"error": str(error)})
         return
     with cameras:
         while True:
@@ -107,10 +107,10 @@ def work(orders: BinaryIO, pictures: BinaryIO) -> None:
                 return
             sketch.take(appearance)
             picture = _FORMS[form](cameras, name)
-            _tell(pictures, {"pose": extrinsics(sketch, name)}, picture)
+            _send(pictures, {"pose": extrinsics(sketch, name)}, picture)
 
 
-def _tell(pictures: BinaryIO, message: Mapping[str, Any], picture: bytes = b"") -> None:
+def _send(pictures: BinaryIO, message: Mapping[str, Any], picture: bytes = b"") -> None:
     text = json.dumps(message).encode()
     pictures.write(HEADER.pack(len(text), len(picture)) + text)
     pictures.write(picture)

@@ -121,7 +121,7 @@ class Fingers:
             self._model.actuator_forcerange[self._motors] = (-force, force)
         data.ctrl[self._motors] = target
 
-    def look(self, data: Any, goal: float | None, period_s: float) -> None:
+    def update(self, data: Any, goal: float | None, period_s: float) -> None:
         """After the steps of a period: read the fingers' positions and whether an object stops them."""
         self.width = max(0.0, sum(data.qpos[self._qpos].tolist()))
         speed = max(map(abs, data.qvel[self._dofs].tolist()))

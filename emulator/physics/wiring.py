@@ -64,8 +64,8 @@ class Jaw:
         self._goal = 0.0 if level(signals, parallel.output) else parallel.stroke
         self.fingers.move(data, self._goal, 2.0 * parallel.speed, parallel.force, period_s)
 
-    def look(self, data: Any, signals: Signals, period_s: float) -> None:
-        self.fingers.look(data, self._goal, period_s)
+    def update(self, data: Any, signals: Signals, period_s: float) -> None:
+        self.fingers.update(data, self._goal, period_s)
         parallel = self._parallel
         if parallel.holding is not None:
             _set(signals, parallel.holding, self._goal == 0.0 and self.fingers.stopped)
@@ -148,7 +148,7 @@ class Wires:
         for cup in self.cups.values():
             cup.act(data, sucking=level(self._signals, cup.suction.output))
 
-    def look(self, data: Any, period_s: float) -> None:
+    def update(self, data: Any, period_s: float) -> None:
         """Set inputs according to the scene."""
         signals = self._signals
         for barrier in self._barriers:
@@ -162,11 +162,11 @@ class Wires:
             if changer.changer.locked is not None:
                 _set(signals, changer.changer.locked, bool(changer.holds(data)))
         for jaw in self._jaws:
-            jaw.look(data, signals, period_s)
+            jaw.update(data, signals, period_s)
         if self._fingers is not None and self._gripper is not None:
             drive = self._gripper.drive
-            self._fingers.look(data, None if drive is None else 1e-3 * drive.width_mm, period_s)
-            self._gripper.feel(1e3 * self._fingers.width, stopped=self._fingers.stopped)
+            self._fingers.update(data, None if drive is None else 1e-3 * drive.width_mm, period_s)
+            self._gripper.set_fingers(1e3 * self._fingers.width, stopped=self._fingers.stopped)
 
 
 def _number(signal: int | None) -> int:

@@ -63,7 +63,7 @@ class PhysicsWorld(World):
         self._forces = np.zeros_like(self._step_forces)
         self._all_forces, self._speeds = self._forces.reshape(-1), self.data.qvel
         self._warnings = self.data.warning.number[_EXPLODED]
-        self._gravity: Vector3 | None = None  # as of the last period
+        self._gravity: Vector3 | None = None  # in the last period
         self._on_links, self._on_tool = self._forces[self._link : self._tool], self._forces[self._tool :]
         self._roots = [i for i in self._names.values() if scene.model.body_parentid[i] == 0]  # which `move` may move
         self._wires: Wires | None = None
@@ -87,7 +87,7 @@ class PhysicsWorld(World):
             return wrench
         if self._restored:
             self._restored = False
-            self._let_go(arm, motion)
+            self._clear_contacts(arm, motion)
             return wrench
         if not self._started:
             self._arm.place(arm.q, arm.flange_pose, arm.tcp_pose)
@@ -96,7 +96,7 @@ class PhysicsWorld(World):
                 arm.mounted = self.payload
         self._step(arm, period_s)
         if self.failure:
-            self._let_go(arm, motion)
+            self._clear_contacts(arm, motion)
             return wrench
         force_control = motion.force_control
         self.contacts = force_control.contacts = tuple(self._touching(arm)) if force_control.active else ()
@@ -148,7 +148,7 @@ class PhysicsWorld(World):
         values = first if state is None else np.array(state, dtype=float)
         if values.shape != first.shape or not np.isfinite(values).all():
             raise WorldError(f"the state of this scene must be {len(first)} finite numbers")
-        self._take(values)
+        self._apply_state(values)
         self._good = values
         self.failure, self._started, self._restored = "", False, True
 
@@ -175,8 +175,8 @@ class PhysicsWorld(World):
 
     def _step(self, arm: "Arm", period_s: float) -> None:
         model, data, wires = self.model, self.data, self.wires
-        if arm.felt_gravity is not self._gravity:
-            x, y, z = self._gravity = arm.felt_gravity
+        if arm.effective_gravity is not self._gravity:
+            x, y, z = self._gravity = arm.effective_gravity
             model.opt.gravity[:] = (-x, -y, -z)
         wires.act(data, period_s)
         driven, forces, step_forces = self._arm, self._forces, self._step_forces
@@ -191,9 +191,9 @@ class PhysicsWorld(World):
         driven.end()
         forces /= self.scene.steps
         if problem := self._problem():
-            self._stand_still(problem)
+            self._stop(problem)
             return
-        wires.look(data, period_s)
+        wires.update(data, period_s)
 
     def _problem(self) -> str:
         data, forces, speeds = self.data, self._all_forces, self._speeds
@@ -207,9 +207,9 @@ class PhysicsWorld(World):
             return f"{body} moves at {abs(data.qvel[fastest]):.3g} m/s"
         return ""
 
-    def _stand_still(self, problem: str) -> None:
+    def _stop(self, problem: str) -> None:
         """Return the scene to its last good state and stop it."""
-        self._take(self._good)
+        self._apply_state(self._good)
         self.failure = f"the physics of {self.plan.source.name} became unstable ({problem}): stopped until reset_world"
 
     def _saved(self) -> Any:
@@ -219,7 +219,7 @@ class PhysicsWorld(World):
         places = self.model.body_pos[self._roots], self.model.body_quat[self._roots]
         return np.concatenate([values, *(place.ravel() for place in places), self.wires.save()])
 
-    def _take(self, values: Any) -> None:
+    def _apply_state(self, values: Any) -> None:
         """Apply a state from `_saved`. Raises ValueError."""
         count = len(self._roots)
         own, positions, turns, rest = np.split(
@@ -235,7 +235,7 @@ class PhysicsWorld(World):
 
     # effects on the arm
 
-    def _let_go(self, arm: "Arm", motion: Motion) -> None:
+    def _clear_contacts(self, arm: "Arm", motion: Motion) -> None:
         self.contacts = motion.force_control.contacts = ()
         arm.link_torque = ZERO6
 

@@ -121,7 +121,7 @@ class Compiling:
         """Refuse every waiting main program; returns False if there is none."""
         dropped = [submission for submission in self._waiting if submission.main]
         if self._waiting and self._waiting[0].main:
-            self._leave_job()
+            self._cancel_job()
         for submission in dropped:
             self._waiting.remove(submission)
             submission.accepted = False
@@ -129,13 +129,13 @@ class Compiling:
 
     def abandon(self) -> None:
         """Refuse all waiting submissions."""
-        self._leave_job()
+        self._cancel_job()
         waiting = tuple(self._waiting)
         self._waiting.clear()
         for submission in waiting:
             submission.accepted = False
 
-    def _leave_job(self) -> None:
+    def _cancel_job(self) -> None:
         if self._job is not None:
             self._job.steps.close()
             self._job = None
@@ -160,27 +160,27 @@ class Compiling:
 
 
 @contextmanager
-def uncollected() -> Iterator[None]:
+def gc_paused() -> Iterator[None]:
     """Disable the garbage collector, which would traverse every token and node of a large program in one go.
 
     None of them is garbage before the program is compiled, and most of them are freed immediately afterwards.
     """
-    global _resting
-    _resting += 1
+    global _gc_pauses
+    _gc_pauses += 1
     gc.disable()
     try:
         yield
     finally:
-        _resting -= 1
-        if not _resting:
+        _gc_pauses -= 1
+        if not _gc_pauses:
             gc.enable()
 
 
-_resting = 0  # jobs in progress, of all controllers of this process
+_gc_pauses = 0  # jobs in progress, of all controllers of this process
 
 
 def _work(submission: Submission) -> Steps[CompiledProgram]:
-    with uncollected():
+    with gc_paused():
         program = yield from _compile(submission)
     if len(program.global_names) > _MANY_VARIABLES:
         yield len(program.global_names)  # a start allocates each of them: not in the collector's period

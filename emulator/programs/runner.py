@@ -422,7 +422,7 @@ class Programs:
         self._machine.messages.key(PROGRAM_STARTED, program.name)
 
     def _refuse(self, program: CompiledProgram) -> None:
-        self._say(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
+        self._report(f"program {program.name} was not started: power the arm on, release its brakes, clear any stop")
 
     def _run_main(self) -> None:
         main, host = self._main, self._host
@@ -468,7 +468,7 @@ class Programs:
             self._machine.messages.compile_error(error.line, error.column, error.wire)
             self._note(error.render())
         if submission.refusal:
-            self._say(submission.refusal)
+            self._report(submission.refusal)
         if program is None:
             return None
         shown, rest = program.warnings[:_MOST_WARNINGS], len(program.warnings) - _MOST_WARNINGS
@@ -519,7 +519,7 @@ class Programs:
         self.state = state
         return True
 
-    def _say(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._machine.messages.text(text)
 
     def _note(self, text: str) -> None:

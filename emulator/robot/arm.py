@@ -131,7 +131,7 @@ class Arm:
         self.momentum = 0.0
         self.collision_ratio = 0.0  # largest deviation of a joint current, as a fraction of its window, up to 1
         self.link_torque: Vector6 = ZERO6  # joint torques from contacts of the links; set before ``update``
-        self.base_wrench_wanted = False  # target_base_wrench takes time to calculate, and few versions have it
+        self.base_wrench_enabled = False  # target_base_wrench takes time to calculate, and few versions have it
         self.base_wrench: Vector6 = ZERO6
         self.target_torque: Vector6 = ZERO6
         self.actual_torque: Vector6 = ZERO6
@@ -142,12 +142,12 @@ class Arm:
         self.friction_W: Vector6 = ZERO6  # heat of friction in the joints
         self._link_torque: Vector6 = ZERO6
         self._force_bias: Vector6 = ZERO6
-        self._misjudged: Vector6 = ZERO6  # weight of the true payload minus that of the known one, as a wrench
+        self._payload_error: Vector6 = ZERO6  # weight of the true payload minus that of the known one, as a wrench
         self._payload: Payload | None = None
         self._mounted: Payload | None = None
         self._gravity: Vector3 | None = None
         self._base_acceleration: Vector3 | None = None
-        self._felt: Vector3 = ZERO3  # gravity and the base's acceleration together
+        self._effective_gravity: Vector3 = ZERO3  # gravity and the base's acceleration together
         self._driven = False
         self._known = False  # False until the first update
         self._force_zeroed = False
@@ -190,9 +190,9 @@ class Arm:
         return self._known
 
     @property
-    def felt_gravity(self) -> Vector3:
+    def effective_gravity(self) -> Vector3:
         """Gravity plus the base's acceleration, base frame, with the sign of set_gravity [m/s2]."""
-        return self._felt
+        return self._effective_gravity
 
     @property
     def following_error(self) -> Vector6:
@@ -206,13 +206,13 @@ class Arm:
         return max(map(abs, speed)) < _STANDING_RAD_S
 
     @property
-    def misjudged_torque(self) -> Vector6:
+    def external_torque(self) -> Vector6:
         """Joint torques [Nm] beyond those the controller expects: from external forces, or a wrong payload."""
         return sub(self.actual_torque, self.own_torque)
 
     def zero_force(self) -> None:
         """zero_ftsensor(): from now on, the present external wrench counts as zero."""
-        self._force_bias = add(self.wrench, self._misjudged) if self._mounted is not None else self.wrench
+        self._force_bias = add(self.wrench, self._payload_error) if self._mounted is not None else self.wrench
         self._force_zeroed = True
 
     def torque_response(
@@ -249,7 +249,7 @@ class Arm:
         """
         loads_changed = self._take_loads(installation)
         news = self._moved(motion, installation.tcp, wrench, driven) or loads_changed
-        if not (news or self._restless):
+        if not (news or self._may_change):
             return False
         started = not self._known
         self._known, self._force_zeroed = True, False
@@ -275,7 +275,7 @@ class Arm:
         self.wrench = self.link_torque = self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
         self.target_torque = self.actual_torque = self.own_torque = self.base_wrench = ZERO6
         self.target_current = self.actual_current = self.control_output = self.friction_W = ZERO6
-        self._force_bias = self._misjudged = ZERO6
+        self._force_bias = self._payload_error = ZERO6
         self._payload = self._gravity = None
         self._known = self._driven = False
         if self.drives is not None:
@@ -316,7 +316,7 @@ class Arm:
             return False
         self._payload, self._gravity = installation.payload, installation.gravity
         self._base_acceleration, self._mounted = installation.base_acceleration, self.mounted
-        self._felt = add3(self._gravity, self._base_acceleration)
+        self._effective_gravity = add3(self._gravity, self._base_acceleration)
         self._load(self.dynamics, self._payload)
         if self.drives is not None:
             self._load(self.drives.body.dynamics, self._mounted or self._payload)
@@ -325,7 +325,7 @@ class Arm:
 
     def _load(self, dynamics: "Dynamics", payload: Payload) -> None:
         dynamics.set_payload(payload.mass, payload.cog, payload.inertia)
-        dynamics.set_gravity(self._felt)
+        dynamics.set_gravity(self._effective_gravity)
 
     def _moved(self, motion: _Motion, tcp: Pose, wrench: Vector6, driven: bool) -> bool:
         q, qd, qdd = motion
@@ -343,7 +343,7 @@ class Arm:
         )
 
     @property
-    def _restless(self) -> bool:
+    def _may_change(self) -> bool:
         """Whether the state may change on its own: a dynamic arm with power, or not yet stopped by its brakes."""
         return self.drives is not None and (self._driven or not self.drives.body.standing)
 
@@ -353,13 +353,13 @@ class Arm:
             drives.place(self.target_q)
         body = drives.body
         place, before = body.q, body.qd
-        external = ZERO6 if started else self._bearable(add(self._pressed(self.wrench), self.link_torque))
+        external = ZERO6 if started else self._limited_torque(add(self._joint_torques(self.wrench), self.link_torque))
         if not self._driven:
             drives.hold(self.target_q, external, period_s)
         elif torque is not None:
             gravity = self.dynamics.gravity_torques(body.q)
             self.target_torque = add(torque.torque, gravity)
-            drives.push(self.target_q, torque, gravity, external, period_s)
+            drives.apply_torque(self.target_q, torque, gravity, external, period_s)
         else:
             rigid = self.dynamics.inverse_dynamics(self.target_q, self.target_qd, self.target_qdd)
             self.target_torque = _with_rotors(rigid, self._rotors, self.target_qdd)
@@ -376,19 +376,19 @@ class Arm:
             self.measured_q, self.measured_qd = self.q, self.qd
             self.measured_tcp_pose, self.measured_tcp_speed = self.tcp_pose, self.tcp_speed
             return
-        self.measured_q, self.measured_qd = q, qd = self._sensors.told(self.q, self.qd)
+        self.measured_q, self.measured_qd = q, qd = self._sensors.reported(self.q, self.qd)
         self.measured_tcp_pose = pose = self.kinematics.forward(
             q, None if self.tcp_offset == ZERO6 else self.tcp_offset
         )
         self.measured_tcp_speed = self.kinematics.twist_at(q, qd, pose)
 
-    def _pressed(self, wrench: Vector6) -> Vector6:
+    def _joint_torques(self, wrench: Vector6) -> Vector6:
         """Joint torques of a wrench at the TCP, in the arm's last known configuration."""
         if wrench == ZERO6:
             return ZERO6
         return times6(tuple(zip(*self.kinematics.jacobian_at(self.q, self.tcp_pose), strict=True)), wrench)
 
-    def _bearable(self, torque: Vector6) -> Vector6:
+    def _limited_torque(self, torque: Vector6) -> Vector6:
         """Limit an external torque so that the simulated body stays within reasonable bounds."""
         if not math.isfinite(sum(torque)):
             return ZERO6
@@ -397,22 +397,22 @@ class Arm:
 
     def _update_sensors(self, installation: Installation) -> None:
         """Update force/torque sensor and accelerometer; both are in the flange and share its axes."""
-        payload, gravity = self._mounted or installation.payload, self._felt
+        payload, gravity = self._mounted or installation.payload, self._effective_gravity
         axes = self._tool.flange_axes
         self.tool_acceleration = rotate_back(axes, add3(self.tcp_acceleration, gravity))
         if self.drives is not None:
             self.tool_acceleration = self._sensors.accelerometer(self.tool_acceleration)
-        felt = self.wrench
-        self._misjudged = ZERO6
-        if self._mounted is not None and not self._mounted.weighs_as(installation.payload):
-            self._misjudged = self._beyond(axes, self._mounted, installation.payload)
-            felt = add(felt, self._misjudged)
+        measured = self.wrench
+        self._payload_error = ZERO6
+        if self._mounted is not None and not self._mounted.has_same_weight(installation.payload):
+            self._payload_error = self._weight_difference(axes, self._mounted, installation.payload)
+            measured = add(measured, self._payload_error)
         if self.drives is not None and self._driven:
-            felt = self._sensors.wrench(felt)
-        if felt == self._force_bias == ZERO6 and not payload.mass:
+            measured = self._sensors.wrench(measured)
+        if measured == self._force_bias == ZERO6 and not payload.mass:
             self.tcp_force = self.measured_force = self.ft_raw_wrench = ZERO6
             return
-        self.tcp_force = self.measured_force = sub(felt, self._force_bias)
+        self.tcp_force = self.measured_force = sub(measured, self._force_bias)
         if self.sensor_in_flange:
             self.measured_force = self._at_flange(self.tcp_force)
         weight = _weight(axes, payload, gravity)
@@ -421,9 +421,9 @@ class Arm:
         torque = add3(rotate_back(axes, self.wrench[3:]), add3(cross(lever, force), cross(payload.cog, weight)))
         self.ft_raw_wrench = (*add3(force, weight), *torque)
 
-    def _beyond(self, axes: tuple[float, ...], mounted: Payload, known: Payload) -> Vector6:
+    def _weight_difference(self, axes: tuple[float, ...], mounted: Payload, known: Payload) -> Vector6:
         """Difference of the weights of two payloads, as a wrench at the TCP in base axes."""
-        true, assumed = _weight(axes, mounted, self._felt), _weight(axes, known, self._felt)
+        true, assumed = _weight(axes, mounted, self._effective_gravity), _weight(axes, known, self._effective_gravity)
         lever = rotate_back(axes, sub3(self.flange_pose, self.tcp_pose))
         force = sub3(true, assumed)
         torque = sub3(cross(add3(lever, mounted.cog), true), cross(add3(lever, known.cog), assumed))
@@ -438,7 +438,7 @@ class Arm:
 
     def _update_torques(self) -> None:
         self.collision_ratio = 0.0
-        if self.base_wrench_wanted:
+        if self.base_wrench_enabled:
             self.base_wrench = self.dynamics.base_wrench(self.target_q, self.target_qd, self.target_qdd)
         if self._driven and self.drives is None:
             self._ideal_currents()  # and the momentum with them
@@ -455,11 +455,11 @@ class Arm:
         self.own_torque, self.momentum = self.dynamics.torques_and_momentum(self.q, self.qd, self.qdd)
         self.target_torque = self.actual_torque = self.own_torque
         self.target_current = self.actual_current = self._currents(self.target_torque)
-        outside = self.wrench if self._mounted is None else add(self.wrench, self._misjudged)
+        outside = self.wrench if self._mounted is None else add(self.wrench, self._payload_error)
         if outside != ZERO6 or self.link_torque != ZERO6:
-            self.actual_torque = sub(self.target_torque, add(self._pressed(outside), self.link_torque))
+            self.actual_torque = sub(self.target_torque, add(self._joint_torques(outside), self.link_torque))
             self.actual_current = self._currents(self.actual_torque)
-            self._judge_currents()
+            self._check_currents()
         self.control_output = self.actual_current
 
     def _measured_currents(self, drives: Drives) -> None:
@@ -472,9 +472,9 @@ class Arm:
         self.control_output = motors if self.model.series is Series.CB3 else self._currents(drives.torque)
         a, b, c, d, e, f = map(float.__mul__, self.actual_current, self.torque_constants)
         self.actual_torque = (a, b, c, d, e, f)
-        self._judge_currents()
+        self._check_currents()
 
-    def _judge_currents(self) -> None:
+    def _check_currents(self) -> None:
         excess = sub(self.actual_current, self.target_current)
         self.collision_ratio = min(1.0, max(map(truediv, map(abs, excess), CURRENT_WINDOW_A)))
 

@@ -74,7 +74,7 @@ class Drives:
         self.feedforward: Vector6 = ZERO6
         self.asleep = False
         self._limits = model.torque_max
-        heaviest = _heaviest(model)
+        heaviest = _largest_inertia(model)
         gains = loops()
         position = [k / d for k, d in zip(gains.stiffness_1_s2, gains.damping_1_s, strict=True)]
         damping = [gain * inertia for gain, inertia in zip(gains.damping_1_s, heaviest, strict=True)]
@@ -89,8 +89,8 @@ class Drives:
         near = [rate / gain**2 for rate, gain in zip(spare, position, strict=True)]
         most_held = [a * k for a, k in zip(_MOST_HELD_A, drivetrain.torque_constants_Nm_A, strict=True)]
         self._gains = (position, damping, near, model.qd_max, model.torque_max, most_held)
-        self._held = [0.0] * 6  # torques of the integral parts
-        self._put = False  # the arm was placed, so the integral parts have yet to be initialised
+        self._integral_torque = [0.0] * 6  # torques of the integral parts
+        self._placed = False  # the arm was placed, so the integral parts have yet to be initialised
         self._placed_rad_s = _PLACED * max(model.qd_max)
         self._target: Vector6 = ZERO6
         self._speed: Vector6 = ZERO6  # of the target
@@ -100,7 +100,7 @@ class Drives:
         """Place the arm and its target at q, as if it had been at rest there for a long time."""
         self.body.place(q)
         self._target, self._speed = q, ZERO6
-        self._put = True
+        self._placed = True
 
     def set_brake(self, joint: int, *, holds: bool) -> None:
         """Set whether the brake of a joint (0-5) holds."""
@@ -129,17 +129,17 @@ class Drives:
             self.asleep = True
             return
         self.asleep = False
-        if self._put:
-            self._put = False
-            self._held = list(sub(sub(self.body.dynamics.gravity_torques(target), known_torque), external))
+        if self._placed:
+            self._placed = False
+            self._integral_torque = list(sub(sub(self.body.dynamics.gravity_torques(target), known_torque), external))
         self._servo(start, before, change, expected, external, period_s)
 
-    def push(
+    def apply_torque(
         self, target: Vector6, command: TorqueCommand, gravity: Vector6, external: Vector6, period_s: float
     ) -> None:
         """Advance one control period of direct torque plus ``gravity``. ``target``: the reported target angles."""
         self._retarget(target, period_s)
-        self._forget()
+        self._reset_loops()
         body, torques = self.body, []
         self.asleep = False
         self.feedforward = wanted = add(command.torque, gravity)
@@ -158,15 +158,15 @@ class Drives:
     def hold(self, target: Vector6, external: Vector6, period_s: float) -> None:
         """Advance one control period without power: the brakes bring the arm to rest and hold it."""
         self._retarget(target, period_s)
-        self._forget()
+        self._reset_loops()
         self.torque = self.feedforward = ZERO6
         self.asleep = self.body.standing and not self.body.brakeless
         for _ in range(0 if self.asleep else _steps(period_s)):
             self.body.brake(external, STEP_S)
 
-    def _forget(self) -> None:
+    def _reset_loops(self) -> None:
         """Reset the loops: something else moves the arm now."""
-        self._held, self._put = [0.0] * 6, False
+        self._integral_torque, self._placed = [0.0] * 6, False
 
     def _retarget(self, target: Vector6, period_s: float) -> Vector6 | None:
         """Speed of the target in this period; None if target and arm have been placed elsewhere."""
@@ -206,7 +206,7 @@ class Drives:
             t, u = k * STEP_S, k / steps
             torque, held = [], []
             for (p, w, dw, known, gain, damping, near, most, limit, bound, growth, hold), q, qd, sum_ in zip(
-                joints, body.q, body.qd, self._held, strict=True
+                joints, body.q, body.qd, self._integral_torque, strict=True
             ):
                 speed, grown = w + (u + 0.5) * dw, sum_
                 error = p + t * (w + 0.5 * (u + 1.0) * dw) - q
@@ -214,7 +214,7 @@ class Drives:
                     speed += gain * error
                     grown += (hold if -_SLIGHT_RAD < error < _SLIGHT_RAD else growth) * error
                 else:
-                    speed = _from_afar(error, speed, gain, near, most)
+                    speed = _approach_speed(error, speed, gain, near, most)
                     if held_still:
                         grown += copysign(growth * near, error)
                 if not -bound < grown < bound:
@@ -226,7 +226,7 @@ class Drives:
                 else:
                     torque.append(limit if force > 0.0 else -limit)
                     held.append(sum_)
-            self._held = held
+            self._integral_torque = held
             body.step(torque, external, STEP_S)
             torques.append(torque)
         self.torque = _mean(torques)
@@ -243,13 +243,13 @@ def _mean(torques: list[list[float]]) -> Vector6:
     return (a, b, c, d, e, f)
 
 
-def _from_afar(error: float, speed: float, gain: float, near: float, most: float) -> float:
+def _approach_speed(error: float, speed: float, gain: float, near: float, most: float) -> float:
     """Commanded speed, within the joint's limit, if the target, moving at ``speed``, is farther than ``near``."""
     more = gain * sqrt(2.0 * near * (abs(error) - 0.5 * near))
     return max(-most, min(most, speed + copysign(more, error)))
 
 
-def _heaviest(model: RobotModel) -> Vector6:
+def _largest_inertia(model: RobotModel) -> Vector6:
     """Largest inertia [kg m2] of each joint."""
     body = Body(model)
     body.dynamics.set_payload(model.payload_max_kg, _FULL_PAYLOAD_COG)

@@ -60,9 +60,9 @@ class Thermals:
         if self._elapsed_s < _PERIOD_S:
             return False
         self._elapsed_s -= _PERIOD_S
-        self.joints = _towards6(self.joints, _joint_rises(current, friction_W) if powered else ZERO6)
-        self.tool = _towards(self.tool, _TOOL_RISE_K if powered else 0.0)
-        self.box = _towards(self.box, _BOX_RISE_K)
+        self.joints = _approach6(self.joints, _joint_rises(current, friction_W) if powered else ZERO6)
+        self.tool = _approach(self.tool, _TOOL_RISE_K if powered else 0.0)
+        self.box = _approach(self.box, _BOX_RISE_K)
         return True
 
 
@@ -72,12 +72,12 @@ def _joint_rises(current: Vector6, friction_W: Vector6) -> Vector6:
     return (a, b, c, d, e, f)
 
 
-def _towards(temperature: float, rise: float) -> float:
+def _approach(temperature: float, rise: float) -> float:
     return temperature + _SHARE * (ROOM_C + rise - temperature)
 
 
-def _towards6(temperatures: Vector6, rises: Vector6) -> Vector6:
-    a, b, c, d, e, f = map(_towards, temperatures, rises)
+def _approach6(temperatures: Vector6, rises: Vector6) -> Vector6:
+    a, b, c, d, e, f = map(_approach, temperatures, rises)
     return (a, b, c, d, e, f)
 
 

@@ -38,7 +38,7 @@ class Payload:
         """Create a payload; without an inertia, it counts as a sphere of water."""
         return cls(mass, cog, inertia if inertia is not None else _sphere_inertia(mass))
 
-    def weighs_as(self, other: "Payload") -> bool:
+    def has_same_weight(self, other: "Payload") -> bool:
         """Whether both have the same weight and centre of gravity, so that they cannot be told apart at rest."""
         return self.mass == other.mass and self.cog == other.cog
 

@@ -66,7 +66,7 @@ class Sensors:
         """Angles and speeds rounded to the encoders' resolution."""
         return _stepped(body.q, _ANGLE_STEP), _stepped(body.qd, _MOTOR_STEP / period_s)
 
-    def told(self, q: Vector6, qd: Vector6) -> tuple[Vector6, Vector6]:
+    def reported(self, q: Vector6, qd: Vector6) -> tuple[Vector6, Vector6]:
         """Angles and speeds as a controller reports them: delayed, and with the noise of each moving joint."""
         if qd == ZERO6:
             return q, qd

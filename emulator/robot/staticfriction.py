@@ -22,7 +22,7 @@ class StaticFriction:
     def __init__(self, model: RobotModel, seed: int) -> None:
         self._coulomb = drivetrain_of(model).coulomb_Nm
         self._chance = Random(f"static friction {seed}")  # not the sensors' noise
-        self._ways = [0.0] * 6
+        self._directions = [0.0] * 6
         self._held: Vector6 | None = None
 
     def torque(self, qd: Vector6) -> Vector6:
@@ -31,10 +31,10 @@ class StaticFriction:
             self._held = None
             for joint, speed in enumerate(qd):
                 if abs(speed) > _MOVED_RAD_S:
-                    self._ways[joint] = 1.0 if speed > 0.0 else -1.0
+                    self._directions[joint] = 1.0 if speed > 0.0 else -1.0
             return ZERO6
         if self._held is None:
-            self._held = as_six(map(self._share, self._ways, self._coulomb))
+            self._held = as_six(map(self._share, self._directions, self._coulomb))
         return self._held
 
     def _share(self, way: float, coulomb: float) -> float:

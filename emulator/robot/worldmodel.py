@@ -75,14 +75,14 @@ class WorldModel:
 
     def parent(self, name: str) -> str:
         """The frame that this one is attached to; the world has none."""
-        self._known(name)
+        self._check_known(name)
         if name == _WORLD:
             raise WorldModelError('the frame "world" is the root: it has no parent')
         return self._frames[name].parent
 
     def children(self, name: str) -> list[str]:
         """Frames attached directly to this one, in order of creation."""
-        self._known(name)
+        self._check_known(name)
         return [child for child, frame in self._frames.items() if frame.parent == name]
 
     def add(self, name: str, pose: Pose, reference: str, arm: ArmPose) -> None:
@@ -97,8 +97,8 @@ class WorldModel:
 
     def attach(self, child: str, parent: str, arm: ArmPose) -> None:
         """Attach a frame to another, with which it then moves; its present pose does not change."""
-        self._known(child)
-        self._known(parent)
+        self._check_known(child)
+        self._check_known(parent)
         if child in _FIXED:
             raise WorldModelError(f'the frame "{child}" cannot be attached to another one')
         if child in self._chain(parent):
@@ -107,7 +107,7 @@ class WorldModel:
 
     def move(self, name: str, pose: Pose, reference: str, arm: ArmPose) -> None:
         """Move a frame to a pose given in a reference frame; frames attached to it move along."""
-        self._known(name)
+        self._check_known(name)
         if name in _FIXED:
             raise WorldModelError(f'the frame "{name}" cannot be moved: ' + _NOT_MOVED[name])
         placed = pose_trans(self.in_world(reference, arm), pose)
@@ -116,7 +116,7 @@ class WorldModel:
 
     def delete(self, name: str, arm: ArmPose) -> None:
         """Remove a frame; frames attached to it stay where they are, attached to the world."""
-        self._known(name)
+        self._check_known(name)
         if name in _PREDEFINED:
             raise WorldModelError(f'the frame "{name}" cannot be deleted')
         for child in self.children(name):
@@ -133,7 +133,7 @@ class WorldModel:
 
     def in_world(self, name: str, arm: ArmPose) -> Pose:
         """The frame's pose in the world."""
-        self._known(name)
+        self._check_known(name)
         pose = _ORIGIN
         for link in self._chain(name):
             pose = pose_trans(self._in_parent(link, arm), pose)
@@ -153,7 +153,7 @@ class WorldModel:
 
     def carries(self, carrier: str, name: str) -> bool:
         """Whether ``name`` is the carrier or moves along with it."""
-        self._known(name)
+        self._check_known(name)
         return carrier in self._chain(name)
 
     def in_base(self, name: str) -> Pose:
@@ -173,7 +173,7 @@ class WorldModel:
             yield name
             name = self._frames[name].parent
 
-    def _known(self, name: str) -> None:
+    def _check_known(self, name: str) -> None:
         if name not in self._frames:
             raise WorldModelError(f'there is no frame "{name}"; the frames are {", ".join(self._frames)}')
 
@@ -181,13 +181,13 @@ class WorldModel:
 
     def set_mass(self, name: str, properties: MassProperties) -> None:
         """Set the mass that a frame carries."""
-        self._known(name)
+        self._check_known(name)
         self._masses[name] = properties
 
     def payload(self, arm: ArmPose) -> Payload:
         """Payload on the flange: the combined masses of all frames that move with it, including the TCP."""
         carried = [
-            _seen_from(self.pose(name, _FLANGE, _FLANGE, arm), properties)
+            _expressed_in(self.pose(name, _FLANGE, _FLANGE, arm), properties)
             for name, properties in self._masses.items()
             if _FLANGE in self._chain(name)
         ]
@@ -207,7 +207,7 @@ def _turn_between(reference: Pose, other: Pose) -> Pose:
     return (0.0, 0.0, 0.0, x, y, z)
 
 
-def _seen_from(pose: Pose, body: MassProperties) -> MassProperties:
+def _expressed_in(pose: Pose, body: MassProperties) -> MassProperties:
     """Express a frame's body in the axes of the frame in which that frame is at ``pose``."""
     r = rotvec_to_matrix(*pose[3:])
     cog = pose_trans(pose, (*body.cog, 0.0, 0.0, 0.0))[:3]

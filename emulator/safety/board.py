@@ -1,7 +1,7 @@
 """The safety control board: it connects inputs, limits and the safety mode, once per control period.
 
-`latch` reads inputs before programs run, `judge` checks the arm after it has moved, and `mode_changed` carries out what
-the new safety mode requires: stop categories, the state of the program, the active limits.
+`latch` reads inputs before programs run, `check_arm` checks the arm after it has moved, and `mode_changed` carries out
+what the new safety mode requires: stop categories, the state of the program, the active limits.
 """
 
 from collections import deque
@@ -149,7 +149,7 @@ class SafetyBoard:
         self._operational_mode = ""
         self._power = PowerState.OFF
         self._stops: list[deque[float]] = [deque(maxlen=_MOST_STOPS + 1) for _ in range(6)]
-        self._lenient_until_s = 0.0  # until then, both sets of limits are accepted
+        self._transition_until_s = 0.0  # until then, both sets of limits are accepted
         self._resume = False  # the program was playing when the safeguard opened
         self._checksum = self.configuration.checksum
         self._positions_apply()
@@ -182,7 +182,7 @@ class SafetyBoard:
         if self.manual and not self.configuration.manual_high_speed:
             limits = manual_limits(limits)
         self.governor.use(limits)
-        self._lenient_until_s = machine.time_s + TRANSITION_S
+        self._transition_until_s = machine.time_s + TRANSITION_S
         self._positions_apply()
 
     def _positions_apply(self) -> None:
@@ -200,7 +200,7 @@ class SafetyBoard:
             if self._power in (PowerState.IDLE, PowerState.RUNNING):
                 self._conditions.check_position()
 
-    def judge(self, *, changed: bool) -> None:
+    def check_arm(self, *, changed: bool) -> None:
         """Check the arm, after it has moved. ``changed``: it differs from the last period."""
         machine = self._machine
         if self._stop_monitor.follow():
@@ -220,20 +220,20 @@ class SafetyBoard:
             self._conditions.follow_triggers()
         safety = machine.safety
         if safety.stopped:
-            self.supervision.forget()
+            self.supervision.reset()
             return
         mode = safety.mode
         if mode is SafetyMode.RECOVERY:
             self._conditions.check_position()
         stiff = machine.motion.control_mode is ControlMode.POSITION
         finding = self.supervision.protective_stop(arm, self.boundaries, mode, stiff=stiff)
-        if machine.time_s >= self._lenient_until_s:
+        if machine.time_s >= self._transition_until_s:
             finding = self.supervision.violation(arm, self.limits, self.boundaries, mode) or finding
         if finding is not None:
-            self._found(finding)
+            self._report_finding(finding)
 
-    def _found(self, finding: Finding) -> None:
-        self.supervision.forget()
+    def _report_finding(self, finding: Finding) -> None:
+        self.supervision.reset()
         self.trip(finding.cause, finding.joint, finding.text)
 
     # causes
@@ -285,7 +285,7 @@ class SafetyBoard:
         self.boundaries = Boundaries(configuration, elbow_radius(machine.model))
         self._conditions.use(configuration, self.boundaries)
         self._checksum = configuration.checksum
-        self.supervision.forget()
+        self.supervision.reset()
         self._limits_changed()
         machine.messages.note(f"another safety configuration is active (checksum {self._checksum})")
 
@@ -332,7 +332,7 @@ class SafetyBoard:
     def mode_changed(self, before: SafetyMode) -> None:
         """Carry out the safety mode that has just begun."""
         machine, mode = self._machine, self._machine.safety.mode
-        self.supervision.forget()
+        self.supervision.reset()
         self._limits_changed()
         if SafetyMode.REDUCED in (before, mode):
             machine.motion.mode_changed()

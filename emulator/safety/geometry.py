@@ -13,7 +13,7 @@ from urproto.vectors import Vector3, rotate
 from urscript.polyscope.safety_configuration import BoundaryMode, Plane, SafetyConfiguration, ToolOrientation
 
 # Between the flange's centre and the lower arm's axis, UR5e with 5.8 (vendor's answer in its forum): a cylinder and a
-# sphere of 37.5 mm each, 28 mm apart. 7 mm more, since the housing is that far beside the axis of our geometry; a
+# sphere of 37.5 mm each, 28 mm apart. 7 mm more, because the housing is that far from the axis of our geometry; a
 # reported pose that stops a UR5e is 109 mm away here. That other arms have the same measure is a guess.
 CLAMPING_M: Final = 0.0375 + 0.0375 + 0.028 + 0.007
 

@@ -86,7 +86,7 @@ class Supervision:
         """Whether a limit is exceeded but not yet for long enough: checks must continue even if nothing changes."""
         return bool(self._lasting) or self._collision_s > 0.0
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """The arm is stopped or off: restart all detection times."""
         self._lasting.clear()
         self._collision_s = 0.0

@@ -251,11 +251,11 @@ class ModbusSignal:
         if self.kind.write_one is not Function.READ_WRITE_REGISTERS:
             self.values = self.wanted
 
-    def ask_now(self, step: int) -> None:
+    def poll_now(self, step: int) -> None:
         """Send the next request without waiting for its turn."""
         self._due = step
 
-    def wants(self, step: int) -> int | None:
+    def due_since(self, step: int) -> int | None:
         """Process an answer; returns the step since which a request is due, None if none is."""
         exchange = self._exchange
         if exchange is not None:
@@ -388,7 +388,7 @@ class ModbusSignals:
             )
         signal = self.get(name)
         signal.frequency_hz = frequency_hz
-        signal.ask_now(self._step)  # this also reads the first value of a signal on demand
+        signal.poll_now(self._step)  # this also reads the first value of a signal on demand
 
     def set_watchdog(self, name: str, timeout_s: float) -> None:
         """Set how long errors are tolerated. Raises ModbusSignalError."""
@@ -407,7 +407,7 @@ class ModbusSignals:
     def request_update(self, name: str) -> ModbusSignal:
         """Poll the unit as soon as possible, whatever the frequency. Raises ModbusSignalError."""
         signal = self.get(name)
-        signal.ask_now(self._step)
+        signal.poll_now(self._step)
         return signal
 
     def pending(self, signal: ModbusSignal) -> bool:
@@ -429,7 +429,7 @@ class ModbusSignals:
         self.backend.reset(address)
         for signal in signals:
             signal.connection_error = CONNECTING
-            signal.ask_now(self._step)
+            signal.poll_now(self._step)
         return signals
 
     def recovering(self, signals: Sequence[ModbusSignal]) -> bool:
@@ -437,7 +437,7 @@ class ModbusSignals:
         in_error = [signal for signal in signals if signal.in_error and self._signals.get(signal.name) is signal]
         for signal in in_error:
             if signal.settled:
-                signal.ask_now(self._step)
+                signal.poll_now(self._step)
         return bool(in_error)
 
     # once a control period
@@ -452,7 +452,7 @@ class ModbusSignals:
             return
         first: dict[ModbusUnit, tuple[int, ModbusSignal]] = {}
         for signal in self._signals.values():
-            since = signal.wants(step)
+            since = signal.due_since(step)
             if since is not None and (signal.unit not in first or since < first[signal.unit][0]):
                 first[signal.unit] = (since, signal)
         for _, signal in first.values():
@@ -483,7 +483,7 @@ class ModbusSignals:
     def _write(self, signal: ModbusSignal, values: Sequence[int]) -> None:
         signal.set(values)
         if signal.frequency_hz <= 0:
-            signal.ask_now(self._step)
+            signal.poll_now(self._step)
 
 
 def _check_unit(unit: ModbusUnit) -> None:

@@ -254,7 +254,7 @@ class Run:
         self._q = self.controller.snapshot.target_q
         self._rates = ZERO
         self._stopped_for_s = 0.0
-        self._was_beside = False
+        self._was_deviating = False
         self._protective_stops = 0
         self._safety_mode = SafetyMode.NORMAL
         self._ungoverned_s = DETECTED_WITHIN_S  # since when a movement ends that the safety system does not slow
@@ -344,9 +344,9 @@ class Run:
         hardest = max(abs(a - b) / (dt * m) for a, b, m in zip(rates, self._rates, model.qdd_max, strict=True))
         if hardest > 1.0 + 1e-2:
             self.outcome.hardest.append((hardest, self.period, self._doing()))
-        beside = self.controller.motion.beside or self._was_beside
-        assert hardest <= (MOST_BESIDE if beside else MOST), self._at(f"a joint does {hardest:.2f} times qdd_max")
-        self._was_beside = self.controller.motion.beside
+        deviating = self.controller.motion.deviating or self._was_deviating
+        assert hardest <= (MOST_BESIDE if deviating else MOST), self._at(f"a joint does {hardest:.2f} times qdd_max")
+        self._was_deviating = self.controller.motion.deviating
         self._q, self._rates = q, rates
 
     def _check_snapshot(self) -> None:
@@ -369,7 +369,7 @@ class Run:
         if snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP is not self._safety_mode:
             self._protective_stops += 1
         self._safety_mode = snapshot.safety_mode
-        streamed = isinstance(self.controller.motion.movement.generator, JointServo | ToolServo) or self._was_beside
+        streamed = isinstance(self.controller.motion.movement.generator, JointServo | ToolServo) or self._was_deviating
         self._ungoverned_s = 0.0 if streamed else self._ungoverned_s + self.controller.period_s
         assert snapshot.robot_mode is RobotMode.RUNNING, self._at(f"{snapshot.robot_mode!r}")
         assert snapshot.safety_mode in LEGAL_SAFETY, self._at(f"{snapshot.safety_mode!r}")

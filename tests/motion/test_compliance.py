@@ -51,7 +51,7 @@ def test_speed_limit_of_a_compliant_direction(rig, limit):
 
 
 def test_balanced_forces_do_not_move_the_arm(rig):
-    rig.motion.force_control.feel((0, 0, 10, 0, 0, 0))
+    rig.motion.force_control.set_external_wrench((0, 0, 10, 0, 0, 0))
     push_down(rig)
     q = rig.motion.q
     rig.steps(100)
@@ -143,7 +143,7 @@ def pulled_aside(rig, limit, shift=0.004):
     """A stiff axis, x, has been bent by 4 mm."""
     rig.motion.force_control.force_mode(BASE, Z_ONLY, ZERO, 2, (limit, 0.01, 0.2, 0.1, 0.1, 0.1))
     rig.step()
-    rig.motion.force_control.feel(ZERO, bent(rig, shift))
+    rig.motion.force_control.set_external_wrench(ZERO, bent(rig, shift))
     rig.step()
 
 
@@ -163,7 +163,7 @@ def test_a_stiff_axis_may_be_off_by_its_limit(rig):
 def test_a_compliant_axis_may_be_anywhere(rig):
     rig.motion.force_control.force_mode(BASE, (1, 0, 0, 0, 0, 0), ZERO, 2, (0.001, *[0.01] * 5))
     rig.step()
-    rig.motion.force_control.feel(ZERO, bent(rig, 0.004))
+    rig.motion.force_control.set_external_wrench(ZERO, bent(rig, 0.004))
     rig.step()
     assert rig.fault is None
 
@@ -201,9 +201,9 @@ def test_freedrive_follows_the_hand_and_stands_without_it(rig):
     rig.steps(50)
     assert rig.motion.q == q
     start = rig.pose()
-    rig.motion.force_control.feel((20, 0, 0, 0, 0, 0))
+    rig.motion.force_control.set_external_wrench((20, 0, 0, 0, 0, 0))
     rig.steps(500)
-    rig.motion.force_control.feel(ZERO)
+    rig.motion.force_control.set_external_wrench(ZERO)
     rig.steps(1500)
     assert rig.pose()[0] - start[0] > 0.02
     assert rig.motion.qd == ZERO
@@ -215,7 +215,7 @@ def test_freedrive_follows_the_hand_and_stands_without_it(rig):
 def test_freedrive_along_chosen_axes_only(rig):
     start = rig.pose()
     rig.commands.freedrive((1, 0, 0, 0, 0, 0), BASE)
-    rig.motion.force_control.feel((20, 20, 20, 1, 1, 1))
+    rig.motion.force_control.set_external_wrench((20, 20, 20, 1, 1, 1))
     rig.steps(500)
     assert rig.pose()[0] - start[0] > 0.02
     assert rig.pose()[1:3] == pytest.approx(start[1:3], abs=1e-6)
@@ -248,13 +248,13 @@ def test_a_stretched_arm_gives_way_sideways(make_rig, model, newton):
     rig = make_rig(model, q=STRETCHED)
     start = rig.pose()
     rig.commands.freedrive()
-    rig.motion.force_control.feel((newton, 0, 0, 0, 0, 0))
+    rig.motion.force_control.set_external_wrench((newton, 0, 0, 0, 0, 0))
     rig.steps(500)
     moved = [b - a for a, b in zip(start, rig.pose(), strict=True)]
     assert moved[0] / newton > 0.02 / 20
     assert abs(moved[1]) < 0.1 * abs(moved[0])
     assert rig.hardest() < 2.1 * max(rig.model.qdd_max)  # no jerk where the elbow could bend quickly
-    rig.motion.force_control.feel(ZERO)
+    rig.motion.force_control.set_external_wrench(ZERO)
     rig.steps(1500)
     assert rig.fault is None
     assert rig.motion.qd == ZERO
@@ -264,7 +264,7 @@ def test_a_stretched_arm_cannot_be_pulled_longer(make_rig):
     rig = make_rig("ur3", q=(0, -1.5707963267948966, 0, -1.5707963267948966, 0, 0))
     start = rig.pose()
     rig.commands.freedrive()
-    rig.motion.force_control.feel((0, 0, 200, 0, 0, 0))
+    rig.motion.force_control.set_external_wrench((0, 0, 200, 0, 0, 0))
     rig.steps(500)
     assert rig.pose() == pytest.approx(start, abs=1e-3)
     assert rig.fault is None
