@@ -48,7 +48,7 @@ class Tally:
     solved: int = 0
     solvable: int = 0
     cpu_s: list[float] = field(default_factory=list)
-    around_s: list[float] = field(default_factory=list)  # where the straight way is not free
+    around_s: list[float] = field(default_factory=list)  # where the straight path is not free
     parts_s: list[tuple[float, float, float]] = field(default_factory=list)
     bare_solved: int = 0
     bare_cpu_s: list[float] = field(default_factory=list)
@@ -82,11 +82,11 @@ def ask(model: str, place: str, queries: int, long_s: float = LONG_S) -> Tally:
             tally.nearest_m = min(tally.nearest_m, *(clearance(q) - scene.padding_m for q in samples(plan, 2)))
         elif _plan(planner, start, goal, FULL + number, long_s) is not None:
             tally.solvable += 1
-        way, cpu_s = _timed(_bare, planner.checker, start, goal, number)
-        if way is not None:
+        path, cpu_s = _timed(_bare, planner.checker, start, goal, number)
+        if path is not None:
             tally.bare_solved += 1
             tally.bare_cpu_s.append(cpu_s)
-            tally.bare_blocked += not all(planner.checker.path_is_free(one, other) for one, other in pairwise(way))
+            tally.bare_blocked += not all(planner.checker.path_is_free(one, other) for one, other in pairwise(path))
     return tally
 
 

@@ -1,4 +1,4 @@
-"""``ur-client plan``: a way around what is in the way."""
+"""``ur-client plan``: plan a collision-free path around obstacles, and execute it."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,53 +28,59 @@ def plan_command(
         list[str],
         typer.Argument(
             metavar="GOAL...",
-            help='Joint angles "0,-1.57,0,-1.57,0,0" [rad], a pose of the TCP "p[0.3,0.1,0.2,0,3.14,0]" '
-            '[m, rotation vector], a posture: home, up, test_configuration; or any of some: "up or home". Several are '
-            'a sequence, each with a planner of its own if wanted: "LIN p[...] blend=0.03" "CIRC p[...] '
-            'interim=0.3,0.1,0.2".',
+            help='Joint angles "0,-1.57,0,-1.57,0,0" [rad], a pose of the TCP "p[0.3,0.1,0.2,0,3.14,0]" [m, rotation '
+            'vector], a named configuration (home, up, test_configuration), or any one of several: "up or home". '
+            'Several goals form a sequence, each with its own planner if you name one: "LIN p[...] blend=0.03" '
+            '"CIRC p[...] interim=0.3,0.1,0.2".',
         ),
     ],
     scene: Annotated[
-        Path | None, typer.Option(help="What stands around the arm: a file as `ur-emulator --world` takes it.")
+        Path | None, typer.Option(help="Obstacles around the arm: a world file, as for `ur-emulator --world`.")
     ] = None,
     safety: Annotated[
-        Path | None, typer.Option(help="Keep inside of the safety planes of this file, an installation of PolyScope.")
+        Path | None, typer.Option(help="Stay inside the safety planes of this PolyScope installation file.")
     ] = None,
-    execute: Annotated[bool, typer.Option("--execute", help="Let the arm take the way.")] = False,
+    execute: Annotated[bool, typer.Option("--execute", help="Have the robot execute the plan.")] = False,
     degrees: Annotated[bool, typer.Option("--degrees", help="Joint angles are in degrees.")] = False,
-    padding: Annotated[float, typer.Option(help="How far the arm keeps from everything [m].")] = 0.01,
+    padding: Annotated[float, typer.Option(help="Clearance that the arm keeps from everything [m].")] = 0.01,
     planner: Annotated[
         str,
-        typer.Option(help="RRTConnect, RRTstar, PRM: around what is in the way. PTP, LIN: straight; CIRC: an arc."),
+        typer.Option(
+            help="RRTConnect, RRTstar, PRM: around obstacles. PTP: straight in joint space; LIN: a line of the TCP; "
+            "CIRC: an arc."
+        ),
     ] = "RRTConnect",
     keep_orientation: Annotated[
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="Keep the TCP turned as it is at the start, but for so much about its x, y and z [rad]; "
+            help="Keep the TCP's orientation of the start, within these tolerances about its x, y and z [rad]; "
             "0.1,0.1,3.15 keeps it level.",
         ),
     ] = None,
     keep_within: Annotated[
         str | None,
-        typer.Option(metavar="DX,DY,DZ,X,Y,Z", help="Keep the TCP in a box: its edges and its middle [m]."),
+        typer.Option(
+            metavar="DX,DY,DZ,X,Y,Z", help="Keep the TCP in a box, given by its edge lengths and its centre [m]."
+        ),
     ] = None,
-    time_limit: Annotated[float, typer.Option(help="How long to look for a way [s].")] = 5.0,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same way.")] = 0,
-    velocity: Annotated[float, typer.Option(help="Share of the joints' speeds, up to 1.")] = 0.3,
-    acceleration: Annotated[float, typer.Option(help="Share of the accelerations, up to 1.")] = 0.3,
+    time_limit: Annotated[float, typer.Option(help="Time limit of the search [s].")] = 5.0,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same path.")] = 0,
+    velocity: Annotated[float, typer.Option(help="Share of the joints' speed limits, up to 1.")] = 0.3,
+    acceleration: Annotated[float, typer.Option(help="Share of the acceleration limits, up to 1.")] = 0.3,
     jerk: Annotated[
         float | None,
         typer.Option(min=1.0, max=1e6, help="Highest jerk of a joint [rad/s³] (default: 200), times --acceleration."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw joint angles and speeds into this file (.png, .pdf).")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Plot joint angles and speeds into this file (.png, .pdf).")] = None,
     markers: Annotated[
-        Path | None, typer.Option(help="Write motion, scene and way as markers for Foxglove into this file (.mcap).")
+        Path | None, typer.Option(help="Write motion, scene and path as markers for Foxglove to this file (.mcap).")
     ] = None,
     start: Annotated[
-        str | None, typer.Option(help="Joint angles to plan from without a robot; needs --model.", show_default=False)
+        str | None,
+        typer.Option(help="Joint angles to start from, to plan without a robot; needs --model.", show_default=False),
     ] = None,
-    model: Annotated[str | None, typer.Option(help="The arm, for a plan without a robot: ur3, ur5e ...")] = None,
+    model: Annotated[str | None, typer.Option(help="The arm, to plan without a robot: ur3, ur5e ...")] = None,
     controller: Annotated[
         str, typer.Option(help="Trajectory controller to use.")
     ] = "passthrough_trajectory_controller",
@@ -85,19 +91,19 @@ def plan_command(
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Find a way around what is in the way, and let the arm take it if told to."""
+    """Plan a collision-free path around obstacles, and execute it with --execute."""
     if (start is None) != (model is None):
-        raise typer.BadParameter("--start and --model plan without a robot: give both, or none")
+        raise typer.BadParameter("--start and --model together plan without a robot: give both or neither")
     if start is not None and execute:
-        raise typer.BadParameter("--execute needs a robot: leave --start and --model out")
+        raise typer.BadParameter("--execute needs a robot: leave out --start and --model")
     if record is not None and not execute:
-        raise typer.BadParameter("--record is of an execution: add --execute, or draw the plan with --markers")
+        raise typer.BadParameter("--record records an execution: add --execute, or draw the plan with --markers")
     if markers is not None and markers.suffix.lower() != ".mcap":
-        raise typer.BadParameter(f"--markers is for .mcap files: {markers} has no place for them")
+        raise typer.BadParameter(f"--markers writes .mcap files, which {markers} is not")
     for file in (record, markers):
         if file is not None:
             check_free(file, overwrite)
-    drawn = record is not None and record.suffix.lower() == ".mcap"  # others have no place for what is around
+    drawn = record is not None and record.suffix.lower() == ".mcap"  # other formats cannot contain markers
     options: dict[str, Any] = {
         "time_limit_s": time_limit,
         "seed": seed,
@@ -117,7 +123,7 @@ def plan_command(
             kept = constraints(around, begin, ZERO6, keep_orientation, keep_within)
             alone = Planner(around, _limits(around, jerk))
             plan = alone.plan_sequence(begin, items, path_constraints=kept, **options)
-            _tell(plan, as_json, plot)
+            _report(plan, as_json, plot)
             _draw(plan, around, markers)
             return
 
@@ -130,7 +136,7 @@ def plan_command(
             kept = constraints(around, robot.q, tcp, keep_orientation, keep_within)
             options["limits"] = _limits(around, jerk)
             plan = await robot.planning.plan_sequence(items, around, path_constraints=kept, **options)
-        _tell(plan, as_json, plot)
+        _report(plan, as_json, plot)
         _draw(plan, around, markers)
         if execute:
             result = await _execute(plan, target, controller, around if drawn else None)
@@ -140,7 +146,7 @@ def plan_command(
 
 
 async def _execute(plan: "Plan", target: Target, controller: str, drawn: "PlanningScene | None") -> Result:
-    """Let the arm take the way. drawn: goes into the recording, with the way."""
+    """Have the robot execute a plan. drawn: the scene to draw into the recording, together with the path."""
     samples = (
         values.tolist()
         for values in (plan.trajectory.times_s, plan.trajectory.q, plan.trajectory.qd, plan.trajectory.qdd)
@@ -159,7 +165,7 @@ async def _execute(plan: "Plan", target: Target, controller: str, drawn: "Planni
 
 
 def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
-    """What draws the scene and the way into the recording of the robot's states."""
+    """A callback that draws the scene and the path into the recording of the robot's states."""
     from client.planning.markers import SceneDrawing
 
     drawing = SceneDrawing(scene, plan.trajectory.q)
@@ -172,7 +178,7 @@ def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
 
 
 def _limits(scene: "PlanningScene", jerk: float | None) -> "Limits":
-    """The arm's usual ones, but for the jerk [rad/s3] if one is given."""
+    """The arm's default limits, with this jerk [rad/s3] if one is given."""
     from client.planning import default_limits
 
     return default_limits(scene.model) if jerk is None else default_limits(scene.model, jerk)
@@ -196,7 +202,7 @@ def _read_safety(path: Path) -> "SafetyConfiguration":
         raise typer.BadParameter(f"cannot read {path}: {error.strerror}") from error
 
 
-def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
+def _report(plan: "Plan", as_json: bool, plot: Path | None) -> None:
     if plot is not None:
         from client.recording.plots import draw_trajectory
 
@@ -205,16 +211,16 @@ def _tell(plan: "Plan", as_json: bool, plot: Path | None) -> None:
         print_json(_as_json(plan))
         return
     corners = len(plan.path) - 2
-    how = f"with {corners} corner{'s' if corners > 1 else ''}" if corners else "straight ahead"
+    how = f"with {corners} corner{'s' if corners > 1 else ''}" if corners else "straight to the goal"
     typer.echo(
-        f"a way of {plan.duration_s:.2f} s {how}, by "
-        f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortened in {1000 * plan.shortcutting_s:.0f} ms, "
-        f"trajectory in {1000 * plan.parameterisation_s:.0f} ms"
+        f"a path of {plan.duration_s:.2f} s {how}, by "
+        f"{plan.planner}: found in {1000 * plan.search_s:.0f} ms, shortcut in {1000 * plan.shortcutting_s:.0f} ms, "
+        f"parameterised in {1000 * plan.parameterisation_s:.0f} ms"
     )
 
 
 def _draw(plan: "Plan", scene: "PlanningScene", path: Path | None) -> None:
-    """The motion over time, from now on, in what is around it."""
+    """Write the motion over time, with the scene around it."""
     if path is None:
         return
     from client.planning.markers import SceneDrawing
@@ -235,7 +241,7 @@ def _as_json(plan: "Plan") -> dict[str, Any]:
     return {
         "planner": plan.planner,
         "duration_s": plan.duration_s,
-        "way": plan.path,
+        "path": plan.path,
         "joint_names": JOINT_NAMES,
         "times_s": trajectory.times_s.tolist(),
         "positions": trajectory.q.tolist(),

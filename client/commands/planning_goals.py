@@ -1,4 +1,4 @@
-"""Goals and constraints of ``ur-client plan``, as they are typed."""
+"""Goals and constraints on the command line of ``ur-client plan``."""
 
 import re
 from collections.abc import Sequence
@@ -24,13 +24,14 @@ if TYPE_CHECKING:
 _NUMBERS: Final = re.compile(r"(p?)\[?([^\[\]]*)\]?")
 _EXTRA: Final = re.compile(r"\s+(blend|interim|center)=(\S+)$")
 _OR: Final = re.compile(r"\s+or\s+")
-_KINDS: Final = "six joint angles, a pose p[x,y,z,rx,ry,rz], or a posture: home, up, test_configuration"
+_KINDS: Final = "six joint angles, a pose p[x,y,z,rx,ry,rz], or a named configuration: home, up, test_configuration"
 
 
 def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
-    """A motion: ``[PLANNER] GOAL [or GOAL]... [blend=R] [interim=x,y,z] [center=x,y,z]``, lengths in m.
+    """Parse a motion: ``[PLANNER] GOAL [or GOAL]... [blend=R] [interim=x,y,z] [center=x,y,z]``, lengths in m.
 
-    planner: of a motion that names none. degrees: joint angles are. Raises typer.BadParameter, PlanningError.
+    planner: for a motion that names none. degrees: whether joint angles are in degrees. Raises typer.BadParameter,
+    PlanningError.
     """
     from client.planning import CircGoal, GoalSet, MotionSequenceItem, PoseGoal
     from client.planning.planner import PLANNERS
@@ -49,7 +50,9 @@ def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
     points = {name: _three(extras[name], text) for name in ("interim", "center") if name in extras}
     if points or planner == "CIRC":
         if not isinstance(goal, PoseGoal) or planner != "CIRC":
-            raise typer.BadParameter(f"{text!r}: an arc is CIRC p[x,y,z,rx,ry,rz] with interim=x,y,z or center=x,y,z")
+            raise typer.BadParameter(
+                f"{text!r}: for an arc give CIRC p[x,y,z,rx,ry,rz] with interim=x,y,z or center=x,y,z"
+            )
         goal = CircGoal(goal.pose, points.get("interim"), points.get("center"))
     blend = numbers(extras["blend"], 1, f"{text!r}: blend is a radius in m")[0] if "blend" in extras else 0.0
     return MotionSequenceItem(goal, planner, blend)
@@ -62,23 +65,23 @@ def _goal(text: str, degrees: bool) -> "JointGoal | PoseGoal | NamedGoal":
         return NamedGoal(text)
     match = _NUMBERS.fullmatch(text)
     if match and match[1]:
-        return PoseGoal(numbers(match[2], 6, f"{text!r} is none of {_KINDS}"))
+        return PoseGoal(numbers(match[2], 6, f"{text!r} is not a goal: give {_KINDS}"))
     return JointGoal(angles(text, degrees))
 
 
 def angles(text: str, degrees: bool) -> tuple[float, ...]:
-    """Six joint angles [rad]. Raises typer.BadParameter."""
+    """Parse six joint angles [rad]. Raises typer.BadParameter."""
     match = _NUMBERS.fullmatch(text.strip())
-    found = numbers(match[2] if match and not match[1] else "", 6, f"{text!r} is none of {_KINDS}")
+    found = numbers(match[2] if match and not match[1] else "", 6, f"{text!r} is not a goal: give {_KINDS}")
     return tuple(map(radians, found)) if degrees else found
 
 
 def constraints(
     scene: "PlanningScene", start_rad: Sequence[float], tcp_offset: Pose, orientation: str | None, box: str | None
 ) -> "PathConstraints | None":
-    """What the tool keeps to all the way. orientation: tolerances of the one that it has at the start.
+    """The path constraints of the options. orientation: tolerances about the orientation at the start.
 
-    box: edge lengths and middle. Raises typer.BadParameter, PlanningError.
+    box: edge lengths and centre. Raises typer.BadParameter, PlanningError.
     """
     from client.planning import OrientationConstraint, PathConstraints, PositionConstraint
 
@@ -90,7 +93,9 @@ def constraints(
         a, b, c = turn
         turned = OrientationConstraint((a, b, c), _three(orientation, "--keep-orientation"))
     if box is not None:
-        x, y, z, *middle = numbers(box, 6, f"--keep-within {box!r}: a box is six numbers: its edges and its middle [m]")
+        x, y, z, *middle = numbers(
+            box, 6, f"--keep-within {box!r}: give six numbers, the edge lengths of the box and its centre [m]"
+        )
         place = PositionConstraint((x, y, z), (*middle, 0.0, 0.0, 0.0))
     return PathConstraints(turned, place, tcp_offset)
 
@@ -101,7 +106,7 @@ def _three(text: str, where: str) -> Vector3:
 
 
 def numbers(text: str, count: int, otherwise: str) -> tuple[float, ...]:
-    """So many. Raises typer.BadParameter with this text."""
+    """Parse this many numbers. otherwise: the message of the typer.BadParameter that it raises if there are not."""
     try:
         values = tuple(float(part) for part in text.replace(",", " ").split())
     except ValueError:

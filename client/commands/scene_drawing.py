@@ -46,7 +46,7 @@ def _model(robot: primary.BlockingPrimaryClient) -> RobotModel:
 def scene_drawing(
     path: Path | None, plan: Path | None, names: Sequence[str], robot_ip: str, port_offset: int
 ) -> "SceneDrawing | None":
-    """Of a world file around a robot's arm, and of the way in a file of ``ur-client plan --json``; None for no file.
+    """Of a world file around a robot's arm, and of the path in a file of ``ur-client plan --json``; None for no file.
 
     names: the variables that its states have. Raises RecordingError without those of the joints, URError, FileError.
     """

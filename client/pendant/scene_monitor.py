@@ -1,7 +1,7 @@
-"""The arm and what stands around it, as motions are planned there: of a scene file, or of an emulator's world.
+"""The planning scene of a pendant's robot: the arm, with the obstacles of a world file or of an emulator's world.
 
-Planning's libraries are loaded by the first look at an scene, in a thread: a pendant that nobody plans with does
-without them.
+The planning libraries are loaded when a scene is first requested, in a thread: a pendant that nobody uses for planning
+does without them.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ _TOOL: Final = "tool"  # its name in world files
 
 @dataclass(frozen=True, slots=True)
 class SceneSources:
-    """What an scene is made of, as far as it is sources. world: the verb of that name, None without an emulator."""
+    """The data a scene is built from, as far as it is known. world: the verb of that name, None without an emulator."""
 
     arm: ConfigurationData | None = None
     kinematics: KinematicsInfo | None = None
@@ -36,7 +36,7 @@ class SceneSources:
 
 @dataclass(frozen=True, slots=True)
 class MonitoredScene:
-    """tcp_offset: flange to TCP (6,). objects: as static/screen_arm.js draws them."""
+    """A scene and its collision checker. tcp_offset: flange to TCP (6,). objects: as static/screen_arm.js draws them."""
 
     scene: "PlanningScene"
     checker: "CollisionChecker"
@@ -45,10 +45,10 @@ class MonitoredScene:
 
 
 class SceneMonitor:
-    """The newest scene of a robot. Looking at it is what keeps it new.
+    """Keeps the planning scene of a robot up to date; each call of `update` triggers that.
 
-    file: a world file, which is taken instead of the emulator's world. problem: why there is no scene, "" while one is
-    made. on_change: called when there is another one.
+    file: a world file that is used instead of the emulator's world. problem: why there is no scene, "" while one is
+    being built. on_change: called when a new scene is available.
     """
 
     def __init__(self, file: Path | None, on_change: Callable[[], object]) -> None:
@@ -60,7 +60,7 @@ class SceneMonitor:
         self._building: asyncio.Task[None] | None = None
 
     def update(self, sources: SceneSources) -> MonitoredScene | None:
-        """The scene of these surroundings, or of the last ones while it is being made."""
+        """The scene built from these sources, or the previous one while it is being built."""
         if self.file is not None:
             sources = SceneSources(sources.arm, sources.kinematics, sources.tcp_offset)
         if sources != self._sources and self._building is None:
@@ -69,7 +69,7 @@ class SceneMonitor:
         return self._scene
 
     async def close(self) -> None:
-        """Make no more."""
+        """Stop building scenes."""
         if self._building is not None:
             self._building.cancel()
             await asyncio.gather(self._building, return_exceptions=True)
@@ -86,14 +86,14 @@ class SceneMonitor:
 
 
 def missing_extra() -> str:
-    """What planning lacks on this machine and how to get it; "" for nothing."""
+    """What planning lacks on this machine and how to install it; "" if nothing."""
     if find_spec("ompl") is not None:
         return ""
-    return str(MissingExtraError("planning around what is in the way", "plan"))
+    return str(MissingExtraError("motion planning around obstacles", "plan"))
 
 
 def build_scene(sources: SceneSources, file: Path | None) -> MonitoredScene | None:
-    """None while the arm is not sources. Raises SceneError, PlanningError, CalibrationError, OSError."""
+    """Build a scene; None while the arm is unknown. Raises SceneError, PlanningError, CalibrationError, OSError."""
     if sources.arm is None or sources.kinematics is None or sources.tcp_offset is None:
         return None
     model = shaped(sources.arm, sources.kinematics)
@@ -111,8 +111,8 @@ def build_scene(sources: SceneSources, file: Path | None) -> MonitoredScene | No
 def _add_world(scene: "PlanningScene", world: Mapping[str, Any], tcp_offset: Sequence[float]) -> None:
     for name, obj in world["objects"].items():
         scene.add(name, _shape(name, obj), obj.get("pose", ZERO6))
-    if world["tool"].get("sphere"):  # a point is no shape to keep clear
-        pose = pose_trans(tcp_offset, world["tool"].get("pose", ZERO6))  # the world has it from the TCP
+    if world["tool"].get("sphere"):  # a point has no extent to keep clear
+        pose = pose_trans(tcp_offset, world["tool"].get("pose", ZERO6))  # the world gives it relative to the TCP
         scene.attach(_TOOL, _shape(_TOOL, world["tool"]), pose)
 
 
@@ -126,7 +126,7 @@ def _shape(name: str, described: Mapping[str, Any]) -> "Shape":
             return Sphere(radius)
         case {"plane": _}:
             return Plane()
-    raise SceneError(f"the emulator's {name} has a shape that is not sources here")
+    raise SceneError(f"the emulator's object {name} has an unknown shape")
 
 
 def _drawing(name: str, obj: "SceneObject") -> dict[str, Any]:
@@ -158,7 +158,7 @@ def _form(shape: "Shape") -> dict[str, Any]:
 
 
 def links_in(pairs: Sequence[Any]) -> list[int]:
-    """Numbers of the links, from the base on, that are in one of these pairs."""
+    """The numbers of the links, counted from the base, that are in one of these pairs."""
     from client.planning.scene import LINKS
 
     return sorted({LINKS.index(name) for pair in pairs for name in (pair.one, pair.other) if name in LINKS})

@@ -1,4 +1,4 @@
-"""Ways around what is in the way: planned here, executed by any robot. Needs the extra ``plan``."""
+"""Motion planning around obstacles; any robot can execute the plans. Needs the extra ``plan``."""
 
 from importlib.util import find_spec
 

@@ -1,7 +1,7 @@
-"""What may touch what, at two grains: fat capsules around links to tell what is far away, then what a link is fine_pairs.
+"""The collision model of a scene, in two layers of detail, and the pairs of bodies that may not touch.
 
-Links are the cylinders of the arm's data file, which nothing of the real arm is beside. Most of them are far from
-everything most of the time, which one look at a capsule around them shows.
+In the coarse layer, each link is one capsule; in the fine layer, it is the cylinders of the arm's data file, which
+contain all of the real link. Most links are far from everything most of the time, which one check of the capsule shows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,27 +31,26 @@ from urscript.polyscope.safety_configuration import elbow_radius
 
 _Vector = npt.NDArray[np.float64]
 
-# of the links: neighbours, base and upper arm, forearm and wrist 2, wrist 1 and 3 are beside each other and cannot
-# touch, as ur_description's meshes show
+# Neighbouring links, base and upper arm, forearm and wrist 2, wrist 1 and wrist 3 are next to each other and cannot
+# collide, as ur_description's meshes show.
 _MIN_SEPARATION: Final = 3
 SELF_COLLISION_PAIRS: Final = tuple(
     (i, j) for i in range(7) for j in range(i + 2, 7) if j - i >= _MIN_SEPARATION or (i, j) in ((1, 3), (2, 4))
 )
-"""Links that could touch each other, by their places in `LINKS`."""
+"""Pairs of links that could collide, by their numbers in `LINKS`."""
 
-_MOVING_LINKS: Final = range(
-    2, 7
-)  # the links that objects are kept from: the base stands, the shoulder turns on the spot
-_ARM_LINKS: Final = range(4)  # what is attached is kept from these; the wrists are where it is mounted
+# Checked against the objects of the scene: the base does not move, and the shoulder only turns on the spot.
+_MOVING_LINKS: Final = range(2, 7)
+_ARM_LINKS: Final = range(4)  # checked against attached objects, which are mounted at the wrists
 _ELBOW: Final = 3  # the joint whose axis the elbow is on
-_POINT_M: Final = 0.001  # radius of what has none
+_POINT_M: Final = 0.001  # radius of a sphere that stands for a point
 
 
 class GeometryLayer:
-    """Solids, and pairs of them that may not touch.
+    """Geometries, and pairs of them that may not touch.
 
-    names: of the two of each pair. levers: how far a point of one can be from each joint's axis that moves it as seen
-    from the other [m] (pairs, 6).
+    names: of the two bodies of each pair. levers: (pairs, 6) [m], for each joint that moves one body relative to the
+    other, the largest distance of a point of that body from the joint's axis.
     """
 
     def __init__(self, arm: Any, chain: Chain) -> None:
@@ -59,53 +58,53 @@ class GeometryLayer:
         self._chain = chain
         self.geometry = pin.GeometryModel()
         self.names: list[tuple[str, str]] = []
-        self._moved: list[
-            tuple[int, float]
-        ] = []  # the joint that each solid moves with, how far it goes from there [m]
+        self._moved: list[tuple[int, float]] = []  # of each geometry: the joint it moves with, its extent [m]
 
     def add(self, joint: int, placement: Any, shape: Any, extent_m: float = 0.0) -> int:
-        """A solid that moves with a joint, 0 for none. extent_m: of its farthest point from there. Its number."""
+        """Add a geometry that moves with a joint, 0 for none; return its number. extent_m: distance of its farthest
+        point.
+        """
         self._moved.append((joint, extent_m))
         name = str(len(self._moved))
         return int(self.geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape)))
 
     def pair(self, one: str, first: int, other: str, second: int) -> int:
-        """Two that may not touch. The pair's number."""
+        """Add a pair that may not touch; return its number."""
         self.geometry.addCollisionPair(pin.CollisionPair(first, second))
         self.names.append((one, other))
         return len(self.names) - 1
 
     def finish(self, data: Any, padding_m: float) -> None:
-        """Nothing more is added."""
+        """Prepare for queries; nothing can be added afterwards."""
         self._joints = data
         self.data = self.geometry.createData()
         for request in self.data.collisionRequests:
             request.security_margin = padding_m
-        self._results = list(self.data.collisionResults)  # made once: they are changed in place
+        self._results = list(self.data.collisionResults)  # updated in place
         moved = [(self._moved[pair.first], self._moved[pair.second]) for pair in self.geometry.collisionPairs]
         self.levers = np.array([self._lever(*two) for two in moved]).reshape(-1, 6)
 
     def move(self, q_rad: _Vector) -> None:
-        """Everything to where it is with these joint angles (6,) [rad]."""
+        """Place all geometries for a configuration (6,) [rad]."""
         pin.updateGeometryPlacements(self._arm, self._joints, self.geometry, self.data, q_rad)
 
     def distance(self, pair: int) -> float:
-        """Of a pair, where it was moved to [m]; negative: how deep."""
+        """The distance [m] of a pair as placed by `move`; if negative, the penetration depth."""
         found: float = pin.computeDistance(self.geometry, self.data, pair).min_distance
         return found
 
     def in_collision(self, pair: int) -> bool:
-        """Whether a pair is nearer than the padding, where it was moved to."""
+        """Whether a pair, as placed by `move`, is nearer than the padding."""
         return bool(pin.computeCollision(self.geometry, self.data, pair))
 
     def colliding_pairs(self, q_rad: _Vector) -> list[int]:
-        """Pairs that are nearer than the padding with these joint angles (6,) [rad]."""
+        """The pairs that are nearer than the padding in a configuration (6,) [rad]."""
         if not pin.computeCollisions(self._arm, self._joints, self.geometry, self.data, q_rad, False):
             return []
         return [pair for pair, result in enumerate(self._results) if result.isCollision()]
 
     def distances(self, q_rad: _Vector) -> Sequence[Any]:
-        """coal's result of each pair with these joint angles (6,) [rad]."""
+        """coal's result for each pair in a configuration (6,) [rad]."""
         pin.computeDistances(self._arm, self._joints, self.geometry, self.data, q_rad)
         results: Sequence[Any] = self.data.distanceResults
         return results
@@ -120,7 +119,9 @@ class GeometryLayer:
 
 
 class CollisionModel:
-    """Of a scene as it is. parts: pairs of the fine layer that are in each pair of the coarse one."""
+    """The collision model of a scene as it is now. parts: for each pair of the coarse layer, its pairs of the fine
+    layer.
+    """
 
     def __init__(self, scene: PlanningScene) -> None:
         self._scene = scene
@@ -173,7 +174,7 @@ class CollisionModel:
                 self._pair(other, name)
 
     def _add_safety(self) -> None:
-        """The planes, and balls for what they restrict, which meet nothing else."""
+        """Add the safety planes, and spheres for the points they restrict, which are paired with nothing else."""
         safety = self._scene.safety
         if safety is None:
             return
@@ -186,14 +187,14 @@ class CollisionModel:
         self._add("the elbow", _ELBOW, at(ZERO3), coal.Sphere(radius), radius)
         for plane in safety.planes:
             name = f"safety plane {plane.name}"
-            self._add(name, 0, at(ZERO3), coal.Halfspace(np.array(plane.normal), -plane.distance))  # beyond it
+            self._add(name, 0, at(ZERO3), coal.Halfspace(np.array(plane.normal), -plane.distance))  # the forbidden side
             for ball, _, _ in balls:
                 self._pair(ball, name)
             if plane.elbow:
                 self._pair("the elbow", name)
 
     def _add(self, name: str, joint: int, placement: Any, shape: Any, extent_m: float = 0.0) -> None:
-        """The same in both layers."""
+        """Add the same geometry to both layers."""
         given = (joint, placement, shape, extent_m)
         self._solids[name] = (self.coarse.add(*given), [self.fine.add(*given)])
 
@@ -205,6 +206,6 @@ class CollisionModel:
         self.parts.append([self.fine.pair(one, a, other, b) for a in firsts for b in seconds])
 
     def fine_pairs(self, pairs: Sequence[int]) -> Iterator[int]:
-        """The pairs of the fine layer that are in these of the coarse one."""
+        """The pairs of the fine layer that belong to these pairs of the coarse one."""
         for pair in pairs:
             yield from self.parts[pair]

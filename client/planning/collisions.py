@@ -1,8 +1,8 @@
-"""Whether an arm touches anything, and how far it is from it: by Pinocchio and coal.
+"""Collision checking with Pinocchio and coal.
 
-A motion between two joint configurations is free where its whole length is shown to be: at each place looked at, the
-distance of each pair says how far the arm may go on before that pair needs another look. However thin a thing is, it
-is not missed; and what is far away is looked at once.
+A motion between two configurations is verified over its whole length, not at samples: at each configuration checked,
+the distance of a pair of bodies says how far the arm can move on before that pair must be checked again. An obstacle is
+never missed, however thin it is, and a distant one needs only one check.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,15 +19,15 @@ from urproto.vectors import ZERO3, Vector3
 
 _RESOLUTION_M: Final = 0.001
 _SHORTEST_M: Final = 1e-9
-_NEAR_M: Final = 0.03  # what comes nearer than this beyond the padding is looked at in parts (guess)
+_NEAR_M: Final = 0.03  # nearer than this beyond the padding, a link is checked by its cylinders (guess)
 _Vector = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class PairDistance:
-    """Two things, links or objects, and how far they are apart [m]; negative: how deep one is in the other.
+    """Two links or objects and the distance between them [m]; if negative, the penetration depth.
 
-    point: the middle between their nearest points [m], in the base frame. normal: from one towards the other.
+    point: the midpoint between their nearest points [m], in the base frame. normal: from ``one`` towards ``other``.
     """
 
     one: str
@@ -43,7 +43,7 @@ class PairDistance:
 
 
 class CollisionChecker:
-    """Of a scene as it is when it is asked."""
+    """Checks configurations and motions against a scene, each time as the scene is at the call."""
 
     def __init__(self, scene: PlanningScene) -> None:
         self.scene = scene
@@ -52,7 +52,7 @@ class CollisionChecker:
         self._model = CollisionModel(scene)
 
     def is_free(self, q_rad: Sequence[float] | _Vector) -> bool:
-        """Whether the arm is within its limits, and nothing nearer than the padding."""
+        """Whether a configuration is within the joint limits and nothing is nearer than the padding."""
         model = self._current_model()
         q = np.asarray(q_rad, dtype=float)
         if (q < self._low).any() or (q > self._high).any():
@@ -63,49 +63,49 @@ class CollisionChecker:
         return not any(model.fine.in_collision(pair) for pair in model.fine_pairs(near))
 
     def clearance(self, q_rad: Sequence[float] | _Vector) -> float:
-        """The least distance of any pair that may not touch [m]; infinite when there is none."""
-        distances = self._current_model().fine.distances(np.asarray(q_rad, dtype=float))
-        return min((float(result.min_distance) for result in distances), default=float("inf"))
+        """The smallest distance [m] of all pairs that may not touch; infinite if there are none."""
+        results = self._current_model().fine.distances(np.asarray(q_rad, dtype=float))
+        return min((float(result.min_distance) for result in results), default=float("inf"))
 
-    def nearest(self, q_rad: Sequence[float]) -> list[PairDistance]:
-        """All pairs that may not touch, nearest first."""
-        layer = self._current_model().fine
+    def distances(self, q_rad: Sequence[float]) -> list[PairDistance]:
+        """The distances of all pairs that may not touch, nearest first."""
+        fine = self._current_model().fine
         found: dict[tuple[str, str], Any] = {}
-        for names, result in zip(layer.names, layer.distances(np.asarray(q_rad, dtype=float)), strict=True):
+        for names, result in zip(fine.names, fine.distances(np.asarray(q_rad, dtype=float)), strict=True):
             if names not in found or result.min_distance < found[names].min_distance:
                 found[names] = result
         pairs = [_pair_distance(names, result) for names, result in found.items()]
         return sorted(pairs, key=lambda pair: pair.distance_m)
 
     def collisions(self, q_rad: Sequence[float]) -> list[PairDistance]:
-        """Pairs that are nearer than the padding, deepest first."""
-        return [pair for pair in self.nearest(q_rad) if pair.distance_m < self.scene.padding_m]
+        """The pairs that are nearer than the padding, deepest first."""
+        return [pair for pair in self.distances(q_rad) if pair.distance_m < self.scene.padding_m]
 
     def violation(self, q_rad: Sequence[float]) -> str:
-        """Why the arm may not be there; nothing for a free place."""
+        """Why a configuration is not valid: the joint limit or the pairs in collision; "" if it is valid."""
         q = np.asarray(q_rad, dtype=float)
         for name, low, angle, high in zip(JOINT_LABELS, self._low, q, self._high, strict=True):
             if not low <= angle <= high:
-                return f"{name} is at {angle:.4f} rad, its limits are {low:.4f} and {high:.4f} rad"
+                return f"{name} is at {angle:.4f} rad, outside its limits of {low:.4f} to {high:.4f} rad"
         pairs = self.collisions(q_rad)
-        kept = f", and {1000 * self.scene.padding_m:g} mm are to be kept"
-        return "; ".join(map(str, pairs[:3])) + kept if pairs else ""
+        required = f"; the required clearance is {1000 * self.scene.padding_m:g} mm"
+        return "; ".join(map(str, pairs[:3])) + required if pairs else ""
 
     def path_is_free(self, start_rad: Sequence[float] | _Vector, end_rad: Sequence[float] | _Vector) -> bool:
-        """Whether the arm may go straight, in joint space, from one configuration to another."""
+        """Whether the straight joint-space path from one configuration to another is free."""
         start, end = np.asarray(start_rad, dtype=float), np.asarray(end_rad, dtype=float)
         delta = end - start
         return self.is_free(end) and self.blocked_at(lambda share: start + share * delta, abs(delta)) is None
 
     def blocked_at(self, path: Callable[[float], _Vector], travel_rad: _Vector) -> float | None:
-        """Where on a path something is too near, as a share of it from 0 to 1; None for a free one.
+        """Where a path is in collision or nearer than the padding, as a share of it from 0 to 1; None if it is free.
 
-        travel_rad: how far each joint goes at most (6,) if the whole path is as fast as its fastest place. It is some
-        such place, not the first.
+        It is one such place, not necessarily the first. travel_rad: upper bound of each joint's travel (6,), its
+        highest speed kept up for the whole path.
         """
         model, padding = self._current_model(), self.scene.padding_m
         lengths = [np.maximum(layer.levers @ travel_rad, _SHORTEST_M).tolist() for layer in (model.coarse, model.fine)]
-        coarse_m, fine_m = lengths  # that the two of each pair go at most
+        coarse_m, fine_m = lengths  # upper bounds of how far the bodies of each pair move towards each other
         finest = _RESOLUTION_M / max(coarse_m, default=_RESOLUTION_M)
         parts = [(0.0, 1.0, list(range(len(coarse_m))), list[int]())]
         while parts:
@@ -142,7 +142,7 @@ class CollisionChecker:
         return None
 
     def _current_model(self) -> CollisionModel:
-        """The scene as it is now."""
+        """The collision model of the scene as it is now."""
         if self._revision != self.scene.revision:
             self._model = CollisionModel(self.scene)
             self._revision = self.scene.revision

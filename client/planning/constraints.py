@@ -1,4 +1,4 @@
-"""What a tool must keep to on its way: an orientation with tolerances, a box for its TCP."""
+"""Path constraints: an orientation with tolerances, and a box for the TCP."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,17 +14,18 @@ from client.planning.scene import PlanningScene
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
 from urproto.vectors import ZERO6, Vector3
 
-_RESOLUTION_RAD: Final = 0.02  # between two of them on a way (guess): the TCP turns by less than six of these
+_RESOLUTION_RAD: Final = 0.02  # between checks on a path (guess): the TCP rotates by less than six times this
 _AXES: Final = ("x", "y", "z")
 
 
 @dataclass(frozen=True, slots=True)
 class OrientationConstraint:
-    """The TCP turned no farther from an orientation than the tolerances say.
+    """Keep the TCP within tolerances of an orientation.
 
-    orientation: rotation vector [rad] (3,) in the base frame. tolerance_rad: to both sides about x, y and z (3,), of
-    the turns Rx Ry Rz that lead from the wanted to the present orientation, as MoveIt's XYZ_EULER_ANGLES; pi about z is
-    free: what is to stay level has its upright axis as z. Others are below pi/2.
+    orientation: rotation vector [rad] (3,) in the base frame. tolerance_rad: in both directions about x, y and z (3,)
+    of the rotations Rx Ry Rz from the given to the actual orientation, as MoveIt's XYZ_EULER_ANGLES. The tolerances
+    about x and y are below pi/2; pi about z leaves that rotation free. To keep a tool level, give an orientation with a
+    vertical z.
     """
 
     orientation: Vector3
@@ -34,19 +35,19 @@ class OrientationConstraint:
         _check("an orientation", self.orientation, -np.inf)
         _check("tolerances of an orientation", self.tolerance_rad, 0.0)
         if max(self.tolerance_rad[:2]) >= pi / 2:
-            raise PlanningError(f"tolerances about x and y are below pi/2, not {list(self.tolerance_rad)}")
+            raise PlanningError(f"tolerances about x and y must be below pi/2, not {list(self.tolerance_rad)}")
 
     def excess(self, pose: Pose) -> Array:
-        """By how much each turn is beyond its tolerance [rad] (3,), with its sign."""
-        wanted = (0.0, 0.0, 0.0, *self.orientation)
-        r = rotvec_to_matrix(*pose_trans(pose_inv(wanted), (0.0, 0.0, 0.0, *pose[3:]))[3:])
+        """How far each rotation exceeds its tolerance [rad] (3,), with its sign."""
+        target = (0.0, 0.0, 0.0, *self.orientation)
+        r = rotvec_to_matrix(*pose_trans(pose_inv(target), (0.0, 0.0, 0.0, *pose[3:]))[3:])
         turns = (atan2(-r[5], r[8]), asin(max(-1.0, min(1.0, r[2]))), atan2(-r[1], r[0]))
         return _beyond(np.array(turns), np.array(self.tolerance_rad))
 
 
 @dataclass(frozen=True, slots=True)
 class PositionConstraint:
-    """The TCP in a box: edge lengths [m] (3,), and the pose of its middle in the base frame."""
+    """Keep the TCP in a box. size: edge lengths [m] (3,); pose: of the box's centre in the base frame."""
 
     size: Vector3
     pose: Sequence[float] = ZERO6
@@ -54,67 +55,67 @@ class PositionConstraint:
     def __post_init__(self) -> None:
         _check("a box", self.size, 0.0)
         if len(self.pose) != 6 or not all(map(isfinite, self.pose)):
-            raise PlanningError(f"a box's pose is six finite numbers, not {list(self.pose)}")
+            raise PlanningError(f"a box's pose must be six finite numbers, not {list(self.pose)}")
 
     def excess(self, pose: Pose) -> Array:
-        """How far the TCP is out of it along its axes [m] (3,), with its sign."""
+        """How far the TCP is outside the box along its axes [m] (3,), with its sign."""
         inside = pose_trans(pose_inv(self.pose), pose)[:3]
         return _beyond(np.array(inside), 0.5 * np.array(self.size))
 
 
 @dataclass(frozen=True, slots=True)
 class PathConstraints:
-    """All that counts on a whole way. tcp_offset: flange to TCP; as that of a `PoseGoal`."""
+    """Constraints along a whole path. tcp_offset: flange to TCP, as in a `PoseGoal`."""
 
     orientation: OrientationConstraint | None = None
     position: PositionConstraint | None = None
     tcp_offset: Sequence[float] | None = None
 
     def excess(self, pose: Pose) -> Array:
-        """Of the orientation [rad] and of the position [m], as many threes as there are constraints."""
+        """How far a pose exceeds the orientation [rad] and the position [m]: three numbers per constraint."""
         parts = [part.excess(pose) for part in (self.orientation, self.position) if part is not None]
         return np.concatenate([np.zeros(0), *parts])
 
     def violation(self, pose: Pose) -> str:
-        """What is broken there; nothing for a pose that satisfies_constraints to all."""
+        """Which constraints a pose violates, and by how much; "" if none."""
         broken = []
         for part, name, unit, scale in (
-            (self.orientation, "is turned about", "rad", 1.0),
-            (self.position, "is along", "mm", 1000.0),
+            (self.orientation, "is rotated about", "rad", 1.0),
+            (self.position, "is displaced along", "mm", 1000.0),
         ):
             for axis, over in zip(_AXES, () if part is None else part.excess(pose), strict=False):
                 if over:
                     broken.append(
-                        f"the TCP {name} {axis} by {_short(abs(scale * over))} {unit} more than the constraint lets"
+                        f"the TCP {name} {axis} by {_short(abs(scale * over))} {unit} more than the constraint allows"
                     )
         return "; ".join(broken)
 
 
 class ConstrainedChecker(CollisionChecker):
-    """Takes the breaking of a constraint for a collision."""
+    """A collision checker that treats the violation of a constraint as a collision."""
 
     def __init__(self, scene: PlanningScene, constraints: PathConstraints) -> None:
         super().__init__(scene)
         self.constraints = constraints
 
     def is_free(self, q_rad: Sequence[float] | Array) -> bool:
-        """As of collisions, and the TCP satisfies_constraints to its constraints."""
+        """Whether the configuration is free of collisions and satisfies the constraints."""
         return self.satisfies_constraints(q_rad) and super().is_free(q_rad)
 
     def blocked_at(self, path: Callable[[float], Array], travel_rad: Array) -> float | None:
-        """As of collisions; the constraints are looked at every 0.02 rad of the joint that goes farthest."""
-        looks = np.linspace(0.0, 1.0, 2 + int(travel_rad.max() / _RESOLUTION_RAD))
-        for share in looks.tolist():
+        """As in `CollisionChecker`. Constraints are checked every 0.02 rad of the joint that moves farthest."""
+        samples = np.linspace(0.0, 1.0, 2 + int(travel_rad.max() / _RESOLUTION_RAD))
+        for share in samples.tolist():
             if not self.satisfies_constraints(path(share)):
                 return float(share)
         return super().blocked_at(path, travel_rad)
 
     def violation(self, q_rad: Sequence[float]) -> str:
-        """As of collisions, or which constraint is broken."""
+        """Which constraint or joint limit is violated, or what is in collision; "" for a valid configuration."""
         return self.constraints.violation(self._pose(q_rad)) or super().violation(q_rad)
 
     def satisfies_constraints(self, q_rad: Sequence[float] | Array) -> bool:
-        """Whether the TCP satisfies_constraints to its constraints."""
+        """Whether the TCP satisfies the constraints."""
         return not self.excess(q_rad).any()
 
     def excess(self, q_rad: Sequence[float] | Array) -> Array:
@@ -134,7 +135,7 @@ def _beyond(values: Array, most: Array) -> Array:
 def _check(what: str, values: Sequence[float], least: float) -> None:
     if len(values) != 3 or not all(isfinite(value) and value >= least for value in values):
         bound = "" if least < 0.0 else ", 0 or above"
-        raise PlanningError(f"{what}: three finite numbers{bound}, not {list(values)}")
+        raise PlanningError(f"{what}: must be three finite numbers{bound}, not {list(values)}")
 
 
 def _short(number: float) -> str:

@@ -1,6 +1,6 @@
-"""Where an arm is to go: joint angles, a pose of the TCP, a name, or any of several.
+"""Goals of a plan: joint angles, a pose of the TCP, a named configuration, or any of several goals.
 
-A pose can be reached with up to eight solutions, each with joints turned once more; all of them are goal_configurations.
+Up to eight configurations reach a pose, each also with single joints turned once more; all of them are candidates.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,14 +21,14 @@ NAMED_CONFIGURATIONS: Final[dict[str, Joints]] = {
     "up": (0.0, -pi / 2, 0.0, -pi / 2, 0.0, 0.0),
     "test_configuration": (1.54, -1.62, 1.4, -1.2, -1.6, -0.11),
 }
-"""Those of ur_moveit_config's SRDF."""
+"""The group states of ur_moveit_config's SRDF."""
 
-_MAX_TURN_RAD: Final = 1.5 * pi  # a joint that would go farther is tried turned back, too
+_MAX_TURN_RAD: Final = 1.5 * pi  # a joint that is turned the other way round moves no farther than this
 
 
 @dataclass(frozen=True, slots=True)
 class JointGoal:
-    """These joint angles [rad] (6,), exactly."""
+    """Exactly these joint angles [rad] (6,)."""
 
     q_rad: Sequence[float]
 
@@ -37,7 +37,7 @@ class JointGoal:
 class PoseGoal:
     """A pose of the TCP (6,) [m, rotation vector] in the base frame.
 
-    tcp_offset: flange to TCP; None is the robot's where one is asked to go there, and the flange without a robot.
+    tcp_offset: flange to TCP. None means the robot's TCP when a robot plans, and the flange when there is no robot.
     """
 
     pose: Sequence[float]
@@ -46,10 +46,10 @@ class PoseGoal:
 
 @dataclass(frozen=True, slots=True)
 class CircGoal:
-    """A pose of the TCP, as of a `PoseGoal`, at the end of an arc (planner ``CIRC``).
+    """A pose of the TCP, as in a `PoseGoal`, at the end of an arc (planner ``CIRC``).
 
-    The arc leads over the point ``interim``, or is the shorter one about ``center``: x, y, z [m] in the base frame, one
-    of both. Its orientation turns evenly; that at the interim point is not looked at, as by Pilz' planner.
+    Give either ``interim``, a point on the arc, or ``center``, the centre of the shorter arc: x, y, z [m] in the base
+    frame. The orientation changes uniformly; as in Pilz' planner, there is none to reach at the interim point.
     """
 
     pose: Sequence[float]
@@ -60,36 +60,36 @@ class CircGoal:
 
 @dataclass(frozen=True, slots=True)
 class NamedGoal:
-    """A posture of `NAMED_CONFIGURATIONS`."""
+    """A configuration of `NAMED_CONFIGURATIONS`."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class GoalSet:
-    """Any of these will do: all are looked for at once, and the nearest that is straight ahead is taken.
+    """Any one of several goals: the search covers all of them, and the nearest one wins if a straight path leads there.
 
-    A blend behind it is about the TCP of the first.
+    A blend after it is about the TCP of the first goal.
     """
 
     goals: "Sequence[JointGoal | PoseGoal | NamedGoal]"
 
     def __post_init__(self) -> None:
         if not self.goals:
-            raise PlanningError("a set of goals has at least one")
+            raise PlanningError("a GoalSet needs at least one goal")
 
 
 Goal: TypeAlias = JointGoal | PoseGoal | NamedGoal | CircGoal | GoalSet
 
 
 class GoalUnreachableError(PlanningError):
-    """No joint angles take the arm there; the text says what is in the way."""
+    """No valid configuration reaches the goal; the message says which limit or collision prevents it."""
 
 
 def goal_configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionChecker) -> list[Joints]:
-    """Joint angles that reach the goal and are free of collisions, nearest to the start first.
+    """The collision-free configurations that reach a goal, nearest to the start first.
 
-    Raises GoalUnreachableError, saying which limit or which collision is in the way of the nearest.
+    Raises GoalUnreachableError, saying which limit or which collision rules out the best of them.
     """
     configurations = _configurations(goal, start_rad, checker)
     free = [q for q in configurations if checker.is_free(q)]
@@ -103,22 +103,22 @@ def _configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionCh
     if isinstance(goal, GoalSet):
         return _any_configurations(goal, start_rad, checker)
     if isinstance(goal, CircGoal):
-        raise PlanningError("a CircGoal is for the planner CIRC; others go to a PoseGoal")
+        raise PlanningError("a CircGoal needs the planner CIRC: give other planners a PoseGoal")
     if isinstance(goal, NamedGoal):
         if goal.name not in NAMED_CONFIGURATIONS:
             raise GoalUnreachableError(
-                f"there is no posture {goal.name!r}; known are {', '.join(NAMED_CONFIGURATIONS)}"
+                f"unknown configuration {goal.name!r}: choose one of {', '.join(NAMED_CONFIGURATIONS)}"
             )
         return [NAMED_CONFIGURATIONS[goal.name]]
     if isinstance(goal, JointGoal):
-        check_length(goal.q_rad, "a JointGoal is six joint angles")
+        check_length(goal.q_rad, "a JointGoal must be six joint angles")
         a, b, c, d, e, f = (float(value) for value in goal.q_rad)
         _check_limits((a, b, c, d, e, f), model)
         return [(a, b, c, d, e, f)]
     for numbers in (goal.pose, goal.tcp_offset or ZERO6):
-        check_length(numbers, "a pose is six numbers")
+        check_length(numbers, "a pose must be six numbers")
     if not all(map(isfinite, (*goal.pose, *(goal.tcp_offset or ())))):
-        raise GoalUnreachableError(f"the goal cannot be reached: p{list(goal.pose)} has numbers that no pose has")
+        raise GoalUnreachableError(f"the goal cannot be reached: p{list(goal.pose)} has numbers that are not finite")
     flange = pose_trans(goal.pose, pose_inv(goal.tcp_offset or ZERO6))
     solutions = checker.scene.kinematics.inverse_all(flange, start_rad)
     if not solutions:
@@ -132,7 +132,7 @@ def _configurations(goal: Goal, start_rad: Sequence[float], checker: CollisionCh
 
 
 def check_length(numbers: Sequence[float], what: str) -> None:
-    """Raise PlanningError, with what they are to be, unless there are so many."""
+    """Raise PlanningError unless there are six numbers. what: what they must be, for the message."""
     if len(numbers) != 6:
         raise PlanningError(f"{what}, not {len(numbers)}")
 
@@ -151,7 +151,7 @@ def _any_configurations(goal: GoalSet, start_rad: Sequence[float], checker: Coll
 
 
 def _with_full_turns(q: Joints, start_rad: Sequence[float], low: Joints, high: Joints) -> Iterator[Joints]:
-    """A posture, and those with one joint turned once around that would have to go far."""
+    """A configuration, and those with one joint turned the other way round, if that joint would move far."""
     yield q
     for i, (angle, start) in enumerate(zip(q, start_rad, strict=True)):
         turned = angle - tau if angle > start else angle + tau
@@ -173,7 +173,7 @@ def _check_limits(q_rad: Joints, model: RobotModel) -> None:
 
 def _reason(configurations: Sequence[Joints], checker: CollisionChecker) -> str:
     least = min(configurations, key=lambda q: -min((pair.distance_m for pair in checker.collisions(q)), default=0.0))
-    many = f"in the least bad of {len(configurations)} solutions, " if len(configurations) > 1 else ""
+    many = f"in the best of {len(configurations)} configurations, " if len(configurations) > 1 else ""
     return many + checker.violation(least)
 
 

@@ -1,6 +1,7 @@
-"""A scene and a way in it as markers: plain mappings with the fields of visualization_msgs/Marker, in the base frame.
+"""A planning scene and a planned path as markers: mappings with the fields of visualization_msgs/Marker, in the base
+frame.
 
-RViz and Foxglove draw them. Of hulls the points are drawn, of meshes their files, of planes a piece about their origin.
+RViz and Foxglove draw them. A hull is drawn by its points, a mesh by its file, a plane by a rectangle about its origin.
 """
 
 import json
@@ -24,7 +25,7 @@ _CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _POINTS, _MESH = 1, 2, 3, 4, 8, 10  # vi
 _OBJECT_COLOR: Final = (0.6, 0.6, 0.65, 0.8)
 _ATTACHED_COLOR: Final = (0.9, 0.6, 0.1, 0.9)
 _PATH_COLOR: Final = (0.1, 0.6, 0.2, 1.0)
-_PIECE_M: Final = (4.0, 4.0, 0.002)  # of a plane
+_PIECE_M: Final = (4.0, 4.0, 0.002)  # of the drawn piece of a plane
 _DOT_M: Final = 0.005
 _REPEAT_S: Final = 1.0
 
@@ -34,10 +35,10 @@ Marker = Mapping[str, Any]
 def scene_markers(
     scene: PlanningScene, q_rad: Sequence[float] | None, *, attached_only: bool = False, prefix: str = ""
 ) -> list[Marker]:
-    """Everything in a scene with the arm at these joint angles (6,) [rad], or only what moves with the arm.
+    """Markers of all objects in a scene, with the arm in this configuration (6,) [rad]; or only of attached objects.
 
-    Without joint angles what moves with the arm is in the frame ``tool0``, for those who know the arm's frames. prefix:
-    of frames.
+    Without a configuration, attached objects are in the frame ``tool0``, for viewers that know the arm's frames.
+    prefix: of frame names.
     """
     flange = None if q_rad is None else scene.kinematics.forward(q_rad)
     found: list[Marker] = []
@@ -51,18 +52,18 @@ def scene_markers(
 
 
 class MarkerSink(Protocol):
-    """What markers are drawn on: a `client.recording.Recorder`, or its like in the background."""
+    """Receives markers: a `client.recording.Recorder`, or one that writes in the background."""
 
     def write_markers(self, topic: str, markers: Sequence[Marker], time_s: float) -> None:
-        """Add a visualization_msgs/MarkerArray at a time [s] of the robot."""
+        """Add a visualization_msgs/MarkerArray at the robot's time [s]."""
 
 
 class SceneDrawing:
-    """A scene around an arm that moves, and the way planned in it, for live streams and recordings.
+    """Draws a scene around a moving arm, and a planned path, into recordings and live streams.
 
-    They are on the topics ``/planning_scene`` and ``/planned_path``: everything once a second, for those who come late
-    or look into the middle of a file, and what moves with the arm with each state. path_rad: joint angles (n, 6) [rad],
-    `Plan.trajectory.q`.
+    The topics are ``/planning_scene`` and ``/planned_path``. Everything is drawn once a second, for viewers that join
+    late or open the middle of a file; attached objects are drawn with each state. path_rad: configurations (n, 6)
+    [rad], such as `Plan.trajectory.q`.
 
         drawing = SceneDrawing(scene, plan.trajectory.q)
         robot.inner.driver.robot.on_state.append(drawing.onto(recorder))
@@ -74,7 +75,7 @@ class SceneDrawing:
         self._drawn_s: float | None = None
 
     def at(self, time_s: float, q_rad: Sequence[float]) -> Iterator[tuple[str, list[Marker]]]:
-        """Topics, and what is to be drawn there at a time [s] of the robot and joint angles (6,) [rad]."""
+        """The topics and markers due at the robot's time [s], with the arm in this configuration (6,) [rad]."""
         attached_only = self._drawn_s is not None and 0.0 <= time_s - self._drawn_s < _REPEAT_S
         if markers := scene_markers(self._scene, q_rad, attached_only=attached_only):
             yield SCENE_TOPIC, markers
@@ -84,7 +85,7 @@ class SceneDrawing:
                 yield PATH_TOPIC, self._path
 
     def onto(self, sink: MarkerSink) -> Callable[[Mapping[str, Any]], None]:
-        """What draws each state that it is given: ``timestamp`` and ``actual_q`` of RTDE."""
+        """A callback that draws each RTDE state it is given, by its ``timestamp`` and ``actual_q``."""
 
         def draw(state: Mapping[str, Any]) -> None:
             for topic, markers in self.at(state["timestamp"], state["actual_q"]):
@@ -94,14 +95,14 @@ class SceneDrawing:
 
 
 def path_marker(scene: PlanningScene, q_rad: Array, *, prefix: str = "") -> Marker:
-    """The way of the flange through joint angles (n, 6) [rad] as a line."""
+    """The path of the flange through configurations (n, 6) [rad], as a line."""
     places = [scene.kinematics.forward(tuple(map(float, q)))[:3] for q in q_rad]
     line = {"type": _LINE_STRIP, "scale": _xyz((_DOT_M, 0.0, 0.0)), "points": [_xyz(place) for place in places]}
     return {**_marker("path", 0, (0.0,) * 6, _PATH_COLOR, prefix + _FRAME), **line}
 
 
 def read_plan(path: Path) -> Array:
-    """Joint angles (n, 6) [rad] of a plan as ``ur-client plan --json`` prints it. Raises FileError."""
+    """The configurations (n, 6) [rad] of a plan that ``ur-client plan --json`` printed. Raises FileError."""
     try:
         path_rad = np.array(json.loads(path.read_text("utf-8"))["positions"], dtype=float)
     except OSError as error:
@@ -109,7 +110,7 @@ def read_plan(path: Path) -> Array:
     except (ValueError, TypeError, KeyError, RecursionError):
         path_rad = np.empty(0)
     if path_rad.shape[1:] != (6,) or not np.isfinite(path_rad).all():
-        raise FileError(path, "it is not a plan: write one with `ur-client plan GOAL --json`")
+        raise FileError(path, "this is not a plan: create one with `ur-client plan GOAL --json`")
     return path_rad
 
 

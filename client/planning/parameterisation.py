@@ -1,9 +1,9 @@
-"""When an arm is where on its path: as fast as its limits of speed and acceleration allow, then gentler for the jerk.
+"""Time parameterisation of a path: as fast as the limits of speed and acceleration allow, then slower for the jerk.
 
-The first is Pham's and Pham's time-optimal path parameterisation by reachability analysis (TOPP-RA, IEEE T-RO 2018):
-with x = (ds/dt)^2 and u = d2s/dt2, each limit is linear in u and x at each place s of the path. Going backwards, the
-largest x from which the end can be reached is found; going forwards, the largest u that stays below it is taken. For
-one path, the limits of all joints are inequalities in two unknowns, whose solution needs no solver.
+The first step is the time-optimal path parameterisation by reachability analysis of Pham and Pham (TOPP-RA, IEEE T-RO
+2018). With x = (ds/dt)^2 and u = d2s/dt2, each limit is linear in u and x at each place s of the path. The backward
+pass finds the largest x from which the end can be reached; the forward pass takes the largest u that stays below it.
+For a single path, the limits of all joints are inequalities in two unknowns, so no solver is needed.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,10 +18,10 @@ from client.errors import PlanningError
 
 Array: TypeAlias = npt.NDArray[np.float64]
 PathFunction = Callable[[Array], tuple[Array, Array, Array]]
-"""Of gridpoints s (n,): q, dq/ds and d2q/ds2, each (n, columns)."""
+"""From places s (n,) to q, dq/ds and d2q/ds2, each (n, columns)."""
 
 Scalings = Callable[[Array], Array]
-"""Of gridpoints s (n,): what share of the velocities and of the accelerations may be used there (n, 2)."""
+"""From places s (n,) to the shares of the velocity and acceleration limits that may be used there (n, 2)."""
 
 _TINY: Final = 1e-9
 _ALMOST: Final = 1.0 - 1e-9
@@ -30,25 +30,28 @@ _MAX_ITERATIONS: Final = 12
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Of each joint (6,): speed [rad/s], acceleration [rad/s2], jerk [rad/s3]."""
+    """Limits of each joint (6,): speed [rad/s], acceleration [rad/s2], jerk [rad/s3]."""
 
     velocity: Array
     acceleration: Array
     jerk: Array
 
     def scaled(self, velocity: float, acceleration: float) -> "Limits":
-        """Slower: scalings from above 0 to 1; the jerk goes with the acceleration. Raises PlanningError."""
+        """Reduced limits. velocity, acceleration: shares above 0 and up to 1; the jerk scales with the acceleration.
+
+        Raises PlanningError.
+        """
         for name, share in (("velocity", velocity), ("acceleration", acceleration)):
             if not 0.0 < share <= 1.0:
-                raise PlanningError(f"the {name} scaling is above 0 and at most 1, not {share}")
+                raise PlanningError(f"the {name} scaling must be above 0 and at most 1, not {share}")
         return Limits(self.velocity * velocity, self.acceleration * acceleration, self.jerk * acceleration)
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Samples: times [s] (n,), q [rad], qd [rad/s], qdd [rad/s2], each (n, 6).
+    """Samples of a motion: times [s] (n,), q [rad], qd [rad/s], qdd [rad/s2], each (n, 6).
 
-    Their distances in time are equal between two rests.
+    Samples are equidistant in time from one rest to the next.
     """
 
     times_s: Array
@@ -58,7 +61,7 @@ class Trajectory:
 
     @property
     def duration_s(self) -> float:
-        """From rest to rest."""
+        """Time from start to end."""
         return float(self.times_s[-1])
 
     @classmethod
@@ -67,11 +70,11 @@ class Trajectory:
         return cls(np.zeros(1), np.array([q_rad], dtype=float), np.zeros((1, 6)), np.zeros((1, 6)))
 
     def joint_columns(self) -> "Trajectory":
-        """Without the columns that are none."""
+        """The same trajectory without the columns that are not joints."""
         return Trajectory(self.times_s, self.q[:, :6], self.qd[:, :6], self.qdd[:, :6])
 
     def followed_by(self, other: "Trajectory") -> "Trajectory":
-        """This and, from where it ends, another one."""
+        """This trajectory continued by another one, which begins where this one ends."""
         return Trajectory(
             np.concatenate((self.times_s, self.duration_s + other.times_s[1:])),
             np.concatenate((self.q, other.q[1:])),
@@ -83,11 +86,11 @@ class Trajectory:
 def parameterise(
     path: PathFunction, gridpoints: Array, limits: Limits, *, step_s: float, scalings: Scalings | None = None
 ) -> Trajectory:
-    """A path as fast as the limits allow, from rest to rest.
+    """Follow a path as fast as the limits allow, from rest to rest.
 
-    limits: of each column of the path. gridpoints: ascending, from the path's beginning to its end, dense where it bends.
-    step_s: between the samples. scalings: of the limits; between gridpoints of different ones the greater counts while the
-    acceleration changes.
+    limits: of each column of the path. gridpoints: ascending, from start to end of the path, dense where it bends.
+    step_s: time between samples. scalings: shares of the limits that may be used; where they change, the larger ones
+    apply while the acceleration changes.
     """
     scalings = scalings or _unscaled
     speeds = _velocity_profile(path, gridpoints, limits, scalings(gridpoints))
@@ -108,7 +111,7 @@ def _unscaled(s: Array) -> Array:
 
 
 def _velocity_profile(path: PathFunction, s: Array, limits: Limits, scalings: Array) -> Array:
-    """The largest ds/dt at each place."""
+    """The largest ds/dt at each gridpoint."""
     _, first, second = path(s)
     with np.errstate(divide="ignore"):
         largest = np.min((limits.velocity * scalings[:, :1] / np.maximum(abs(first), _TINY)) ** 2, axis=1)
@@ -126,7 +129,7 @@ def _velocity_profile(path: PathFunction, s: Array, limits: Limits, scalings: Ar
 
 
 def _accelerations(a: Array, bx: Array, c: Array) -> tuple[float, float]:
-    """The least and the largest u for which |a u + bx| <= c in all joints."""
+    """The smallest and the largest u for which |a u + bx| <= c in all joints."""
     moving = abs(a) > _TINY
     a, bx, c = a[moving], bx[moving], c[moving]
     one, other = (-c - bx) / a, (c - bx) / a
@@ -136,13 +139,13 @@ def _accelerations(a: Array, bx: Array, c: Array) -> tuple[float, float]:
 def _controllable(a: Array, b: Array, c: Array, largest: float, after: float, step: float) -> float:
     """The largest x from which some u leads to 0 <= x + 2 step u <= after.
 
-    Each joint bounds u from below and above by lines in x; so do the two ends of the next interval. u exists where
-    the highest lower line is below the lowest upper one.
+    Each joint bounds u from below and above by lines in x; so do the two ends of the next interval. A valid u exists
+    where the highest lower line is below the lowest upper one.
     """
     moving = abs(a) > _TINY
-    at_rest = ~moving & (b != 0.0)
-    if at_rest.any():
-        largest = min(largest, float(np.min(c[at_rest] / abs(b[at_rest]))))
+    still = ~moving & (b != 0.0)
+    if still.any():
+        largest = min(largest, float(np.min(c[still] / abs(b[still]))))
     am, bm, cm = a[moving], b[moving], c[moving]
     slope, half = -bm / am, abs(cm / am)
     low0, low1 = np.append(-half, 0.0), np.append(slope, -0.5 / step)
@@ -155,7 +158,7 @@ def _controllable(a: Array, b: Array, c: Array, largest: float, after: float, st
 
 
 def _times(s: Array, speed: Array) -> Array:
-    """When each place is reached, with constant acceleration between gridpoints."""
+    """When each gridpoint is reached, with constant acceleration between gridpoints."""
     mean = 0.5 * (speed[1:] + speed[:-1])
     return np.concatenate(((0.0,), np.cumsum(np.diff(s) / np.maximum(mean, _TINY))))
 
@@ -163,9 +166,9 @@ def _times(s: Array, speed: Array) -> Array:
 def _sampled(
     path: PathFunction, s: Array, speed: Array, when: Array, smooth_s: float, stretch: float, step_s: float
 ) -> tuple[Trajectory, Array, Array]:
-    """The path over time, its way along it averaged over ``smooth_s``, which bounds the jerk, and slowed down.
+    """Sample the path over time, with its place averaged over ``smooth_s``, which bounds the jerk, and slowed down.
 
-    And the gridpoints between which each average is taken.
+    Also returns the places between which each average is taken.
     """
     total = float(when[-1]) + smooth_s
     times = np.linspace(0.0, total, max(2, int(np.ceil(total * stretch / step_s)) + 1))
@@ -181,21 +184,21 @@ def _sampled(
 def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, Array, Array]:
     """The integral of the place over time, the place, and the speed at these times; at rest before and after."""
     spans = np.diff(when)
-    quickening = np.diff(speed) / np.maximum(spans, _TINY)
-    areas = s[:-1] * spans + 0.5 * speed[:-1] * spans**2 + quickening * spans**3 / 6.0
+    acceleration = np.diff(speed) / np.maximum(spans, _TINY)
+    areas = s[:-1] * spans + 0.5 * speed[:-1] * spans**2 + acceleration * spans**3 / 6.0
     whole = np.concatenate(((0.0,), np.cumsum(areas)))
     inside = np.clip(times, 0.0, when[-1])
     i = np.clip(np.searchsorted(when, inside, side="right") - 1, 0, len(spans) - 1)
     t = inside - when[i]
-    place = s[i] + speed[i] * t + 0.5 * quickening[i] * t**2
-    area = whole[i] + s[i] * t + 0.5 * speed[i] * t**2 + quickening[i] * t**3 / 6.0
+    place = s[i] + speed[i] * t + 0.5 * acceleration[i] * t**2
+    area = whole[i] + s[i] * t + 0.5 * speed[i] * t**2 + acceleration[i] * t**3 / 6.0
     area += np.minimum(times, 0.0) * s[0] + np.maximum(times - when[-1], 0.0) * s[-1]
     moving = (times > 0.0) & (times < when[-1])
-    return area, place, np.where(moving, speed[i] + quickening[i] * t, 0.0)
+    return area, place, np.where(moving, speed[i] + acceleration[i] * t, 0.0)
 
 
 def _excess(trajectory: Trajectory, limits: Limits, allowed: Array) -> float:
-    """By what factor it has to be slower to keep all limits; at most 1 when it keeps them."""
+    """The factor by which the trajectory is too fast for its limits; at most 1 if it respects them all."""
     step = float(trajectory.times_s[1] - trajectory.times_s[0])
     jerk = np.diff(trajectory.qdd, axis=0) / step
     fast, quick = allowed[:, :1], allowed[:, 1:]
@@ -209,7 +212,7 @@ def _excess(trajectory: Trajectory, limits: Limits, allowed: Array) -> float:
 
 
 def subdivide(lengths: Sequence[float], finest: int) -> Array:
-    """Places along pieces of these lengths, each cut into so many parts."""
+    """Gridpoints along pieces of these lengths, each divided into ``finest`` intervals."""
     ends = np.concatenate(((0.0,), np.cumsum(lengths)))
     parts = [np.linspace(low, high, finest, endpoint=False) for low, high in pairwise(ends)]
     return np.concatenate([*parts, ends[-1:]])

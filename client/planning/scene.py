@@ -1,7 +1,7 @@
-"""What an arm must keep clear of while it moves: things around it, things it carries, and what may touch what.
+"""The planning scene: the objects around an arm, the objects it carries, and which of them may touch.
 
-Poses are x, y, z [m] and a rotation vector [rad]: of things in the base frame, as the controller has it, of attached
-ones in the flange's. Links have the names of ur_description.
+Poses are x, y, z [m] and a rotation vector [rad]: of objects in the controller's base frame, of attached objects in the
+flange's frame. Links have the names of ur_description.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,30 +25,30 @@ from urscript.polyscope.safety_section import SafetySettingsError, read_safety_s
 
 LINKS: Final = ("base_link", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
                 "wrist_3_link")  # fmt: skip
-"""From the base on; one capsule each."""
+"""From the base to the last wrist."""
 
 PADDING_M: Final = 0.01
-_MAX_COORDINATE_M: Final = 100.0  # no arm is near such a obj (guess)
-_MIN_THICKNESS_M: Final = 1e-6  # thinner things have no hull (guess)
+_MAX_COORDINATE_M: Final = 100.0  # no arm is near an object this far away or this large (guess)
+_MIN_THICKNESS_M: Final = 1e-6  # of a hull (guess)
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Edge lengths along x, y, z [m]; its middle is at its pose."""
+    """Edge lengths along x, y, z [m]; the pose is that of its centre."""
 
     size: Vector3
 
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
-    """radius [m]."""
+    """Radius [m]."""
 
     radius: float
 
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """radius and length along z [m]; its middle is at its pose."""
+    """Radius and length along z [m]; the pose is that of its centre."""
 
     radius: float
     length: float
@@ -56,12 +56,12 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """Solid below the x-y plane of its pose, without end."""
+    """An infinite plane: solid below the x-y plane of its pose."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """The convex hull of what an STL, OBJ or DAE file holds, scaled. A hollow obj is several meshes."""
+    """The convex hull of an STL, OBJ or DAE file, scaled. Model a hollow object as several meshes."""
 
     path: Path
     scale: float = 1.0
@@ -69,7 +69,7 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Hull:
-    """The convex hull of points [m] (n, 3), n at least 4."""
+    """The convex hull of at least four points [m] (n, 3)."""
 
     points: tuple[Vector3, ...]
 
@@ -79,7 +79,7 @@ Shape: TypeAlias = Box | Sphere | Cylinder | Plane | Mesh | Hull
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
-    """attached: it moves with the flange, in whose frame its pose is."""
+    """An object in a scene. attached: it moves with the flange, and its pose is in the flange's frame."""
 
     shape: Shape
     pose: Pose
@@ -88,9 +88,9 @@ class SceneObject:
 
 @dataclass(frozen=True, slots=True)
 class Safety:
-    """What the robot's safety system restricts: planes, and by what they are met, all as in its configuration.
+    """The robot's safety planes and the parts of the arm they restrict, as in its safety configuration.
 
-    tcp_offset: flange to TCP. reduced: the planes of reduced mode, not those of normal mode.
+    tcp_offset: flange to TCP. reduced: use the planes of reduced mode instead of those of normal mode.
     """
 
     configuration: SafetyConfiguration
@@ -99,21 +99,21 @@ class Safety:
 
     @property
     def planes(self) -> tuple[SafetyPlane, ...]:
-        """That limit positions in this mode; one that leads to reduced mode does not."""
+        """The planes that limit positions in this mode; planes that only trigger reduced mode do not."""
         mode = BoundaryMode.REDUCED if self.reduced else BoundaryMode.NORMAL
         return tuple(plane for plane in self.configuration.planes if plane.mode in (mode, BoundaryMode.BOTH))
 
 
 class PlanningScene:
-    """One arm and what is around it.
+    """An arm and the objects around it.
 
-    model: a name such as ``ur3`` or an arm's own model, calibrated or not. padding_m: how near links and attached
-    things may come to others. revision: counts changes. safety: see `set_safety`.
+    model: a name such as ``ur3``, or a robot model, calibrated or not. padding_m: the clearance that links and attached
+    objects keep from everything else. revision: incremented by each change. safety: see `set_safety`.
     """
 
     def __init__(self, model: RobotModel | str, *, padding_m: float = PADDING_M) -> None:
         if not (isfinite(padding_m) and 0.0 <= padding_m < 1.0):
-            raise SceneError(f"a padding is from 0 to 1 m, not {padding_m}")
+            raise SceneError(f"the padding must be at least 0 m and below 1 m, not {padding_m}")
         self.model = load_model(model) if isinstance(model, str) else model
         self.kinematics: Kinematics = kinematics_of(self.model)
         self.padding_m = padding_m
@@ -123,64 +123,64 @@ class PlanningScene:
         self._allowed: set[frozenset[str]] = set()
 
     def copy(self) -> "PlanningScene":
-        """The scene as it is now, for a thread that must not see it change."""
+        """A snapshot of the scene, for a thread that must not see it change."""
         other = copy(self)
         other._objects, other._allowed = dict(self._objects), set(self._allowed)
         return other
 
-    # what is there
+    # objects
 
     @property
     def objects(self) -> Mapping[str, SceneObject]:
-        """By name."""
+        """The objects by name."""
         return self._objects
 
     def add(self, name: str, shape: Shape, pose: Sequence[float] = ZERO6) -> None:
-        """Put a obj into the scene, or another one in its place. Raises SceneError."""
+        """Add an object, or replace the one with this name. Raises SceneError."""
         self._put(name, SceneObject(_validated(name, shape), _pose(name, pose)))
 
     def attach(self, name: str, shape: Shape | None = None, pose: Sequence[float] = ZERO6) -> None:
-        """Let a obj move with the flange: a tool, or a part that was gripped. Raises SceneError.
+        """Attach an object to the flange: a tool, or a gripped part. Raises SceneError.
 
-        shape: None takes what is in the scene by this name. A part that the arm holds touches the tool that holds it:
-        see `allow`.
+        shape: None takes the shape of the object with this name. A gripped part touches the tool that holds it: see
+        `allow`.
         """
         if shape is None:
             shape = self._find(name).shape
         if isinstance(shape, Plane):
-            raise SceneError(f"{name} is a plane, which has no end: an arm cannot carry it")
+            raise SceneError(f"{name} is an infinite plane: an arm cannot carry it")
         self._put(name, SceneObject(_validated(name, shape), _pose(name, pose), attached=True))
 
     def pick(self, name: str, q_rad: Sequence[float]) -> None:
-        """Attach a obj of the scene as it is to the flange that is where these joint angles take it."""
+        """Attach an object of the scene where it is, with the arm in this configuration (6,) [rad]."""
         obj = self._find(name)
         if obj.attached:
-            raise SceneError(f"{name} is attached already")
+            raise SceneError(f"{name} is already attached")
         flange = self.kinematics.forward(q_rad)
         self.attach(name, obj.shape, pose_trans(pose_inv(flange), obj.pose))
 
     def place(self, name: str, q_rad: Sequence[float]) -> None:
-        """Leave an attached obj where the flange has it with these joint angles."""
+        """Detach an object and leave it where the flange has it in this configuration (6,) [rad]."""
         obj = self._find(name)
         if not obj.attached:
             raise SceneError(f"{name} is not attached")
         self._put(name, SceneObject(obj.shape, pose_trans(self.kinematics.forward(q_rad), obj.pose)))
 
     def move(self, name: str, pose: Sequence[float]) -> None:
-        """Give a obj another pose."""
+        """Give an object another pose."""
         self._put(name, replace(self._find(name), pose=_pose(name, pose)))
 
     def remove(self, name: str) -> None:
-        """Take a obj away."""
+        """Remove an object."""
         self._find(name)
         del self._objects[name]
         self._allowed = {pair for pair in self._allowed if name not in pair}
         self.revision += 1
 
-    # what may touch
+    # allowed collisions
 
     def allow(self, one: str, other: str) -> None:
-        """Let two things, or a obj and a link, or two links, touch."""
+        """Allow two objects, an object and a link, or two links to touch."""
         self._allowed.add(frozenset((self._known(one), self._known(other))))
         self.revision += 1
 
@@ -190,7 +190,7 @@ class PlanningScene:
         self.revision += 1
 
     def allows(self, one: str, other: str) -> bool:
-        """Whether these may touch."""
+        """Whether these two may touch."""
         return frozenset((one, other)) in self._allowed
 
     @property
@@ -204,10 +204,10 @@ class PlanningScene:
     def set_safety(
         self, configuration: SafetyConfiguration | None, tcp_offset: Sequence[float] = ZERO6, *, reduced: bool = False
     ) -> None:
-        """Keep the TCP, the tool's spheres and, where a plane restricts it, the elbow inside of the safety planes.
+        """Keep the TCP, the tool spheres and, where a plane restricts it, the elbow inside the safety planes.
 
-        configuration: such as `read_safety` gives; None takes the planes away. The robot stops at the planes, here the
-        padding is kept from them, too. Its limits of speed, force and tool orientation are not looked at.
+        configuration: such as `read_safety` returns; None removes the planes. The robot stops at the planes; plans also
+        keep the padding from them. The configuration's limits of speed, force and tool orientation are ignored.
         """
         safety = None
         if configuration is not None:
@@ -215,22 +215,25 @@ class PlanningScene:
         self.safety = safety
         self.revision += 1
 
-    # in and out
+    # files
 
     @classmethod
     def read(
         cls, model: RobotModel | str, path: Path, *, tcp_offset: Sequence[float] = ZERO6, padding_m: float = PADDING_M
     ) -> "PlanningScene":
-        """The scene of a world file, as ``ur-emulator --world`` takes it; its tool is attached, see `update`. Raises
-        SceneError, OSError."""
+        """Create a scene from a world file, as ``ur-emulator --world`` reads it, with its tool attached; see `update`.
+
+        Raises SceneError, OSError.
+        """
         scene = cls(model, padding_m=padding_m)
         scene.update(path, tcp_offset)
         return scene
 
     def update(self, path: Path, tcp_offset: Sequence[float] = ZERO6) -> None:
-        """Add what a world file has. Raises SceneError, naming the file and the place, and OSError.
+        """Add the objects and the tool of a world file. Raises SceneError, naming the file and the place in it, and
+        OSError.
 
-        tcp_offset: flange to TCP (6,) [m, rotation vector]. The file has the pose of the tool from the TCP.
+        tcp_offset: flange to TCP (6,) [m, rotation vector]. The file gives the pose of the tool relative to the TCP.
         """
         try:
             world = read_world_file(path, _SHAPES)
@@ -247,13 +250,13 @@ class PlanningScene:
 
     def _put(self, name: str, obj: SceneObject) -> None:
         if not name or name in LINKS:
-            raise SceneError(f"{name!r} cannot be the name of a obj: it is empty or a link's")
+            raise SceneError(f"{name!r} cannot name an object: it is empty or the name of a link")
         self._objects[name] = obj
         self.revision += 1
 
     def _find(self, name: str) -> SceneObject:
         if name not in self._objects:
-            raise SceneError(f"the scene has no {name!r}; it has {', '.join(sorted(self._objects)) or 'nothing'}")
+            raise SceneError(f"the scene has no object {name!r}; it has {', '.join(sorted(self._objects)) or 'none'}")
         return self._objects[name]
 
     def _known(self, name: str) -> str:
@@ -294,21 +297,21 @@ def _validated(name: str, shape: Shape) -> Shape:
         case Hull(points):
             _check_points(name, points)
     if not all(_is_number(size) and 0.0 < size < _MAX_COORDINATE_M for size in sizes):
-        raise SceneError(f"{name}: sizes are above 0 and below {_MAX_COORDINATE_M:g} m, not {list(sizes)}")
+        raise SceneError(f"{name}: sizes must be above 0 and below {_MAX_COORDINATE_M:g} m, not {list(sizes)}")
     return shape
 
 
 def _check_points(name: str, points: Sequence[Vector3]) -> None:
     places = np.array(points, dtype=float).reshape(-1, 3)
     if not (abs(places) < _MAX_COORDINATE_M).all():
-        raise SceneError(f"{name}: points are below {_MAX_COORDINATE_M:g} m, and numbers")
+        raise SceneError(f"{name}: the coordinates of points must be numbers below {_MAX_COORDINATE_M:g} m")
     if len(places) < 4 or np.linalg.matrix_rank(places - places[0], tol=_MIN_THICKNESS_M) < 3:
-        raise SceneError(f"{name}: its {len(places)} points are flat: a hull has a volume")
+        raise SceneError(f"{name}: its {len(places)} points are coplanar: a hull needs a volume")
 
 
 def _pose(name: str, pose: Sequence[float]) -> Pose:
     if len(pose) != 6 or not all(_is_number(value) and abs(value) < _MAX_COORDINATE_M for value in pose):
-        raise SceneError(f"{name}: a pose is six numbers below {_MAX_COORDINATE_M:g}, not {list(pose)}")
+        raise SceneError(f"{name}: a pose must be six numbers below {_MAX_COORDINATE_M:g}, not {list(pose)}")
     x, y, z, rx, ry, rz = map(float, pose)
     return (x, y, z, rx, ry, rz)
 
@@ -318,7 +321,7 @@ def _is_number(value: object) -> bool:
 
 
 def read_safety(path: Path) -> SafetyConfiguration:
-    """The safety settings of an ``.installation`` as PolyScope saves it: a robot does not tell them to clients.
+    """Read the safety settings of an ``.installation`` saved by PolyScope; a robot does not report them to its clients.
 
     Raises SceneError, OSError.
     """

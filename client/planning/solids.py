@@ -1,4 +1,4 @@
-"""Things and links as coal has them: solids with a place, and how far they go."""
+"""Objects and links as coal geometries: their shape, placement and extent."""
 
 from collections.abc import Iterator, Sequence
 from math import cos, hypot, pi, sin, sqrt
@@ -19,13 +19,13 @@ _RIM: Final = 24  # corners of a polygon around a cylinder's end
 
 
 def placed_capsule(part: Capsule) -> tuple[Any, Any]:
-    """Where it is in its link, and the solid."""
+    """Its placement in its link, and its geometry."""
     placement, length = _axis_frame(part.start, part.end)
     return placement, coal.Capsule(part.radius, length)
 
 
 def placed_cylinder(part: LinkCylinder) -> tuple[Any, Any]:
-    """Where it is in its link, and the solid."""
+    """Its placement in its link, and its geometry."""
     placement, length = _axis_frame(part.start, part.end)
     return placement, coal.Cylinder(part.radius, length)
 
@@ -39,19 +39,19 @@ def _axis_frame(start: Vector3, end: Vector3) -> tuple[Any, float]:
 
 
 def capsule_around(start: Vector3, end: Vector3, parts: Sequence[LinkCylinder]) -> Capsule:
-    """The thinnest capsule about this axis that holds the parts."""
+    """The thinnest capsule about this axis that contains the cylinders."""
     return Capsule(start, end, max(_distance_to_segment(point, start, end) for part in parts for point in _rims(part)))
 
 
 def extent_of(part: LinkCylinder | Capsule) -> float:
-    """How far its farthest point is from the joint that its link begins with [m]."""
+    """Distance [m] of its farthest point from the joint that its link begins with."""
     if isinstance(part, Capsule):
         return max(hypot(*part.start), hypot(*part.end)) + part.radius
     return max(hypot(*point) for point in _rims(part))
 
 
 def _rims(part: LinkCylinder) -> Iterator[Vector3]:
-    """Corners of polygons around both ends: what is convex and holds these holds the cylinder."""
+    """Corners of polygons around both ends. A convex shape that contains them contains the cylinder."""
     axis = unit(sub3(part.end, part.start), (0.0, 0.0, 1.0))
     across = unit(cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)), (1.0, 0.0, 0.0))
     upright = cross(axis, across)
@@ -64,24 +64,24 @@ def _rims(part: LinkCylinder) -> Iterator[Vector3]:
 
 
 def _distance_to_segment(point: Vector3, start: Vector3, end: Vector3) -> float:
-    """How far a point is from a line with two ends."""
+    """Distance of a point from a line segment."""
     along, there = sub3(end, start), sub3(point, start)
     share = max(0.0, min(1.0, dot(there, along) / dot(along, along)))
     return hypot(*sub3(there, scaled3(along, share)))
 
 
 def at(place: Vector3) -> Any:
-    """As `placed`, not turned."""
+    """A placement without rotation."""
     return placed((*place, 0.0, 0.0, 0.0))
 
 
 def placed(pose: Pose) -> Any:
-    """A pose as Pinocchio has it."""
+    """A pose as a Pinocchio placement."""
     return pin.SE3(np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3), np.array(pose[:3]))
 
 
 def solid(name: str, obj: SceneObject) -> Any:
-    """Its shape. Raises SceneError."""
+    """The geometry of an object. Raises SceneError."""
     match obj.shape:
         case Box(size):
             return coal.Box(*size)
@@ -95,7 +95,7 @@ def solid(name: str, obj: SceneObject) -> Any:
             return _mesh_hull(name, str(path), scale)
         case Hull(points):
             return _hull_of_points(points)
-    raise SceneError(f"{name} has a shape that is not known")
+    raise SceneError(f"{name} has an unknown shape")
 
 
 def _mesh_hull(name: str, path: str, scale: float) -> Any:
@@ -103,7 +103,7 @@ def _mesh_hull(name: str, path: str, scale: float) -> Any:
         mesh = coal.MeshLoader().load(path, np.full(3, scale))
         mesh.buildConvexHull(True, "Qt")
     except (RuntimeError, ValueError) as error:
-        raise SceneError(f"{name}: {path} is not a mesh that can be read: {error}") from error
+        raise SceneError(f"{name}: the mesh {path} cannot be read: {error}") from error
     return mesh.convex
 
 
@@ -115,7 +115,7 @@ def _hull_of_points(points: Sequence[Sequence[float]]) -> Any:
 
 
 def hull_of(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
-    """What of a mesh is kept clear of: the corners of its convex hull [m], and its triangles by the corners' numbers.
+    """The convex hull that represents a mesh: its corners [m], and its triangles by corner numbers.
 
     Raises SceneError.
     """
@@ -125,7 +125,7 @@ def hull_of(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
 
 
 def reach_of(name: str, obj: SceneObject) -> float:
-    """How far the farthest point of what is attached is from the flange [m]."""
+    """Distance [m] of the farthest point of an attached object from the flange."""
     away = hypot(*obj.pose[:3])
     match obj.shape:
         case Box(size):

@@ -1,8 +1,8 @@
-"""Ways on which the tool keeps to constraints: looked for among its poses rather than among joint angles.
+"""Path search in task space, for paths on which the tool must satisfy constraints.
 
-The poses that keep to an orientation within tolerances and to a box are a box themselves, in the right coordinates:
-the TCP's place along the edges of the one, and its turns from the other. OMPL searches that box, where nothing needs to
-be rejected or projected; joint angles follow in the posture that the arm begins with.
+In suitable coordinates, the poses within orientation tolerances and a position box form a box themselves: the position
+of the TCP along the edges of the position box, and its rotations from the given orientation. OMPL searches this box, in
+which no sample has to be rejected or projected. The joints follow without leaving the kinematic branch of the start.
 """
 
 import time
@@ -25,19 +25,19 @@ from urproto.robots import Joints
 from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans, rotvec_to_matrix
 from urproto.vectors import ZERO6
 
-_ROTATION_WEIGHT_M_RAD: Final = 0.2  # what a turn counts beside a path (guess)
-_RANGE_M: Final = 0.2  # of a tree's step (guess)
-_RESOLUTIONS_M: Final = (0.02, 0.01)  # between looks at a path
-_INNER: Final = 0.9  # of the tolerances: corners are cut inside of them
+_ROTATION_WEIGHT_M_RAD: Final = 0.2  # weight of rotation compared with distance (guess)
+_RANGE_M: Final = 0.2  # largest step of a tree (guess)
+_RESOLUTIONS_M: Final = (0.02, 0.01)  # between validity checks
+_INNER: Final = 0.9  # share of the tolerances that is searched, which leaves room to blend corners
 _SHORTCUT_ATTEMPTS: Final = 12
 _ATTEMPTS: Final = 4
-_BLENDS: Final = 8  # halvings
+_BLENDS: Final = 8  # attempts, each with half the radius
 _LARGEST_BLEND_M: Final = 0.1
 _NUDGE: Final = 1e-5
 
 
 class TaskSpace:
-    """The poses that keep to a checker's constraints, as (6,) coordinates within ``low`` and ``high``."""
+    """The poses that satisfy a checker's constraints, as coordinates (6,) between ``low`` and ``high``."""
 
     def __init__(self, checker: ConstrainedChecker, poses: Sequence[Pose]) -> None:
         given = checker.constraints
@@ -53,25 +53,25 @@ class TaskSpace:
         ends = np.array([self.coordinates(pose) for pose in poses])
         self.high = np.maximum(_INNER * most, ends.max(axis=0))
         self.low = np.minimum(-_INNER * most, ends.min(axis=0))
-        self.around = turns[2] >= pi - 1e-6  # z turns freely, also beyond pi
+        self.around = turns[2] >= pi - 1e-6  # rotation about z is free, also beyond pi
         if self.around:
             self.low[5], self.high[5] = -tau * _ROTATION_WEIGHT_M_RAD, tau * _ROTATION_WEIGHT_M_RAD
 
     def coordinates(self, pose: Pose) -> Array:
-        """Of a pose of the TCP."""
+        """The coordinates of a pose of the TCP."""
         place = pose_trans(pose_inv(self._frame), pose)[:3]
         r = self._rotation.T @ np.array(rotvec_to_matrix(*pose[3:])).reshape(3, 3)
         turns = (atan2(-r[1, 2], r[2, 2]), asin(max(-1.0, min(1.0, r[0, 2]))), atan2(-r[0, 1], r[0, 0]))
         return np.array([*place, *(_ROTATION_WEIGHT_M_RAD * turn for turn in turns)])
 
     def pose(self, at: Array) -> Pose:
-        """Of the TCP in the base frame."""
+        """The pose of the TCP in the base frame."""
         x, y, z, *_ = pose_trans(self._frame, (*at[:3], 0.0, 0.0, 0.0))
         r = self._rotation @ _turn_matrix(*(at[3:] / _ROTATION_WEIGHT_M_RAD))
         return (x, y, z, *matrix_to_rotvec(r.ravel().tolist()))
 
     def velocity(self, at: Array, rate: Array) -> Array:
-        """Of the TCP (6,), linear and angular, in base axes, when the coordinates change so fast."""
+        """Velocity of the TCP (6,), linear and angular, along base axes, for a rate of the coordinates."""
         a, b, _ = at[3:] / _ROTATION_WEIGHT_M_RAD
         axes = np.array([[1.0, 0.0, sin(b)], [0.0, cos(a), -sin(a) * cos(b)], [0.0, sin(a), cos(a) * cos(b)]])
         rotation = np.array(rotvec_to_matrix(*self._frame[3:])).reshape(3, 3)
@@ -79,7 +79,7 @@ class TaskSpace:
 
 
 class CoordinateLine:
-    """A `ToolPath` straight in the coordinates of a space, which keeps to its bounds."""
+    """A `ToolPath` that is straight in the coordinates of a task space, so it stays within the bounds."""
 
     def __init__(self, space: TaskSpace, start: Array, end: Array) -> None:
         self._space, self._start, self._displacement = space, start, end - start
@@ -98,9 +98,9 @@ class CoordinateLine:
 
 
 class TaskSpaceSearch:
-    """For one start and the joint angles that reach the goal, of which those in the start's posture count.
+    """Searches from a start to the goal configurations that are in the same kinematic branch as the start.
 
-    any_turn: whether whole turns of joints more or less reach the goal as well.
+    any_turn: whether configurations that differ by whole turns of joints reach the goal, too.
     """
 
     def __init__(self, checker: ConstrainedChecker, start: Joints, goals: Sequence[Joints], any_turn: bool) -> None:
@@ -115,7 +115,7 @@ class TaskSpaceSearch:
         self._space = TaskSpace(checker, [self._interpolator.pose(q) for q in (start, *self._goals)])
 
     def find(self, planner: str, limit_s: float, seed: int) -> Segment | None:
-        """The path, None without one."""
+        """The motion to a goal, or None if none was found."""
         if not self._goals:
             return None
         start = self._space.coordinates(self._interpolator.pose(self._start))
@@ -128,7 +128,7 @@ class TaskSpaceSearch:
                 return self._rounded(segments)
         bounds = list(zip(self._space.low, self._space.high, strict=True))
         until_s = time.perf_counter() + limit_s
-        for attempt in range(_ATTEMPTS):  # what was found may lead beyond the joints' limits, another path may not
+        for attempt in range(_ATTEMPTS):  # a path may exceed the joint limits; another may not
             left_s = until_s - time.perf_counter()
             if left_s <= 0.0:
                 break
@@ -139,7 +139,7 @@ class TaskSpaceSearch:
         return None
 
     def _branch_of(self, q: Joints) -> tuple[bool, bool, bool]:
-        """Shoulder, elbow and wrist: within one of these, joint angles go with the pose without jumps."""
+        """Shoulder, elbow and wrist: within one branch, the configuration is a continuous function of the pose."""
         x, y, *_ = pose_trans(
             self._kinematics.forward(q), (0.0, 0.0, -self._checker.scene.model.dh.d[5], 0.0, 0.0, 0.0)
         )
@@ -147,11 +147,11 @@ class TaskSpaceSearch:
 
     def _is_free(self, at: Array) -> bool:
         flange = pose_trans(self._space.pose(at), self._flange)
-        reaching = self._kinematics.inverse_all(flange)
-        return any(self._branch_of(q) == self._branch and self._checker.is_free(q) for q in reaching)
+        solutions = self._kinematics.inverse_all(flange)
+        return any(self._branch_of(q) == self._branch and self._checker.is_free(q) for q in solutions)
 
     def _interpolated(self, path: Sequence[Array]) -> list[Segment]:
-        """The joints' motions along it; none where they cannot follow, touch something, or arrive rotation otherwise."""
+        """The joint motions along a path; empty if a joint cannot follow, collides, or ends at another turn."""
         q, segments = self._start, list[Segment]()
         for one, other in pairwise(path):
             found = self._interpolator.interpolate(CoordinateLine(self._space, one, other), q)
@@ -170,7 +170,7 @@ class TaskSpaceSearch:
         return segments if arrived else []
 
     def _shortcut(self, path: list[Array], random: Random) -> list[Array]:
-        """Corners are left out where the tool may go straight past them."""
+        """Remove corners that the tool can bypass on a straight path."""
         for _ in range(_SHORTCUT_ATTEMPTS):
             if len(path) < 3:
                 break
@@ -181,7 +181,7 @@ class TaskSpaceSearch:
         return path
 
     def _rounded(self, segments: Sequence[Segment]) -> Segment | None:
-        """Without stops: each corner as round as constraints and things around allow; None where they allow none."""
+        """Blend the motions, with radii as large as constraints and obstacles allow; None if a corner allows none."""
         assert segments[0].path is not None
         done: list[PiecewisePath] = []
         last = segments[0].path
@@ -191,7 +191,7 @@ class TaskSpaceSearch:
                 assert after.path is not None
                 try:
                     one, between, other = blend(last, after.path, before, radius, 1)
-                except PlanningError:  # larger than what the motions leave
+                except PlanningError:  # the radius is too large for the motions
                     radius *= 0.5
                     continue
                 if first_collision(self._checker, between) is None:

@@ -1,6 +1,6 @@
-"""Motions around what is in the way: planned in a scene, then executed by the robot as one trajectory.
+"""Motions planned around obstacles in a scene, then executed by the robot as one trajectory.
 
-Needs the extra ``plan``, which nothing else of this package loads.
+Needs the extra ``plan``; nothing else in this package loads it.
 """
 
 import asyncio
@@ -20,32 +20,31 @@ if TYPE_CHECKING:
     from client.driver import URDriver
     from client.planning import CartesianPath, Goal, MotionSequenceItem, Plan, Planner, PlanningScene
 
-_LOOK_S: Final = 0.05  # between two looks whether the scene has changed; guess
+_CHECK_PERIOD_S: Final = 0.05  # between checks whether the scene has changed; guess
 
 
 class PlannedMotion:
-    """Plans for the arm as it says it is, from where it stands, and executes them."""
+    """Plans for the arm that the robot reports, from its current configuration, and executes the plans."""
 
     def __init__(self, driver: "URDriver", moves: Moves) -> None:
         self._driver = driver
         self._moves = moves
 
     async def model(self) -> RobotModel:
-        """The arm, calibrated if it is, for a `PlanningScene`. Raises PlanningError for one that is not known here."""
+        """The arm for a `PlanningScene`, calibrated if the robot is. Raises PlanningError for an unknown arm."""
         return shaped(self._driver.robot.configuration, await self._driver.robot.kinematics())
 
     def tcp_offset(self) -> Pose:
-        """Flange to the TCP that the robot has. Raises PlanningError before it has said so."""
+        """Flange to the robot's TCP. Raises PlanningError before the robot has reported it."""
         state = self._driver.robot.primary_state
         if state is None or state.cartesian is None:
-            raise PlanningError("the robot has not said yet which TCP it has: give the tcp_offset")
+            raise PlanningError("the robot has not reported its TCP yet: give the tcp_offset")
         return state.cartesian.tcp_offset
 
     async def plan(self, goal: "Goal", scene: "PlanningScene", /, **options: Any) -> "Plan":
-        """A way from where the arm stands; options are those of `client.planning.Planner` and its method ``plan``.
+        """Plan from the current configuration. Options are those of `client.planning.Planner` and its method ``plan``.
 
-        A goal that is a pose without a TCP is one of the robot's TCP. Other tasks go on meanwhile. Raises
-        PlanningError.
+        A pose goal without a TCP refers to the robot's TCP. Other tasks run meanwhile. Raises PlanningError.
         """
         planner = _planner(scene, options)
         return await asyncio.to_thread(planner.plan, self._q_rad, self._with_tcp(goal), **options)
@@ -53,7 +52,7 @@ class PlannedMotion:
     async def plan_sequence(
         self, items: "Sequence[MotionSequenceItem]", scene: "PlanningScene", /, **options: Any
     ) -> "Plan":
-        """Motions one after the other from where the arm stands; see `client.planning.Planner.plan_sequence`."""
+        """Plan several motions from the current configuration; see `client.planning.Planner.plan_sequence`."""
         planner = _planner(scene, options)
         items = [replace(item, goal=self._with_tcp(item.goal)) for item in items]
         return await asyncio.to_thread(planner.plan_sequence, self._q_rad, items, **options)
@@ -61,22 +60,22 @@ class PlannedMotion:
     async def compute_cartesian_path(
         self, waypoints: Sequence[Sequence[float]], scene: "PlanningScene", /, *args: Any, **options: Any
     ) -> "CartesianPath[Plan]":
-        """Straight from waypoint to waypoint; see `client.planning.Planner.compute_cartesian_path`.
+        """Plan straight lines from waypoint to waypoint; see `client.planning.Planner.compute_cartesian_path`.
 
-        The waypoints are poses of the robot's TCP unless a tcp_offset is given.
+        The waypoints are poses of the robot's TCP unless ``tcp_offset`` is given.
         """
         planner = _planner(scene, options)
         options["tcp_offset"] = options.get("tcp_offset") or self.tcp_offset()
         return await asyncio.to_thread(planner.compute_cartesian_path, self._q_rad, waypoints, *args, **options)
 
     async def execute(self, plan: "Plan", *, wait: bool = True) -> None:
-        """Let the robot follow a plan, from where it begins. Raises PlanningError when the arm stands elsewhere."""
+        """Execute a plan. Raises PlanningError if the arm is not at the start of the plan."""
         plan.check_start(self._driver.state["actual_q"])
         trajectory = plan.trajectory
         if len(trajectory.times_s) < 2:
             if plan.stopped_by:
-                raise PlanningError(f"there is nothing to execute: {plan.stopped_by}")
-            return  # the arm is there
+                raise PlanningError(f"the plan is empty: {plan.stopped_by}")
+            return  # the arm is already at the goal
         steps = zip(
             trajectory.q[1:],
             trajectory.qd[1:],
@@ -94,28 +93,31 @@ class PlannedMotion:
     ) -> None:
         """Plan and execute; options are those of `plan`.
 
-        When another task changes the scene so that the rest of the way is blocked, the arm stops, and goes on by
-        another way, ``replan`` times at most; then that is a PathBlockedError. With ``wait=False`` nobody looks.
+        If another task changes the scene so that the rest of the path is blocked, the arm stops and continues on
+        another path, at most ``replan`` times; after that, PathBlockedError is raised. With ``wait=False`` the path is
+        not monitored.
         """
         for left in reversed(range(replan + 1)):
             seen = scene.revision
             plan = await self.plan(goal, scene, **options)
             if not wait:
                 return await self.execute(plan, wait=False)
-            blocked = await self._watched(plan, scene, seen)
+            blocked = await self._execute_monitored(plan, scene, seen)
             if not blocked:
                 return
             if not left:
                 raise PathBlockedError(blocked)
 
-    async def _watched(self, plan: "Plan", scene: "PlanningScene", seen: int) -> str:
-        """Execute a plan of a scene of this revision. If something comes into the way, the arm stops; this is what."""
+    async def _execute_monitored(self, plan: "Plan", scene: "PlanningScene", seen: int) -> str:
+        """Execute a plan made in this revision of the scene. If its path is blocked, stop the arm and return the
+        reason.
+        """
         from client.planning import CollisionChecker
         from client.planning.monitoring import blocking_reason
 
         executing = asyncio.ensure_future(self.execute(plan))
         try:
-            while not (await asyncio.wait({executing}, timeout=_LOOK_S))[0]:
+            while not (await asyncio.wait({executing}, timeout=_CHECK_PERIOD_S))[0]:
                 if scene.revision == seen:
                     continue
                 seen = scene.revision
@@ -146,7 +148,7 @@ class PlannedMotion:
 
 
 def _planner(scene: "PlanningScene", options: dict[str, Any]) -> "Planner":
-    """In the scene as it is now, with the limits that are among the options, and taken out of them."""
+    """A planner for the scene as it is now, with the limits among the options, which are removed from them."""
     from client.planning import Planner
 
     return Planner(scene.copy(), options.pop("limits", None), options.pop("cartesian_limits", None))

@@ -1,4 +1,4 @@
-"""Move, Plan, in a browser: targets are dragged, ways are seen, and nothing moves before somebody says so."""
+"""Move, Plan, in a browser: targets are dragged, paths are shown, and nothing moves without confirmation."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ DRAWN = """() => {
 
 @pytest.fixture
 def bent(rig: Rig) -> Iterator[Rig]:
-    """An arm far from limits and singularities, among things that are gone afterwards."""
+    """An arm far from limits and singularities, among objects that are removed afterwards."""
     eventually(lambda: not any(rig.state("target_qd")))
     rig.control.set_joints(BENT)
     yield rig
@@ -111,7 +111,7 @@ def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig
     expect(status).to_contain_text("The target is free")
     eventually(lambda: not drawn(page)["red"] and not drawn(page)["links"])
     page.get_by_test_id("plan").click()
-    expect(status).to_contain_text(re.compile(r"A way of \d+\.\d s"))
+    expect(status).to_contain_text(re.compile(r"A path of \d+\.\d s"))
     eventually(lambda: drawn(page)["path"])
     assert q(bent) == pytest.approx(BENT, abs=1e-3)
     goal = target(page)
@@ -139,7 +139,7 @@ def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: Ope
 
 
 @pytest.mark.long
-def test_a_way_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig, open_page: Open) -> None:
+def test_a_path_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig, open_page: Open) -> None:
     bent.control.add_object("post", POST)
     page = plan_tab(open_page)
     status = page.get_by_test_id("plan-status")
@@ -167,23 +167,23 @@ def test_a_way_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig,
 
 
 @pytest.mark.long
-def test_the_arm_goes_around_what_comes_into_its_way(bent: Rig, open_page: Open) -> None:
+def test_the_arm_avoids_an_obstacle_that_appears_on_its_path(bent: Rig, open_page: Open) -> None:
     page = plan_tab(open_page)
     typed(page, BESIDE)
     page.get_by_test_id("plan").click()
-    expect(page.get_by_test_id("plan-status")).to_contain_text("straight ahead")
+    expect(page.get_by_test_id("plan-status")).to_contain_text("straight to the goal")
     bent.control.set_speed_slider(0.05)
     page.get_by_test_id("plan-move").click()
     eventually(lambda: any(bent.state("target_qd")) and dist(q(bent), BENT) > 0.03)
     bent.control.add_object("post", POST)
-    expect(page.get_by_text("Looking for another way")).to_be_visible()
+    expect(page.get_by_text("Planning another path")).to_be_visible()
     expect(page.get_by_test_id("plan-status")).to_contain_text("by RRTConnect")
     bent.control.set_speed_slider(1.0)
     eventually(lambda: tuple(map(degrees, q(bent))) == pytest.approx(BESIDE, abs=0.1))
 
 
 @pytest.mark.long
-def test_a_robot_has_the_things_of_a_file_and_moves_after_a_question(
+def test_a_robot_has_the_objects_of_a_file_and_moves_after_a_question(
     bent: Rig, browser: Browser, tmp_path: Path
 ) -> None:
     scene = tmp_path / "cell.yaml"
@@ -195,7 +195,7 @@ def test_a_robot_has_the_things_of_a_file_and_moves_after_a_question(
         page = context.new_page()
         page.goto(f"http://{bent.host}:6082/move")
         page.get_by_test_id("target-plan").click()
-        expect(page.get_by_test_id("plan-source")).to_contain_text("what cell.yaml has")
+        expect(page.get_by_test_id("plan-source")).to_contain_text("objects of cell.yaml")
         expect(page.get_by_test_id("plan-status")).to_contain_text("Drag the ball")
         eventually(lambda: drawn(page)["objects"] == ["post"])
         drag(page, 30.0, 0.0)

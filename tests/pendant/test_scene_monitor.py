@@ -85,7 +85,7 @@ def test_who_is_in_the_way_is_named_and_numbered() -> None:
 
 def test_what_cannot_be_a_scene_says_why() -> None:
     assert build_scene(SceneSources(ARM, KINEMATICS), None) is None
-    with pytest.raises(SceneError, match="wheel has a shape that is not known"):
+    with pytest.raises(SceneError, match="wheel has an unknown shape"):
         made(world({"wheel": {"torus": 0.1, "pose": [0.0] * 6}}))
     with pytest.raises(PlanningError, match="not a known model"):
         build_scene(SceneSources(replace(ARM, robot_type=99), KINEMATICS, TCP), None)

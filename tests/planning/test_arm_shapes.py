@@ -44,5 +44,5 @@ def test_distances_are_those_of_other_geometry(model: str) -> None:
         q = tuple(random.uniform(-2.5, 2.5) for _ in range(6))
         if checker.is_free(q):
             seen += 1
-            nearest = next(pair for pair in checker.nearest(q) if {pair.one, pair.other} & around)
+            nearest = next(pair for pair in checker.distances(q) if {pair.one, pair.other} & around)
             assert clearance(q) == pytest.approx(nearest.distance_m, abs=2e-3)

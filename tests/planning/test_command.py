@@ -60,7 +60,7 @@ def test_the_orientation_of_the_start_is_kept() -> None:
         (("LIN up",), "PoseGoal"),
         (("up blend=wide",), "blend is a radius"),
         (("up blend=0.1 blend=0.2",), "blend twice"),
-        ((f"LIN {pose(0.0, 0.1)} center=0,0,0",), "an arc is CIRC"),
+        ((f"LIN {pose(0.0, 0.1)} center=0,0,0",), "for an arc give CIRC"),
         ((f"CIRC {pose(0.0, 0.1)} center=0,0",), "three numbers"),
         (("1,2,3",), "six joint angles"),
         (("up", "--model", "ur4"), "unknown robot model 'ur4': known are ur3"),
@@ -68,7 +68,7 @@ def test_the_orientation_of_the_start_is_kept() -> None:
         ((pose(0.0, 0.1), "--keep-orientation", "-1,0,0"), "0 or above"),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_words(goals: tuple[str, ...], words: str) -> None:
+def test_invalid_goals_are_refused_with_the_reason(goals: tuple[str, ...], words: str) -> None:
     code, output = plan(*goals)
     assert code
     assert words in " ".join(output.replace("│", "").split())

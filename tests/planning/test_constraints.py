@@ -1,4 +1,4 @@
-"""A tool that is to stay level, or in a box, does so all the way, however the way was found."""
+"""A tool that must stay level, or in a box, does so along the whole path, whichever planner found it."""
 
 from math import acos, pi
 
@@ -65,7 +65,7 @@ def test_a_level_tool_stays_level_around_a_post() -> None:
 
 
 def test_poses_are_searched_where_no_joint_is_constant() -> None:
-    """A tool that looks ahead, into a shelf, above and below a board: joints go no straight way there."""
+    """A tool that looks ahead, into a shelf, above and below a board: the joints cannot go straight there."""
     scene = PlanningScene("ur5e")
     scene.add("board", Box((0.3, 0.6, 0.03)), (0.75, 0.0, 0.45, 0.0, 0.0, 0.0))
     constraints = PathConstraints(OrientationConstraint(AHEAD, (TILT, TILT, TILT)), tcp_offset=TCP)
@@ -104,23 +104,23 @@ def test_what_breaks_a_constraint_is_said() -> None:
     start = reaching(scene, (-0.45, 0.3, 0.3, *DOWN))
     level = PathConstraints(OrientationConstraint(DOWN, (TILT, TILT, pi)), tcp_offset=TCP)
     tilted = (*start[:3], start[3] + 0.3, *start[4:])
-    with pytest.raises(StartInCollisionError, match=r"start here: the TCP is turned about [xy] by 0\.\d+ rad more"):
+    with pytest.raises(StartInCollisionError, match=r"start here: the TCP is rotated about [xy] by 0\.\d+ rad more"):
         planner.plan(tilted, JointGoal(start), path_constraints=level)
-    with pytest.raises(GoalUnreachableError, match=r"turned about [xy] by 0\.\d+ rad more than the constraint lets"):
+    with pytest.raises(GoalUnreachableError, match=r"rotated about [xy] by 0\.\d+ rad more than the constraint allows"):
         planner.plan(start, JointGoal(tilted), path_constraints=level)
     box = PathConstraints(None, PositionConstraint((0.2, 0.2, 0.2), (-0.45, 0.3, 0.3, 0.0, 0.0, 0.0)), TCP)
-    with pytest.raises(IncompletePathError, match=r"LIN is free for .* the TCP is along y by .* mm more"):
+    with pytest.raises(IncompletePathError, match=r"LIN is free for .* the TCP is displaced along y by .* mm more"):
         planner.plan(start, PoseGoal((-0.45, -0.1, 0.3, *DOWN), TCP), planner="LIN", path_constraints=box)
     plan, fraction = planner.compute_cartesian_path(
         start, [(-0.45, 0.1, 0.3, *DOWN)], tcp_offset=TCP, path_constraints=box
     )
     assert fraction == pytest.approx(0.5, abs=0.06)
-    assert "the TCP is along y" in plan.stopped_by
+    assert "the TCP is displaced along y" in plan.stopped_by
     for wrong, why in (
         (lambda: OrientationConstraint(DOWN, (0.1, -0.1, 0.1)), "0 or above"),
         (lambda: OrientationConstraint(DOWN, (2.0, 0.1, 0.1)), "below pi/2"),
-        (lambda: PositionConstraint((0.1, 0.1, float("nan"))), "a box: three finite numbers"),
-        (lambda: PositionConstraint((0.1, 0.1, 0.1), (0.0,) * 5), "pose is six finite"),
+        (lambda: PositionConstraint((0.1, 0.1, float("nan"))), "a box: must be three finite numbers"),
+        (lambda: PositionConstraint((0.1, 0.1, 0.1), (0.0,) * 5), "pose must be six finite"),
     ):
         with pytest.raises(PlanningError, match=why):
             wrong()

@@ -41,7 +41,7 @@ async def laboratory(model: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterat
 
 @pytest.mark.parametrize("model", ["ur3", pytest.param("ur5e", marks=pytest.mark.long)])
 async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The post stands half way between two postures, and the executed way keeps the padding, whatever lags."""
+    """The post stands halfway between two configurations, and the executed path keeps the padding despite any lag."""
     async with laboratory(model, monkeypatch) as (lab, scene):
         arm = lab.arm
         there = (HOME[0] + 1.6, *HOME[1:])
@@ -59,27 +59,27 @@ async def test_the_arm_goes_around_a_post(model: str, monkeypatch: pytest.Monkey
         plan = await arm.planning.plan(PoseGoal(pose), scene)
         assert arm.tcp_pose_at(plan.path[-1]) == pytest.approx(pose, abs=1e-4)
         await arm.move_j((there[0] + 0.1, *there[1:]))
-        with pytest.raises(PlanningError, match=r"0\.100 rad from where the plan begins"):
+        with pytest.raises(PlanningError, match=r"0\.100 rad from the start of the plan"):
             await arm.planning.execute(plan)
 
 
-async def test_what_comes_into_the_way_stops_the_arm_which_goes_on_by_another_way(
+async def test_an_obstacle_on_the_path_stops_the_arm_which_continues_on_another_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async with laboratory("ur3", monkeypatch) as (lab, scene):
         arm = lab.arm
         there = (HOME[0] + 1.8, *HOME[1:])
-        way_on = scene.kinematics.forward((HOME[0] + 1.3, *HOME[1:]))
+        ahead = scene.kinematics.forward((HOME[0] + 1.3, *HOME[1:]))
         limits = replace(default_limits(scene.model), velocity=np.full(6, 0.5))
 
         async def meets_a_post(**options: Any) -> None:
             going = asyncio.create_task(arm.plan_to(JointGoal(there), scene, limits=limits, **options))
             scene.add("far", Sphere(0.05), (2.0, 0.0, 0.0, 0.0, 0.0, 0.0))  # harms nobody
             await lab.until(lambda: lab.distance() > 0.15)
-            scene.add("post", Box((0.08, 0.08, 2.0)), (*way_on[:2], 0.0, 0.0, 0.0, 0.0))
+            scene.add("post", Box((0.08, 0.08, 2.0)), (*ahead[:2], 0.0, 0.0, 0.0, 0.0))
             await going
 
-        with pytest.raises(PathBlockedError, match="the scene has changed, and the way is blocked"):
+        with pytest.raises(PathBlockedError, match="the scene has changed, and the path is blocked"):
             await meets_a_post()
         assert lab.at_rest
         assert 0.15 < lab.distance() < 1.0

@@ -1,4 +1,4 @@
-"""Lines, arcs and sequences: the TCP is where it should be all the way, and what stops it is said."""
+"""Lines, arcs and sequences: the TCP is where it should be on the whole path, and errors say what stops it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -50,8 +50,8 @@ def tool(plan: Plan, model: str, count: int = 5) -> list[Pose]:
 
 def off_line(pose: Pose, start: Pose, goal: Pose) -> tuple[float, float]:
     """How far a pose is from the line, and how far it is turned from what the line has there."""
-    way = np.subtract(goal[:3], start[:3])
-    share = float(np.subtract(pose[:3], start[:3]) @ way / (way @ way))
+    line = np.subtract(goal[:3], start[:3])
+    share = float(np.subtract(pose[:3], start[:3]) @ line / (line @ line))
     there = interpolate_pose(start, goal, share)
     return dist(there[:3], pose[:3]), angle(there, pose)
 
@@ -83,7 +83,7 @@ def test_the_tools_limits_count_on_lines_and_arcs_and_not_on_ptp() -> None:
             ("PTP", PoseGoal(goal, TCP)),
         )
     }
-    speed = {name: float(np.max(np.linalg.norm(np.diff(way, axis=0), axis=1))) / 0.04 for name, way in fast.items()}
+    speed = {name: float(np.max(np.linalg.norm(np.diff(points, axis=0), axis=1))) / 0.04 for name, points in fast.items()}
     assert 0.7 < speed["LIN"] <= 1.001
     assert 0.7 < speed["CIRC"] <= 1.001
     assert speed["PTP"] > 1.2
@@ -115,8 +115,8 @@ def test_more_than_half_a_circle_goes_over_the_interim_point() -> None:
     start = planner.scene.kinematics.forward(START, TCP)
     goal, over = moved(start, -0.05, 0.05, 0.0), moved(start, 0.05, 0.05, 0.0)
     poses = tool(planner.plan(START, CircGoal(goal, over[:3], None, TCP), planner="CIRC"), "ur5e")
-    way = sum(dist(one[:3], other[:3]) for one, other in pairwise(poses))
-    assert way == pytest.approx(1.5 * pi * 0.05, rel=1e-3)
+    length = sum(dist(one[:3], other[:3]) for one, other in pairwise(poses))
+    assert length == pytest.approx(1.5 * pi * 0.05, rel=1e-3)
     goal = moved(start, 0.0, 0.01, 0.0)
     far = tool(planner.plan(START, CircGoal(goal, over[:3], None, TCP), planner="CIRC"), "ur5e")
     assert min(dist(pose[:3], over[:3]) for pose in far) < 0.005
@@ -158,8 +158,8 @@ def test_motions_of_all_kinds_follow_each_other() -> None:
     assert (abs(plan.trajectory.qd) <= planner.limits.velocity * 1.001).all()
     assert (abs(plan.trajectory.qdd) <= planner.limits.acceleration * 1.001).all()
     assert (np.diff(plan.trajectory.times_s) > 0.0).all()
-    way = [pose[:3] for pose in tool(plan, "ur5e", 1)]
-    slow = [dist(one, other) / 0.04 for one, other in pairwise(way) if dist(one, side[:3]) > 0.031 and one[1] < side[1]]
+    points = [pose[:3] for pose in tool(plan, "ur5e", 1)]
+    slow = [dist(one, other) / 0.04 for one, other in pairwise(points) if dist(one, side[:3]) > 0.031 and one[1] < side[1]]
     first = slow[: int(0.1 / 0.004)]
     assert max(first) < 0.103  # a tenth of 1 m/s on the first line alone
     assert plan.path[0] == START
@@ -174,15 +174,15 @@ def test_sequences_that_cannot_be_blended_say_why() -> None:
         ([MotionSequenceItem(one, "LIN", 0.12), MotionSequenceItem(two)], "motion 1, 120 mm, is too large: motion 1"),
         (
             [MotionSequenceItem(one, "LIN", 0.06), MotionSequenceItem(two, "LIN", 0.06), MotionSequenceItem(three)],
-            "motion 2, 60 mm, is too large: motion 2 is all within it, or within it and the blend before",
+            "motion 2, 60 mm, is too large: motion 2 lies entirely within it, or within it and the blend before",
         ),
-        ([MotionSequenceItem(one, "LIN", 0.01)], "its blend radius is 0"),
+        ([MotionSequenceItem(one, "LIN", 0.01)], "set its blend radius to 0"),
         ([], "at least one motion"),
-        ([MotionSequenceItem(one, "STRAIGHT")], "no planner 'STRAIGHT'; there are RRTConnect"),
+        ([MotionSequenceItem(one, "STRAIGHT")], "unknown planner 'STRAIGHT': choose one of RRTConnect"),
     ):
         with pytest.raises(PlanningError, match=why):
             planner.plan_sequence(START, items)
-    with pytest.raises(PlanningError, match="a blend radius is 0 or above, not -1"):
+    with pytest.raises(PlanningError, match="a blend radius must be 0 or above, not -1"):
         MotionSequenceItem(one, "LIN", -1.0)
 
 
@@ -196,25 +196,25 @@ def test_what_stops_a_line_is_said() -> None:
         return planner.plan(START, PoseGoal(moved(start, *by), TCP), planner="LIN")
 
     with pytest.raises(
-        IncompletePathError, match=r"is free for \d+ % of its way, then wrist_3_link is .* table"
+        IncompletePathError, match=r"is free for \d+ % of its path, then wrist_3_link is .* table"
     ) as low:
         line(0.0, 0.0, -0.4)
     clearance = Clearance(load_model("ur5e"), scene)
     assert scene.padding_m < clearance(low.value.q_rad) < scene.padding_m + 0.02
-    with pytest.raises(IncompletePathError, match=r"followed for \d.* % of its way, then p\[.*out of the reach") as far:
+    with pytest.raises(IncompletePathError, match=r"followed for \d.* % of its path, then p\[.*out of the reach") as far:
         line(1.5, 0.0, 0.2)
     ends = scene.kinematics.forward(far.value.q_rad, TCP)
     assert ends == pytest.approx(moved(start, 1.5 * far.value.fraction, 0.0, 0.2 * far.value.fraction), abs=1e-4)
     assert scene.kinematics.inverse_all(pose_trans(moved(ends, 1e-3, 0.0, 0.0), pose_inv(TCP))) == []
-    with pytest.raises(IncompletePathError, match=r"would bring the wrist 13\d mm near to the base's axis, and it can"):
+    with pytest.raises(IncompletePathError, match=r"would bring the wrist to 13\d mm from the base's axis, and it can"):
         line(-2.0 * start[0], -2.0 * start[1], 0.0)
     for goal, name, why in (
-        (JointGoal(START), "LIN", "LIN goes to a pose"),
+        (JointGoal(START), "LIN", "LIN needs a pose"),
         (PoseGoal(start), "CIRC", "CIRC needs a point of its circle: give a CircGoal"),
-        (CircGoal(start), "CIRC", "an interim, or a center, and not both"),
-        (CircGoal(moved(start, 0.0, 0.2, 0.0), moved(start, 0.0, 0.1, 0.0)[:3], None, TCP), "CIRC", "on one line"),
+        (CircGoal(start), "CIRC", "either an interim point or a center"),
+        (CircGoal(moved(start, 0.0, 0.2, 0.0), moved(start, 0.0, 0.1, 0.0)[:3], None, TCP), "CIRC", "collinear"),
         (CircGoal(moved(start, 0.0, 0.2, 0.0), None, moved(start, 0.0, 0.15, 0.1)[:3], TCP), "CIRC", "no circle about"),
-        (CircGoal(start, (0.0, 0.0, 1.0)), "RRTConnect", "a CircGoal is for the planner CIRC"),
+        (CircGoal(start, (0.0, 0.0, 1.0)), "RRTConnect", "a CircGoal needs the planner CIRC"),
     ):
         with pytest.raises(PlanningError, match=why):
             planner.plan(START, goal, planner=name)
@@ -226,18 +226,18 @@ def test_near_a_singularity_a_line_is_slow_and_at_one_it_ends() -> None:
     planner = Planner(PlanningScene("ur5e"))
     start, goal = (planner.scene.kinematics.forward(q, TCP) for q in (straight, turned))
     plan = planner.plan(straight, PoseGoal(goal, TCP), planner="LIN")
-    assert abs(plan.path[-1][3] - straight[3]) > 3.0  # joints 4 and 6 turn over on the way
+    assert abs(plan.path[-1][3] - straight[3]) > 3.0  # joints 4 and 6 turn over on the path
     assert max(off_line(pose, start, goal)[0] for pose in tool(plan, "ur5e")) < ON_M
     assert (abs(plan.trajectory.qd) <= planner.limits.velocity * 1.001).all()
     # a smaller arm is stretched before it is there, where another posture would have to take over
     planner = Planner(PlanningScene("ur3"))
     tcp = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
     goal = planner.scene.kinematics.forward((*straight[:4], 0.3, 0.2), tcp)
-    with pytest.raises(IncompletePathError, match=r"meets its elbow singularity \(elbow at 0\.0\d\d rad\): the joints"):
+    with pytest.raises(IncompletePathError, match=r"reaches its elbow singularity \(elbow at 0\.0\d\d rad\): the joints"):
         planner.plan((*straight[:4], -0.3, 0.2), PoseGoal(goal, tcp), planner="LIN")
 
 
-def test_ptp_goes_straight_or_says_what_is_in_the_way() -> None:
+def test_ptp_goes_straight_or_says_which_obstacle_blocks_it() -> None:
     scene = PlanningScene("ur5e")
     planner = Planner(scene)
     there = (3.6, *START[1:])
@@ -246,7 +246,7 @@ def test_ptp_goes_straight_or_says_what_is_in_the_way() -> None:
     assert abs(plan.trajectory.qd[:, 0]).max() == pytest.approx(planner.limits.velocity[0], rel=0.15)
     x, y, *_ = scene.kinematics.forward((2.0, *START[1:]))
     scene.add("post", Box((0.08, 0.08, 2.0)), (x, y, 0.0, 0.0, 0.0, 0.0))
-    with pytest.raises(IncompletePathError, match=r"PTP is free for \d+ % of its way, then .* post.*RRTConnect looks"):
+    with pytest.raises(IncompletePathError, match=r"PTP is free for \d+ % of its path, then .* post.*use RRTConnect"):
         planner.plan(START, JointGoal(there), planner="PTP")
 
 
@@ -268,7 +268,7 @@ def test_a_cartesian_path_goes_as_far_as_it_can() -> None:
     plan, fraction = planner.compute_cartesian_path(START, waypoints, 0.01, tcp_offset=TCP)
     assert 1 / 3 < fraction < 2 / 3
     assert "line 2 ends after" in plan.stopped_by
-    assert "post, and 10 mm are to be kept" in plan.stopped_by
+    assert "post; the required clearance is 10 mm" in plan.stopped_by
     ends = scene.kinematics.forward(plan.path[-1], TCP)
     assert ends == pytest.approx(moved(start, 0.0, (3 * fraction - 1) * 0.3, 0.1), abs=1e-4)
     blind = planner.compute_cartesian_path(START, waypoints, 0.01, tcp_offset=TCP, avoid_collisions=False)
@@ -282,7 +282,7 @@ def test_a_cartesian_path_goes_as_far_as_it_can() -> None:
 
 def test_jumps_end_a_cartesian_path_where_the_threshold_says() -> None:
     planner = Planner(PlanningScene("ur5e"))
-    near = (0.4, -1.3, 1.6, -1.9, -0.3, 0.2)  # the wrist gets straight on the way
+    near = (0.4, -1.3, 1.6, -1.9, -0.3, 0.2)  # the wrist straightens on the path
     start = planner.scene.kinematics.forward(near, TCP)
     waypoint = [planner.scene.kinematics.forward((0.4, -1.3, 1.6, -1.9, -0.005, 1.2), TCP)]
     whole = planner.compute_cartesian_path(near, waypoint, 0.01, tcp_offset=TCP)
@@ -297,8 +297,8 @@ def test_jumps_end_a_cartesian_path_where_the_threshold_says() -> None:
     assert start != waypoint[0]
     for options, why in (
         ({"waypoints": []}, "at least one waypoint"),
-        ({"waypoints": [(0.0,) * 5]}, "waypoint 1 is not six"),
-        ({"max_step_m": 0.0}, "largest step is above 0"),
+        ({"waypoints": [(0.0,) * 5]}, "waypoint 1: a pose must be six"),
+        ({"max_step_m": 0.0}, "largest step must be above 0"),
         ({"jump_threshold": -1.0}, "0 or above, not -1"),
         ({"blend_radius_m": float("nan")}, "0 or above, not nan"),
     ):
@@ -317,6 +317,6 @@ def test_a_calibrated_arm_is_on_the_line_as_well() -> None:
     goal = moved(start, -0.1, 0.15, 0.1, (0.0, 0.2, 0.0))
     plan = planner.plan(START, PoseGoal(goal, TCP), planner="LIN")
     for q in samples(plan, 2):
-        way, turn = off_line(planner.scene.kinematics.forward(q, TCP), start, goal)
-        assert way < ON_M
+        offset, turn = off_line(planner.scene.kinematics.forward(q, TCP), start, goal)
+        assert offset < ON_M
         assert turn < ON_RAD

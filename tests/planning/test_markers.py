@@ -22,7 +22,7 @@ tool: {cylinder: [0.02, 0.1], pose: [0, 0, 0.06, 0, 0, 0]}
 
 
 def test_a_plan_is_drawn_with_what_is_around_it(tmp_path: Path) -> None:
-    world, file = tmp_path / "world.yaml", tmp_path / "way.mcap"
+    world, file = tmp_path / "world.yaml", tmp_path / "path.mcap"
     world.write_text(WORLD)
     order = ["plan", GOAL, "--model", "ur5e", "--start", START, "--scene", str(world), "--markers", str(file), "--json"]
     done = CliRunner().invoke(app, order)
@@ -39,11 +39,11 @@ def test_a_plan_is_drawn_with_what_is_around_it(tmp_path: Path) -> None:
     assert (drawn["post"].scale.z, drawn["post"].pose.position.x) == (1.0, -0.5)
     assert drawn["ball"].scale.x == pytest.approx(0.2)
     arm = kinematics_of(load_model("ur5e"))
-    (way,) = heard["/planned_path"][0].markers
-    assert way.type == 4
-    assert len(way.points) == len(plan["positions"]) == len(heard["/joint_states"])
+    (line,) = heard["/planned_path"][0].markers
+    assert line.type == 4
+    assert len(line.points) == len(plan["positions"]) == len(heard["/joint_states"])
     last = arm.forward(plan["positions"][-1])
-    assert (way.points[-1].x, way.points[-1].y, way.points[-1].z) == pytest.approx(last[:3])
+    assert (line.points[-1].x, line.points[-1].y, line.points[-1].z) == pytest.approx(last[:3])
     tool = later[-1].markers[0]  # it went with the arm
     assert tool.ns == "tool"
     assert [tool.pose.position.x, tool.pose.position.y, tool.pose.position.z] == pytest.approx(

@@ -71,12 +71,12 @@ def test_a_seed_gives_the_same_plan_again() -> None:
     planner = Planner(scene_of("slot", "ur3"))
     start, goal = free_postures(planner.checker, Random(5), 2)
     one, other = (planner.plan(start, JointGoal(goal), seed=3, time_limit_s=20.0) for _ in range(2))
-    assert one.way == other.way
+    assert one.path == other.path
     assert (one.trajectory.q == other.trajectory.q).all()
 
 
 @pytest.mark.parametrize("planner", ["RRTConnect", "RRTstar", "PRM"])
-def test_each_planner_finds_a_way_around_a_post(planner: str) -> None:
+def test_each_planner_finds_a_path_around_a_post(planner: str) -> None:
     scene = PlanningScene("ur3")
     scene.add("post", Box((0.1, 0.1, 1.0)), (0.3, 0.0, 0.5, 0.0, 0.0, 0.0))
     start, goal = (2.0, -1.0, 1.5, -1.0, 0.5, 0.0), (4.2, -1.0, 1.5, -1.0, 0.5, 0.0)
@@ -107,14 +107,14 @@ def test_of_a_set_of_goals_the_one_that_can_be_reached_is() -> None:
     planner, far = Planner(PlanningScene("ur5e")), PoseGoal((2.0, 0.0, 0.3, 0.0, 3.1, 0.0))
     near = JointGoal((0.1, *START_Q[1:]))
     for goals in ([far, NamedGoal("up"), near], [near, NamedGoal("up"), far]):
-        assert planner.plan(START_Q, GoalSet(goals)).way[-1] == pytest.approx(near.q_rad)
+        assert planner.plan(START_Q, GoalSet(goals)).path[-1] == pytest.approx(near.q_rad)
     with pytest.raises(
         GoalUnreachableError, match=r"none of 2 goals can be reached: goal 1: .* reach of .*; goal 2: .*"
     ):
         planner.plan(START_Q, GoalSet([far, NamedGoal("sleep")]))
-    with pytest.raises(PlanningError, match="a set of goals has at least one"):
+    with pytest.raises(PlanningError, match="a GoalSet needs at least one goal"):
         GoalSet([])
-    with pytest.raises(PlanningError, match="LIN goes to a pose"):
+    with pytest.raises(PlanningError, match="LIN needs a pose"):
         planner.plan(START_Q, GoalSet([near]), planner="LIN")
 
 
@@ -132,47 +132,47 @@ def test_what_cannot_be_planned_says_why() -> None:
         planner.plan(above, JointGoal((0.0, -1.5, 9.0, 0.0, 0.0, 0.0)))
     with pytest.raises(GoalUnreachableError, match=r"deep in (table|box)"):
         planner.plan(above, JointGoal((0.0, 0.6, 0.2, 0.0, 0.0, 0.0)))
-    with pytest.raises(GoalUnreachableError, match="no posture 'sleep'; known are home, up"):
+    with pytest.raises(GoalUnreachableError, match="unknown configuration 'sleep': choose one of home, up"):
         planner.plan(above, NamedGoal("sleep"))
-    with pytest.raises(PlanningError, match="velocity scaling is above 0 and at most 1, not 2"):
+    with pytest.raises(PlanningError, match="velocity scaling must be above 0 and at most 1, not 2"):
         planner.plan(above, NamedGoal("up"), velocity_scaling=2.0)
     nan = float("nan")
     for wrong, says in (
-        ({"planner": "A*"}, "no planner 'A\\*'; there are RRTConnect"),
-        ({"seed": -1}, "a seed is from 0"),
-        ({"time_limit_s": nan}, "the time limit is above 0 s"),
-        ({"start_rad": (nan, *above[1:])}, "numbers that no joint has"),
+        ({"planner": "A*"}, "unknown planner 'A\\*': choose one of RRTConnect"),
+        ({"seed": -1}, "a seed must be from 0"),
+        ({"time_limit_s": nan}, "the time limit must be above 0 s"),
+        ({"start_rad": (nan, *above[1:])}, "joint angles that are not finite"),
         ({"goal": JointGoal((nan, *above[1:]))}, "base would be at nan rad"),
-        ({"goal": PoseGoal((nan, 0.0, 0.3, 0.0, 3.1, 0.0))}, "numbers that no pose has"),
-        ({"start_rad": above[1:]}, "the start is six joint angles, not 5"),
-        ({"goal": JointGoal(above[1:])}, "a JointGoal is six joint angles, not 5"),
-        ({"goal": PoseGoal(above[1:])}, "a pose is six numbers, not 5"),
-        ({"goal": PoseGoal(above, (0.0, 0.0, 0.1))}, "a pose is six numbers, not 3"),
+        ({"goal": PoseGoal((nan, 0.0, 0.3, 0.0, 3.1, 0.0))}, "numbers that are not finite"),
+        ({"start_rad": above[1:]}, "the start must be six joint angles, not 5"),
+        ({"goal": JointGoal(above[1:])}, "a JointGoal must be six joint angles, not 5"),
+        ({"goal": PoseGoal(above[1:])}, "a pose must be six numbers, not 5"),
+        ({"goal": PoseGoal(above, (0.0, 0.0, 0.1))}, "a pose must be six numbers, not 3"),
     ):
         with pytest.raises(PlanningError, match=says):
             planner.plan(**({"start_rad": above, "goal": NamedGoal("up")} | wrong))
 
 
-def test_no_way_says_what_was_tried() -> None:
+def test_no_path_says_what_was_tried() -> None:
     """The shoulder, which is beside the base's axis, cannot pass these walls."""
     scene = PlanningScene("ur3")
     for number, side in enumerate((-1.0, 1.0)):
         scene.add(f"wall {number}", Box((1.4, 0.02, 3.0)), (side * 0.8, 0.0, 0.0, 0.0, 0.0, 0.0))
     planner = Planner(scene)
     (q,) = free_postures(planner.checker, Random(1), 1)
-    with pytest.raises(NoPathError, match=r"RRTConnect looked for one to 1 posture .* padding is 10 mm"):
+    with pytest.raises(NoPathError, match=r"RRTConnect searched for one to 1 configuration .* padding is 10 mm"):
         planner.plan(q, JointGoal((q[0] - np.copysign(np.pi, q[0]), *q[1:])), time_limit_s=0.3)
 
 
-def test_a_way_that_touches_something_between_two_looks_is_not_the_last_that_is_tried() -> None:
-    """With this seed the first ways do, however near the looks are."""
+def test_a_path_in_collision_between_two_checks_is_not_the_last_attempt() -> None:
+    """With this seed, the first paths are in collision at any resolution."""
     start = (0.2111106006283685, -2.5909163579147267, 1.1463831298044607, -1.62657327, 0.26685483958120493, -1.22441638)
     goal = (1.0548333969381773, -2.2623695889905715, -2.396985062573857, 1.9316017931364171, 0.80756918465, 1.72507299)
     plan = Planner(scene_of("slot", "ur20")).plan(start, JointGoal(goal), seed=187)
     assert len(plan.path) > 2
 
 
-def test_things_are_carried_and_left() -> None:
+def test_objects_are_picked_and_placed() -> None:
     scene = PlanningScene("ur3")
     q = (0.4, -1.3, 1.4, -1.6, -1.5, 0.2)
     flange = scene.kinematics.forward(q)
@@ -190,7 +190,7 @@ def test_things_are_carried_and_left() -> None:
     assert checker.is_free(there)
     assert list(scene.allowed) == [("part", "wrist_2_link"), ("part", "wrist_3_link")]
     scene.remove("part")
-    with pytest.raises(SceneError, match="the scene has no 'part'; it has nothing"):
+    with pytest.raises(SceneError, match="the scene has no object 'part'; it has none"):
         scene.allow("part", "wrist_3_link")
 
 
@@ -205,11 +205,11 @@ def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
     bad = tmp_path / "bad.yaml"
     for text, why in (
         ("objects: {a: {box: [1, 2]}}", "box must be three lengths"),
-        ("objects: {a: {box: [0, 1, 1]}}", "sizes are above 0"),
-        ("objects: {a: {sphere: .inf}}", "sizes are above 0"),
+        ("objects: {a: {box: [0, 1, 1]}}", "sizes must be above 0"),
+        ("objects: {a: {sphere: .inf}}", "sizes must be above 0"),
         ("objects: {a: {sphere: 1, plane: {}}}", "must have exactly one of"),
         ("objects: {a: {sphere: 1, weight: 1}}", "has 'weight'"),
-        ("objects: {upper_arm_link: {sphere: 1}}", "a link's"),
+        ("objects: {upper_arm_link: {sphere: 1}}", "the name of a link"),
         ("objects: {a: {mesh: nothing.stl}}", "there is no file"),
         ("tool: {plane: {}}", "an arm cannot carry it"),
         ("[1, 2]", "the file must be a mapping"),
@@ -226,9 +226,9 @@ def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
     st.tuples(*[st.floats(-3.0, 3.0)] * 6),
     st.tuples(*[st.floats(-1.0, 1.0)] * 6),
 )
-def test_a_way_that_is_free_has_no_place_that_is_not(start: tuple[float, ...], way: tuple[float, ...]) -> None:
+def test_a_free_path_has_no_configuration_in_collision(start: tuple[float, ...], delta: tuple[float, ...]) -> None:
     checker = CollisionChecker(scene_of("shelf", "ur3"))
-    end = [one + other for one, other in zip(start, way, strict=True)]
-    places = [np.array(start) + share * np.array(way) for share in np.linspace(0.0, 1.0, 200)]
+    end = [one + other for one, other in zip(start, delta, strict=True)]
+    places = [np.array(start) + share * np.array(delta) for share in np.linspace(0.0, 1.0, 200)]
     if checker.is_free(start) and checker.path_is_free(start, end):
         assert min(map(checker.clearance, places)) > checker.scene.padding_m - 0.0006

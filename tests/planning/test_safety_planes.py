@@ -41,7 +41,7 @@ def configuration(*planes: Plane, spheres: tuple[ToolSphere, ...] = ()) -> Safet
     ids=["tool", "elbow"],
 )
 def test_plans_stay_inside_of_planes(plane: Plane, start: Joints, goal: Joints) -> None:
-    """The straight way leads beyond, of the tool or of the elbow."""
+    """The straight path takes the tool or the elbow beyond the plane."""
     scene = PlanningScene("ur5e")
     planner = Planner(scene)
     arm = scene.kinematics

@@ -246,7 +246,7 @@ def pose_goal(q: Any = GOAL) -> dict[str, Any]:
     return {**position(place["position"].values()), "orientation_constraints": [turn]}
 
 
-def way(answer: dict[str, Any]) -> np.ndarray:
+def tool_path(answer: dict[str, Any]) -> np.ndarray:
     """Where the flange goes, in base."""
     return np.array([ARM.forward(q)[:3] for q in points(answer)])
 
@@ -255,7 +255,7 @@ async def test_a_pose_goal_is_reached(lab: Lab) -> None:
     goal = pose_goal()
     answer = await plan(lab, goal=goal)
     assert answer["error_code"]["val"] == SUCCESS, answer["error_code"]
-    assert way(answer)[-1] == pytest.approx(ARM.forward(GOAL)[:3], abs=1e-6)
+    assert tool_path(answer)[-1] == pytest.approx(ARM.forward(GOAL)[:3], abs=1e-6)
     goal["orientation_constraints"].clear()
     assert (await plan(lab, goal=goal))["error_code"]["val"] == -16
 
@@ -263,7 +263,7 @@ async def test_a_pose_goal_is_reached(lab: Lab) -> None:
 async def test_lines_and_arcs_of_pilz_planner(lab: Lab) -> None:
     line = await plan(lab, goal=pose_goal(), pipeline_id=PILZ, planner_id="LIN")
     assert line["error_code"]["val"] == SUCCESS, line["error_code"]
-    path = way(line)
+    path = tool_path(line)
     along = (path[-1] - path[0]) / np.linalg.norm(path[-1] - path[0])
     off = (path - path[0]) - np.outer((path - path[0]) @ along, along)
     assert abs(off).max() < 1e-4
@@ -275,12 +275,12 @@ async def test_lines_and_arcs_of_pilz_planner(lab: Lab) -> None:
         path_constraints=position((-middle[0], -middle[1], middle[2]), "interim"),
     )  # fmt: skip
     assert arc["error_code"]["val"] == SUCCESS, arc["error_code"]
-    assert np.linalg.norm(way(arc) - middle, axis=1).min() < 0.01
-    assert np.linalg.norm(way(arc)[:, :2], axis=1) == pytest.approx(math.hypot(*middle[:2]), abs=1e-3)
+    assert np.linalg.norm(tool_path(arc) - middle, axis=1).min() < 0.01
+    assert np.linalg.norm(tool_path(arc)[:, :2], axis=1) == pytest.approx(math.hypot(*middle[:2]), abs=1e-3)
 
 
 async def test_path_constraints_are_kept_to(lab: Lab) -> None:
-    """The tool stays upright, turned about its own axis as it likes, around what is in the way."""
+    """The tool stays upright, at any angle about its own axis, on a path around an obstacle."""
     level = (-0.6, -1.4, 1.7, -1.8707963, -1.5707963, 0.0)
     there = (0.6, *level[1:])
     assert await put(lab, "post", (0.5, 0.0, 0.5))
@@ -315,7 +315,7 @@ async def test_a_sequence_blends(lab: Lab) -> None:
     blended = (await lab.peer.call("/plan_sequence_path", kind, request={"items": items}))["response"]
     assert blended["error_code"]["val"] == SUCCESS, blended["error_code"]
     (trajectory,) = blended["planned_trajectories"]
-    nearest = np.linalg.norm(way({"trajectory": trajectory}) - ARM.forward(corner)[:3], axis=1).min()
+    nearest = np.linalg.norm(tool_path({"trajectory": trajectory}) - ARM.forward(corner)[:3], axis=1).min()
     assert 0.001 < nearest < 0.03
     items[0].pop("blend_radius")
     stopped = (await lab.peer.call("/plan_sequence_path", kind, request={"items": items}))["response"]
@@ -332,14 +332,14 @@ async def test_a_sequence_is_taken(lab: Lab) -> None:
     second.pop("start_state")
     kind = f"{ACTION}/MoveGroupSequence"
     heard: list[Any] = []
-    told = lab.driver.robot.driver.robot.on_state
-    told.append(watch := lambda state: heard.append(state["actual_q"]))
+    listeners = lab.driver.robot.driver.robot.on_state
+    listeners.append(watch := lambda state: heard.append(state["actual_q"]))
     try:
         goal = {"request": {"items": [{"req": first, "blend_radius": 0.03}, {"req": second}]}}
         assert (await lab.peer.ask(goal="/sequence_move_group", type=kind, request=goal))["accepted"]
         answer = await lab.peer.ask(result="/sequence_move_group")
     finally:
-        told.remove(watch)
+        listeners.remove(watch)
     assert answer["status"] == SUCCEEDED, answer
     response = answer["result"]["response"]
     assert response["error_code"]["val"] == SUCCESS
@@ -372,14 +372,14 @@ async def test_a_cartesian_path_goes_as_far_as_it_can(lab: Lab) -> None:
     whole = await path(moved(0.0, 0.1), moved(-0.1, 0.1))
     assert (whole["error_code"]["val"], whole["fraction"]) == (SUCCESS, 1.0)
     begin = np.array(ARM.forward(START)[:3])
-    assert way(whole)[-1] - begin == pytest.approx((0.1, 0.0, 0.1), abs=1e-6)  # base is turned by pi
+    assert tool_path(whole)[-1] - begin == pytest.approx((0.1, 0.0, 0.1), abs=1e-6)  # base is turned by pi
     assert (whole["start_state"]["joint_state"]["position"]) == pytest.approx(START)
     far = await path(moved(0.0, 0.1), moved(2.0, 0.1))
     assert far["error_code"]["val"] == SUCCESS
     assert 0.5 < far["fraction"] < 0.9
     along = await path(pose((0.0, 0.0, -0.05)), pose((0.0, 0.0, -0.05)), frame="tool0")
     axis = pose_trans((0.0, 0.0, 0.0, *ARM.forward(START)[3:]), (0.0, 0.0, -0.1, 0.0, 0.0, 0.0))[:3]
-    assert way(along)[-1] - begin == pytest.approx(axis, abs=1e-6)
+    assert tool_path(along)[-1] - begin == pytest.approx(axis, abs=1e-6)
     place = moved(0.0, 0.35)["position"]
     assert await put(lab, "lid", [place["x"], place["y"], place["z"] + 0.1], **{
         "primitives": [{"type": BOX, "dimensions": [0.4, 0.4, 0.02]}]})  # fmt: skip
@@ -404,10 +404,10 @@ async def test_a_cartesian_path_goes_as_far_as_it_can(lab: Lab) -> None:
         ({"path_constraints": joint_goal()}, -16, "path constraints"),
         ({"pipeline_id": PILZ, "planner_id": "RRTConnect"}, 99999, "CIRC"),
         ({"pipeline_id": PILZ, "planner_id": "CIRC"}, -2, "interim"),
-        ({"max_cartesian_speed": 0.1}, 99999, "lines and arcs"),
+        ({"max_cartesian_speed": 0.1}, 99999, "LIN and CIRC"),
     ],
 )
-async def test_what_cannot_be_planned_has_a_code_and_words(lab: Lab, more: Any, code: int, words: str) -> None:
+async def test_what_cannot_be_planned_has_a_code_and_a_message(lab: Lab, more: Any, code: int, words: str) -> None:
     table = {"primitives": [{"type": BOX, "dimensions": [3.0, 3.0, 0.1]}]}
     assert await put(lab, "table", (0.0, 0.0, -0.2), **table)
     answer = await plan(lab, **more)
@@ -441,7 +441,7 @@ async def test_validity_names_what_touches(lab: Lab) -> None:
     assert not await all_judged(START, GOAL, HOME)
 
 
-async def test_the_scene_is_told_as_it_was_given(lab: Lab) -> None:
+async def test_the_scene_is_reported_as_it_was_given(lab: Lab) -> None:
     things = [
         {"id": "pipe", "header": {"frame_id": "base"}, "pose": pose((0.4, 0.4, 0.2)),
          "primitives": [{"type": CYLINDER, "dimensions": [0.3, 0.02]}, {"type": SPHERE, "dimensions": [0.04]}],
@@ -471,7 +471,7 @@ async def test_the_scene_is_told_as_it_was_given(lab: Lab) -> None:
     assert (await scene_of(lab))["world"]["collision_objects"][0]["pose"] == pipe["pose"]
 
 
-async def test_scene_and_way_are_drawn(lab: Lab) -> None:
+async def test_scene_and_path_are_drawn(lab: Lab) -> None:
     assert await put(lab, "post", (0.5, 0.0, 0.5))
     carried = {"link_name": "tool0", "object": {"id": "probe", "primitives": [{"type": SPHERE, "dimensions": [0.02]}]}}
     assert await apply(lab, robot_state={"is_diff": True, "attached_collision_objects": [carried]})
@@ -483,7 +483,7 @@ async def test_scene_and_way_are_drawn(lab: Lab) -> None:
     assert drawn[0]["pose"]["position"]["x"] == pytest.approx(-0.5)
     answer = await plan(lab)
     (line,) = (await lab.peer.echo("/move_group/path_markers", array, latched=True))["markers"]
-    assert np.array([list(point.values()) for point in line["points"]]) == pytest.approx(way(answer))
+    assert np.array([list(point.values()) for point in line["points"]]) == pytest.approx(tool_path(answer))
 
 
 async def test_objects_come_move_and_go_on_topics(lab: Lab) -> None:
@@ -583,19 +583,19 @@ async def moves(lab: Lab) -> None:
             await lab.driver.robot.driver.robot.next_state()
 
 
-async def test_the_arm_moves_around_what_is_in_the_way(lab: Lab) -> None:
+async def test_the_arm_moves_around_an_obstacle(lab: Lab) -> None:
     assert (await move(lab, goal=joint_goal(START)))["status"] == SUCCEEDED
     assert await put(lab, "post", (0.5, 0.0, 0.5))
     own = PlanningScene("ur5e")
     own.add("post", Box((0.1, 0.1, 1.0)), (-0.5, 0.0, 0.5, 0.0, 0.0, 0.0))
     checker = CollisionChecker(own)
     heard: list[Any] = []
-    told = lab.driver.robot.driver.robot.on_state
-    told.append(watch := lambda state: heard.append(state["actual_q"]))
+    listeners = lab.driver.robot.driver.robot.on_state
+    listeners.append(watch := lambda state: heard.append(state["actual_q"]))
     try:
         answer = await move(lab)
     finally:
-        told.remove(watch)
+        listeners.remove(watch)
     assert answer["status"] == SUCCEEDED, answer
     assert answer["result"]["error_code"]["val"] == SUCCESS
     assert answer["feedback"] == [{"state": "MONITOR"}]
@@ -636,7 +636,7 @@ async def test_a_motion_is_canceled(lab: Lab) -> None:
     assert (answer["status"], answer["result"]["error_code"]["val"]) == (CANCELED, -7)
 
 
-async def test_a_motion_ends_when_its_way_is_blocked(lab: Lab) -> None:
+async def test_a_motion_ends_when_its_path_is_blocked(lab: Lab) -> None:
     assert (await move(lab, goal=joint_goal(START)))["status"] == SUCCEEDED
     await move(lab, wait=False, max_velocity_scaling_factor=SLOW)
     await moves(lab)

@@ -1,4 +1,4 @@
-"""Targets that are dragged in the 3D view, and ways there around what is in the way: planned, seen, then taken."""
+"""The Plan tab of the Move screen: drag a target in the 3D view, plan a collision-free path, see it, execute it."""
 
 import asyncio
 from collections.abc import Sequence
@@ -23,19 +23,21 @@ from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
 if TYPE_CHECKING:
     from client.planning import PairDistance, Plan, PlanningScene
 
-_AT_GOAL_RAD: Final = 0.002  # nearer targets need no way
-_RAMP: Final = 0.14  # of planning's accelerations: those of the motions beside it, 1.4 rad/s2
-_MOST_SAMPLES: Final = 200  # of a way, for the picture
+_AT_GOAL_RAD: Final = 0.002  # targets closer than this need no path
+_RAMP: Final = 0.14  # share of the planner's accelerations: gives the 1.4 rad/s2 of the screen's other motions
+_MOST_SAMPLES: Final = 200  # of a path, for display
 _DIGITS: Final = 4
-_CHECK_PERIOD_S: Final = 0.1  # between looks whether the scene has changed
+_CHECK_PERIOD_S: Final = 0.1  # between checks whether the scene has changed
 _STILL_RAD_S: Final = 1e-3
-_MAX_REPLANS: Final = 10  # one after the other to one goal (guess)
-_FARTHEST_M: Final = 10.0  # of a handle
+_MAX_REPLANS: Final = 10  # to one goal (guess)
+_FARTHEST_M: Final = 10.0  # of a handle from the base
 
 
 @dataclass(frozen=True, slots=True)
 class _PlannedPath:
-    """A way, and for which goal it was found where. moving: without what plays along, for when the arm itself moves."""
+    """A planned path, its goal and its scene. playing: the path with the ghost's motion; moving: without it, while the
+    arm moves.
+    """
 
     goal: tuple[float, ...]
     monitored: MonitoredScene
@@ -45,7 +47,7 @@ class _PlannedPath:
 
 
 class PlannedMove:
-    """Of one page: from where the arm stands to the target that is typed or dragged."""
+    """The panel of one page: plans from the arm's configuration to the target that is typed or dragged."""
 
     def __init__(self, page: Page, settings: MoveSettings) -> None:
         self._page = page
@@ -54,16 +56,16 @@ class PlannedMove:
         self._far = False  # the handle is out of reach
         self._busy = False
         self._planned_path: _PlannedPath | None = None
-        self._failed: tuple[tuple[float, ...] | None, str] | None = None  # the goal, and why there is no way
+        self._failed: tuple[tuple[float, ...] | None, str] | None = None  # the goal, and why there is no path
         self._pairs: tuple[MonitoredScene, tuple[float, ...], list[PairDistance]] | None = None
         page.live.hear("goal", self._drag)
 
     def look(self, visible: bool) -> None:
-        """Whether a person looks at the panel now: only then is there a handle in the view."""
+        """Whether the panel is visible: only then does the view have a handle."""
         self._visible = visible
 
     def draw(self, scene: ArmScene) -> None:
-        """Into the view: what stands around the arm, the handle of the target, the way."""
+        """Draw the obstacles, the handle of the target and the path into the view."""
         live = self._page.live
         live.bind(scene, "objects", self._objects)
         live.bind(scene, "goal", self._handle)
@@ -71,7 +73,7 @@ class PlannedMove:
         ui.run_javascript(f"pendant.plan({scene.id})")
 
     def panel(self) -> None:
-        """What is the matter, and the buttons."""
+        """The status and the buttons."""
         live = self._page.live
         with ui.element("div").classes("plan-texts"):
             text = live.text(lambda station: self._status(station)[1], "plan-status")
@@ -102,7 +104,7 @@ class PlannedMove:
         return None if q is None else tuple(q)
 
     def _collisions(self, station: Station) -> "list[PairDistance]":
-        """Pairs that would be nearer than the padding at the target, deepest first; of the arm itself without one."""
+        """Pairs nearer than the padding at the target, deepest first; at the current configuration without one."""
         monitored, q = self._scene(station), self._target(station)
         if monitored is None or q is None:
             return []
@@ -111,7 +113,7 @@ class PlannedMove:
         return self._pairs[2]
 
     def _valid_path(self, station: Station) -> _PlannedPath | None:
-        """The way to this target, if nothing has changed since it was found."""
+        """The planned path to this target, unless target or scene have changed since."""
         found = self._planned_path
         if found is None or found.goal != self._settings.preview or found.monitored is not station.planning_scene:
             return None
@@ -119,29 +121,29 @@ class PlannedMove:
 
     def _why_disabled(self, station: Station) -> str:
         why = station.situation.why_not(Action.MOVE)
-        return why or ("" if self._valid_path(station) is not None else "There is no way yet: press Plan first.")
+        return why or ("" if self._valid_path(station) is not None else "There is no path yet: press Plan first.")
 
     def _status(self, station: Station) -> tuple[str, str]:
-        """Of which kind it is, and the text."""
+        """The kind of the status, and its text."""
         if not self._visible:
             return "off", ""
         if station.planning_scene is None:
             problem = station.scene_monitor.problem
             return ("bad", problem) if problem else ("off", "The arm is not known yet.")
         if self._busy:
-            return "off", "Looking for a way \N{HORIZONTAL ELLIPSIS}"
+            return "off", "Planning a path \N{HORIZONTAL ELLIPSIS}"
         if self._far:
-            return "warn", "The handle is out of reach: the ghost shows how far the arm gets."
+            return "warn", "The handle is out of reach: the ghost shows how far the arm can go."
         if found := self._valid_path(station):
             return "good", _summary(found.plan)
         if self._failed is not None and self._failed[0] == self._settings.preview:
             return "bad", self._failed[1]
         if near := self._collisions(station):
             padding_mm = 1000 * station.planning_scene.scene.padding_m
-            return "bad", f"{'; '.join(map(str, near[:3]))}. {padding_mm:g} mm are to be kept."
+            return "bad", f"{'; '.join(map(str, near[:3]))}. The required clearance is {padding_mm:g} mm."
         if self._settings.preview is None:
-            return "off", "Drag the ball, the arrows or the rings at the tool, or type joint angles: then Plan."
-        return "off", "The target is free: press Plan for a way there."
+            return "off", "Drag the ball, the arrows or the rings at the tool, or type joint angles, then press Plan."
+        return "off", "The target is free: press Plan to plan a path there."
 
     # what is drawn
 
@@ -174,7 +176,7 @@ class PlannedMove:
     # what a person does
 
     def _drag(self, said: Any) -> None:
-        """The handle, as far as the arm gets there. Raises ValueError for what no handle says."""
+        """Move the target with the handle, as far as the arm can reach. Raises ValueError for an invalid message."""
         station = self._page.station
         monitored, q = self._scene(station), self._target(station)
         if said is None or monitored is None or q is None:
@@ -198,11 +200,11 @@ class PlannedMove:
         station, goal = self._page.station, self._settings.preview
         monitored, start = station.planning_scene, station.values.get("actual_q")
         if monitored is None or start is None:
-            why = station.scene_monitor.problem or "the robot has not said yet which arm it is and where"
+            why = station.scene_monitor.problem or "the robot has not reported its model and position yet"
             raise RobotRefused("planning", why, "wait until it is connected")
         self._planned_path = self._failed = None
         if goal is None or dist(goal, start) < _AT_GOAL_RAD:
-            self._failed = (goal, "The arm is there already: drag the handle, or type joint angles, first.")
+            self._failed = (goal, "The arm is already there: drag the handle or type joint angles first.")
             return
         self._busy = True
         try:
@@ -218,7 +220,7 @@ class PlannedMove:
     async def _move(self) -> None:
         found = self._valid_path(self._page.station)
         if found is None:
-            raise RobotRefused("motion", "there is no way for this target", "press Plan first")
+            raise RobotRefused("motion", "there is no path to this target", "press Plan first")
 
         async def follow() -> None:
             await self._follow(found)
@@ -227,23 +229,25 @@ class PlannedMove:
         await self._settings.move(follow)
 
     async def _follow(self, found: _PlannedPath) -> None:
-        """To the goal, on another way when something comes into this one. Raises PlanningError, MotionStoppedError."""
+        """Follow a path to the goal; replan when an obstacle blocks it. Raises PlanningError, MotionStoppedError."""
         station = self._page.station
         for _ in range(_MAX_REPLANS):
             blocked = await self._follow_monitored(found)
             if not blocked:
                 return
             stops = station.mover.stops
-            self._page.tell(f"{blocked}. Looking for another way.")
+            self._page.tell(f"{blocked}. Planning another path.")
             while any(abs(speed) > _STILL_RAD_S for speed in station.values.get("actual_qd", ())):
                 await asyncio.sleep(_CHECK_PERIOD_S)
             found = self._planned_path = await self._replan(found)
             if station.mover.stops != stops:
                 raise MotionStoppedError("Moving as planned", "it was stopped")
-        raise PlanningError(f"{_MAX_REPLANS} ways were blocked one after the other: plan again when the scene is quiet")
+        raise PlanningError(
+            f"{_MAX_REPLANS} paths were blocked one after the other: plan again when the scene no longer changes"
+        )
 
     async def _follow_monitored(self, found: _PlannedPath) -> str:
-        """Let the arm take a way. If something comes into it, the arm is stopped, and this says what."""
+        """Have the arm follow a path. If an obstacle blocks it, stop the arm and return the reason."""
         station, monitored = self._page.station, found.monitored
         follow = asyncio.ensure_future(station.mover.follow(found.plan))
         try:
@@ -258,7 +262,7 @@ class PlannedMove:
                     await station.mover.stop()
                     with suppress(MotionStoppedError):
                         await follow
-                    if station.mover.stops > stops + 1:  # somebody pressed Stop, too
+                    if station.mover.stops > stops + 1:  # Stop was pressed, too
                         raise MotionStoppedError("Moving as planned", "it was stopped")
                     return blocked
             await follow
@@ -267,7 +271,7 @@ class PlannedMove:
         return ""
 
     async def _replan(self, found: _PlannedPath) -> _PlannedPath:
-        """A way to the same goal from where the arm stands, in the scene as it is now. Raises PlanningError."""
+        """Plan to the same goal from the current configuration, in the current scene. Raises PlanningError."""
         station = self._page.station
         monitored = station.planning_scene or found.monitored
         start = _six(station.values["actual_q"])
@@ -282,7 +286,7 @@ def _blocking_reason(monitored: MonitoredScene, plan: "Plan", q_rad: Sequence[fl
 
 
 def _plan_path(scene: "PlanningScene", start: Joints, goal: tuple[float, ...], speed: float) -> "Plan":
-    """No joint faster than by the other motions of the screen at this share of their speed."""
+    """Plan with joint speeds no higher than those of the screen's other motions at this share of their speed."""
     from client.planning import JointGoal, Planner
 
     planner = Planner(scene)
@@ -303,41 +307,41 @@ def _planned_path(goal: tuple[float, ...], monitored: MonitoredScene, plan: "Pla
 
 def _summary(plan: "Plan") -> str:
     corners = len(plan.path) - 2
-    how = f"{corners} corner{'s' if corners > 1 else ''}, by {plan.planner}" if corners else "straight ahead"
+    how = f"{corners} corner{'s' if corners > 1 else ''}, by {plan.planner}" if corners else "straight to the goal"
     took = plan.search_s + plan.shortcutting_s + plan.parameterisation_s
-    return f"A way of {plan.duration_s:.1f} s, {how}; it took {1000 * took:.0f} ms to find."
+    return f"A path of {plan.duration_s:.1f} s, {how}; planning took {1000 * took:.0f} ms."
 
 
 def _source(station: Station) -> str:
-    """Where it is from what is planned around: whoever trusts a way wants to know."""
+    """Where the obstacles come from, since a user who trusts a path needs to know."""
     if station.scene_monitor.file is not None:
-        return f"Around what {station.scene_monitor.file.name} has, and the arm itself."
+        return f"Obstacles: the objects of {station.scene_monitor.file.name}, and the arm itself."
     if station.emulator.available:
-        return "Around the things of the emulator's world, and the arm itself."
+        return "Obstacles: the objects of the emulator's world, and the arm itself."
     return (
-        "Around the arm itself only: a robot does not say what stands around it. ur-client pendant --scene FILE takes "
-        "a world file."
+        "Obstacles: the arm itself only, since a robot does not report what is around it. To add objects, start "
+        "ur-client pendant with --scene FILE, a world file."
     )
 
 
 def _pose(said: Any) -> Pose:
-    """Of a handle, in the base frame."""
+    """The pose of a handle, in the base frame."""
     if not isinstance(said, dict):
-        raise ValueError("a handle says where it is")
+        raise ValueError("a handle must send its pose")
     x, y, z = _numbers(said.get("position"), 3)
     a, b, c, d = _numbers(said.get("quaternion"), 4)
     size = hypot(a, b, c, d)
     if size < 0.5 or max(abs(x), abs(y), abs(z)) > _FARTHEST_M:
-        raise ValueError("no handle is there")
+        raise ValueError("the pose is outside the range of a handle")
     return (x, y, z, *quaternion_to_rotvec(a / size, b / size, c / size, d / size))
 
 
 def _numbers(said: Any, count: int) -> list[float]:
     if not isinstance(said, list) or len(said) != count:
-        raise ValueError(f"{count} numbers were to come")
+        raise ValueError(f"{count} finite numbers are expected")
     numbers = [float(value) for value in said if isinstance(value, int | float)]
     if len(numbers) != count or not all(map(isfinite, numbers)):
-        raise ValueError(f"{count} numbers were to come")
+        raise ValueError(f"{count} finite numbers are expected")
     return numbers
 
 

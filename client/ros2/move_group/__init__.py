@@ -1,5 +1,5 @@
-"""The node ``move_group``: what MoveIt's clients ask of it, answered by `client.planning`.
+"""The node ``move_group``: answers MoveIt's clients with `client.planning`.
 
-`node` puts it together. Needs the extra ``plan``. Names, types and codes are those of MoveIt 2; where MoveIt and this
-differ, docs/ros2.md says so.
+`node` assembles it. Needs the extra ``plan``. Names, types and codes are those of MoveIt 2; docs/ros2.md lists where
+this node differs from MoveIt.
 """

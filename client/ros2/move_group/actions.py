@@ -1,4 +1,4 @@
-"""The actions of ``move_group``: planning and moving in one, and following a trajectory that was planned before."""
+"""The actions of ``move_group``: plan and execute in one, and execute a trajectory planned earlier."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
@@ -13,17 +13,17 @@ from client.ros2.host import NodeHost, interface
 from client.ros2.move_group.arm import RefusedError, set_code
 from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
-from client.ros2.move_group.plans import note_sequence
-from client.ros2.move_group.requests import Planned, planned, planned_sequence
+from client.ros2.move_group.plans import fill_sequence_response
+from client.ros2.move_group.requests import PlanResult, plan_motion, plan_motion_sequence
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 
-_MOST_TRIES: Final = 10  # of plans whose way was blocked; guess
+_MAX_ATTEMPTS: Final = 10  # to replan when the path is blocked; guess
 _SUCCESS: Final = "SUCCESS", ""
 
 
 class _Action:
-    """An action whose goals are all taken, and end with a code."""
+    """An action that accepts every goal, and whose results contain a MoveIt error code."""
 
     def __init__(self, host: NodeHost, node: Any, name: str, type_name: str, execution: Execution) -> None:
         self._host = host
@@ -46,8 +46,8 @@ class _Action:
 
     async def _execute(self, handle: Any) -> Any:
         result = self._type.Result()
-        code, reason = await self._host.task(self._node, self._ended(handle, result))
-        set_code(self._answer_in(result).error_code, code, reason)
+        code, reason = await self._host.task(self._node, self._outcome(handle, result))
+        set_code(self._response_in(result).error_code, code, reason)
         if code == "SUCCESS":
             handle.succeed()
         elif code == "PREEMPTED" and handle.is_cancel_requested:
@@ -61,7 +61,7 @@ class _Action:
         try:
             self._host.do(lambda: self._stop(handle))
         except ClientError as error:
-            self._node.get_logger().error(f"{self._name}: it cannot be stopped: {error}")
+            self._node.get_logger().error(f"{self._name}: the motion cannot be stopped: {error}")
             return CancelResponse.REJECT
         return CancelResponse.ACCEPT
 
@@ -74,7 +74,7 @@ class _Action:
             self._execution.stop()
 
     async def _follow(self, handle: Any, trajectory: Any, controllers: Sequence[str] = ()) -> None:
-        """Nothing happens between the look whether it was canceled and its beginning."""
+        """Execute a trajectory. Nothing is awaited between the check whether the goal was canceled and the start."""
         self._check_canceled(handle)
         self._moving.add(_name(handle))
         try:
@@ -84,16 +84,16 @@ class _Action:
 
     def _check_canceled(self, handle: Any) -> None:
         if _name(handle) in self._canceled:
-            raise RefusedError("PREEMPTED", "it was canceled before the arm moved")
+            raise RefusedError("PREEMPTED", "the goal was canceled before the arm moved")
 
-    def _answer_in(self, result: Any) -> Any:
-        """What of a result has the code."""
+    def _response_in(self, result: Any) -> Any:
+        """The part of a result that has the error code."""
         return result
 
     async def _work(self, handle: Any, result: Any) -> None:
         raise NotImplementedError
 
-    async def _ended(self, handle: Any, result: Any) -> tuple[str, str]:
+    async def _outcome(self, handle: Any, result: Any) -> tuple[str, str]:
         try:
             await self._work(handle, result)
         except RefusedError as error:
@@ -106,7 +106,7 @@ class _Action:
             self._canceled.discard(_name(handle))
         return _SUCCESS
 
-    def _tell(self, handle: Any, state: str) -> None:
+    def _send_feedback(self, handle: Any, state: str) -> None:
         handle.publish_feedback(self._type.Feedback(state=state))
 
 
@@ -118,12 +118,12 @@ class ExecuteTrajectoryAction(_Action):
 
     async def _work(self, handle: Any, result: Any) -> None:
         goal = handle.request
-        self._tell(handle, "MONITOR")
+        self._send_feedback(handle, "MONITOR")
         await self._follow(handle, goal.trajectory, getattr(goal, "controller_names", ()))
 
 
 class _PlanAndMove(_Action):
-    """Plans, follows the plan, and stops when the scene changes so that it is blocked.
+    """Plans, executes the plan, and stops if a change of the scene blocks it.
 
     NAME, TYPE: of the action.
     """
@@ -137,7 +137,7 @@ class _PlanAndMove(_Action):
         node: Any,
         execution: Execution,
         monitor: Monitor,
-        show: Callable[[Planned], object],
+        show: Callable[[PlanResult], object],
     ) -> None:
         self._monitor = monitor
         self._show = show
@@ -147,19 +147,19 @@ class _PlanAndMove(_Action):
         """The moveit_msgs/MotionPlanRequest that has the start state."""
         raise NotImplementedError
 
-    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> Planned:
-        """In a thread. Raises RefusedError."""
+    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> PlanResult:
+        """Plan, in a thread. Raises RefusedError."""
         raise NotImplementedError
 
-    def _note(self, result: Any, plan: Planned, *, executed: bool) -> None:
-        """Into the result what was planned, or executed."""
+    def _fill_result(self, result: Any, plan: PlanResult, *, executed: bool) -> None:
+        """Fill the result with what was planned or executed."""
         raise NotImplementedError
 
     async def _work(self, handle: Any, result: Any) -> None:
         options = handle.request.planning_options
         if options.look_around:
-            raise RefusedError("FAILURE", "there is no sensor to look around with: leave look_around out")
-        tries = 1 + min(max(options.replan_attempts, 0), _MOST_TRIES) if options.replan else 1
+            raise RefusedError("FAILURE", "look_around needs a sensor, which the arm does not have: leave it out")
+        tries = 1 + min(max(options.replan_attempts, 0), _MAX_ATTEMPTS) if options.replan else 1
         for left in reversed(range(tries)):
             try:
                 await self._once(handle, result)
@@ -170,58 +170,60 @@ class _PlanAndMove(_Action):
             await asyncio.sleep(max(0.0, options.replan_delay))
 
     async def _once(self, handle: Any, result: Any) -> None:
-        self._tell(handle, "PLANNING")
+        self._send_feedback(handle, "PLANNING")
         goal = handle.request
         plan_only = goal.planning_options.plan_only
         if not plan_only and self._first(goal).start_state.joint_state.name:
-            self._node.get_logger().warning(f"{self.NAME}: it starts where the arm stands, whatever start_state says")
+            self._node.get_logger().warning(
+                f"{self.NAME}: start_state is ignored; the motion starts at the arm's current configuration"
+            )
         seen = self._monitor.state
         plan = await self._planned(goal, plan_only=plan_only)
-        self._note(result, plan, executed=False)
+        self._fill_result(result, plan, executed=False)
         self._show(plan)
         self._check_canceled(handle)
-        if plan_only or not plan.trajectory.duration_s:  # it is there
+        if plan_only or not plan.trajectory.duration_s:  # the arm is already at the goal
             return
-        self._tell(handle, "MONITOR")
-        seen = await self._looked_at(seen, plan.trajectory)  # it may have changed while the way was planned
-        await self._watched(
+        self._send_feedback(handle, "MONITOR")
+        seen = await self._revalidated(seen, plan.trajectory)  # it may have changed during planning
+        await self._follow_monitored(
             self._follow(handle, self._monitor.arm.trajectory_message(plan.trajectory)), plan.trajectory, seen
         )
-        self._note(result, plan, executed=True)
+        self._fill_result(result, plan, executed=True)
 
-    async def _planned(self, goal: Any, *, plan_only: bool) -> Planned:
-        q = self._monitor.stands()
+    async def _planned(self, goal: Any, *, plan_only: bool) -> PlanResult:
+        q = self._monitor.current_configuration()
         difference = goal.planning_options.planning_scene_diff
-        difference.is_diff = True  # as its name says; who leaves it empty does not want an empty scene
+        difference.is_diff = True  # as its name says; an empty message does not mean an empty scene
         state = self._monitor.state.changed(difference, q)
         if not plan_only:
             self._first(goal).start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
         return await asyncio.to_thread(self._plan, state, goal, q)
 
-    async def _looked_at(self, seen: SceneState, trajectory: Trajectory) -> SceneState:
-        """The scene as it is now. Raises RefusedError where it is not the one that was seen, and blocks the way."""
+    async def _revalidated(self, seen: SceneState, trajectory: Trajectory) -> SceneState:
+        """The current scene. Raises RefusedError if it is not the one that was seen, and blocks the path."""
         now = self._monitor.state
         if now is not seen:
-            q = self._monitor.stands()
+            q = self._monitor.current_configuration()
             blocked = await asyncio.to_thread(lambda: blocking_reason(CollisionChecker(now.scene()), trajectory, q))
             if blocked:
                 raise RefusedError("MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE", blocked)
         return now
 
-    async def _watched(self, following: Awaitable[None], trajectory: Trajectory, seen: SceneState) -> None:
-        """Follow, and look at the rest of the way whenever the scene is no longer the one that was seen."""
+    async def _follow_monitored(self, following: Awaitable[None], trajectory: Trajectory, seen: SceneState) -> None:
+        """Execute, and check the rest of the path whenever the scene changes."""
         follow = asyncio.ensure_future(following)
         try:
             while not follow.done():
                 if self._monitor.state is seen:
-                    change = asyncio.ensure_future(self._monitor.change())
+                    change = asyncio.ensure_future(self._monitor.wait_for_change())
                     await asyncio.wait({follow, change}, return_when=asyncio.FIRST_COMPLETED)
                     change.cancel()
                     continue
                 try:
-                    seen = await self._looked_at(seen, trajectory)
+                    seen = await self._revalidated(seen, trajectory)
                 except RefusedError:
-                    if follow.done():  # it got past
+                    if follow.done():  # the motion finished meanwhile
                         break
                     self._execution.stop()
                     await asyncio.wait({follow})
@@ -241,10 +243,10 @@ class MoveAction(_PlanAndMove):
     def _first(self, goal: Any) -> Any:
         return goal.request
 
-    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> Planned:
-        return planned(self._monitor.arm, state, goal.request, q_rad)
+    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> PlanResult:
+        return plan_motion(self._monitor.arm, state, goal.request, q_rad)
 
-    def _note(self, result: Any, plan: Planned, *, executed: bool) -> None:
+    def _fill_result(self, result: Any, plan: PlanResult, *, executed: bool) -> None:
         arm = self._monitor.arm
         if executed:
             result.executed_trajectory = result.planned_trajectory
@@ -255,30 +257,30 @@ class MoveAction(_PlanAndMove):
 
 
 class SequenceAction(_PlanAndMove):
-    """``sequence_move_group``: motions that go over into one another, as Pilz' MoveGroupSequenceAction."""
+    """``sequence_move_group``: motions that blend, like Pilz' MoveGroupSequenceAction."""
 
     NAME = "sequence_move_group"
     TYPE = "moveit_msgs/action/MoveGroupSequence"
 
-    def _answer_in(self, result: Any) -> Any:
+    def _response_in(self, result: Any) -> Any:
         return result.response
 
     async def _work(self, handle: Any, result: Any) -> None:
         if not handle.request.request.items:
-            return  # as MoveIt: nothing to do is no failure
+            return  # as in MoveIt, an empty sequence succeeds
         await super()._work(handle, result)
 
     def _first(self, goal: Any) -> Any:
         return goal.request.items[0].req
 
-    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> Planned:
-        return planned_sequence(self._monitor.arm, state, goal.request, q_rad)
+    def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> PlanResult:
+        return plan_motion_sequence(self._monitor.arm, state, goal.request, q_rad)
 
-    def _note(self, result: Any, plan: Planned, *, executed: bool) -> None:
+    def _fill_result(self, result: Any, plan: PlanResult, *, executed: bool) -> None:
         if not executed:
-            note_sequence(self._monitor.arm, result.response, plan)
+            fill_sequence_response(self._monitor.arm, result.response, plan)
 
 
 def _name(handle: Any) -> bytes:
-    """Of a goal."""
+    """The identifier of a goal."""
     return bytes(handle.goal_id.uuid)

@@ -1,7 +1,7 @@
-"""An arm in the terms of MoveIt's messages: links, frames, joint states, and what a request gets that makes no sense.
+"""An arm in terms of MoveIt's messages: links, frames, joint states, and the refusal of invalid requests.
 
-Here, as everywhere in this project, poses are in the controller's base frame [m, rotation vector]; in messages they are
-in the frame that the header names, and in answers in ``base_link``, the root of the description.
+Here, as everywhere in this project, poses are in the controller's base frame [m, rotation vector]. In messages, they
+are in the frame that the header names; in responses, in ``base_link``, the root of the description.
 """
 
 import time
@@ -21,14 +21,14 @@ from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
 from urproto.vectors import ZERO6
 
 GROUP: Final = "ur_manipulator"
-"""Of ur_moveit_config's SRDF, whatever the prefix of names is."""
+"""As in ur_moveit_config's SRDF, whatever the prefix of names is."""
 _CARRYING: Final = ("wrist_3_link", "flange", "tool0", "ft_frame")
 _BASE_GEOMETRY: Final = "base_link_inertia"  # the link of the description that has the shape of client.planning's base
-_ZERO: Final = 1e-6  # a quaternion this short is none that anybody has set
+_ZERO: Final = 1e-6  # a quaternion this short has not been set
 
 
 class RefusedError(ClientError):
-    """A request that is answered with a code of MoveItErrorCodes, by its name."""
+    """A request that is refused. code: the name of a code in MoveItErrorCodes."""
 
     def __init__(self, code: str, reason: str) -> None:
         super().__init__(reason)
@@ -36,7 +36,7 @@ class RefusedError(ClientError):
 
 
 class Arm:
-    """One arm with its names. prefix: of joints, links and frames."""
+    """An arm and its names. prefix: of joints, links and frames."""
 
     def __init__(self, model: RobotModel, prefix: str = "") -> None:
         self.model = model
@@ -48,28 +48,28 @@ class Arm:
         self._base = f"{prefix}base"
         self._frames = Frames(model, prefix)
         self.links = (self.root, *(frame.child for frame in joint_frames(model, prefix)))
-        self.solid = tuple(prefix + name for name in (_BASE_GEOMETRY, *LINKS[1:]))
+        self.collision_links = tuple(prefix + name for name in (_BASE_GEOMETRY, *LINKS[1:]))
 
     # links
 
-    def planned(self, link: str) -> str:
-        """What client.planning calls a solid link."""
-        return LINKS[self.solid.index(link)]
+    def planning_name(self, link: str) -> str:
+        """The name in client.planning of a link that has a shape."""
+        return LINKS[self.collision_links.index(link)]
 
-    def described(self, name: str) -> str:
-        """What the description calls a link, or a thing, of client.planning."""
-        return self.solid[LINKS.index(name)] if name in LINKS else name
+    def description_name(self, name: str) -> str:
+        """The name in the description of a link, or an object, of client.planning."""
+        return self.collision_links[LINKS.index(name)] if name in LINKS else name
 
     def check_group(self, name: str) -> None:
-        """Raise RefusedError for another group than the arm's."""
+        """Raise RefusedError for any group but the arm's."""
         if name != GROUP:
-            raise RefusedError("INVALID_GROUP_NAME", f"there is no group {name!r}: the arm is {GROUP}")
+            raise RefusedError("INVALID_GROUP_NAME", f"unknown group {name!r}: the arm is {GROUP}")
 
-    def beyond_flange(self, link: str) -> Pose:
-        """From the flange to a link that moves with it. Raises RefusedError for others."""
+    def flange_to_link(self, link: str) -> Pose:
+        """The pose of a link in the flange's frame. Raises RefusedError unless it moves with the flange."""
         if link not in (self.prefix + name for name in _CARRYING):
             carrying = ", ".join(self.prefix + name for name in _CARRYING)
-            raise RefusedError("INVALID_LINK_NAME", f"{link!r} does not move with the flange; {carrying} do")
+            raise RefusedError("INVALID_LINK_NAME", f"{link!r} does not move with the flange: use one of {carrying}")
         pose = self._frames.pose_in(self.tip, link, dict.fromkeys(self.joints, 0.0))
         assert pose is not None
         return pose
@@ -77,7 +77,7 @@ class Arm:
     # frames and poses
 
     def frame(self, name: str, q_rad: Sequence[float], others: Mapping[str, Pose] | None = None) -> Pose:
-        """Where a frame is; "" is the root. others: more frames. Raises RefusedError for one nobody knows."""
+        """The pose of a frame; "" is the root. others: further frames. Raises RefusedError for an unknown frame."""
         name = name.lstrip("/") or self.root
         if others and name in others:
             return others[name]
@@ -85,36 +85,36 @@ class Arm:
         if pose is None:
             raise RefusedError(
                 "FRAME_TRANSFORM_FAILURE",
-                f"{name!r} is no frame of the arm or of the scene: give it in {self.root} or {self._base}",
+                f"{name!r} is not a frame of the arm or of the scene: use {self.root} or {self._base}",
             )
         return pose
 
     def pose_message(self, pose: Sequence[float], of: Sequence[float] | None = None) -> Any:
-        """A geometry_msgs/Pose. of: the frame that it is to be in; the root's without."""
+        """A geometry_msgs/Pose. of: the frame it is to be in; the root if None."""
         root = self.frame("", (0.0,) * 6) if of is None else of
         return pose_message(pose_trans(pose_inv(root), pose))
 
     # joint states
 
     def angles(self, state: Any, q_rad: Sequence[float]) -> Joints:
-        """The joints of a moveit_msgs/RobotState; those that it does not name are where the arm has them.
+        """The joint angles of a moveit_msgs/RobotState; joints that it does not name keep their current position.
 
-        Raises RefusedError for joints that the arm does not have, and for numbers that no joint has.
+        Raises RefusedError for joints that the arm does not have, and for angles that are not finite.
         """
         names, positions = list(state.joint_state.name), list(state.joint_state.position)
         if state.multi_dof_joint_state.joint_names:
-            raise RefusedError("INVALID_ROBOT_STATE", "joints with several degrees of freedom are not for this arm")
+            raise RefusedError("INVALID_ROBOT_STATE", "this arm has no joints with several degrees of freedom")
         if unknown := [name for name in names if name not in self.joints]:
             raise RefusedError(
                 "INVALID_ROBOT_STATE", f"the arm has no joint {unknown[0]!r}; it has {', '.join(self.joints)}"
             )
         if len(names) != len(positions) or not all(map(isfinite, positions)):
-            raise RefusedError("INVALID_ROBOT_STATE", "a joint state has one number for each of its names")
+            raise RefusedError("INVALID_ROBOT_STATE", "a joint state must have one finite number for each of its names")
         given = dict(zip(self.joints, q_rad, strict=True)) | dict(zip(names, positions, strict=True))
         return self.joints_of([given[name] for name in self.joints])
 
     def joints_of(self, q_rad: Sequence[float]) -> Joints:
-        """As numbers of six joints."""
+        """As a tuple of six floats."""
         a, b, c, d, e, f = map(float, q_rad)
         return (a, b, c, d, e, f)
 
@@ -127,7 +127,7 @@ class Arm:
         return message
 
     def trajectory_message(self, trajectory: Trajectory) -> Any:
-        """A moveit_msgs/RobotTrajectory; its first point is where the arm stands."""
+        """A moveit_msgs/RobotTrajectory; its first point is the start."""
         message = interface("moveit_msgs/msg/RobotTrajectory")()
         joints = message.joint_trajectory
         joints.header.frame_id = self.root
@@ -140,17 +140,19 @@ class Arm:
         return message
 
     def stamp(self, header: Any, frame: str = "") -> None:
-        """Set a std_msgs/Header: now, and the root's frame if no other is given."""
+        """Set a std_msgs/Header to the current time and a frame, the root if none is given."""
         stamp(header.stamp, time.time_ns())
         header.frame_id = frame or self.root
 
 
 def pose_of(message: Any) -> Pose:
-    """Of a geometry_msgs/Pose; an orientation that nobody has set is none. Raises RefusedError for no numbers."""
+    """Read a geometry_msgs/Pose; an all-zero quaternion means no rotation. Raises RefusedError for numbers that are not
+    finite.
+    """
     place, turn = message.position, message.orientation
     parts = (turn.x, turn.y, turn.z, turn.w)
     if not all(map(isfinite, (place.x, place.y, place.z, *parts))):
-        raise RefusedError("INVALID_ROBOT_STATE", "a pose has numbers that no pose has")
+        raise RefusedError("INVALID_ROBOT_STATE", "a pose has numbers that are not finite")
     if max(map(abs, parts)) < _ZERO:
         return (place.x, place.y, place.z, 0.0, 0.0, 0.0)
     return (place.x, place.y, place.z, *quaternion_to_rotvec(*parts))
@@ -171,7 +173,7 @@ def set_duration(message: Any, time_s: float) -> None:
 
 
 def set_code(message: Any, code: str, reason: str = "") -> None:
-    """Set a moveit_msgs/MoveItErrorCodes, which has words since Jazzy."""
+    """Set a moveit_msgs/MoveItErrorCodes, which has a message since Jazzy."""
     message.val = getattr(type(message), code)
     if hasattr(message, "message"):
         message.message, message.source = reason, "move_group" if reason else ""

@@ -1,4 +1,4 @@
-"""Trajectories handed to the driver's own controllers, as MoveIt hands them to ros2_control's: one at a time."""
+"""Executes trajectories, one at a time, through the driver's controllers, as MoveIt does through ros2_control's."""
 
 import asyncio
 import time
@@ -20,19 +20,19 @@ _FOLLOWING: Final = (JointTrajectoryController, PassthroughTrajectoryController)
 
 
 class Execution:
-    """Of one robot; all of it is for the event loop."""
+    """Executes the trajectories of one robot; call it in the event loop only."""
 
     def __init__(self, robot: ControlledRobot) -> None:
         self._robot = robot
         self._under_way: tuple[Any, GoalHandle] | None = None
 
     async def follow(self, message: Any, names: Sequence[str] = ()) -> None:
-        """Have a moveit_msgs/RobotTrajectory followed, by the active trajectory controller or the one that is named.
+        """Execute a moveit_msgs/RobotTrajectory with the active trajectory controller, or with the one named.
 
-        Raises RefusedError: CONTROL_FAILED with the reason, or PREEMPTED when somebody stopped it.
+        Raises RefusedError: CONTROL_FAILED with the reason, or PREEMPTED when the motion was stopped.
         """
         if self._under_way is not None:
-            raise RefusedError("CONTROL_FAILED", "another trajectory is being followed: wait for its end, or stop it")
+            raise RefusedError("CONTROL_FAILED", "another trajectory is being executed: wait for its end, or stop it")
         try:
             controller = self._controller(names)
             handle = controller.send_goal(self._goal(message, controller))
@@ -51,12 +51,12 @@ class Execution:
         finally:
             self._under_way = None
         if handle.status is GoalStatus.CANCELED:
-            raise RefusedError("PREEMPTED", "it was stopped")
+            raise RefusedError("PREEMPTED", "the motion was stopped")
         if handle.status is not GoalStatus.SUCCEEDED:
             raise RefusedError("CONTROL_FAILED", f"{controller.name}: {result.error_code.name}: {result.error_string}")
 
     def stop(self) -> None:
-        """Stop what is followed, if anything is. Raises ControllerError when it does not."""
+        """Stop the current trajectory, if any. Raises ControllerError if that fails."""
         if self._under_way is not None:
             controller, handle = self._under_way
             if controller.goal is handle:
@@ -77,11 +77,11 @@ class Execution:
 
     def _goal(self, message: Any, controller: Any) -> FollowJointTrajectory:
         if message.multi_dof_joint_trajectory.points:
-            raise RefusedError("CONTROL_FAILED", "joints with several degrees of freedom are not for this arm")
+            raise RefusedError("CONTROL_FAILED", "this arm has no joints with several degrees of freedom")
         given = trajectory(message.joint_trajectory, Moment(self._robot.manager.time_s, time.time_ns()))
         self._check_start(given)
         points = given.points
-        if len(points) > 1 and points[0].time_from_start_s == 0.0:  # it is where the arm stands
+        if len(points) > 1 and points[0].time_from_start_s == 0.0:  # the current configuration
             points = points[1:]
         goal = JointTrajectory(given.joint_names, points, given.stamp_s)
         controller.check_active()
@@ -98,7 +98,7 @@ class Execution:
             if abs(q - stands.get(name, q)) > _START_RAD:
                 raise RefusedError(
                     "CONTROL_FAILED",
-                    f"{name} is at {stands[name]:.4f} rad and the trajectory begins at {q:.4f}: it has moved "
+                    f"{name} is at {stands[name]:.4f} rad, but the trajectory begins at {q:.4f}: it has moved "
                     "since; plan again from where it is",
                 )
 

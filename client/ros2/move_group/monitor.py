@@ -1,4 +1,4 @@
-"""The scene as everybody's messages have made it, and where the arm stands in it."""
+"""The scene as all messages so far have made it, and the arm's current configuration."""
 
 import asyncio
 from typing import Any
@@ -10,7 +10,7 @@ from urproto.robots import Joints
 
 
 class Monitor:
-    """Changed in the event loop; what it gives may be looked at anywhere, since it is never changed in place."""
+    """Changes in the event loop only; its states can be used anywhere, since they are never changed in place."""
 
     def __init__(self, arm: Arm, robot: ControlledRobot) -> None:
         self.arm = arm
@@ -18,22 +18,22 @@ class Monitor:
         self._robot = robot
         self._waiting: list[asyncio.Future[None]] = []
 
-    def stands(self) -> Joints:
-        """Where the arm is now. Raises RefusedError while the robot is silent."""
+    def current_configuration(self) -> Joints:
+        """The arm's current configuration. Raises RefusedError while the robot does not report it."""
         if self._robot.driver.robot.feed.silent:
-            raise RefusedError("ROBOT_STATE_STALE", "the robot is silent, so nobody knows where the arm is")
+            raise RefusedError("ROBOT_STATE_STALE", "the robot is silent, so the arm's configuration is unknown")
         a, b, c, d, e, f = (float(q) for q in self._robot.driver.state["actual_q"])
         return (a, b, c, d, e, f)
 
     def apply(self, message: Any) -> None:
-        """Change the scene by a message. Raises RefusedError and SceneError, and the scene stays as it was."""
-        self.state = self.state.changed(message, self.stands())
+        """Apply a message to the scene. Raises RefusedError and SceneError; the scene then stays as it was."""
+        self.state = self.state.changed(message, self.current_configuration())
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             if not future.done():
                 future.set_result(None)
 
-    async def change(self) -> None:
+    async def wait_for_change(self) -> None:
         """Wait until the scene changes."""
         future = asyncio.get_running_loop().create_future()
         self._waiting.append(future)

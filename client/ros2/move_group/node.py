@@ -1,4 +1,4 @@
-"""The node ``move_group``: topics by which the scene changes and is seen, services, actions, and the arm's SRDF."""
+"""The node ``move_group``: topics that change and publish the scene, services, actions, and the arm's SRDF."""
 
 import asyncio
 from collections.abc import Callable
@@ -14,12 +14,12 @@ from client.errors import ClientError, PlanningError
 from client.ros2.host import LATCHED, NodeHost, interface, interface_if_any
 from client.ros2.move_group.actions import ExecuteTrajectoryAction, MoveAction, SequenceAction
 from client.ros2.move_group.arm import Arm, RefusedError
-from client.ros2.move_group.drawing import Drawing
+from client.ros2.move_group.drawing import MarkerPublisher
 from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
 from client.ros2.move_group.plans import PLANS
-from client.ros2.move_group.requests import Planned
-from client.ros2.move_group.services import SERVICES, Service, Situation, answer_code, answered
+from client.ros2.move_group.requests import PlanResult
+from client.ros2.move_group.services import SERVICES, RequestContext, Service, answer_request, set_response_code
 from client.ros2.move_group.srdf import srdf
 from urproto.robots import RobotModel
 from urproto.robots.description import urdf
@@ -36,7 +36,7 @@ _CHANGING: Final = (
 
 
 class MoveGroupNode:
-    """The node; it spins from its making until `close`."""
+    """The node; it spins from its construction until `close`."""
 
     def __init__(self, host: NodeHost, robot: ControlledRobot, model: RobotModel, prefix: str = "") -> None:
         self._host = host
@@ -53,10 +53,10 @@ class MoveGroupNode:
         self._scene = node.create_publisher(
             interface("moveit_msgs/msg/PlanningScene"), "monitored_planning_scene", LATCHED
         )
-        self._way = node.create_publisher(
+        self._path = node.create_publisher(
             interface("moveit_msgs/msg/DisplayTrajectory"), "display_planned_path", QoSProfile(depth=10)
         )
-        self._drawing = Drawing(node, self._arm)
+        self._markers = MarkerPublisher(node, self._arm)
         for topic, kind in _CHANGING:
             node.create_subscription(interface(kind), topic, self._listener(topic), _DEPTH)
         node.create_subscription(String, "trajectory_execution_event", self._event, 1)
@@ -64,9 +64,9 @@ class MoveGroupNode:
             if (kind := interface_if_any(row.type)) is not None:  # Humble has fewer
                 node.create_service(kind, row.name, self._handler(row))
         node.create_service(interface("moveit_msgs/srv/ApplyPlanningScene"), "apply_planning_scene", self._apply)
-        beside = ReentrantCallbackGroup()  # others are answered while it is planned
+        concurrent = ReentrantCallbackGroup()  # other requests are answered during planning
         for row in PLANS:
-            node.create_service(interface(row.type), row.name, self._planner(row), callback_group=beside)
+            node.create_service(interface(row.type), row.name, self._planner(row), callback_group=concurrent)
         self._actions = (
             ExecuteTrajectoryAction(host, node, self._execution),
             MoveAction(host, node, self._execution, self._monitor, self._show),
@@ -75,7 +75,7 @@ class MoveGroupNode:
         host.spin(node)
 
     def close(self) -> None:
-        """End the node; a trajectory that is under way is stopped."""
+        """Shut the node down; a trajectory in progress is stopped."""
         self._host.close(self.node)
 
     # in the node's thread
@@ -90,15 +90,15 @@ class MoveGroupNode:
         return listen
 
     def _change(self, what: str, message: Any) -> bool:
-        """Whether the scene has been changed; all of a message or nothing."""
+        """Apply a message to the scene, completely or not at all; return whether it was applied."""
         try:
             self._host.do(lambda: self._monitor.apply(message))
-            told = self._monitor.state.message(self._host.do(self._monitor.stands))
+            scene_message = self._monitor.state.message(self._host.do(self._monitor.current_configuration))
         except (RefusedError, PlanningError) as error:
             self._error(what, error)
             return False
-        self._scene.publish(told)
-        self._drawing.scene(self._monitor.state)
+        self._scene.publish(scene_message)
+        self._markers.scene(self._monitor.state)
         return True
 
     def _apply(self, request: Any, response: Any) -> Any:
@@ -108,7 +108,7 @@ class MoveGroupNode:
     def _handler(self, row: Service) -> Callable[[Any, Any], Any]:
         def handle(request: Any, response: Any) -> Any:
             try:
-                _, reason = answered(row, self._host.do(self._situation), request, response)
+                _, reason = answer_request(row, self._host.do(self._context), request, response)
             except RefusedError as error:
                 self._refuse(row, response, error)
             else:
@@ -121,11 +121,11 @@ class MoveGroupNode:
     def _planner(self, row: Service) -> Callable[[Any, Any], Any]:
         async def handle(request: Any, response: Any) -> Any:
             try:
-                now = self._host.do(self._situation)
+                now = self._host.do(self._context)
             except RefusedError as error:
                 self._refuse(row, response, error)
                 return response
-            work = asyncio.to_thread(answered, row, now, request, response)
+            work = asyncio.to_thread(answer_request, row, now, request, response)
             plan, reason = await self._host.task(self.node, work)
             if reason:
                 self._error(row.name, reason)
@@ -137,11 +137,11 @@ class MoveGroupNode:
 
     def _refuse(self, row: Service, response: Any, error: RefusedError) -> None:
         self._error(row.name, error)
-        answer_code(response, error.code, str(error))
+        set_response_code(response, error.code, str(error))
 
     def _event(self, message: Any) -> None:
         if message.data != "stop":
-            self._error("trajectory_execution_event", f"{message.data!r} is not known: there is stop")
+            self._error("trajectory_execution_event", f"unknown event {message.data!r}: only stop is supported")
             return
         try:
             self._host.do(self._execution.stop)
@@ -150,15 +150,15 @@ class MoveGroupNode:
 
     # anywhere
 
-    def _situation(self) -> Situation:
-        """In the event loop."""
-        return Situation(self._arm, self._monitor.state, self._monitor.stands())
+    def _context(self) -> RequestContext:
+        """The context of a request; call it in the event loop."""
+        return RequestContext(self._arm, self._monitor.state, self._monitor.current_configuration())
 
-    def _show(self, plan: Planned) -> None:
-        """What RViz draws."""
+    def _show(self, plan: PlanResult) -> None:
+        """Publish a plan for RViz."""
         message = interface("moveit_msgs/msg/DisplayTrajectory")()
         message.model_id = self._arm.model.name
         message.trajectory_start = self._arm.state_message(plan.start_rad)
         message.trajectory = [self._arm.trajectory_message(plan.trajectory)]
-        self._way.publish(message)
-        self._drawing.way(self._monitor.state, plan)
+        self._path.publish(message)
+        self._markers.path(self._monitor.state, plan)

@@ -1,6 +1,6 @@
-"""A MotionPlanRequest, planned: its goals, its planner, and what of it cannot be had.
+"""Plans a MotionPlanRequest: reads its goals and its planner, and refuses what is not supported.
 
-Goals are the middles of the regions that constraints allow. A goal that leaves joints out has them stay.
+The goal is the centre of each region that constraints allow. Joints that a goal leaves out keep their position.
 """
 
 import logging
@@ -39,26 +39,26 @@ PLANNERS: Final[dict[str, dict[str, PlannerName]]] = {
     OMPL: {f"{name}{suffix}": name for suffix in ("", "kConfigDefault") for name in ("RRTConnect", "RRTstar", "PRM")},
     PILZ: {"PTP": "PTP", "LIN": "LIN", "CIRC": "CIRC"},
 }
-"""By pipeline: the names in ur_moveit_config's OMPL configuration and OMPL's own, and those of Pilz' planner."""
+"""By pipeline: the names in ur_moveit_config's OMPL configuration and in OMPL, and those of Pilz' planner."""
 _DEFAULT_TIME_S: Final = 1.0  # MoveIt's, for a request that gives none
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Planned:
-    """What came of a request. start_rad: where it begins. time_s: that it took."""
+class PlanResult:
+    """The plan for a request. start_rad: the start configuration. time_s: planning time."""
 
     start_rad: Joints
     trajectory: Trajectory
     time_s: float
 
 
-def planned(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -> Planned:
-    """Plan what a moveit_msgs/MotionPlanRequest asks for. q_rad: where the arm stands. Raises RefusedError."""
+def plan_motion(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -> PlanResult:
+    """Plan a moveit_msgs/MotionPlanRequest. q_rad: the arm's current configuration. Raises RefusedError."""
     began_s = time.perf_counter()
-    start, state = begun(arm, state, request, q_rad)
-    planner = planner_in(arm, state, request, start)
+    start, state = start_of(arm, state, request, q_rad)
+    planner = planner_for(arm, state, request, start)
     name = _planner(request)
     limit_s, shares = time_limit(request), scaling(request)
     kept = None if name == "CIRC" else path_constraints(arm, state, request.path_constraints, start)
@@ -70,50 +70,50 @@ def planned(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -
         except PlanningError as error:
             refused = refusal(arm, error, start, target)
         else:
-            return Planned(start, trajectory, time.perf_counter() - began_s)
+            return PlanResult(start, trajectory, time.perf_counter() - began_s)
     raise refused
 
 
-def planned_sequence(arm: Arm, state: SceneState, message: Any, q_rad: Sequence[float]) -> Planned:
-    """Plan a moveit_msgs/MotionSequenceRequest: motions that blend, as one. Raises RefusedError."""
+def plan_motion_sequence(arm: Arm, state: SceneState, message: Any, q_rad: Sequence[float]) -> PlanResult:
+    """Plan a moveit_msgs/MotionSequenceRequest: motions that blend, as one trajectory. Raises RefusedError."""
     began_s = time.perf_counter()
     first = message.items[0].req
-    start, state = begun(arm, state, first, q_rad)
+    start, state = start_of(arm, state, first, q_rad)
     if any(one.req.start_state.joint_state.name for one in message.items[1:]):
-        raise RefusedError("INVALID_ROBOT_STATE", "of a sequence, the first motion alone has a start state")
+        raise RefusedError("INVALID_ROBOT_STATE", "only the first motion of a sequence may have a start state")
     items = [_item(arm, state, one, start) for one in message.items]
-    planner = planner_in(arm, state, first, start)
+    planner = planner_for(arm, state, first, start)
     try:
         trajectory = planner.plan_sequence(start, items, time_limit_s=time_limit(first)).trajectory
     except PlanningError as error:
         raise refusal(arm, error, start) from None
-    return Planned(start, trajectory, time.perf_counter() - began_s)
+    return PlanResult(start, trajectory, time.perf_counter() - began_s)
 
 
 def _item(arm: Arm, state: SceneState, message: Any, start: Joints) -> MotionSequenceItem:
-    """Joints that a goal leaves out stay where the sequence begins."""
+    """Joints that a goal leaves out keep the position that they have at the start of the sequence."""
     _check(arm, message.req)
     name = _planner(message.req)
     if name != "CIRC" and not is_empty(message.req.path_constraints):
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "path constraints: a sequence does not keep to any")
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "path constraints: not supported in sequences")
     targets = goals(arm, state, message.req, start, name)
     if len(targets) > 1:
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "a motion of a sequence has one goal")
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "a motion of a sequence must have exactly one goal")
     try:
         return MotionSequenceItem(targets[0], name, float(message.blend_radius), **scaling(message.req))
     except PlanningError as error:
         raise RefusedError("INVALID_MOTION_PLAN", str(error)) from None
 
 
-def begun(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -> tuple[Joints, SceneState]:
-    """Where a request begins, and in which scene. Raises RefusedError for one that cannot be had."""
+def start_of(arm: Arm, state: SceneState, request: Any, q_rad: Sequence[float]) -> tuple[Joints, SceneState]:
+    """The start configuration of a request, and its scene. Raises RefusedError for what is not supported."""
     _check(arm, request)
     start = arm.angles(request.start_state, q_rad)
     return start, state.with_attached(request.start_state.attached_collision_objects, start)
 
 
-def planner_in(arm: Arm, state: SceneState, request: Any, start: Joints) -> Planner:
-    """Of a scene, with the limits that a request gives. Raises RefusedError."""
+def planner_for(arm: Arm, state: SceneState, request: Any, start: Joints) -> Planner:
+    """A planner for a scene, with the limits of a request. Raises RefusedError."""
     speed = float(request.max_cartesian_speed) if hasattr(request, "max_cartesian_speed") else 0.0
     try:
         limits = CartesianLimits(velocity_m_s=min(speed, CartesianLimits().velocity_m_s)) if speed > 0.0 else None
@@ -126,12 +126,14 @@ def _check(arm: Arm, request: Any) -> None:
     arm.check_group(request.group_name)
     if request.pipeline_id not in ("", *PLANNERS):
         raise RefusedError(
-            "FAILURE", f"there is no planning pipeline {request.pipeline_id!r}; there are {' and '.join(PLANNERS)}"
+            "FAILURE", f"unknown planning pipeline {request.pipeline_id!r}: choose {' or '.join(PLANNERS)}"
         )
     if request.trajectory_constraints.constraints:
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "trajectory constraints are not kept here: leave them out")
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "trajectory constraints are not supported: leave them out")
     if _planner(request) not in PLANNERS[PILZ] and request.max_cartesian_speed > 0.0:
-        raise RefusedError("FAILURE", "the Cartesian speed is limited on lines and arcs alone: scale the velocity")
+        raise RefusedError(
+            "FAILURE", "max_cartesian_speed is supported for LIN and CIRC only: scale the velocity instead"
+        )
 
 
 def _planner(request: Any) -> PlannerName:
@@ -141,26 +143,26 @@ def _planner(request: Any) -> PlannerName:
     if request.pipeline_id == PILZ:
         raise RefusedError("FAILURE", f"{PILZ} has no planner {request.planner_id!r}; it has {', '.join(names)}")
     if request.planner_id:  # as MoveIt
-        _logger.warning("there is no planner %r: RRTConnect is used", request.planner_id)
+        _logger.warning("unknown planner %r: RRTConnect is used", request.planner_id)
     return "RRTConnect"
 
 
 def time_limit(request: Any) -> float:
-    """Of a request [s]."""
+    """The time limit of a request [s]."""
     limit_s = float(request.allowed_planning_time)
     return limit_s if 0.0 < limit_s < float("inf") else _DEFAULT_TIME_S
 
 
-class Shares(TypedDict):
-    """Of the limits, above 0 to 1."""
+class ScalingFactors(TypedDict):
+    """Shares of the limits, above 0 and up to 1."""
 
     velocity_scaling: float
     acceleration_scaling: float
 
 
-def scaling(request: Any) -> Shares:
-    """Of a request; what is no share is 1, as MoveIt takes it (0 is «not given»)."""
-    return Shares(
+def scaling(request: Any) -> ScalingFactors:
+    """The scaling factors of a request; invalid values become 1, as in MoveIt (0 means not given)."""
+    return ScalingFactors(
         velocity_scaling=_share(request.max_velocity_scaling_factor),
         acceleration_scaling=_share(request.max_acceleration_scaling_factor),
     )
@@ -174,7 +176,7 @@ def _share(value: Any) -> float:
 
 
 def goals(arm: Arm, state: SceneState, request: Any, start: Joints, planner: str) -> list[Goal]:
-    """Any of which will do. Raises RefusedError for constraints that are none, or are not kept here."""
+    """The goals of a request, any one of which will do. Raises RefusedError for invalid or unsupported constraints."""
     if not request.goal_constraints:
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "the request has no goal")
     found = [goal for one in request.goal_constraints for goal in _goals(arm, state, one, start)]
@@ -185,7 +187,7 @@ def goals(arm: Arm, state: SceneState, request: Any, start: Joints, planner: str
 
 
 def _tool_goal(arm: Arm) -> Callable[[Goal], PoseGoal]:
-    """Lines and arcs lead to poses; of joint angles, to that of the tip, as by Pilz' planner."""
+    """Lines and arcs need poses; joint angles become the pose of the tip, as in Pilz' planner."""
 
     def tool_goal(goal: Goal) -> PoseGoal:
         if isinstance(goal, PoseGoal):
@@ -197,17 +199,17 @@ def _tool_goal(arm: Arm) -> Callable[[Goal], PoseGoal]:
 
 
 def _circ(arm: Arm, state: SceneState, constraints: Any, start: Joints) -> dict[str, Vector3]:
-    """The point that makes an arc, where Pilz' planner has it: in the path constraints, which it names."""
+    """The interim point or centre of an arc, given as in Pilz' planner: in path constraints with that name."""
     places = constraints.position_constraints
     if constraints.name not in ("interim", "center") or len(places) != 1:
         raise RefusedError(
             "INVALID_MOTION_PLAN",
-            "an arc has path constraints of the name interim or center, with one position; these are "
-            f"{constraints.name!r} with {len(places)}",
+            "an arc needs path constraints named interim or center, with one position; these are "
+            f"named {constraints.name!r}, with {len(places)}",
         )
     region = places[0].constraint_region.primitive_poses
     if len(region) != 1:
-        raise RefusedError("INVALID_MOTION_PLAN", f"the {constraints.name} point is one pose, not {len(region)}")
+        raise RefusedError("INVALID_MOTION_PLAN", f"the {constraints.name} point must be one pose, not {len(region)}")
     frame = arm.frame(places[0].header.frame_id, start, state.frames(start))
     return {constraints.name: pose_trans(frame, pose_of(region[0]))[:3]}
 
@@ -219,7 +221,7 @@ def _goals(arm: Arm, state: SceneState, constraints: Any, start: Joints) -> Iter
         constraints.orientation_constraints,
     )
     if constraints.visibility_constraints:
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "visibility constraints are not kept here")
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "visibility constraints are not supported")
     if joints and not places and not turns:
         yield JointGoal(_joint_goal(arm, joints, start))
     elif len(places) == len(turns) == 1 and not joints:
@@ -227,7 +229,7 @@ def _goals(arm: Arm, state: SceneState, constraints: Any, start: Joints) -> Iter
     else:
         raise RefusedError(
             "INVALID_GOAL_CONSTRAINTS",
-            f"a goal is either joint constraints, or one position and one orientation; this one has {len(joints)}, "
+            f"a goal must be joint constraints, or one position and one orientation; this one has {len(joints)}, "
             f"{len(places)} and {len(turns)} of them",
         )
 
@@ -238,7 +240,9 @@ def _joint_goal(arm: Arm, constraints: Sequence[Any], start: Joints) -> Joints:
         if one.joint_name not in angles:
             raise RefusedError("INVALID_GOAL_CONSTRAINTS", f"the arm has no joint {one.joint_name!r}")
         if not isfinite(one.position):
-            raise RefusedError("INVALID_GOAL_CONSTRAINTS", f"{one.joint_name} at {one.position} is nowhere")
+            raise RefusedError(
+                "INVALID_GOAL_CONSTRAINTS", f"{one.joint_name} has a position that is not finite: {one.position}"
+            )
         angles[one.joint_name] = float(one.position)
     a, b, c, d, e, f = angles.values()
     return (a, b, c, d, e, f)
@@ -248,23 +252,23 @@ def _pose_goals(arm: Arm, state: SceneState, place: Any, turn: Any, start: Joint
     if place.link_name != turn.link_name:
         raise RefusedError(
             "INVALID_GOAL_CONSTRAINTS",
-            f"position and orientation are of one link, not of {place.link_name!r} and {turn.link_name!r}",
+            f"position and orientation must be of the same link, not of {place.link_name!r} and {turn.link_name!r}",
         )
-    beyond = arm.beyond_flange(place.link_name or arm.tip)
+    link_offset = arm.flange_to_link(place.link_name or arm.tip)
     turned = orientation_of(arm, state, turn, start)
     offset = place.target_point_offset
     frame = arm.frame(place.header.frame_id, start, state.frames(start))
     region = place.constraint_region
     if region.meshes or not region.primitive_poses:
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "a position is a region of solid primitives")
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "a position must be a region of solid primitives")
     for middle in region.primitive_poses:
         x, y, z = pose_trans(frame, pose_of(middle))[:3]
         link = pose_trans((x, y, z, *turned), (-offset.x, -offset.y, -offset.z, 0.0, 0.0, 0.0))
-        yield PoseGoal(link, beyond)
+        yield PoseGoal(link, link_offset)
 
 
-def reaching(arm: Arm, flange: Sequence[float], seed_rad: Sequence[float]) -> list[Joints]:
-    """All joint angles within the limits that put the flange there, nearest to a seed first."""
+def ik_solutions(arm: Arm, flange: Sequence[float], seed_rad: Sequence[float]) -> list[Joints]:
+    """All configurations within the limits that reach a flange pose, nearest to a seed first."""
     low, high = arm.model.position_limits
     found = [unwind(q, seed_rad, low, high) for q in arm.kinematics.inverse_all(flange, seed_rad)]
     inside = [q for q in found if all(map(isfinite, q))]
@@ -272,7 +276,7 @@ def reaching(arm: Arm, flange: Sequence[float], seed_rad: Sequence[float]) -> li
 
 
 def refusal(arm: Arm, error: PlanningError, start: Joints, goal: Goal | None = None) -> RefusedError:
-    """An error of client.planning with MoveIt's code. goal: what could not be reached."""
+    """The RefusedError, with MoveIt's code, for an error of client.planning. goal: the goal that was not reached."""
     return RefusedError(_code(arm, error, start, goal), str(error))
 
 
@@ -282,7 +286,7 @@ def _code(arm: Arm, error: PlanningError, start: Joints, goal: Goal | None) -> s
             return "START_STATE_IN_COLLISION" if _is_inside(arm, start) else "START_STATE_INVALID"
         case GoalUnreachableError(), PoseGoal(pose, offset):
             flange = pose_trans(pose, pose_inv(offset or ZERO6))
-            return "GOAL_IN_COLLISION" if reaching(arm, flange, start) else "NO_IK_SOLUTION"
+            return "GOAL_IN_COLLISION" if ik_solutions(arm, flange, start) else "NO_IK_SOLUTION"
         case GoalUnreachableError(), JointGoal(q_rad):
             return "GOAL_IN_COLLISION" if _is_inside(arm, q_rad) else "GOAL_STATE_INVALID"
         case NoPathError(), _:

@@ -1,7 +1,7 @@
-"""The planning scene as MoveIt has it: collision objects of several shapes, attached ones, and what may touch what.
+"""The planning scene as in MoveIt: collision objects of several shapes, attached objects, and allowed collisions.
 
-A scene is changed by messages and never in place: `SceneState.changed` gives another one, or refuses the whole message.
-So who plans in a scene keeps it as it was.
+A scene is never changed in place: `SceneState.changed` returns another one, or refuses the whole message. A planner
+therefore keeps the scene that it started with.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,17 +20,17 @@ from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 from urproto.vectors import ZERO6
 
 _KINDS: Final = (("primitives", "primitive_poses"), ("meshes", "mesh_poses"), ("planes", "plane_poses"))
-_BESIDE: Final = 2  # links that are no more apart than this along the arm touch always, but base and upper arm
+_BESIDE: Final = 2  # links this close along the arm always touch, except base and upper arm
 # moveit_msgs/PlanningSceneComponents
 _SETTINGS, _STATE, _ATTACHED, _NAMES, _GEOMETRY, _MATRIX, _PADDING, _COLORS = 1, 2, 4, 8, 16, 128, 256, 512
 _SAME: Final = 1e-9
 EVERYTHING: Final = 0
-"""Components of a scene: all of them, as MoveIt takes it."""
+"""Components of a scene: all of them, as in MoveIt."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """One shape of a body. kind: the message's field that has it. pose: in the body's frame."""
+    """One shape of a body. kind: the field of the message that contains it. pose: in the body's frame."""
 
     kind: str
     geometry: Any
@@ -54,7 +54,7 @@ class Body:
 
 
 class SceneState:
-    """What is around an arm, and what may touch what."""
+    """The objects around an arm, and the allowed collisions."""
 
     def __init__(self, arm: Arm, *, padding_m: float = PADDING_M) -> None:
         self.arm = arm
@@ -68,9 +68,10 @@ class SceneState:
     # changes
 
     def changed(self, message: Any, q_rad: Sequence[float]) -> "SceneState":
-        """After a moveit_msgs/PlanningScene, CollisionObject, AttachedCollisionObject or PlanningSceneWorld.
+        """The scene after a moveit_msgs/PlanningScene, CollisionObject, AttachedCollisionObject or PlanningSceneWorld.
 
-        q_rad: where the arm stands. Raises RefusedError and SceneError; this one stays as it is in any case.
+        q_rad: the arm's current configuration. Raises RefusedError and SceneError; this scene stays as it is in any
+        case.
         """
         new = copy(self)
         new.bodies, new._entries = dict(self.bodies), dict(self._entries)
@@ -83,11 +84,11 @@ class SceneState:
             new._attached(message, q_rad)
         else:
             new._object(message, q_rad)
-        new.scene()  # raises for what client.planning cannot have
+        new.scene()  # raises for what client.planning does not support
         return new
 
     def with_attached(self, messages: Sequence[Any], q_rad: Sequence[float]) -> "SceneState":
-        """With what a request's robot state says is attached, besides."""
+        """The scene with the objects that a request's robot state attaches in addition."""
         state = self
         for message in messages:
             state = state.changed(message, q_rad)
@@ -95,9 +96,11 @@ class SceneState:
 
     def _apply(self, message: Any, q_rad: Sequence[float]) -> None:
         if message.fixed_frame_transforms:
-            raise RefusedError("FAILURE", "frames besides those of the arm and of objects cannot be had")
+            raise RefusedError(
+                "FAILURE", "only the frames of the arm and of objects are supported: leave out fixed_frame_transforms"
+            )
         if any(one.scale != 1.0 for one in message.link_scale):
-            raise RefusedError("FAILURE", "links cannot be scaled: give them padding")
+            raise RefusedError("FAILURE", "link scaling is not supported: use padding")
         if not message.is_diff:
             self.bodies, self._entries, self._defaults, self._colors = {}, {}, {}, {}
         self.name = message.name or self.name
@@ -113,7 +116,7 @@ class SceneState:
 
     def _world(self, message: Any, q_rad: Sequence[float]) -> None:
         if message.octomap.octomap.data:
-            raise RefusedError("FAILURE", "octomaps cannot be planned around: give boxes or meshes")
+            raise RefusedError("FAILURE", "octomaps are not supported: give boxes or meshes")
         for one in message.collision_objects:
             self._object(one, q_rad)
 
@@ -132,47 +135,49 @@ class SceneState:
         elif operation in (_number(message.ADD), _number(message.APPEND)):
             self._put(name, body)
         else:
-            raise RefusedError("FAILURE", f"{name}: there is no operation {operation}")
+            raise RefusedError("FAILURE", f"{name}: unknown operation {operation}")
 
     def _put(self, name: str, body: Body) -> None:
         if not name or not body.parts:
-            raise RefusedError("INVALID_OBJECT_NAME", f"an object has a name and a shape; {name!r} does not")
+            raise RefusedError("INVALID_OBJECT_NAME", f"an object needs a name and a shape: {name!r}")
         if name in (*self.arm.links, *LINKS):
             raise RefusedError("INVALID_OBJECT_NAME", f"{name!r} is the name of a link")
         self.bodies[name] = body
 
     def _remove(self, name: str) -> None:
-        """From the world; "" is everything in it."""
+        """Remove an object from the world; "" removes all."""
         if not name:
             self.bodies = {name: body for name, body in self.bodies.items() if body.link}
         elif name not in self.bodies:
             raise RefusedError("INVALID_OBJECT_NAME", f"there is no object {name!r} to remove")
-        elif not self.bodies[name].link:  # what is attached is not in the world any more
+        elif not self.bodies[name].link:  # an attached object is no longer in the world
             del self.bodies[name]
 
     def _attached(self, message: Any, q_rad: Sequence[float]) -> None:
-        thing = message.object
-        if _number(thing.operation) == _number(thing.REMOVE):
-            self._detach(thing.id, message.link_name, q_rad)
+        obj = message.object
+        if _number(obj.operation) == _number(obj.REMOVE):
+            self._detach(obj.id, message.link_name, q_rad)
             return
         link = message.link_name or self.arm.tip
-        beyond = self.arm.beyond_flange(link)
+        link_offset = self.arm.flange_to_link(link)
         flange = self.arm.kinematics.forward(q_rad)
-        if any(getattr(thing, kind) for kind, _ in _KINDS):
-            frame = self.arm.frame(thing.header.frame_id or link, q_rad, self.frames(q_rad))
-            if (thing.header.frame_id or link) == link:
-                frame = pose_trans(flange, beyond)
-            body = _body(thing, frame, thing.id)
-        elif thing.id in self.bodies:
-            body = self._in_world(thing.id, q_rad)
+        if any(getattr(obj, kind) for kind, _ in _KINDS):
+            frame = self.arm.frame(obj.header.frame_id or link, q_rad, self.frames(q_rad))
+            if (obj.header.frame_id or link) == link:
+                frame = pose_trans(flange, link_offset)
+            body = _body(obj, frame, obj.id)
+        elif obj.id in self.bodies:
+            body = self._in_world(obj.id, q_rad)
         else:
-            raise RefusedError("INVALID_OBJECT_NAME", f"there is no object {thing.id!r} to attach, and no shape of it")
+            raise RefusedError(
+                "INVALID_OBJECT_NAME", f"there is no object {obj.id!r} to attach, and the message has no shape"
+            )
         pose = pose_trans(pose_inv(flange), body.pose)
         touching = tuple(message.touch_links)
-        self._put(thing.id, replace(body, pose=pose, link=link, touching=touching, weight=message.weight))
+        self._put(obj.id, replace(body, pose=pose, link=link, touching=touching, weight=message.weight))
 
     def _detach(self, name: str, link: str, q_rad: Sequence[float]) -> None:
-        """Leave a body, or all of a link, or all, where the arm has them."""
+        """Detach a body, or all of a link, or all, and leave them where the arm has them."""
         held = [one for one, body in self.bodies.items() if body.link and link in ("", body.link) and name in ("", one)]
         if name and not held:
             raise RefusedError("INVALID_OBJECT_NAME", f"no object {name!r} is attached{f' to {link}' if link else ''}")
@@ -188,19 +193,19 @@ class SceneState:
         if len(names) != len(message.entry_values) or any(
             len(row.enabled) != len(names) for row in message.entry_values
         ):
-            raise RefusedError("FAILURE", "the allowed collision matrix does not have a row and a column for each name")
+            raise RefusedError("FAILURE", "the allowed collision matrix must have a row and a column for each name")
         if len(message.default_entry_names) != len(message.default_entry_values):
-            raise RefusedError("FAILURE", "the allowed collision matrix has not as many default values as names")
+            raise RefusedError("FAILURE", "the allowed collision matrix must have one default value for each name")
         self._entries = {
             frozenset((names[i], names[j])): bool(message.entry_values[i].enabled[j])
             for i, j in combinations(range(len(names)), 2)
         }
         self._defaults = dict(zip(message.default_entry_names, map(bool, message.default_entry_values), strict=True))
 
-    # what there is
+    # contents
 
     def frames(self, q_rad: Sequence[float]) -> dict[str, Pose]:
-        """Of bodies, and below their names those that they have."""
+        """The frames of bodies and, as ``body/subframe``, their subframes."""
         found = {}
         for name in self.bodies:
             body = self._in_world(name, q_rad)
@@ -209,9 +214,9 @@ class SceneState:
         return found
 
     def scene(self) -> PlanningScene:
-        """As `client.planning` has it, anew. Raises SceneError, RefusedError."""
+        """A new `client.planning` scene. Raises SceneError, RefusedError."""
         scene = PlanningScene(self.arm.model, padding_m=self.padding_m)
-        own: dict[str, list[str]] = {link: [self.arm.planned(link)] for link in self.arm.solid}
+        own: dict[str, list[str]] = {link: [self.arm.planning_name(link)] for link in self.arm.collision_links}
         for name, body in self.bodies.items():
             own[name] = [one for one, _ in _numbered(name, body)]
             for one, part in _numbered(name, body):
@@ -225,7 +230,7 @@ class SceneState:
         return scene
 
     def body_of(self, name: str) -> str:
-        """Whose part a thing of `scene` is."""
+        """The body that an object of `scene` belongs to."""
         return name if name in self.bodies else name.rpartition("#")[0]
 
     def _may_touch(self, one: str, other: str) -> bool:
@@ -253,8 +258,10 @@ class SceneState:
             message.allowed_collision_matrix = self._matrix_message()
         if wanted & _PADDING:
             padding, scale = interface("moveit_msgs/msg/LinkPadding"), interface("moveit_msgs/msg/LinkScale")
-            message.link_padding = [padding(link_name=link, padding=self.padding_m) for link in self.arm.solid]
-            message.link_scale = [scale(link_name=link, scale=1.0) for link in self.arm.solid]
+            message.link_padding = [
+                padding(link_name=link, padding=self.padding_m) for link in self.arm.collision_links
+            ]
+            message.link_scale = [scale(link_name=link, scale=1.0) for link in self.arm.collision_links]
         if wanted & _COLORS:
             color = interface("moveit_msgs/msg/ObjectColor")
             message.object_colors = [color(id=name, color=one) for name, one in self._colors.items()]
@@ -266,7 +273,7 @@ class SceneState:
         return message
 
     def attached_messages(self) -> list[Any]:
-        """The moveit_msgs/AttachedCollisionObject of what the arm carries, in the frames of its links."""
+        """The moveit_msgs/AttachedCollisionObject of each attached object, in the frame of its link."""
         found = []
         for name, body in self.bodies.items():
             if body.link:
@@ -283,7 +290,7 @@ class SceneState:
         self.arm.stamp(message.header, body.link)
         if not geometry:
             return message
-        frame = self.arm.beyond_flange(body.link) if body.link else None
+        frame = self.arm.flange_to_link(body.link) if body.link else None
         message.pose = self.arm.pose_message(body.pose, frame)
         message.type = body.type
         for part in body.parts:
@@ -295,8 +302,8 @@ class SceneState:
 
     def _matrix_message(self) -> Any:
         message = interface("moveit_msgs/msg/AllowedCollisionMatrix")()
-        named = sorted({name for pair in self._entries for name in pair} - {*self.arm.solid, *self.bodies})
-        names = [*self.arm.solid, *self.bodies, *named]
+        named = sorted({name for pair in self._entries for name in pair} - {*self.arm.collision_links, *self.bodies})
+        names = [*self.arm.collision_links, *self.bodies, *named]
         row = interface("moveit_msgs/msg/AllowedCollisionEntry")
         message.entry_names = names
         message.entry_values = [row(enabled=[self._is_allowed(one, other) for other in names]) for one in names]
@@ -305,18 +312,18 @@ class SceneState:
         return message
 
     def _is_allowed(self, one: str, other: str) -> bool:
-        return one == other or self._may_touch(one, other) or self.always_touch(one, other)
+        return one == other or self._may_touch(one, other) or self.never_checked(one, other)
 
-    def always_touch(self, one: str, other: str) -> bool:
-        """Links that are never looked at, since they touch always, or never can."""
-        if not {one, other} <= set(self.arm.solid):
+    def never_checked(self, one: str, other: str) -> bool:
+        """Whether two links are never checked, because they always touch or can never touch."""
+        if not {one, other} <= set(self.arm.collision_links):
             return False
-        low, high = sorted((self.arm.solid.index(one), self.arm.solid.index(other)))
+        low, high = sorted((self.arm.collision_links.index(one), self.arm.collision_links.index(other)))
         return high - low <= _BESIDE and (low, high) != (1, 3)
 
 
 def _number(value: Any) -> int:
-    """Of a byte, which rclpy has as bytes."""
+    """The number of a byte field, which rclpy represents as bytes."""
     return int(value[0]) if isinstance(value, bytes) else int(value)
 
 
@@ -339,7 +346,9 @@ def _body(message: Any, frame: Pose, name: str) -> Body:
         for geometry, pose in zip(getattr(message, kind), _poses(message, kind, poses, name), strict=True)
     )
     pose = pose_of(message.pose)
-    if len(parts) == 1 and max(map(abs, pose)) < _SAME:  # as MoveIt: the frame of such an object is its shape's
+    if (
+        len(parts) == 1 and max(map(abs, pose)) < _SAME
+    ):  # as in MoveIt, the frame of such an object is that of its shape
         pose, parts = parts[0].pose, (replace(parts[0], pose=ZERO6),)
     subframes = dict(zip(message.subframe_names, map(pose_of, message.subframe_poses), strict=False))
     return Body(parts, pose_trans(frame, pose), message.type, subframes)
@@ -371,7 +380,7 @@ def _moved(known: Body | None, body: Body, message: Any, name: str) -> Body:
 
 
 def _shape(part: Part, name: str, body: Pose) -> tuple[Shape, Pose]:
-    """As client.planning has it, and where. Raises RefusedError, SceneError."""
+    """The shape and pose for client.planning. Raises RefusedError, SceneError."""
     pose = pose_trans(body, part.pose)
     if part.kind == "meshes":
         return Hull(tuple((float(v.x), float(v.y), float(v.z)) for v in part.geometry.vertices)), pose
@@ -388,17 +397,17 @@ def _shape(part: Part, name: str, body: Pose) -> tuple[Shape, Pose]:
             return Cylinder(radius, height), pose
     raise RefusedError(
         "FAILURE",
-        f"{name}: a solid primitive of type {solid.type} with {len(sizes)} dimensions cannot be had: boxes have three, "
-        "spheres one, cylinders two; of other shapes give meshes",
+        f"{name}: a solid primitive of type {solid.type} with {len(sizes)} dimensions is not supported: give a box "
+        "(three), a sphere (one) or a cylinder (two), and other shapes as meshes",
     )
 
 
 def _plane(coefficients: Sequence[float], pose: Pose, name: str) -> Pose:
-    """Where a plane is that is solid on the side on which the arm does not stand: there it cannot come anyway."""
+    """The pose of a plane that is solid on the side away from the arm, which the arm cannot reach anyway."""
     a, b, c, d = map(float, coefficients)
     length = (a * a + b * b + c * c) ** 0.5
     if not length > _SAME:
-        raise SceneError(f"{name}: a plane has a normal, not {a}, {b}, {c}")
+        raise SceneError(f"{name}: a plane needs a normal that is not zero: {a}, {b}, {c}")
     normal = (a / length, b / length, c / length)
     middle = tuple(-d / length * value for value in normal)
     placed = pose_trans(pose, (*middle, *_turned(normal)))
@@ -406,11 +415,11 @@ def _plane(coefficients: Sequence[float], pose: Pose, name: str) -> Pose:
     return placed if above else pose_trans(placed, (0.0, 0.0, 0.0, pi, 0.0, 0.0))
 
 
-_SHOULDER: Final = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)  # a place within every arm that stands
+_SHOULDER: Final = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)  # a point inside every upright arm
 
 
 def _turned(normal: Sequence[float]) -> tuple[float, float, float]:
-    """A rotation that takes z there."""
+    """A rotation that turns z to this direction."""
     x, y, z = normal
     u = (1.0, 0.0, 0.0) if abs(x) < 0.9 else (0.0, 1.0, 0.0)
     v = (y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0])

@@ -1,6 +1,6 @@
-"""What the services of ``move_group`` answer: one function each, of a request and where the arm stands.
+"""The services of ``move_group`` that do not plan: one function each, of a request and the arm's current configuration.
 
-They raise RefusedError for what cannot be had, and PlanningError.
+They raise RefusedError for what is not supported, and PlanningError.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from client.planning import CollisionChecker, PairDistance
 from client.ros2.host import interface
 from client.ros2.move_group.arm import Arm, RefusedError, pose_of, set_code
 from client.ros2.move_group.constraints import is_empty
-from client.ros2.move_group.requests import PLANNERS, Planned, reaching
+from client.ros2.move_group.requests import PLANNERS, PlanResult, ik_solutions
 from client.ros2.move_group.scene import SceneState
 from urproto.robots import Joints
 from urproto.robots.description import urdf
@@ -20,44 +20,46 @@ from urproto.robots.pose import pose_inv, pose_trans
 
 
 @dataclass(frozen=True)
-class Situation:
-    """What a request is answered by. q_rad: where the arm stands."""
+class RequestContext:
+    """The state that a request is answered with. q_rad: the arm's current configuration."""
 
     arm: Arm
     state: SceneState
     q_rad: Sequence[float]
 
 
-def compute_ik(now: Situation, message: Any, response: Any) -> None:
-    """The joint angles nearest to the robot state of the request."""
+def compute_ik(now: RequestContext, message: Any, response: Any) -> None:
+    """The configuration that reaches a pose, nearest to the robot state of the request."""
     request, arm = message.ik_request, now.arm
     arm.check_group(request.group_name)
     if request.ik_link_names or request.pose_stamped_vector:
-        raise RefusedError("INVALID_LINK_NAME", "an arm has one tip: give ik_link_name and pose_stamped")
+        raise RefusedError("INVALID_LINK_NAME", "an arm has only one tip: give ik_link_name and pose_stamped")
     seed = arm.angles(request.robot_state, now.q_rad)
     state = now.state.with_attached(request.robot_state.attached_collision_objects, seed)
-    beyond = arm.beyond_flange(request.ik_link_name or arm.tip)
+    link_offset = arm.flange_to_link(request.ik_link_name or arm.tip)
     stamped = request.pose_stamped
     frame = arm.frame(stamped.header.frame_id, seed, state.frames(seed))
-    flange = pose_trans(pose_trans(frame, pose_of(stamped.pose)), pose_inv(beyond))
-    found = [q for q in reaching(arm, flange, seed) if _keeps(arm, request.constraints, q)]
+    flange = pose_trans(pose_trans(frame, pose_of(stamped.pose)), pose_inv(link_offset))
+    found = [q for q in ik_solutions(arm, flange, seed) if _keeps(arm, request.constraints, q)]
     if not found:
-        raise RefusedError("NO_IK_SOLUTION", "no joint angles put the link there, within limits and constraints")
+        raise RefusedError("NO_IK_SOLUTION", "no configuration within limits and constraints reaches the pose")
     if request.avoid_collisions:
         checker = CollisionChecker(state.scene())
         free = [q for q in found if checker.is_free(q)]
         if not free:
             why = "; ".join(map(str, checker.collisions(found[0])[:3]))
-            raise RefusedError("NO_IK_SOLUTION", f"all of {len(found)} postures touch something; the nearest: {why}")
+            raise RefusedError(
+                "NO_IK_SOLUTION", f"all {len(found)} configurations are in collision; the nearest: {why}"
+            )
         found = free
     response.solution = arm.state_message(found[0])
     response.solution.attached_collision_objects = state.attached_messages()
 
 
 def _keeps(arm: Arm, constraints: Any, q_rad: Joints) -> bool:
-    """Whether joint angles are within joint constraints. Raises RefusedError for others."""
+    """Whether a configuration satisfies joint constraints. Raises RefusedError for other constraints."""
     if not is_empty(constraints) and not constraints.joint_constraints:
-        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "of constraints, those of joints are kept, no others")
+        raise RefusedError("INVALID_GOAL_CONSTRAINTS", "only joint constraints are supported")
     angles = dict(zip(arm.joints, q_rad, strict=True))
     for one in constraints.joint_constraints:
         if one.joint_name not in angles:
@@ -68,8 +70,8 @@ def _keeps(arm: Arm, constraints: Any, q_rad: Joints) -> bool:
     return True
 
 
-def compute_fk(now: Situation, request: Any, response: Any) -> None:
-    """Where links, or objects of the scene, are."""
+def compute_fk(now: RequestContext, request: Any, response: Any) -> None:
+    """The poses of links, or of objects in the scene."""
     arm = now.arm
     q = arm.angles(request.robot_state, now.q_rad)
     others = now.state.with_attached(request.robot_state.attached_collision_objects, q).frames(q)
@@ -84,16 +86,16 @@ def compute_fk(now: Situation, request: Any, response: Any) -> None:
     response.fk_link_names = names
     if not names or len(names) < len(request.fk_link_names):
         unknown = [name for name in request.fk_link_names if name not in known]
-        raise RefusedError("INVALID_LINK_NAME", f"there is no link {unknown[0]!r}" if unknown else "no link is named")
+        raise RefusedError("INVALID_LINK_NAME", f"unknown link {unknown[0]!r}" if unknown else "name at least one link")
 
 
-def check_state_validity(now: Situation, request: Any, response: Any) -> None:
-    """Whether an arm may stand like that: its limits, the padding, and joint constraints."""
+def check_state_validity(now: RequestContext, request: Any, response: Any) -> None:
+    """Whether a configuration is valid: joint limits, padding and joint constraints."""
     _judge(now, request, request.robot_state, response)
 
 
-def check_multi_state_validity(now: Situation, request: Any, response: Any) -> None:
-    """The same for several states, up to the first that may not be."""
+def check_multi_state_validity(now: RequestContext, request: Any, response: Any) -> None:
+    """The same for several configurations, up to the first invalid one."""
     kind = interface("moveit_msgs/msg/RobotState")
     response.valid = True
     for joints in request.joint_states:
@@ -104,9 +106,9 @@ def check_multi_state_validity(now: Situation, request: Any, response: Any) -> N
             return
 
 
-def _judge(now: Situation, request: Any, state: Any, response: Any) -> None:
+def _judge(now: RequestContext, request: Any, state: Any, response: Any) -> None:
     arm = now.arm
-    if request.group_name:  # MoveIt takes none as the whole robot, which the arm is
+    if request.group_name:  # MoveIt takes an empty name for the whole robot, which the arm is
         arm.check_group(request.group_name)
     q = arm.angles(state, now.q_rad)
     scene = now.state.with_attached(state.attached_collision_objects, q)
@@ -117,7 +119,7 @@ def _judge(now: Situation, request: Any, state: Any, response: Any) -> None:
 
 
 def _contact(state: SceneState, arm: Arm, pair: PairDistance) -> Any:
-    """Of two things that are nearer than the padding, as if each link had it around it."""
+    """A contact between two bodies nearer than the padding, as if each link had the padding around it."""
     message = interface("moveit_msgs/msg/ContactInformation")()
     arm.stamp(message.header)
     message.depth = state.padding_m - pair.distance_m
@@ -130,37 +132,37 @@ def _contact(state: SceneState, arm: Arm, pair: PairDistance) -> Any:
         kind = message.ROBOT_LINK
         if body in state.bodies:
             kind = message.ROBOT_ATTACHED if state.bodies[body].link else message.WORLD_OBJECT
-        setattr(message, f"contact_body_{number}", body if body in state.bodies else arm.described(name))
+        setattr(message, f"contact_body_{number}", body if body in state.bodies else arm.description_name(name))
         setattr(message, f"body_type_{number}", kind)
     return message
 
 
-def get_planning_scene(now: Situation, request: Any, response: Any) -> None:
-    """The scene, or those parts of it that are asked for."""
+def get_planning_scene(now: RequestContext, request: Any, response: Any) -> None:
+    """The scene, or the requested components of it."""
     response.scene = now.state.message(now.q_rad, request.components.components)
 
 
-def query_planner_interface(now: Situation, request: Any, response: Any) -> None:
-    """The planners that there are."""
+def query_planner_interface(now: RequestContext, request: Any, response: Any) -> None:
+    """The available planners."""
     kind = interface("moveit_msgs/msg/PlannerInterfaceDescription")
     response.planner_interfaces = [
         kind(name=name, pipeline_id=name, planner_ids=list(names)) for name, names in PLANNERS.items()
     ]
 
 
-def get_urdf(now: Situation, request: Any, response: Any) -> None:
-    """The description: the group is all of the arm."""
+def get_urdf(now: RequestContext, request: Any, response: Any) -> None:
+    """The description: the group is the whole arm."""
     now.arm.check_group(request.group_name)
     response.urdf_string = urdf(now.arm.model, prefix=now.arm.prefix)
 
 
 @dataclass(frozen=True)
 class Service:
-    """A service. answer: fills the response, and gives what it has planned, if it plans."""
+    """A service. answer: fills the response, and returns the plan if it made one."""
 
     name: str
     type: str
-    answer: Callable[[Situation, Any, Any], Planned | None]
+    answer: Callable[[RequestContext, Any, Any], PlanResult | None]
 
 
 SERVICES: Final = (
@@ -172,11 +174,11 @@ SERVICES: Final = (
     Service("get_urdf", "moveit_msgs/srv/GetGroupUrdf", get_urdf),
     Service("query_planner_interface", "moveit_msgs/srv/QueryPlannerInterfaces", query_planner_interface),
 )
-"""Those that change nothing and move nothing."""
+"""The services that neither change nor move anything."""
 
 
-def answered(row: Service, now: Situation, request: Any, response: Any) -> tuple[Planned | None, str]:
-    """Fill a response, with its code if it has one; what was planned, and why it is none of success, or nothing."""
+def answer_request(row: Service, now: RequestContext, request: Any, response: Any) -> tuple[PlanResult | None, str]:
+    """Fill a response and its code, if it has one; return the plan, if any, and the reason for a failure."""
     code, reason, plan = "SUCCESS", "", None
     try:
         plan = row.answer(now, request, response)
@@ -184,11 +186,11 @@ def answered(row: Service, now: Situation, request: Any, response: Any) -> tuple
         code, reason = error.code, str(error)
     except PlanningError as error:
         code, reason = "FAILURE", str(error)
-    answer_code(response, code, reason)
+    set_response_code(response, code, reason)
     return plan, reason
 
 
-def answer_code(response: Any, code: str, reason: str) -> None:
+def set_response_code(response: Any, code: str, reason: str) -> None:
     """Set the code of a response that has one."""
     for holder in (response, *(getattr(response, name, None) for name in ("motion_plan_response", "response"))):
         if hasattr(holder, "error_code"):

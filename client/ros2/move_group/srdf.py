@@ -1,4 +1,6 @@
-"""``robot_description_semantic``: the arm's group, its named postures, and the links that are never looked at."""
+"""``robot_description_semantic``: the arm's group, its named configurations, and the pairs of links that are never
+checked.
+"""
 
 from itertools import combinations
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -9,7 +11,7 @@ from client.ros2.move_group.scene import SceneState
 
 
 def srdf(arm: Arm) -> str:
-    """An SRDF of what is planned here, for the URDF that the robot_state_publisher has."""
+    """The SRDF that matches this planner, for the URDF of the robot_state_publisher."""
     root = Element("robot", name=arm.model.name)
     group = SubElement(root, "group", name=GROUP)
     SubElement(group, "chain", base_link=arm.root, tip_link=arm.tip)
@@ -18,9 +20,9 @@ def srdf(arm: Arm) -> str:
         for joint, angle in zip(arm.joints, q_rad, strict=True):
             SubElement(state, "joint", name=joint, value=repr(angle))
     scene = SceneState(arm)
-    for one, other in combinations(arm.solid, 2):
-        if scene.always_touch(one, other):
-            beside = arm.solid.index(other) - arm.solid.index(one) == 1
+    for one, other in combinations(arm.collision_links, 2):
+        if scene.never_checked(one, other):
+            beside = arm.collision_links.index(other) - arm.collision_links.index(one) == 1
             SubElement(root, "disable_collisions", link1=one, link2=other, reason="Adjacent" if beside else "Never")
     indent(root)
     return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'
