@@ -112,7 +112,7 @@ def _teach(draft: ProgramDraft, name: str, q: tuple[float, ...]) -> None:
 
 
 def plan(page: Page) -> None:
-    """A way around the post, to a target that is typed."""
+    """A path around the post, to a target that is typed."""
     for i, angle in enumerate(GOAL_DEG):
         page.get_by_test_id(f"target-joint-{i}").fill(f"{angle:.1f}")
     page.get_by_test_id("target-plan").click()

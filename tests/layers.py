@@ -59,7 +59,7 @@ CLIENT_LAYERS: dict[str, Layer] = {
         ),
     ),
     "cameras": Layer("driver library: pictures of cameras", ("client.cameras",), ("ports",)),
-    "planning": Layer("driver library: ways around what is in the way", ("client.planning",), ("ports",)),
+    "planning": Layer("driver library: motion planning around obstacles", ("client.planning",), ("ports",)),
     "driver": Layer("driver library: External Control", ("client.driver",), ("ports",)),
     "robot": Layer(
         "driver library: the robot that most programs want", ("client.robot",), ("ports", "planning", "driver")

@@ -167,7 +167,7 @@ class Mover:
         await self._do(doing, lambda robot: robot.move_j(pose_base_tcp=pose_base_tcp, **options))
 
     async def follow(self, plan: "Plan", doing: str = "Moving as planned") -> None:
-        """The way of a plan. Raises PlanningError when the arm does not stand where that begins."""
+        """Execute a plan. Raises PlanningError if the arm is not at its start."""
         await self._do(doing, lambda robot: robot.planning.execute(plan))
 
     async def start_freedrive(self) -> None:
