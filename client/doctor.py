@@ -113,7 +113,7 @@ def examine_machine() -> Iterator[Finding]:
     """Check kernel, real-time priority and processor speed, as far as this machine reports them."""
     if sys.platform != "linux":
         for subject in ("kernel", "real-time priority", "processor speed"):
-            yield Finding(Grade.UNKNOWN, subject, f"reported by Linux only; this is {platform.system() or sys.platform}")
+            yield Finding(Grade.UNKNOWN, subject, f"only on Linux; this is {platform.system() or sys.platform}")
         return
     import resource
 

@@ -325,7 +325,7 @@ class RTDECore:
         frequency_hz = self._frequency_hz or float(most_hz)
         if frequency_hz > most_hz:
             raise LocalProtocolError(
-                f"a {version.series.value} sends at most {most_hz} states per second, not {frequency_hz:g}: request less"
+                f"a {version.series.value} sends at most {most_hz} states/s, not {frequency_hz:g}: request fewer"
             )
         available = self._wanted
         reply = yield from self._request(codec.SetupOutputs(available, frequency_hz), codec.SetupOutputsReply)

@@ -1,4 +1,4 @@
-"""Controllers as in ros2_control, without ROS: loaded by name from a controllers file, run at the robot's rate."""
+"""The controllers of ros2_control, without ROS: loaded by name from a controllers file, updated at the robot's rate."""
 
 from client.controllers.configuration import ControllersFile, read_controllers, usual_controllers
 from client.controllers.goals import (

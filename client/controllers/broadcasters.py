@@ -1,4 +1,4 @@
-"""Controllers that command nothing: they tell what the hardware reports, once a cycle."""
+"""Broadcasters: controllers that command nothing and publish what the hardware reports, once per cycle."""
 
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
@@ -7,7 +7,7 @@ from client.controllers.controller import Controller, Interfaces, Topic, control
 from client.controllers.parameters import without_effect
 
 _KINDS: Final = ("position", "velocity", "effort")
-_NO_ROS: Final = "names of topics are a matter of ROS"
+_NO_ROS: Final = "topic names apply to ROS only"
 _EVERY_CYCLE: Final = "messages come every cycle"
 _WRENCH: Final = ("force.x", "force.y", "force.z", "torque.x", "torque.y", "torque.z")
 _POSE: Final = (
@@ -17,7 +17,7 @@ _POSE: Final = (
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """Of joints (n,): [rad, rad/s] and effort as the hardware has it (for UR: motor currents [A])."""
+    """State of joints (n,): [rad, rad/s], and effort as the hardware reports it (for UR: motor currents [A])."""
 
     time_s: float
     name: tuple[str, ...]
@@ -28,7 +28,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True)
 class JointStateParameters:
-    """joints, interfaces: what to tell, all when empty."""
+    """joints, interfaces: what to publish; all if empty."""
 
     joints: tuple[str, ...] = ()
     interfaces: tuple[str, ...] = ()
@@ -40,7 +40,7 @@ class JointStateParameters:
 
 @controller_type("joint_state_broadcaster/JointStateBroadcaster")
 class JointStateBroadcaster(Controller[JointStateParameters]):
-    """Tells positions, speeds and efforts of the joints; extra_joints are added with zeros."""
+    """Publishes positions, velocities and efforts of the joints; extra_joints are added with zeros."""
 
     parameters_type: ClassVar[type[Any]] = JointStateParameters
 
@@ -57,7 +57,7 @@ class JointStateBroadcaster(Controller[JointStateParameters]):
 
     def on_configure(self) -> None:
         if strange := set(self.parameters.interfaces) - set(_KINDS):
-            raise self.error(f"interfaces are {', '.join(_KINDS)}, not {min(strange)}")
+            raise self.error(f"interfaces must be among {', '.join(_KINDS)}, not {min(strange)}")
 
     def on_activate(self, time_s: float) -> None:
         self._joints = tuple(dict.fromkeys(name.rpartition("/")[0] for name in self.states.names))
@@ -76,7 +76,7 @@ class JointStateBroadcaster(Controller[JointStateParameters]):
 
 @dataclass(frozen=True, slots=True)
 class SpeedScalingParameters:
-    """tf_prefix: in front of the interface's name."""
+    """tf_prefix: prefix of the interface's name."""
 
     tf_prefix: str = ""
     state_publish_rate: float = without_effect(100.0, _EVERY_CYCLE)
@@ -84,7 +84,7 @@ class SpeedScalingParameters:
 
 @controller_type("ur_controllers/SpeedScalingStateBroadcaster")
 class SpeedScalingStateBroadcaster(Controller[SpeedScalingParameters]):
-    """Tells the speed scaling in percent: 100 is full speed, 0 is a robot that waits."""
+    """Publishes the speed scaling in percent: 100 is full speed, 0 is a waiting robot."""
 
     parameters_type: ClassVar[type[Any]] = SpeedScalingParameters
 
@@ -112,7 +112,7 @@ class WrenchStamped:
 
 @dataclass(frozen=True, slots=True)
 class Axes:
-    """A text for each axis."""
+    """A name for each axis."""
 
     x: str = ""
     y: str = ""
@@ -121,7 +121,7 @@ class Axes:
 
 @dataclass(frozen=True, slots=True)
 class AxisOffsets:
-    """Added to what is measured along or about each axis [N or Nm]."""
+    """Offsets added to the measured values along or about each axis [N or Nm]."""
 
     x: float = 0.0
     y: float = 0.0
@@ -130,7 +130,7 @@ class AxisOffsets:
 
 @dataclass(frozen=True, slots=True)
 class AxisFactors:
-    """What is measured along or about each axis is multiplied with them."""
+    """Factors for the measured values along or about each axis."""
 
     x: float = 1.0
     y: float = 1.0
@@ -139,7 +139,7 @@ class AxisFactors:
 
 @dataclass(frozen=True, slots=True)
 class WrenchNames:
-    """State interfaces that are no sensor's."""
+    """Names of state interfaces that do not belong to a sensor."""
 
     force: Axes = field(default_factory=Axes)
     torque: Axes = field(default_factory=Axes)
@@ -147,7 +147,7 @@ class WrenchNames:
 
 @dataclass(frozen=True, slots=True)
 class WrenchOffsets:
-    """Axes that are not named have none."""
+    """Offsets of force and torque; axes that are left out have none."""
 
     force: AxisOffsets = field(default_factory=AxisOffsets)
     torque: AxisOffsets = field(default_factory=AxisOffsets)
@@ -155,7 +155,7 @@ class WrenchOffsets:
 
 @dataclass(frozen=True, slots=True)
 class WrenchFactors:
-    """Axes that are not named are told as they are measured."""
+    """Factors of force and torque; axes that are left out are published as measured."""
 
     force: AxisFactors = field(default_factory=AxisFactors)
     torque: AxisFactors = field(default_factory=AxisFactors)
@@ -170,13 +170,13 @@ class ForceTorqueParameters:
     interface_names: WrenchNames = field(default_factory=WrenchNames)
     offset: WrenchOffsets = field(default_factory=WrenchOffsets)
     multiplier: WrenchFactors = field(default_factory=WrenchFactors)
-    state_interface_names: tuple[str, ...] = without_effect((), "the six are known by the sensor's name")
+    state_interface_names: tuple[str, ...] = without_effect((), "the six follow from the sensor's name")
     topic_name: str = without_effect("", _NO_ROS)
 
 
 @controller_type("force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster")
 class ForceTorqueSensorBroadcaster(Controller[ForceTorqueParameters]):
-    """Tells what the sensor at the tool feels."""
+    """Publishes the wrench that the sensor at the tool measures."""
 
     parameters_type: ClassVar[type[Any]] = ForceTorqueParameters
 
@@ -222,16 +222,16 @@ class PoseStamped:
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """How ROS would publish it."""
+    """How ROS would publish the transform."""
 
-    enable: bool = without_effect(True, "transforms are a matter of ROS")
-    child_frame_id: str = without_effect("", "transforms are a matter of ROS")
-    publish_rate: float = without_effect(0.0, "transforms are a matter of ROS")
+    enable: bool = without_effect(True, "transforms apply to ROS only")
+    child_frame_id: str = without_effect("", "transforms apply to ROS only")
+    publish_rate: float = without_effect(0.0, "transforms apply to ROS only")
 
 
 @dataclass(frozen=True, slots=True)
 class PoseParameters:
-    """pose_name: the state interfaces' component."""
+    """pose_name: component name of the state interfaces."""
 
     frame_id: str
     pose_name: str
@@ -240,7 +240,7 @@ class PoseParameters:
 
 @controller_type("pose_broadcaster/PoseBroadcaster")
 class PoseBroadcaster(Controller[PoseParameters]):
-    """Tells where the tool is."""
+    """Publishes the pose of the tool."""
 
     parameters_type: ClassVar[type[Any]] = PoseParameters
 

@@ -1,7 +1,7 @@
-"""What controllers are asked to do once: services of ROS 2, without ROS.
+"""One-time requests to controllers: the services of ROS 2, without ROS.
 
-A command goes to the hardware by command interfaces, its answer comes back by one more:
-WAITING, then SUCCESS or FAILURE. One is under way at a time, the others wait in line.
+A request is passed to the hardware through command interfaces. Its answer comes back through another one: WAITING, then
+SUCCESS or FAILURE. One request is carried out at a time; the others wait in a queue.
 """
 
 from collections import deque
@@ -15,7 +15,7 @@ from client.driver.endpoint import tell
 
 
 class Prefixed(Protocol):
-    """Parameters of which one is in front of all names of interfaces."""
+    """Parameters that include a prefix for the names of all interfaces."""
 
     @property
     def tf_prefix(self) -> str: ...
@@ -25,7 +25,7 @@ Parameters = TypeVar("Parameters", bound=Prefixed)
 
 
 class CallingController(Controller[Parameters]):
-    """Base: every request is a `Call`, which the robot answers by a command interface."""
+    """Base class: every request is a `Call`, which the robot answers through a command interface."""
 
     def __init__(self, name: str, parameters: Parameters, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
@@ -43,7 +43,7 @@ class CallingController(Controller[Parameters]):
     def _send(
         self, what: str, values: Mapping[str, float], answer: str, seen: Callable[[], bool] | None = None
     ) -> "Call":
-        """See `Calls.send`. Raises ControllerError while it is not active, and for what no message carries."""
+        """See `Calls.send`. Raises ControllerError while the controller is not active, and for non-finite numbers."""
         self.check_active()
         if wrong := [value for value in values.values() if not isfinite(value)]:
             raise self.error(f"{what}: {wrong[0]} cannot be set: give finite numbers")
@@ -53,11 +53,14 @@ class CallingController(Controller[Parameters]):
 FAILURE: Final = 0.0
 SUCCESS: Final = 1.0
 WAITING: Final = 2.0
-_EFFECT_S: Final = 2.0  # guess: ten times what the slowest takes
+_EFFECT_S: Final = 2.0  # guess: ten times the slowest
 
 
 class Call:
-    """One request. success: None until it is answered; message: why not. on_end: called with success."""
+    """One request.
+
+    success: None until it is answered. message: why it failed. on_end: callbacks that are called with success.
+    """
 
     def __init__(self, what: str) -> None:
         self.what = what
@@ -81,9 +84,9 @@ class _Waiting:
 
 
 class Calls:
-    """The requests of one controller.
+    """The queue of requests of one controller.
 
-    commands: its command interfaces. prefix: in front of the names that are used here.
+    commands: its command interfaces. prefix: prefix of their names, left out in calls of `send`.
     """
 
     def __init__(self, commands: Interfaces, prefix: str = "") -> None:
@@ -92,13 +95,13 @@ class Calls:
         self._line: deque[tuple[_Waiting, str]] = deque()
 
     def send(self, what: str, values: Mapping[str, float], answer: str, seen: Callable[[], bool] | None = None) -> Call:
-        """Set command interfaces, and wait for the answer; then, if given, until the effect is seen."""
+        """Queue a request: it sets command interfaces, waits for the answer and, with ``seen``, until that is true."""
         call = Call(what)
         self._line.append((_Waiting(call, values, seen), self._prefix + answer))
         return call
 
     def update(self, time_s: float) -> None:
-        """Once a cycle."""
+        """Process the queue; called once per cycle."""
         if not self._line:
             return
         first, answer = self._line[0]
@@ -114,14 +117,14 @@ class Calls:
 
     def _look(self, first: _Waiting, answer: float, waited_s: float) -> None:
         if answer == FAILURE:
-            first.call.end(False, f"{first.call.what}: the robot did not take it, its log says why")
+            first.call.end(False, f"{first.call.what}: the robot did not accept it: see its log")
         elif answer == SUCCESS and (first.seen is None or first.seen()):
             first.call.end(True)
         elif answer == SUCCESS and waited_s > _EFFECT_S:
-            first.call.end(False, f"{first.call.what}: no effect is seen within {_EFFECT_S:g} s")
+            first.call.end(False, f"{first.call.what}: no effect was seen within {_EFFECT_S:g} s")
 
     def end_all(self, reason: str) -> None:
-        """Nobody answers any more."""
+        """Fail all pending requests with this reason."""
         while self._line:
             waiting, _ = self._line.popleft()
             waiting.call.end(False, f"{waiting.call.what}: {reason}")

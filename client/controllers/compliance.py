@@ -1,4 +1,4 @@
-"""The robot gives way: to a hand in freedrive, to forces in force mode, to what the tool touches."""
+"""Controllers for freedrive, force mode and tool contact."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from client.controllers.controller import Controller, controller_type
 from client.controllers.parameters import without_effect
 from urproto.compat import IntEnum
 
-_IN_ROBOT_TIME: Final = "the answer is waited for in robot time"
+_IN_ROBOT_TIME: Final = "the timeout is measured in robot time"
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 FORCE_MODE_COMMANDS: Final = (
     *(f"force_mode/{group}_{axis}" for group in ("task_frame", "selection_vector", "wrench") for axis in _AXES),
@@ -18,7 +18,7 @@ FORCE_MODE_COMMANDS: Final = (
     "force_mode/damping",
     "force_mode/gain_scaling",
 )
-"""What one start of force mode consists of."""
+"""Interfaces that are set to start force mode."""
 _ANSWER: Final = "force_mode/force_mode_async_success"
 
 
@@ -33,7 +33,7 @@ class FreedriveParameters:
 
 @controller_type("ur_controllers/FreedriveModeController")
 class FreedriveModeController(Controller[FreedriveParameters]):
-    """Lets the arm be moved by hand, as long as somebody keeps asking for it."""
+    """Keeps the arm in freedrive as long as a client keeps requesting it."""
 
     parameters_type: ClassVar[type[Any]] = FreedriveParameters
 
@@ -58,7 +58,7 @@ class FreedriveModeController(Controller[FreedriveParameters]):
         self.enabled, self._wanted = False, None
 
     def enable_freedrive_mode(self, on: bool) -> None:
-        """True starts it or keeps it going, at least every inactive_timeout; False ends it. Raises ControllerError."""
+        """Start or keep alive freedrive (True), at least every inactive_timeout, or end it. Raises ControllerError."""
         self.check_active()
         self._wanted = on
 
@@ -77,7 +77,7 @@ class FreedriveModeController(Controller[FreedriveParameters]):
 
 @dataclass(frozen=True, slots=True)
 class ForceModeParameters:
-    """tf_prefix: in front of all names."""
+    """tf_prefix: prefix of all interface names."""
 
     tf_prefix: str = ""
     check_io_successful_retries: int = without_effect(10, _IN_ROBOT_TIME)
@@ -85,7 +85,7 @@ class ForceModeParameters:
 
 @controller_type("ur_controllers/ForceModeController")
 class ForceModeController(CallingController[ForceModeParameters]):
-    """Lets axes of a frame give way to forces; alone, or beside the passthrough trajectory controller."""
+    """Makes axes of a frame compliant (force mode); alone, or with the passthrough trajectory controller."""
 
     parameters_type: ClassVar[type[Any]] = ForceModeParameters
 
@@ -106,16 +106,15 @@ class ForceModeController(CallingController[ForceModeParameters]):
         damping_factor: float = 0.025,
         gain_scaling: float = 0.5,
     ) -> Call:
-        """As the service of the same name; each sequence is (6,).
+        """Start force mode, like the ROS service of the same name; each sequence is (6,).
 
-        task_frame_base: pose in the base frame [m, rotation vector]. selection: 1 for axes that
-        comply. wrench: to press with [N, Nm]. type: 1 to 3, see URScript's force_mode.
-        speed_limits: of complying axes [m/s, rad/s]; deviation_limits: of the others [m, rad].
-        Raises ControllerError.
+        task_frame_base: the frame, as a pose in the base frame [m, rotation vector]. selection: 1 for each compliant
+        axis. wrench: applied to the environment [N, Nm]. type: 1 to 3, see URScript's force_mode. speed_limits: of
+        compliant axes [m/s, rad/s]; deviation_limits: of the others [m, rad]. Raises ControllerError.
         """
         groups = (task_frame_base, selection, wrench, speed_limits, deviation_limits)
         if any(len(group) != 6 for group in groups):
-            raise self.error("frame, selection, wrench and limits have six numbers each")
+            raise self.error("frame, selection, wrench and limits must have six numbers each")
         if type not in (1, 2, 3):
             raise self.error(f"the type of force mode is 1, 2 or 3, not {type}")
         if not (0.0 <= damping_factor <= 1.0 and 0.0 <= gain_scaling <= 2.0):
@@ -123,18 +122,18 @@ class ForceModeController(CallingController[ForceModeParameters]):
         pairs = zip(selection, speed_limits, deviation_limits, strict=True)
         limits = [speed if chosen else deviation for chosen, speed, deviation in pairs]
         if any(not limit >= 0.0 for limit in limits) or any(chosen not in (0, 1) for chosen in selection):
-            raise self.error("limits cannot be negative, and a selection is 0 or 1")
+            raise self.error("limits cannot be negative, and each selection is 0 or 1")
         values = (*task_frame_base, *selection, *wrench, type, *limits, damping_factor, gain_scaling)
         commands = {name: float(value) for name, value in zip(FORCE_MODE_COMMANDS, values, strict=True)}
         return self._send("start_force_mode", commands, _ANSWER)
 
     def stop_force_mode(self) -> Call:
-        """Hold the pose again. Raises ControllerError."""
+        """End force mode; the arm holds its pose again. Raises ControllerError."""
         return self._send("stop_force_mode", {"force_mode/disable_cmd": 1.0}, _ANSWER)
 
 
 class ToolContactState(IntEnum):
-    """Of the search for contact, on the interfaces tool_contact_set_state and tool_contact_state."""
+    """State of contact detection, on the interfaces tool_contact_set_state and tool_contact_state."""
 
     STANDBY = 1
     WAITING_BEGIN = 2
@@ -147,15 +146,15 @@ class ToolContactState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ToolContactParameters:
-    """tf_prefix: in front of all names."""
+    """tf_prefix: prefix of all interface names."""
 
     tf_prefix: str = ""
-    action_monitor_rate: float = without_effect(20.0, "results are told in the cycle they come about")
+    action_monitor_rate: float = without_effect(20.0, "results are reported in the cycle in which they occur")
 
 
 @controller_type("ur_controllers/ToolContactController")
 class ToolContactController(Controller[ToolContactParameters]):
-    """Stops the arm where the tool touches something; beside a controller that moves it. e-Series."""
+    """Stops the arm when the tool touches something, while another controller moves it. e-Series."""
 
     parameters_type: ClassVar[type[Any]] = ToolContactParameters
 
@@ -185,20 +184,20 @@ class ToolContactController(Controller[ToolContactParameters]):
 
     @property
     def watching(self) -> bool:
-        """True while somebody waits for a contact."""
+        """True while it watches for a contact."""
         return self._call is not None
 
     def detect_tool_contact(self) -> Call:
-        """Watch from now on; the call ends well when the arm is back where contact began. Raises ControllerError."""
+        """Watch for a contact. The call succeeds once the arm is back where it began. Raises ControllerError."""
         self.check_active()
         if self._call is not None:
-            raise self.error("it watches for contact already")
+            raise self.error("it is already watching for contact")
         self._call = Call("detect_tool_contact")
         self._set(ToolContactState.WAITING_BEGIN)
         return self._call
 
     def cancel(self) -> None:
-        """Watch no longer. Raises ControllerError."""
+        """Stop watching. Raises ControllerError."""
         self.check_active()
         if self._call is not None:
             self._set(ToolContactState.WAITING_END)
@@ -216,7 +215,7 @@ class ToolContactController(Controller[ToolContactParameters]):
                 self._end(False, "watching ended without a contact")
         elif state in (ToolContactState.FAILURE_BEGIN, ToolContactState.FAILURE_END):
             self._set(ToolContactState.STANDBY)
-            self._end(False, "the robot did not take it, its log says why")
+            self._end(False, "the robot did not accept it: see its log")
 
     def _end(self, success: bool, message: str) -> None:
         call, self._call = self._call, None

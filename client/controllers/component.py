@@ -1,4 +1,4 @@
-"""The arm as a hardware component of ros2_control: its life cycle, and what becomes of controllers around a stop."""
+"""The arm as a hardware component of ros2_control: its life cycle, and how controllers resume after a stop."""
 
 import asyncio
 import logging
@@ -14,7 +14,7 @@ from urproto.errors import URError
 from urproto.modes import RobotMode
 
 PLUGIN: Final = "ur_robot_driver/URPositionHardwareInterface"
-"""What a hardware component of a UR arm is called in ROS 2."""
+"""Plugin name of a UR arm's hardware component in ROS 2."""
 
 _TRIES: Final = 10
 _AGAIN_S: Final = 1.0  # between them; guess
@@ -23,9 +23,9 @@ _logger = logging.getLogger(__name__)
 
 
 class HardwareComponent:
-    """The arm; methods are called in the event loop.
+    """The arm as a hardware component; methods are called in the event loop.
 
-    name: as ros2_control has it. state: of the component, which is not the robot's.
+    name: the component's name in ros2_control. state: state of the component, which is independent of the robot's.
     """
 
     def __init__(self, robot: ControlledRobot, name: str, *, headless: bool) -> None:
@@ -36,14 +36,14 @@ class HardwareComponent:
 
     @property
     def available(self) -> bool:
-        """Whether its interfaces are: those of a component that is merely inactive still are."""
+        """Whether its interfaces are available; those of an inactive component are."""
         return self.state is not LifecycleState.UNCONFIGURED
 
     async def go_to(self, target: LifecycleState) -> None:
         """Change the state. Raises ControllerError.
 
-        While it is not active, nothing moves the arm, and what controllers ask of the robot is refused. Those that
-        moved it are active again with the component; the others stay active, as in ros2_control.
+        While the component is not active, nothing moves the arm, and controllers' requests to the robot are refused.
+        Controllers that moved the arm are reactivated with the component; the others stay active, as in ros2_control.
         """
         if target is LifecycleState.FINALIZED:
             raise ControllerError(self.name, "its state is unconfigured, inactive or active: end the driver instead")
@@ -63,7 +63,7 @@ class HardwareComponent:
 
 
 async def start_if_ready(robot: ControlledRobot) -> bool:
-    """Start the control program on a robot that can run it; false, and the reason in the log, when it did not start."""
+    """Start the control program if the robot can run it; returns False, and logs the reason, if it did not start."""
     if robot.driver.program_running or robot.driver.robot.robot_mode is not RobotMode.RUNNING:
         return True
     try:
@@ -75,9 +75,9 @@ async def start_if_ready(robot: ControlledRobot) -> bool:
 
 
 class ControllerStopper:
-    """Activates again what had to end because the arm could not be moved, once it can be: the official one's part.
+    """Reactivates controllers that ended because the arm could not move, once it can; use it with ``with``.
 
-    Use it with ``with``.
+    It has the role of the official driver's controller stopper.
     """
 
     def __init__(self, robot: ControlledRobot) -> None:
@@ -97,14 +97,14 @@ class ControllerStopper:
         self._manager.on_cycle.remove(self._look)
 
     def activate_when_possible(self, name: str) -> None:
-        """A controller that moves the arm, at once or as soon as it can be."""
+        """Activate a controller that moves the arm, now or as soon as possible."""
         self._note([name])
 
     def _note(self, names: list[str]) -> None:
         self._stopped = list(dict.fromkeys((*self._stopped, *names)))
 
     def _look(self) -> None:
-        """After each cycle."""
+        """Check the state; called after each cycle."""
         if not self._stopped or self._manager.hardware.failure is not None or not self._robot.driver.program_running:
             return
         names, self._stopped = self._stopped, []
@@ -122,10 +122,10 @@ class ControllerStopper:
 
 
 class ProgramKeeper:
-    """Starts the control program again on a robot that was silent and is back, as was done at the first connection.
+    """Restarts the control program on a robot that was silent and has reconnected; use it with ``with``.
 
-    A program that somebody has stopped stays so, as with the official driver: resend_robot_program starts it. Use it
-    with ``with``.
+    It starts the program in the same way as at the first connection. A program that was stopped on purpose stays
+    stopped, as with the official driver: resend_robot_program starts it.
     """
 
     def __init__(self, robot: ControlledRobot) -> None:
@@ -150,14 +150,14 @@ class ProgramKeeper:
         self._was_silent = True
 
     def _look(self) -> None:
-        """After each cycle."""
+        """Check the state; called after each cycle."""
         link = self._robot.driver.robot
         if self._was_silent and link.robot_mode is RobotMode.RUNNING and link.safety_mode in MOVABLE:
             self._was_silent = False
             self._starting = asyncio.get_running_loop().create_task(self._start())
 
     async def _start(self) -> None:
-        for _ in range(_TRIES):  # not all of a robot's connections are back at the same time
+        for _ in range(_TRIES):  # a robot's connections do not all return at the same time
             if await start_if_ready(self._robot):
                 return
             await asyncio.sleep(_AGAIN_S)

@@ -1,8 +1,8 @@
-"""Controllers files, such as ros2_control's ``ur_controllers.yaml``.
+"""Reads controllers files, such as ros2_control's ``ur_controllers.yaml``.
 
-``controller_manager`` names the controllers and their types, one more section each has their
-parameters. Parameters are below ``ros__parameters``; with single underscores it is understood
-too. ``/**`` stands for all. ``$(var name)``, which launch files of ROS fill in, is filled in here.
+The section ``controller_manager`` lists the controllers and their types; each controller has a section with its
+parameters. Parameters are below ``ros__parameters``; the spelling with single underscores is accepted too. ``/**``
+applies to all controllers. ``$(var name)``, which ROS launch files substitute, is substituted here.
 """
 
 import re
@@ -40,7 +40,7 @@ _ALL: Final = (
 
 
 def find(controller: str, type_name: str) -> type[Controller[Any]]:
-    """The class of a type. Raises ControllerError, for the controller that wants it."""
+    """The class of a controller type. Raises ControllerError, which names the controller, for an unknown type."""
     if type_name in CONTROLLER_TYPES:
         return CONTROLLER_TYPES[type_name]
     close = get_close_matches(type_name, CONTROLLER_TYPES, 1, 0.4)
@@ -49,7 +49,7 @@ def find(controller: str, type_name: str) -> type[Controller[Any]]:
 
 
 def help_of(kind: type[Controller[Any]]) -> str:
-    """What a type is for, in a line."""
+    """One-line description of a controller type."""
     return (kind.__doc__ or "").strip().partition("\n")[0]
 
 
@@ -59,14 +59,14 @@ _ANY: Final = "**"
 _VARIABLE: Final = re.compile(r"\$\((\w+) *([^)]*)\)")
 _WITHOUT_EFFECT: Final = {
     "update_rate": "controllers are updated with each state of the robot",
-    "enforce_command_limits": "the robot has limits of its own",
-    "use_sim_time": "time is the robot's",
+    "enforce_command_limits": "the robot has its own limits",
+    "use_sim_time": "the robot's time is used",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class ControllersFile:
-    """Types and parameters of controllers by name; notes: what else the file says, which is ignored."""
+    """Types and parameters of controllers by name; notes: entries of the file that are ignored."""
 
     name: str
     types: Mapping[str, str]
@@ -74,18 +74,18 @@ class ControllersFile:
     notes: tuple[str, ...] = ()
 
     def type_of(self, controller: str) -> str:
-        """Raises ControllerError."""
+        """Type of a controller. Raises ControllerError for an unknown controller."""
         if controller not in self.types:
             raise ControllerError(controller, f"{self.name} has {', '.join(self.types) or 'no controllers'}")
         return self.types[controller]
 
     def parameters_of(self, controller: str) -> Mapping[str, Any]:
-        """Empty where the file says nothing."""
+        """Parameters of a controller; empty if the file has none."""
         return self.parameters.get(controller, {})
 
 
 def usual_controllers(tf_prefix: str = "") -> ControllersFile:
-    """The controllers of a UR arm under the names the ROS 2 driver gives them."""
+    """The controllers of a UR arm, with the names that the ROS 2 driver uses."""
     text = resources.files("client.controllers").joinpath("ur_controllers.yaml").read_text("utf-8")
     return _parse(text, "the usual controllers", {"tf_prefix": tf_prefix})
 
@@ -96,7 +96,7 @@ def read_controllers(path: Path, tf_prefix: str = "") -> ControllersFile:
 
 
 def text_of(path: Path) -> str:
-    """What stands in a parameter file. Raises ControllerError, OSError."""
+    """Text of a parameter file. Raises ControllerError, OSError."""
     try:
         return path.read_text("utf-8")
     except UnicodeDecodeError as error:
@@ -106,20 +106,20 @@ def text_of(path: Path) -> str:
 def _parse(text: str, name: str, variables: Mapping[str, str]) -> ControllersFile:
     found = sections(text, name, variables)
     if _MANAGER not in found:
-        raise ControllerError(name, f"it has no section {_MANAGER}, which names the controllers")
+        raise ControllerError(name, f"it has no section {_MANAGER}, which lists the controllers")
     types: dict[str, str] = {}
     notes: list[str] = []
     for key, value in found[_MANAGER].items():
         if isinstance(value, Mapping) and isinstance(value.get("type"), str):
             types[key] = value["type"]
-            notes += [f"{_MANAGER}: {key}.{other} is not known: it is ignored" for other in value if other != "type"]
+            notes += [f"{_MANAGER}: {key}.{other} is unknown and ignored" for other in value if other != "type"]
         elif key in _WITHOUT_EFFECT:
             notes.append(f"{_MANAGER}: {key} has no effect ({_WITHOUT_EFFECT[key]})")
         else:
-            notes.append(f"{_MANAGER}: {key} is not a controller with a type: it is ignored")
+            notes.append(f"{_MANAGER}: {key} is not a controller with a type, and is ignored")
     known = {_MANAGER, _ANY, *types}
     notes += [
-        f"the section {section} belongs to no controller: it is ignored" for section in found if section not in known
+        f"the section {section} belongs to no controller, and is ignored" for section in found if section not in known
     ]
     general = found.get(_ANY, {})
     parameters = {controller: {**general, **found.get(controller, {})} for controller in types}
@@ -127,7 +127,7 @@ def _parse(text: str, name: str, variables: Mapping[str, str]) -> ControllersFil
 
 
 def sections(text: str, name: str, variables: Mapping[str, str]) -> dict[str, Mapping[str, Any]]:
-    """The parameters of each node of a parameter file of ROS 2. Raises ControllerError."""
+    """The parameters of each node in a ROS 2 parameter file. Raises ControllerError."""
     try:
         content = load_yaml(_filled(text, name, variables))
     except NotYaml as error:
@@ -150,7 +150,7 @@ def _filled(text: str, name: str, variables: Mapping[str, str]) -> str:
     def fill(found: re.Match[str]) -> str:
         kind, variable = found.groups()
         if kind != "var" or variable not in variables:
-            raise ControllerError(name, f"{found[0]} cannot be filled in: write what it stands for")
+            raise ControllerError(name, f"{found[0]} cannot be substituted: write its value")
         return variables[variable]
 
     return _VARIABLE.sub(fill, text)

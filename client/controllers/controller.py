@@ -1,4 +1,4 @@
-"""What every controller is: parameters, interfaces it claims, a life cycle, and one update a cycle.
+"""Base of all controllers: parameters, claimed interfaces, a life cycle, and one update per cycle.
 
 A new controller is one class decorated with `controller_type`; its docstring is its help.
 """
@@ -15,10 +15,10 @@ from urproto.compat import Self, StrEnum
 
 
 class Hardware(Protocol):
-    """A robot as interfaces.
+    """A robot, represented by interfaces.
 
-    states, commands: all there are. failure: why the arm cannot be moved and will not be by
-    itself; None while all is well, also while the robot merely waits.
+    states, commands: all its interfaces. failure: why the arm cannot move until someone intervenes; None without a
+    failure, also while the robot merely waits.
     """
 
     states: "Interfaces"
@@ -26,26 +26,26 @@ class Hardware(Protocol):
     failure: str | None
 
     def read(self, state: Mapping[str, Any], period_s: float) -> None:
-        """Set the states from what the robot reported. Raises StateError, and sets nothing, when that cannot be."""
+        """Set the state interfaces from a robot's state. For an invalid state, raises StateError and sets nothing."""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Whether these command interfaces can be begun and ended together; raises ControllerError if not."""
+        """Check that these command interfaces can be started and stopped together. Raises ControllerError if not."""
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Begin and end them."""
+        """Start and stop these command interfaces."""
 
     def write(self, time_s: float, period_s: float) -> None:
-        """Do what is commanded."""
+        """Carry out what is on the command interfaces."""
 
     def take_halt(self) -> str | None:
-        """Why the arm was stopped by something else than its controllers since the last call; None if it was not."""
+        """Return why something other than its controllers stopped the arm since the last call; None if nothing did."""
 
 
 Message = TypeVar("Message")
 
 
 class Topic(Generic[Message]):
-    """The newest message of a kind, and who wants to be called with each.
+    """The newest message of a topic, and its subscribers.
 
     name: as in ROS 2, where ~ stands for the controller.
     """
@@ -58,23 +58,26 @@ class Topic(Generic[Message]):
         self._listeners: list[Callable[[Message], object]] = []
 
     def subscribe(self, listener: Callable[[Message], object]) -> Callable[[], None]:
-        """Call back with each message, within the control cycle: briefly. Gives what ends it."""
+        """Call ``listener`` with each message, within the control cycle, so it must be quick.
+
+        Returns a function that unsubscribes it.
+        """
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
 
     def publish(self, message: Message) -> None:
-        """Keep it, and tell everybody; a listener that raises is logged and harms nobody else."""
+        """Store a message and pass it to all subscribers; an exception of one is logged and affects no other."""
         self.latest = message
         if self._listeners:
             tell(self._listeners, message)
 
 
 NO_COMMAND: Final = math.nan
-"""On a command interface: nothing to do."""
+"""Value of a command interface that commands nothing."""
 
 
 class UnknownInterfaceError(LookupError):
-    """``names`` are not among the interfaces."""
+    """There are no interfaces with these ``names``."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self.names = tuple(names)
@@ -84,7 +87,7 @@ class UnknownInterfaceError(LookupError):
 class Interfaces:
     """State or command interfaces, named as in ros2_control ("elbow_joint/position"); each is NaN until it is set.
 
-    `lend` gives a part of them, in any order: whoever has it reads and writes the same numbers.
+    `lend` returns a view of some of them, in any order, that shares their values.
     """
 
     __slots__ = ("_places", "_store", "names")
@@ -95,7 +98,7 @@ class Interfaces:
         self._store = [NO_COMMAND] * len(self.names)
 
     def lend(self, names: Sequence[str]) -> Self:
-        """The interfaces with these names, in this order. Raises UnknownInterfaceError."""
+        """A view of the interfaces with these names, in this order. Raises UnknownInterfaceError."""
         if unknown := [name for name in names if name not in self._places]:
             raise UnknownInterfaceError(unknown)
         part = object.__new__(type(self))
@@ -115,12 +118,12 @@ class Interfaces:
             self._store[place] = value
 
     def fill(self, value: float) -> None:
-        """Set all values to one."""
+        """Set all interfaces to one value."""
         for place in self._places.values():
             self._store[place] = value
 
     def take(self) -> list[float] | None:
-        """All values, which are NaN from then on; None while any of them is NaN."""
+        """Return all values and reset them to NaN; None while any of them is NaN."""
         values = self.get()
         if any(value != value for value in values):
             return None
@@ -141,7 +144,7 @@ class Interfaces:
 
 
 def in_short(interfaces: Iterable[str]) -> str:
-    """Their kinds and how many there are of each, for people: "*_joint/position (6)"."""
+    """Summary for messages, with the number of interfaces of each kind: "*_joint/position (6)"."""
     kinds = Counter[str]()
     for interface in interfaces:
         component, _, kind = interface.rpartition("/")
@@ -150,7 +153,7 @@ def in_short(interfaces: Iterable[str]) -> str:
 
 
 class LifecycleState(StrEnum):
-    """Of a controller, as ROS 2 names them."""
+    """States of a controller, with their names in ROS 2."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -166,23 +169,23 @@ LIFE_CYCLE: Final = {
     (LifecycleState.UNCONFIGURED, "shutdown"): LifecycleState.FINALIZED,
     (LifecycleState.INACTIVE, "shutdown"): LifecycleState.FINALIZED,
 }
-"""(state, transition) -> state. Source: managed nodes of ROS 2; a controller that is active is deactivated first."""
+"""(state, transition) -> state. Source: managed nodes of ROS 2; an active controller is deactivated first."""
 
 
 @dataclass(frozen=True, slots=True)
 class NoParameters:
-    """For controllers without any."""
+    """Parameters of controllers that have none."""
 
 
 Parameters = TypeVar("Parameters")
 
 
 class Controller(Generic[Parameters]):
-    """Base of all controllers.
+    """Base class of all controllers.
 
-    name: as the file says. parameters: an instance of `parameters_type`. update_rate_hz: how
-    often `update` is called. states, commands: what it was lent; empty while it is not active.
-    It knows no robot and no clock, and does only what it is called for.
+    name: its name in the controllers file. parameters: an instance of `parameters_type`. update_rate_hz: how often
+    `update` is called. states, commands: the interfaces lent to it; empty while it is not active. A controller knows
+    neither the robot nor a clock: its manager calls it.
     """
 
     parameters_type: ClassVar[type[Any]] = NoParameters
@@ -197,12 +200,12 @@ class Controller(Generic[Parameters]):
 
     @property
     def command_interfaces(self) -> tuple[str, ...]:
-        """Names of what it commands; nobody else may command these while it is active."""
+        """Names of the interfaces that it commands, exclusively while it is active."""
         return ()
 
     @property
     def state_interfaces(self) -> tuple[str, ...]:
-        """Names of what it reads; those with * stand for all that match, which may be none."""
+        """Names of the interfaces that it reads; names with * stand for all matches, of which there may be none."""
         return ()
 
     @property
@@ -214,7 +217,7 @@ class Controller(Generic[Parameters]):
         """Check the parameters. Raises ControllerError."""
 
     def reconfigure(self, parameters: Parameters) -> None:
-        """Take other parameters, also while active. Raises ControllerError, and keeps those that it has."""
+        """Replace the parameters, also while active. If invalid, raises ControllerError and keeps the old ones."""
         before, self.parameters = self.parameters, parameters
         if self.state is LifecycleState.UNCONFIGURED:
             return
@@ -226,38 +229,38 @@ class Controller(Generic[Parameters]):
             raise
 
     def on_activate(self, time_s: float) -> None:
-        """Begin; states and commands have been lent. Raises ControllerError."""
+        """Start; states and commands have been lent. Raises ControllerError."""
 
     def on_deactivate(self) -> None:
-        """End; the interfaces are taken back afterwards."""
+        """Stop; the interfaces are withdrawn afterwards."""
 
     def on_halt(self, reason: str) -> None:
-        """The arm was stopped by something else: give up what is under way, and begin anew where it stands."""
+        """Handle a stop that had another cause: abort what is under way, and start afresh from the arm's position."""
 
     def update(self, time_s: float, period_s: float) -> None:
-        """One cycle: read the states, set the commands.
+        """Run one cycle: read the states, set the commands.
 
-        time_s: the robot's time. period_s: since the last cycle.
+        time_s: the robot's time. period_s: time since the last cycle.
         """
 
     def check_active(self) -> None:
-        """Raises ControllerError while the controller is not active."""
+        """Raise ControllerError while the controller is not active."""
         if not self.active:
             raise self.error(f"it is {self.state}: activate it first")
 
     def error(self, reason: str) -> ControllerError:
-        """An error of this controller, to be raised."""
+        """Create an error of this controller."""
         return ControllerError(self.name, reason)
 
 
 CONTROLLER_TYPES: dict[str, type[Controller[Any]]] = {}
-"""Type name, as in a controllers file -> class."""
+"""Controller classes by type name, as used in controllers files."""
 
 AnyController = TypeVar("AnyController", bound=type[Controller[Any]])
 
 
 def controller_type(*names: str) -> Callable[[AnyController], AnyController]:
-    """Make a class known under type names of ROS 2, the usual one first."""
+    """Register a controller class under its ROS 2 type names, the usual one first."""
 
     def register(kind: AnyController) -> AnyController:
         kind.type_name = names[0]

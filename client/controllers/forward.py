@@ -1,4 +1,4 @@
-"""Hands commands to the joints as they are."""
+"""Forward controllers, which pass commands to the joints unchanged."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,13 +18,13 @@ class ForwardCommandParameters:
 
 @dataclass(frozen=True, slots=True)
 class JointGroupParameters:
-    """Of the older types, whose name says the interface."""
+    """Parameters of the older controller types, whose names imply the interface."""
 
     joints: tuple[str, ...]
 
 
 class _Way:
-    """From values to others, at rest at both ends."""
+    """Interpolates from one set of values to another, at rest at both ends."""
 
     def __init__(
         self, begin: tuple[float, ...], end: tuple[float, ...], duration_s: float, pace: Callable[[], float]
@@ -37,11 +37,11 @@ class _Way:
 
     @property
     def done(self) -> bool:
-        """The end is reached."""
+        """True once the end is reached."""
         return self._passed_s >= self._duration_s
 
     def after(self, period_s: float) -> tuple[float, ...]:
-        """The next values, when so much more time has passed."""
+        """The values after another ``period_s``."""
         self._passed_s += period_s * self._pace()
         if self.done:
             return self._end
@@ -52,7 +52,7 @@ class _Way:
 
 @controller_type("forward_command_controller/ForwardCommandController")
 class ForwardCommandController(Controller[Any]):
-    """Commands positions, speeds or torques exactly as they were given last; nothing until then."""
+    """Passes the last commanded positions, velocities or torques to the joints unchanged; nothing before the first."""
 
     parameters_type: ClassVar[type[Any]] = ForwardCommandParameters
 
@@ -63,7 +63,7 @@ class ForwardCommandController(Controller[Any]):
 
     @property
     def interface_name(self) -> str:
-        """What it commands."""
+        """Name of the interface that it commands."""
         return str(self.parameters.interface_name)
 
     @property
@@ -72,7 +72,7 @@ class ForwardCommandController(Controller[Any]):
 
     def on_configure(self) -> None:
         if not self.parameters.joints:
-            raise self.error("joints is empty: name the joints to command")
+            raise self.error("joints is empty: list the joints to command")
 
     def on_activate(self, time_s: float) -> None:
         self._values = self._way = None
@@ -84,31 +84,31 @@ class ForwardCommandController(Controller[Any]):
         self._values = self._way = None
 
     def command(self, values: Sequence[float]) -> None:
-        """What to command from now on, joint by joint. Raises ControllerError, also while it is not active."""
+        """Set the command for each joint from now on. Raises ControllerError, also while it is not active."""
         self.check_active()
         self.check(values)
         self._values, self._way = tuple(values), None
 
     def go_to(self, values: Sequence[float], duration_s: float, pace: Callable[[], float]) -> None:
-        """The same, but gradually from what is commanded now: a cubic from rest to rest.
+        """Move the commands gradually from the present ones to ``values``, along a cubic from rest to rest.
 
-        pace: how fast the time passes that it takes, 0 while the arm waits. Raises ControllerError, also where
-        positions are not what it commands.
+        pace: returns how fast the time of the motion passes, 0 while the arm waits. Raises ControllerError, also if the
+        controller does not command positions.
         """
         self.check_active()
         self.check(values)
         if self.interface_name != "position":
-            raise self.error("only positions can be gone to")
+            raise self.error("only positions can be approached gradually")
         self._way = _Way(tuple(self.commands.get()), tuple(values), duration_s, pace)
 
     def stay(self) -> None:
-        """Give up what it goes to: command what it commands now."""
+        """Stop a gradual motion: keep the present commands."""
         self._way = None
 
     def check(self, values: Sequence[float]) -> None:
-        """Whether they could be commanded. Raises ControllerError."""
+        """Check that values can be commanded. Raises ControllerError if not."""
         if len(values) != len(self.parameters.joints):
-            raise self.error(f"{len(values)} commands came for {len(self.parameters.joints)} joints")
+            raise self.error(f"{len(values)} commands for {len(self.parameters.joints)} joints")
         if not all(map(math.isfinite, values)):
             raise self.error(f"these commands are not numbers: {list(values)}")
 
@@ -123,7 +123,7 @@ class ForwardCommandController(Controller[Any]):
 
 @controller_type("position_controllers/JointGroupPositionController")
 class JointGroupPositionController(ForwardCommandController):
-    """As the forward command controller, for positions."""
+    """Forward command controller for positions."""
 
     parameters_type: ClassVar[type[Any]] = JointGroupParameters
 
@@ -134,7 +134,7 @@ class JointGroupPositionController(ForwardCommandController):
 
 @controller_type("velocity_controllers/JointGroupVelocityController")
 class JointGroupVelocityController(ForwardCommandController):
-    """As the forward command controller, for speeds; they end with its activity."""
+    """Forward command controller for velocities, which end when it is deactivated."""
 
     parameters_type: ClassVar[type[Any]] = JointGroupParameters
 

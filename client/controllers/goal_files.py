@@ -1,4 +1,4 @@
-"""Files of goals, as the publishers of ros2_controllers_test_nodes read them.
+"""Goal files, in the format of the publishers of ros2_controllers_test_nodes.
 
 publisher_joint_trajectory_controller:
   ros__parameters:
@@ -24,20 +24,20 @@ from client.errors import ControllerError
 from urproto.text import quoted
 
 GOAL_TIME_S: Final = 4.0
-"""How long the publishers of ROS give each goal."""
+"""Duration that the ROS publishers give each goal [s]."""
 
-_WAIT_S: Final = 6.0  # the publishers' default
+_WAIT_S: Final = 6.0  # default of the ROS publishers
 _FIELDS: Final = ("positions", "velocities", "accelerations", "effort")
 _KNOWN: Final = (
     "controller_name", "publish_topic", "wait_sec_between_publish", "goal_names", "joints", "check_starting_point",
     "starting_point_limits", "use_sim_time",
 )  # fmt: skip
-_TURN: Final = 2 * math.pi  # a joint without limits of its own may be anywhere within one turn
+_TURN: Final = 2 * math.pi  # a joint without given limits may be anywhere within one turn
 
 
 @dataclass(frozen=True, slots=True)
 class NamedGoal:
-    """Where to go, or for forward controllers (in positions) what to command."""
+    """A named target; for forward controllers, ``positions`` contains the commands."""
 
     name: str
     point: JointTrajectoryPoint
@@ -47,9 +47,9 @@ class NamedGoal:
 class GoalFile:
     """Goals for one controller, in the order of goal_names.
 
-    commands: whether the controller takes bare commands, as forward controllers do. joints: in
-    the order of the goals' numbers, empty when the file does not say. starting_point_limits:
-    by joint [rad], empty unless they are to be checked. notes: what else the file says.
+    commands: whether the controller takes plain commands, as forward controllers do. joints: order of the goals'
+    numbers, empty if the file does not say. starting_point_limits: by joint [rad], empty unless they are to be checked.
+    notes: entries of the file that are ignored.
     """
 
     node: str
@@ -62,7 +62,7 @@ class GoalFile:
     notes: tuple[str, ...] = ()
 
     def check_start(self, q_rad: Mapping[str, float]) -> None:
-        """Raises ControllerError when a joint, by name, is outside the limits for a start."""
+        """Raise ControllerError if a joint is outside the limits for the start. q_rad: joint angles by name [rad]."""
         for joint, (low, high) in self.starting_point_limits.items():
             q = q_rad.get(joint)
             if q is None:
@@ -70,12 +70,12 @@ class GoalFile:
             if not low <= q <= high:
                 raise ControllerError(
                     self.node,
-                    f"the arm does not stand where it has to at the start: {joint} is at {q:.3f} rad, not between "
+                    f"the arm is not within the limits for the start: {joint} is at {q:.3f} rad, not between "
                     f'{low:g} and {high:g}; move it there first: ur-client goal --positions "{self._start(q_rad)}"',
                 )
 
     def _start(self, q_rad: Mapping[str, float]) -> str:
-        """Where the arm may start, from where it stands: joints that are outside their limits go to the middle."""
+        """A permitted start near the arm's position: joints outside their limits move to the middle."""
         limits = self.starting_point_limits
         nearest = {
             joint: q if (pair := limits.get(joint, (q, q)))[0] <= q <= pair[1] else sum(pair) / 2.0
@@ -85,7 +85,7 @@ class GoalFile:
 
 
 def read_goals(path: Path, node: str | None = None) -> GoalFile:
-    """The goals of a node, of the only one there is when it is not named. Raises ControllerError, OSError."""
+    """Read the goals of a node; by default the only one in the file. Raises ControllerError, OSError."""
     found = {name: given for name, given in sections(text_of(path), str(path), {}).items() if "goal_names" in given}
     if node is None and len(found) == 1:
         (node,) = found
@@ -108,12 +108,12 @@ class _Section:
         goals = tuple(NamedGoal(name, self._point(name, len(joints))) for name in names)
         controller, commands = self._target()
         strange = [key for key in self._given if key not in (*_KNOWN, *names)]
-        notes = tuple(f"{self._node}: {key} is not known, or no goal of goal_names: it is ignored" for key in strange)
+        notes = tuple(f"{self._node}: {key} is unknown, or not listed in goal_names, and is ignored" for key in strange)
         wait_s = self._number("wait_sec_between_publish", _WAIT_S)
         return GoalFile(self._node, controller, commands, joints, goals, wait_s, self._limits(joints), notes)
 
     def _target(self) -> tuple[str, bool]:
-        """The controller, and whether it takes bare commands: a topic ~/commands does."""
+        """The controller, and whether it takes plain commands, which a topic ~/commands shows."""
         topic = str(self._given.get("publish_topic", "")).strip("/")
         name, _, channel = topic.rpartition("/")
         if "controller_name" in self._given:
@@ -129,7 +129,7 @@ class _Section:
         if not isinstance(given, Mapping) or not set(given) & set(_FIELDS):
             raise self._error(f"the goal {name} has none of {', '.join(_FIELDS)}")
         if unknown := sorted(set(given) - set(_FIELDS)):
-            raise self._error(f"the goal {name} has {unknown[0]}: there are only {', '.join(_FIELDS)}")
+            raise self._error(f"the goal {name} has an unknown field {unknown[0]}: use {', '.join(_FIELDS)}")
         values = {key: self._numbers(f"{name}.{key}", given.get(key, ())) for key in _FIELDS}
         for key, numbers in values.items():
             if numbers and count and len(numbers) != count:
@@ -141,13 +141,13 @@ class _Section:
             return {}
         given = self._given.get("starting_point_limits", {})
         if not isinstance(given, Mapping):
-            raise self._error("starting_point_limits has a pair of numbers for each joint")
+            raise self._error("starting_point_limits must have a pair of numbers for each joint")
         limits = dict.fromkeys(joints, (-_TURN, _TURN))
         for joint, pair in given.items():
             numbers = self._numbers(f"starting_point_limits.{joint}", pair)
             if len(numbers) != 2 or numbers[0] > numbers[1]:
                 raise self._error(
-                    f"starting_point_limits.{joint} is the lowest and the highest angle, not {quoted(pair)}"
+                    f"starting_point_limits.{joint} must be the lowest and the highest angle, not {quoted(pair)}"
                 )
             limits[joint] = (numbers[0], numbers[1])
         return limits
@@ -155,18 +155,18 @@ class _Section:
     def _texts(self, key: str) -> list[str]:
         value = self._given.get(key)
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise self._error(f"{key} is a list of names, not {quoted(value)}")
+            raise self._error(f"{key} must be a list of names, not {quoted(value)}")
         return value
 
     def _numbers(self, key: str, value: Any) -> tuple[float, ...]:
         if not isinstance(value, list | tuple) or not all(_is_number(item) for item in value):
-            raise self._error(f"{key} is a list of numbers, not {quoted(value)}")
+            raise self._error(f"{key} must be a list of numbers, not {quoted(value)}")
         return tuple(float(item) for item in value)
 
     def _number(self, key: str, default: float) -> float:
         value = self._given.get(key, default)
         if not _is_number(value) or value < 0:
-            raise self._error(f"{key} is a number of seconds, not {quoted(value)}")
+            raise self._error(f"{key} must be a number of seconds, not {quoted(value)}")
         return float(value)
 
     def _error(self, reason: str) -> ControllerError:

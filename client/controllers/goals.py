@@ -1,4 +1,4 @@
-"""Trajectories, motion primitives, goals and results, as trajectory_msgs and control_msgs have them."""
+"""Trajectories, motion primitives, goals and results, as defined by trajectory_msgs and control_msgs."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ class ErrorCode(IntEnum):
 
 
 class GoalStatus(IntEnum):
-    """Of a goal that was accepted. Source: action_msgs/GoalStatus."""
+    """Status of an accepted goal. Source: action_msgs/GoalStatus."""
 
     EXECUTING = 2
     SUCCEEDED = 4
@@ -31,7 +31,7 @@ class GoalStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class JointTrajectoryPoint:
-    """Where the joints are at a time: [rad], [rad/s], [rad/s2], [Nm], each in the order of the joint names or empty."""
+    """State of the joints at a time: [rad], [rad/s], [rad/s2], [Nm], each in the order of the joint names, or empty."""
 
     positions: tuple[float, ...] = ()
     velocities: tuple[float, ...] = ()
@@ -42,7 +42,7 @@ class JointTrajectoryPoint:
 
 @dataclass(frozen=True, slots=True)
 class JointTrajectory:
-    """Points to pass; stamp_s: the robot's time at which it begins, 0 for now."""
+    """A sequence of points; stamp_s: start time by the robot's clock [s], 0 for now."""
 
     joint_names: tuple[str, ...]
     points: tuple[JointTrajectoryPoint, ...]
@@ -57,7 +57,7 @@ class JointTrajectory:
         qd_rad_s: Sequence[Sequence[float]],
         qdd_rad_s2: Sequence[Sequence[float]],
     ) -> "JointTrajectory":
-        """Of samples (n,) and (n, joints), the first of which is where the arm stands and is left out."""
+        """Create it from samples (n,) and (n, joints); the first one is the arm's present position and is left out."""
         rows = zip(q_rad[1:], qd_rad_s[1:], qdd_rad_s2[1:], times_s[1:], strict=True)
         points = (JointTrajectoryPoint(tuple(q), tuple(qd), tuple(qdd), (), time_s) for q, qd, qdd, time_s in rows)
         return cls(joint_names, tuple(points))
@@ -65,7 +65,7 @@ class JointTrajectory:
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far a joint may be off [rad, rad/s, rad/s2]: 0 is the controller's default, -1 is any distance."""
+    """Tolerance of a joint [rad, rad/s, rad/s2]: 0 for the controller's default, -1 for no limit."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -74,9 +74,10 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class FollowJointTrajectory:
-    """A trajectory and how well it has to be followed: tolerances by joint name.
+    """A trajectory and its tolerances by joint name.
 
-    goal_time_tolerance_s: how much later than planned the arm may be there; 0 is the controller's default, -1 any time.
+    goal_time_tolerance_s: how much later than planned the arm may arrive [s]; 0 for the controller's default, -1 for no
+    limit.
     """
 
     trajectory: JointTrajectory
@@ -97,9 +98,9 @@ class PrimitiveType(IntEnum):
 class MotionPrimitive:
     """A move in joint space to ``q_rad``, along a line to ``pose_base_tcp``, or along the arc through a via pose.
 
-    Poses are base to TCP [m, rotation vector]; what a type does not need is empty. blend_radius_m: how far from its
-    end the next one may begin. velocity, acceleration: the leading joint's [rad/s, rad/s2] or the tool's [m/s, m/s2];
-    a move_time_s above 0 replaces both, but for arcs.
+    Poses are base to TCP [m, rotation vector]; fields that a type does not need are empty. blend_radius_m: distance
+    from its end at which the next primitive may begin. velocity, acceleration: of the leading joint [rad/s, rad/s2] or
+    of the TCP [m/s, m/s2]; a move_time_s above 0 replaces both, except for arcs.
     """
 
     type: PrimitiveType
@@ -114,9 +115,9 @@ class MotionPrimitive:
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """Of a goal under way, once a cycle: joints (n,) in the controller's order.
+    """Feedback of a goal under way, once per cycle: joints (n,) in the controller's order.
 
-    index: the point that comes next, as many as there are points after the last one.
+    index: index of the next point; after the last point, the number of points.
     """
 
     time_s: float
@@ -128,7 +129,7 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """How a goal ended, in the words of ROS 2."""
+    """Result of a goal, in the terms of ROS 2."""
 
     error_code: ErrorCode
     error_string: str
@@ -138,9 +139,10 @@ _NONE: Final = Result(ErrorCode.SUCCESSFUL, "")
 
 
 class GoalHandle:
-    """A goal that a controller took.
+    """A goal that a controller accepted.
 
-    result: None until it ended. feedback: of the last cycle. on_end, on_feedback: called with it.
+    result: None until it has ended. feedback: feedback of the last cycle. on_end, on_feedback: callbacks that receive
+    them.
     """
 
     def __init__(self, goal: FollowJointTrajectory | tuple[MotionPrimitive, ...]) -> None:
@@ -153,24 +155,24 @@ class GoalHandle:
 
     @property
     def done(self) -> bool:
-        """True when it has ended, however."""
+        """True once it has ended, with any result."""
         return self.result is not None
 
     def tell(self, feedback: Feedback) -> None:
-        """How it goes."""
+        """Publish feedback."""
         self.feedback = feedback
         tell(self.on_feedback, feedback)
 
     def succeed(self, text: str) -> None:
-        """The arm is there."""
+        """End it: the goal was reached."""
         self._end(GoalStatus.SUCCEEDED, Result(ErrorCode.SUCCESSFUL, text))
 
     def abort(self, code: ErrorCode, text: str) -> None:
-        """The controller gave up."""
+        """End it: the controller aborted."""
         self._end(GoalStatus.ABORTED, Result(code, text))
 
     def cancel(self) -> None:
-        """Somebody asked for it."""
+        """End it: it was canceled on request."""
         self._end(GoalStatus.CANCELED, _NONE)
 
     def _end(self, status: GoalStatus, result: Result) -> None:

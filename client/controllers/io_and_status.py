@@ -1,4 +1,4 @@
-"""Inputs, outputs and modes of the robot, and what is set about it."""
+"""Inputs, outputs, modes and settings of the robot."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class IOStates:
 
 @dataclass(frozen=True, slots=True)
 class ToolData:
-    """Of the tool connector: [V], [A], [degC]; mode is urproto.modes.ToolMode.
+    """Data of the tool connector: [V], [A], [degC]; mode is one of urproto.modes.ToolMode.
 
     An analog input is in V where its type is 1, in A where it is 0.
     """
@@ -63,7 +63,7 @@ class ToolData:
 
 @dataclass(frozen=True, slots=True)
 class GPIOParameters:
-    """tf_prefix: in front of all names. verify_payload_on_set: a payload counts as set when the robot reports it."""
+    """tf_prefix: prefix of all names. verify_payload_on_set: a payload counts as set once the robot reports it."""
 
     tf_prefix: str = ""
     check_io_successfull_retries: int = without_effect(10, _EVERY_CYCLE)
@@ -72,10 +72,10 @@ class GPIOParameters:
 
 @controller_type("ur_controllers/GPIOController")
 class GPIOController(CallingController[GPIOParameters]):
-    """Publishes inputs, outputs and tool data, and modes when they change, and sets what can be set.
+    """Publishes inputs, outputs and tool data, and modes when they change; sets outputs and other settings.
 
-    Every setting gives a `Call`, which is answered when the robot has it, for outputs and the
-    speed slider when it is seen to be in effect.
+    Every setting returns a `Call`, which is answered once the robot has accepted it; for outputs and the speed slider,
+    once its effect is seen.
     """
 
     parameters_type: ClassVar[type[Any]] = GPIOParameters
@@ -106,7 +106,7 @@ class GPIOController(CallingController[GPIOParameters]):
         _tell(self.program_running, self._state("gpio/program_running") == 1.0)
 
     def set_digital_out(self, pin: int, on: bool) -> Call:
-        """Pins as in `IOStates`. Raises ControllerError."""
+        """Set a digital output; pins are numbered as in `IOStates`. Raises ControllerError."""
         self._check_pin(pin, SIGNALS, "digital output")
         output = f"gpio/digital_output_{pin}"
         return self._send(
@@ -117,7 +117,10 @@ class GPIOController(CallingController[GPIOParameters]):
         )
 
     def set_analog_out(self, pin: int, share: float, *, voltage: bool | None = None) -> Call:
-        """0 to 1 of the range of the domain: voltage (True, 0 to 10 V), current (False, 4 to 20 mA), or as it is."""
+        """Set an analog output to a share, 0 to 1, of its range.
+
+        voltage: True for 0 to 10 V, False for 4 to 20 mA, None leaves the domain unchanged.
+        """
         self._check_pin(pin, 2, "analog output")
         if not 0.0 <= share <= 1.0:
             raise self.error(f"an analog output takes 0 to 1 of its range, not {share}")
@@ -127,15 +130,15 @@ class GPIOController(CallingController[GPIOParameters]):
         return self._send(f"analog output {pin}", values, _ANSWER)
 
     def set_tool_voltage(self, volts: float) -> Call:
-        """0, 12 or 24 V."""
+        """Set the supply voltage at the tool: 0, 12 or 24 V."""
         if volts not in (0, 12, 24):
             raise self.error(f"the tool voltage is 0, 12 or 24 V, not {volts}")
         return self._send("tool voltage", {"gpio/tool_voltage_cmd": float(volts)}, _ANSWER)
 
     def set_speed_slider(self, fraction: float) -> Call:
-        """0.01 to 1."""
+        """Set the speed slider, 0.01 to 1."""
         if not 0.01 <= fraction <= 1.0:
-            raise self.error(f"the speed slider goes from 0.01 to 1, not to {fraction}")
+            raise self.error(f"the speed slider takes 0.01 to 1, not {fraction}")
         return self._send(
             "speed slider",
             {"speed_scaling/target_speed_fraction_cmd": fraction},
@@ -149,7 +152,7 @@ class GPIOController(CallingController[GPIOParameters]):
         return self._send("resend_robot_program", {f"{name}_cmd": 1.0}, f"{name}_async_success")
 
     def hand_back_control(self) -> Call:
-        """End the control program: what follows it in the robot's own program goes on."""
+        """End the control program; the robot's own program continues after it."""
         name = "hand_back_control/hand_back_control"
         return self._send("hand_back_control", {f"{name}_cmd": 1.0}, f"{name}_async_success")
 
@@ -160,9 +163,9 @@ class GPIOController(CallingController[GPIOParameters]):
         inertia_kg_m2: Sequence[float] | None = None,
         transition_time_s: float = 0.0,
     ) -> Call:
-        """Mass, centre of gravity (3,) in the flange frame and, from 5.10 on, inertia (6,) and a transition."""
+        """Set mass, centre of gravity (3,) in the flange frame and, from 5.10 on, inertia (6,) and transition time."""
         if len(cog_m) != 3 or (inertia_kg_m2 is not None and len(inertia_kg_m2) != 6):
-            raise self.error("a centre of gravity has 3 numbers, an inertia 6: xx, yy, zz, xy, xz, yz")
+            raise self.error("a centre of gravity must have 3 numbers, an inertia 6: xx, yy, zz, xy, xz, yz")
         values = dict(zip((f"payload/{part}" for part in _PAYLOAD), (mass_kg, *cog_m), strict=True))
         if inertia_kg_m2 is not None:
             values |= dict(zip((f"payload/{part}" for part in _INERTIA), inertia_kg_m2, strict=True))
@@ -173,12 +176,12 @@ class GPIOController(CallingController[GPIOParameters]):
         )
 
     def _reports(self, values: Mapping[str, float]) -> bool:
-        """Whether the robot does, to single precision; what it does not report is not looked at."""
+        """Whether the robot reports these values, to single precision; values that it does not report are ignored."""
         seen = [(self._state(name), value) for name, value in values.items() if name != "payload/transition_time"]
         return all(state != state or abs(state - value) <= _PAYLOAD_OFF for state, value in seen)
 
     def zero_ftsensor(self) -> Call:
-        """Let what the force sensor feels now be zero; e-Series."""
+        """Zero the force/torque sensor (take the present wrench as zero); e-Series."""
         name = "zero_ftsensor/zero_ftsensor"
         return self._send("zero_ftsensor", {f"{name}_cmd": 1.0}, f"{name}_async_success")
 

@@ -1,4 +1,4 @@
-"""Follows trajectories of joint angles, setpoint by setpoint."""
+"""Joint trajectory controllers, which follow trajectories setpoint by setpoint."""
 
 import math
 from collections.abc import Sequence
@@ -25,9 +25,9 @@ from urproto.text import quoted
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Of one joint: proportional, integral, derivative, and the share of the planned speed that is added.
+    """PID gains of one joint, and the share of the planned velocity that is added (feedforward).
 
-    Clamps limit the integral's part (i) and the sum of all parts (u).
+    Clamps limit the integral term (i) and the sum of all terms (u).
     """
 
     p: float = 0.0
@@ -41,18 +41,18 @@ class Gains:
 
 
 class Pid:
-    """One joint's controller; errors are desired minus actual [rad, rad/s]."""
+    """PID controller of one joint; errors are desired minus actual [rad, rad/s]."""
 
     def __init__(self, gains: Gains) -> None:
         self.gains = gains
         self._integral = 0.0
 
     def reset(self) -> None:
-        """Forget the past."""
+        """Reset the integral and derivative terms."""
         self._integral = 0.0
 
     def command(self, error: float, error_rate: float, period_s: float) -> float:
-        """What to do about an error."""
+        """Compute the output for an error."""
         gains = self.gains
         part = self._integral + gains.i * error * period_s
         self._integral = min(max(part, gains.i_clamp_min), gains.i_clamp_max)
@@ -63,9 +63,9 @@ class Pid:
 def deceleration(
     q_rad: Sequence[float], qd_rad_s: Sequence[float], limits_rad_s2: Sequence[float]
 ) -> list[JointTrajectoryPoint]:
-    """Points of the way to rest on which each joint (n,) brakes steadily with its own limit.
+    """Points of a stopping trajectory on which each joint (n,) decelerates constantly at its own limit.
 
-    There is a point wherever a joint comes to rest; cubic interpolation between them is exact.
+    There is a point wherever a joint comes to rest; cubic interpolation between the points is exact.
     """
     moments = sorted({0.0, *(abs(v) / a for v, a in zip(qd_rad_s, limits_rad_s2, strict=True))})
     return [_after(t, q_rad, qd_rad_s, limits_rad_s2) for t in moments]
@@ -77,23 +77,23 @@ def _after(
     positions, speeds = [], []
     for q, v, a in zip(q_rad, qd_rad_s, limits_rad_s2, strict=True):
         stop_s = abs(v) / a
-        share = 1.0 - min(t, stop_s) / stop_s if stop_s > 0.0 else 0.0  # of the speed that is left
+        share = 1.0 - min(t, stop_s) / stop_s if stop_s > 0.0 else 0.0  # share of the initial speed that is left
         positions.append(q + v * stop_s * (1.0 - share * share) / 2.0)
         speeds.append(v * share)
     return JointTrajectoryPoint(tuple(positions), tuple(speeds), time_from_start_s=t)
 
 
 def _no_faster(speed: float, than: float) -> float:
-    """A speed, at most as large as another one; 0 when that goes the other way."""
+    """Limit a speed to another one; 0 if they have opposite signs."""
     return math.copysign(min(abs(speed), abs(than)), speed) if speed * than > 0.0 else 0.0
 
 
-_EVERY_CYCLE: Final = "states and results are told in the cycle they come about"
+_EVERY_CYCLE: Final = "states and results are reported in the cycle in which they occur"
 
 
 @dataclass(frozen=True, slots=True)
 class JointConstraints:
-    """Tolerances of one joint [rad], and how fast it may brake [rad/s2]; 0 is none."""
+    """Tolerances of one joint [rad], and its maximum deceleration [rad/s2]; 0 means none."""
 
     trajectory: float = 0.0
     goal: float = 0.0
@@ -102,7 +102,7 @@ class JointConstraints:
 
 @dataclass(frozen=True, slots=True)
 class Constraints:
-    """goal_time [s]: how late the arm may be, 0 for any time; stopped_velocity_tolerance [rad/s] at the end."""
+    """goal_time [s]: how late the arm may arrive, 0 for no limit; stopped_velocity_tolerance [rad/s] at the end."""
 
     stopped_velocity_tolerance: float = 0.01
     goal_time: float = 0.0
@@ -112,14 +112,14 @@ class Constraints:
 
 @dataclass(frozen=True, slots=True)
 class GainsByJoint:
-    """For controllers that command speeds or torques."""
+    """Gains for controllers that command velocities or torques."""
 
     joints: dict[str, Gains] = field(default_factory=dict, metadata=BY_NAME)
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedScaling:
-    """Where the factor comes from by which time passes slower; state_interface "" keeps it as it is."""
+    """Source of the speed scaling factor; with state_interface "" it stays unchanged."""
 
     initial_scaling_factor: float = 1.0
     state_interface: str = ""
@@ -128,7 +128,7 @@ class SpeedScaling:
 
 @dataclass(frozen=True, slots=True)
 class JointTrajectoryParameters:
-    """As of ros2_controllers; what ROS 2 publishes at rates of its own comes every cycle here."""
+    """Parameters as in ros2_controllers; topics that ROS 2 publishes at separate rates are published every cycle."""
 
     joints: tuple[str, ...]
     command_interfaces: tuple[str, ...]
@@ -151,7 +151,7 @@ class JointTrajectoryParameters:
 
 @dataclass(frozen=True, slots=True)
 class ScaledJointTrajectoryParameters(JointTrajectoryParameters):
-    """With the name of the state interface that holds the scaling factor."""
+    """Adds the name of the state interface with the scaling factor."""
 
     speed_scaling_interface_name: str = "speed_scaling/speed_scaling_factor"
 
@@ -162,7 +162,7 @@ _STATES: Final = ("position", "velocity", "acceleration")
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """Of one cycle: reference, feedback, error and output (n,) in the order of joint_names."""
+    """State of one cycle: reference, feedback, error and output (n,) in the order of joint_names."""
 
     time_s: float
     joint_names: tuple[str, ...]
@@ -177,8 +177,8 @@ class ControllerState:
 class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     """Follows trajectories: linear, cubic or quintic, with tolerances; holds the arm in between.
 
-    `send_goal` takes a goal that ends with a result, `command` a trajectory that does not.
-    Commands positions, or speeds or torques by the PID law. state_topic: one message a cycle.
+    `send_goal` takes a goal that ends with a result, `command` a trajectory without one. Commands positions, or
+    velocities or torques through PID control. state_topic: one message per cycle.
     """
 
     parameters_type: ClassVar[type[Any]] = JointTrajectoryParameters
@@ -238,7 +238,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     def _check_parameters(self) -> None:
         given = self.parameters
         if not self.joints or len(set(self.joints)) < len(self.joints):
-            raise self.error("joints has to name each joint once")
+            raise self.error("joints must list each joint once")
         if given.command_joints not in ((), self.joints):
             raise self.error("command_joints that differ from joints are not supported: leave them out")
         if len(given.command_interfaces) != 1 or self._command not in _COMMANDS:
@@ -246,14 +246,14 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
                 f"command_interfaces is one of {', '.join(_COMMANDS)}, not {quoted(given.command_interfaces)}"
             )
         if "position" not in given.state_interfaces or not set(given.state_interfaces) <= set(_STATES):
-            raise self.error(f"state_interfaces are position and any other of {', '.join(_STATES)}")
+            raise self.error(f"state_interfaces must include position, and may include others of {', '.join(_STATES)}")
         if self._command != "position" and "velocity" not in given.state_interfaces:
             raise self.error(f"a controller that commands {self._command} needs the state interface velocity")
         if given.interpolation_method not in ("splines", "none"):
             raise self.error(f"interpolation_method is splines or none, not {quoted(given.interpolation_method)}")
         named = {*given.constraints.joints, *given.gains.joints}
         if strange := sorted(named - set(self.joints)):
-            raise self.error(f"constraints or gains are given for {strange[0]}, which is none of its joints")
+            raise self.error(f"constraints or gains are given for {strange[0]}, which is not one of its joints")
         braking = given.constraints.joints
         if given.constraints.decelerate_on_cancel and not all(
             joint in braking and braking[joint].max_deceleration_on_cancel > 0.0 for joint in self.joints
@@ -293,7 +293,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     # goals
 
     def send_goal(self, goal: FollowJointTrajectory | JointTrajectory) -> GoalHandle:
-        """Begin a goal; one that is under way is aborted.
+        """Start a goal; a goal that is under way is aborted.
 
         Raises GoalRejectedError, or ControllerError while the controller is not active.
         """
@@ -310,7 +310,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         return self.goal
 
     def command(self, trajectory: JointTrajectory) -> None:
-        """Follow a trajectory without a result, as from the topic ~/joint_trajectory; raises as `send_goal`."""
+        """Follow a trajectory without a result, as from the topic ~/joint_trajectory; raises like `send_goal`."""
         self.check_active()
         self.check(trajectory)
         self._preempt()
@@ -322,7 +322,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             goal.abort(ErrorCode.INVALID_GOAL, "Current goal preempted by new incoming action.")
 
     def sampled(self, time_s: float) -> JointTrajectoryPoint:
-        """Where the present trajectory will be at the robot's time ``time_s``, at the speed scaling of now.
+        """State of the present trajectory at the robot's time ``time_s``, assuming the present speed scaling.
 
         Raises ControllerError without a trajectory, and for times before its start or after its end.
         """
@@ -337,14 +337,14 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         return sample.point
 
     def set_scaling(self, factor: float) -> None:
-        """How fast the time of trajectories passes, until the robot's own speed scaling, if it is read, replaces it.
+        """Set how fast the time of trajectories passes, until the robot's speed scaling, if it is read, replaces it.
 
-        Raises ControllerError for a factor below 0, and where something else than positions is commanded.
+        Raises ControllerError for a factor below 0, and if the controller does not command positions.
         """
         if not 0.0 <= factor < math.inf:
             raise self.error(f"a speed scaling factor is 0 or more, not {factor}")
         if self._command != "position":
-            raise self.error("its speed cannot be scaled, since it does not command positions")
+            raise self.error("its speed cannot be scaled, because it does not command positions")
         self.scaling = factor
 
     def on_halt(self, reason: str) -> None:
@@ -353,7 +353,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         self._hold(JointTrajectoryPoint(self._actual.positions))
 
     def cancel(self) -> None:
-        """Stop; the goal under way is canceled."""
+        """Stop the arm; the goal under way is canceled."""
         self.check_active()
         goal, self.goal = self.goal, None
         self._stop()
@@ -362,7 +362,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
     @property
     def progress(self) -> float:
-        """How much of the time of the present trajectory has passed, 0 to 1; 1 while holding."""
+        """Elapsed share of the present trajectory's time, 0 to 1; 1 while holding."""
         if self._pending is not None:
             return 0.0
         if self._holding or self._path is None or not self._path.begun:
@@ -371,7 +371,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         return min(max((self._path_s - self._path.start_s) / length_s, 0.0), 1.0) if length_s > 0.0 else 1.0
 
     def check(self, trajectory: JointTrajectory) -> None:
-        """Whether it would be taken, were the controller active. Raises GoalRejectedError."""
+        """Check that a trajectory would be accepted if the controller were active. Raises GoalRejectedError if not."""
         given = self.parameters
         TrajectoryRules(
             self.name,
@@ -409,7 +409,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
     @property
     def _pace(self) -> float:
-        """How fast the path's time passes; the way to rest is planned in the robot's own time."""
+        """How fast the path's time passes; a stopping trajectory is planned in the robot's own time."""
         return 1.0 if self._holding and self.scaling > 0.0 else self.scaling
 
     def _read(self) -> None:
@@ -447,7 +447,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             path.begin(time_s, self._actual)
 
     def _error(self, desired: JointTrajectoryPoint) -> JointTrajectoryPoint:
-        """Desired minus actual; of speeds only where speeds or torques are commanded."""
+        """Desired minus actual; for velocities only if velocities or torques are commanded."""
         actual = self._actual
         positions = tuple(a - b for a, b in zip(desired.positions, actual.positions, strict=True))
         if self._command == "position":
@@ -456,7 +456,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         return JointTrajectoryPoint(positions, speeds)
 
     def _judge(self, error: JointTrajectoryPoint, ahead: Sample, first: bool) -> tuple[str | None, str | None, bool]:
-        """What is too far off on the way, what at the end, and whether it is too late for the latter to change."""
+        """Return the violated path tolerance, the violated goal tolerance, and whether the goal's time is over."""
         if self._holding:
             return None, None, False
         assert self._path is not None
@@ -469,7 +469,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         if at_end and timeout_s > limits.goal_time_s and since_s > timeout_s:
             if self.goal is None:
                 self._stop()
-            missed = None  # from now on the arm holds, and a goal under way has been reached: as of ros2_controllers
+            missed = None  # from now on the arm holds, and a goal under way counts as reached, as in ros2_controllers
         return broken, missed, bool(missed) and 0.0 < limits.goal_time_s < since_s
 
     def _set(self, point: JointTrajectoryPoint, error: JointTrajectoryPoint, period_s: float) -> None:
@@ -496,7 +496,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             self.goal.tell(Feedback(time_s, desired.point, self._actual, error, index))
 
     def _output(self) -> JointTrajectoryPoint:
-        """What is on the command interfaces, which are of one kind; the rest is empty, as of ros2_controllers."""
+        """Values of the command interfaces, which are of one kind; the rest is empty, as in ros2_controllers."""
         values = tuple(self.commands.get())
         if self._command == "position":
             return JointTrajectoryPoint(values)
@@ -528,10 +528,11 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     # rest
 
     def _stop(self, astray: bool = False) -> None:
-        """Hold where the arm is, or where it comes to rest.
+        """Hold the arm's position, or bring the arm to rest and hold that position.
 
-        astray: it is not where it was sent. It brakes from where it is then, as of ros2_controllers; else from where it
-        was sent, which is ahead of it while it moves, and never faster than it really is: a path may command any speed.
+        astray: the arm is not where it was commanded. It then decelerates from its actual position, as in
+        ros2_controllers. Otherwise it decelerates from the commanded position, which is ahead of it while it moves, but
+        never from a speed above the actual one, because a path may command any speed.
         """
         self._pending = None
         constraints, sent, actual = self.parameters.constraints, self._commanded, self._actual
@@ -557,7 +558,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
 @controller_type("ur_controllers/ScaledJointTrajectoryController")
 class ScaledJointTrajectoryController(JointTrajectoryController):
-    """As the joint trajectory controller, in time with the robot's speed scaling: what slows it down stretches time."""
+    """Joint trajectory controller that follows the robot's speed scaling: a slower robot stretches the trajectory."""
 
     parameters_type: ClassVar[type[Any]] = ScaledJointTrajectoryParameters
     parameters: ScaledJointTrajectoryParameters

@@ -1,4 +1,4 @@
-"""The control loop: a controller manager that runs with each state of a robot.
+"""The control loop: a controller manager that is updated with each state of a robot.
 
 async with URDriver(host, outputs=RTDE_OUTPUTS) as driver:
     await driver.start_program()
@@ -27,18 +27,17 @@ from urproto.joints import JOINT_NAMES
 
 _FIRST_STATE_S: Final = 5.0  # guess: a robot that sends states at all does so within this
 _REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
-_AT_REST_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands
+_AT_REST_RAD_S: Final = 0.005  # guess: above the noise at rest
 
 _logger = logging.getLogger(__name__)
 
 
 class ControlLoop:
-    """Runs the controllers of a robot by its driver; use it with ``async with``.
+    """Runs the controllers of a robot through its driver; use it with ``async with``.
 
-    driver: connected, with `RTDE_OUTPUTS` among its outputs. manager: load, activate, switch. prefix: of the
-    names of joints and interfaces.
-    The loop runs at the rate of the robot's states, and in their time; states that come
-    together, as after a hold-up of this machine, are one cycle.
+    driver: a connected driver, with `RTDE_OUTPUTS` among its outputs. manager: loads, activates and switches
+    controllers. prefix: prefix of the names of joints and interfaces. The loop runs at the rate of the robot's states,
+    and in the robot's time. States that arrive together, for example after this machine was busy, make one cycle.
     """
 
     def __init__(self, driver: URDriver, file: ControllersFile | None = None, *, prefix: str = "") -> None:
@@ -53,7 +52,7 @@ class ControlLoop:
 
     @property
     def manager(self) -> ControllerManager:
-        """Raises RuntimeError outside the context."""
+        """The controller manager. Raises RuntimeError outside the context."""
         if self._manager is None:
             raise RuntimeError("the control loop is not running: use it in an async with statement")
         return self._manager
@@ -90,8 +89,8 @@ class ControlLoop:
         self.driver.robot.on_silence.remove(self._fell_silent)
 
     def _fell_silent(self) -> None:
-        """No more cycles come: nobody else would end what is under way."""
-        self.manager.stop_motion("the robot is silent: look at the network, then activate again")
+        """End all motions: without states there are no more cycles that would end them."""
+        self.manager.stop_motion("the robot sends nothing: check the network, then activate again")
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -108,7 +107,7 @@ class ControlLoop:
             await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def follow(self, name: str, goal: FollowJointTrajectory | JointTrajectory) -> Result:
-        """Send a trajectory controller a goal and wait for its end; it is canceled when the caller is."""
+        """Send a goal to a trajectory controller and wait for its end; it is canceled if the caller is cancelled."""
         controller = self.manager.controller(name)
         handle: GoalHandle = controller.send_goal(goal)
         try:
@@ -128,7 +127,7 @@ class ControlLoop:
         return handle.result
 
     async def answer(self, call: Call) -> None:
-        """Wait for the answer to what a controller was asked. Raises ControllerError when it is no."""
+        """Wait for the answer to a request to a controller. Raises ControllerError if it failed."""
         if call.success is None:
             ended = asyncio.Event()
             call.on_end.append(lambda _: ended.set())
@@ -137,7 +136,7 @@ class ControlLoop:
             raise ControllerError("controller", call.message)
 
     async def cycles(self, count: int = 1) -> None:
-        """Let cycles pass."""
+        """Wait for ``count`` cycles."""
         for _ in range(count):
             await self._cycled.wait()
 
@@ -148,11 +147,11 @@ class ControlLoop:
 
     @property
     def at_rest(self) -> bool:
-        """The arm stands, by what it measures."""
+        """True if the arm is at rest, by its measured joint speeds."""
         return bool(max(map(abs, self.driver.state["actual_qd"])) < _AT_REST_RAD_S)
 
     async def rest(self, within_s: float = _REST_S) -> None:
-        """Wait until the arm rests, or for so long in the robot's time."""
+        """Wait until the arm is at rest, at most ``within_s`` [s] of the robot's time."""
         begin_s = self.manager.time_s
         while self.manager.time_s < begin_s + within_s:
             await self.cycles()

@@ -1,4 +1,4 @@
-"""Loads controllers, lends them interfaces, and calls them once a cycle: read, update, write."""
+"""The controller manager: loads controllers, lends them interfaces, and calls them once per cycle."""
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,7 +19,7 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class ControllerInfo:
-    """A loaded controller; claimed: the command interfaces it has."""
+    """A loaded controller; claimed: the command interfaces that it has claimed."""
 
     name: str
     type: str
@@ -29,7 +29,7 @@ class ControllerInfo:
 
 @dataclass(frozen=True, slots=True)
 class InterfaceInfo:
-    """A command interface and who has it, "" for nobody; or a state interface, which all may read."""
+    """A command interface and the controller that has claimed it, "" for none; or a state interface."""
 
     name: str
     kind: str
@@ -41,12 +41,11 @@ _STATE: Final = "state"
 
 
 class ControllerManager:
-    """The controllers of one robot; `cycle` is called with each state of it, everything else between cycles.
+    """The controllers of one robot; `cycle` is called with each of its states, everything else between cycles.
 
-    file: types and parameters of controllers by name. notes: what the parameters of loaded
-    controllers said that is not known, or has no effect here. on_load: called with each controller
-    that is loaded. on_stop: called with the names of controllers that are deactivated because the
-    arm cannot be moved. on_cycle: called after each cycle.
+    file: types and parameters of controllers by name. notes: parameters of loaded controllers that are unknown or have
+    no effect. on_load: called with each controller that is loaded. on_stop: called with the names of controllers that
+    are deactivated because the arm cannot move. on_cycle: called after each cycle.
     """
 
     def __init__(self, hardware: Hardware, file: ControllersFile, update_rate_hz: float, prefix: str = "") -> None:
@@ -65,9 +64,9 @@ class ControllerManager:
     # the life cycle
 
     def load(self, name: str, type_name: str | None = None, parameters: Mapping[str, Any] | None = None) -> Any:
-        """Make a controller, as the file describes it or as given here. Raises ControllerError."""
+        """Load a controller, as described in the file or by the arguments. Raises ControllerError."""
         if name in self._controllers:
-            raise ControllerError(name, "it is loaded already")
+            raise ControllerError(name, "it is already loaded")
         kind = configuration.find(name, type_name or self.file.type_of(name))
         given = self.file.parameters_of(name) if parameters is None else parameters
         reading = Reading()
@@ -79,32 +78,32 @@ class ControllerManager:
         return controller
 
     def _note(self, name: str, reading: Reading) -> None:
-        notes = [f"{name}: the parameter {key} is not known: it is ignored" for key in reading.unknown]
+        notes = [f"{name}: the parameter {key} is unknown and ignored" for key in reading.unknown]
         for note in notes:
             _logger.warning("%s", note)
         self.notes += notes
         self.notes += [f"{name}: the parameter {key} has no effect" for key in reading.without_effect]
 
     def configure(self, name: str) -> None:
-        """Let a controller check its parameters. Raises ControllerError."""
+        """Configure a controller, which checks its parameters. Raises ControllerError."""
         controller = self.controller(name)
         state = _next(controller, "configure")
         controller.on_configure()
         controller.state = state
 
     def cleanup(self, name: str) -> None:
-        """Take a controller back to before its configuration. Raises ControllerError."""
+        """Return a controller to the state unconfigured. Raises ControllerError."""
         controller = self.controller(name)
         controller.state = _next(controller, "cleanup")
 
     def unload(self, name: str) -> None:
-        """Forget a controller. Raises ControllerError while it is active."""
+        """Unload a controller. Raises ControllerError while it is active."""
         controller = self.controller(name)
         controller.state = _next(controller, "shutdown")
         del self._controllers[name]
 
     def activate(self, *names: str) -> None:
-        """Load and configure what is not yet, and activate all of them together. Raises ControllerError."""
+        """Load and configure controllers if necessary, and activate all of them together. Raises ControllerError."""
         for name in names:
             if name not in self._controllers:
                 self.load(name)
@@ -113,17 +112,17 @@ class ControllerManager:
         self.switch(activate=names)
 
     def deactivate(self, *names: str) -> None:
-        """Let controllers end. Raises ControllerError."""
+        """Deactivate controllers. Raises ControllerError."""
         self.switch(deactivate=names)
 
     def switch(
         self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = (), best_effort: bool = False
     ) -> None:
-        """End some controllers and begin others, in one cycle: all of it, or, with an error, nothing.
+        """Deactivate some controllers and activate others in one cycle; on an error, nothing changes.
 
-        Only a controller that fails as it begins is noticed too late for those that were to end; none begins then.
-        best_effort: leave out those that are not in a state for it, instead. Raises
-        ControllerError, naming the interface that two controllers would have at once.
+        One exception: if a controller fails during its activation, the others have already been deactivated; then none
+        is activated. best_effort: leave out controllers that are not in a suitable state, instead of raising. Raises
+        ControllerError, which names the interface that two controllers would claim.
         """
         ending, beginning = list(dict.fromkeys(deactivate)), list(dict.fromkeys(activate))
         if best_effort:
@@ -158,7 +157,7 @@ class ControllerManager:
                 if interface not in self.hardware.commands:
                     raise ControllerError(name, f"the hardware has no command interface {interface}")
                 if holder := holders.get(interface):
-                    raise ControllerError(name, f"{holder} has {interface}: deactivate it in the same switch")
+                    raise ControllerError(name, f"{holder} has claimed {interface}: deactivate it in the same switch")
                 holders[interface] = name
             self._states_of(controller)
 
@@ -166,7 +165,7 @@ class ControllerManager:
         return [interface for name in names for interface in self.controller(name).command_interfaces]
 
     def state_interfaces_of(self, controller: Controller[Any]) -> list[str]:
-        """The names of what a controller reads, those that stand for several replaced by what the hardware has."""
+        """Names of the state interfaces that a controller reads, with patterns expanded to the hardware's names."""
         known = self.hardware.states.names
         names: list[str] = []
         for wanted in controller.state_interfaces:
@@ -199,7 +198,7 @@ class ControllerManager:
         controller.on_deactivate()
         controller.state = LifecycleState.INACTIVE
 
-    # what there is
+    # queries
 
     def controller(self, name: str) -> Any:
         """A loaded controller. Raises ControllerError."""
@@ -210,15 +209,15 @@ class ControllerManager:
             raise ControllerError(name, f"it is not loaded (loaded: {loaded}): load it first") from None
 
     def active(self) -> list[Controller[Any]]:
-        """Those that are updated, in the order they were loaded."""
+        """Controllers that are updated, in the order in which they were loaded."""
         return [controller for controller in self._controllers.values() if controller.active]
 
     def moving(self) -> list[Controller[Any]]:
-        """Those that move the arm."""
+        """Active controllers that move the arm."""
         return [controller for controller in self.active() if self._modes_of(controller) & MOTION]
 
     def complying(self) -> list[Controller[Any]]:
-        """Those that change how it moves: force mode, tool contact."""
+        """Active controllers that change how the arm moves: force mode, tool contact."""
         return [controller for controller in self.active() if self._modes_of(controller) - MOTION]
 
     def _modes_of(self, controller: Controller[Any]) -> set[CommandMode]:
@@ -226,14 +225,14 @@ class ControllerManager:
         return {mode for mode in modes if mode is not None}
 
     def list_controllers(self) -> list[ControllerInfo]:
-        """All that are loaded."""
+        """All loaded controllers."""
         return [
             ControllerInfo(one.name, one.type_name, one.state, one.command_interfaces if one.active else ())
             for one in self._controllers.values()
         ]
 
     def list_interfaces(self) -> list[InterfaceInfo]:
-        """All that the hardware has."""
+        """All interfaces of the hardware."""
         holders = {name: one.name for one in self.active() for name in one.command_interfaces}
         return [
             *(InterfaceInfo(name, _COMMAND, holders.get(name, "")) for name in self.hardware.commands.names),
@@ -243,10 +242,10 @@ class ControllerManager:
     # a cycle
 
     def cycle(self, state: Mapping[str, Any], time_s: float, period_s: float) -> bool:
-        """Read a state of the robot, update the active controllers, write what they command.
+        """Read a state of the robot, update the active controllers, write their commands.
 
-        time_s: the robot's time. period_s: since the cycle before. False for a state that cannot be used, which ends
-        what moves the arm and nothing else.
+        time_s: the robot's time. period_s: time since the last cycle. Returns False for an invalid state, which
+        deactivates the controllers that move the arm, and no others.
         """
         try:
             self.hardware.read(state, period_s)
@@ -275,7 +274,7 @@ class ControllerManager:
         return True
 
     def stop_motion(self, reason: str) -> None:
-        """Deactivate what moves the arm, and let its goals end, because the arm cannot be moved."""
+        """Deactivate the controllers that move the arm, and end their goals, because the arm cannot move."""
         if moving := self.moving():
             _logger.error("controllers are deactivated: %s", reason)
             for controller in moving:
@@ -288,13 +287,13 @@ class ControllerManager:
             try:
                 controller.on_deactivate()
             except Exception:
-                _logger.exception("%s did not end in order", controller.name)
+                _logger.exception("%s failed while it was deactivated", controller.name)
             controller.state = LifecycleState.INACTIVE
             self.hardware.perform_command_mode_switch([], controller.command_interfaces)
 
 
 def _next(controller: Controller[Any], transition: str) -> LifecycleState:
-    """The state that a transition leads to. Raises ControllerError."""
+    """The state that a transition leads to. Raises ControllerError for an invalid one."""
     try:
         return LIFE_CYCLE[controller.state, transition]
     except KeyError:

@@ -1,4 +1,4 @@
-"""What the hardware can do at the same time.
+"""Command modes of the hardware, and which of them can be combined.
 
 Source: the mode compatibilities of the hardware interface in Universal_Robots_ROS2_Driver.
 """
@@ -32,7 +32,7 @@ MOTION: Final = frozenset(
         CommandMode.MOTION_PRIMITIVE,
     ]
 )
-"""Modes that move the arm; the others add something to it."""
+"""Modes that move the arm; the others modify its motion."""
 
 _TOGETHER: Final = frozenset(
     [
@@ -46,7 +46,7 @@ _TOGETHER: Final = frozenset(
 
 
 def mode_of(interface: str, prefix: str) -> CommandMode | None:
-    """The mode a command interface belongs to; None for inputs and outputs, payload and such."""
+    """The mode that a command interface belongs to; None for inputs, outputs, payload and other settings."""
     component, _, kind = interface.rpartition("/")
     if component.endswith("_joint"):
         return CommandMode(kind)
@@ -58,7 +58,7 @@ _COMPONENTS: Final = frozenset(CommandMode) - {CommandMode.POSITION, CommandMode
 
 
 def conflict(modes: Iterable[CommandMode]) -> tuple[CommandMode, CommandMode] | None:
-    """Two of the modes that exclude each other; None when all go together."""
+    """Two of the modes that exclude each other; None if all can be combined."""
     chosen = sorted(set(modes))
     for place, one in enumerate(chosen):
         for other in chosen[place + 1 :]:

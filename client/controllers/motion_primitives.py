@@ -1,8 +1,8 @@
-"""Lets the robot execute motion primitives: moves in joint space, along lines and along arcs, one or a sequence.
+"""Controller whose motion primitives the robot executes itself: moves in joint space, along lines and along arcs.
 
-How primitives get there: the controller sets one on the command interfaces, the hardware takes it, and so on. One
-alone is executed at once; a sequence stands between two markers, and is executed as a whole, blends and all, when the
-second one is taken. Source of interfaces, states and numbers: motion_primitives_controllers and ur_robot_driver.
+The controller sets one primitive at a time on the command interfaces, and the hardware takes it. A single primitive is
+executed immediately. A sequence is enclosed in two markers, and is executed as a whole, including blends, when the
+second marker is taken. Source of interfaces, states and numbers: motion_primitives_controllers and ur_robot_driver.
 """
 
 import math
@@ -32,7 +32,7 @@ PRIMITIVE_COMMANDS: Final = tuple(
         *("blend_radius", "velocity", "acceleration", "move_time"),
     )
 )
-"""What one primitive consists of; NaN where it does not say."""
+"""Interfaces of one primitive; NaN for values that it does not have."""
 STATUS: Final = f"{PRIMITIVE}/execution_status"
 READY: Final = f"{PRIMITIVE}/ready_for_new_primitive"
 _TYPE: Final = PRIMITIVE_COMMANDS[0]
@@ -40,7 +40,7 @@ _JOINTS: Final = 6
 
 
 class Marker(IntEnum):
-    """On ``motion_type``, instead of a primitive's type."""
+    """Values of ``motion_type`` that are not a primitive's type."""
 
     STOP_MOTION = 66
     RESET_STOP = 67
@@ -49,7 +49,7 @@ class Marker(IntEnum):
 
 
 class ExecutionStatus(IntEnum):
-    """Of what the hardware took last."""
+    """Status of the primitive or sequence that the hardware took last."""
 
     IDLE = 0
     EXECUTING = 1
@@ -60,7 +60,7 @@ class ExecutionStatus(IntEnum):
 
 
 def commands_of(primitive: MotionPrimitive) -> list[float]:
-    """The values of `PRIMITIVE_COMMANDS` that say it."""
+    """Values of `PRIMITIVE_COMMANDS` for a primitive."""
     q_rad = primitive.q_rad or (NO_COMMAND,) * _JOINTS
     poses = (_numbers(pose) for pose in (primitive.pose_base_tcp, primitive.via_base_tcp))
     rest = (primitive.blend_radius_m, primitive.velocity, primitive.acceleration, primitive.move_time_s)
@@ -72,7 +72,7 @@ def _numbers(pose: Sequence[float]) -> tuple[float, ...]:
 
 
 def primitive_of(values: Sequence[float]) -> MotionPrimitive:
-    """What such values say."""
+    """The primitive that these values of `PRIMITIVE_COMMANDS` describe."""
     return MotionPrimitive(
         PrimitiveType(int(values[0])),
         _given(values[1:7]),
@@ -91,20 +91,20 @@ def _pose(values: Sequence[float]) -> tuple[float, ...]:
 
 
 def point_of(primitive: MotionPrimitive) -> TrajectoryPoint:
-    """The move that it stands for. Raises LocalProtocolError."""
+    """The trajectory point for a primitive. Raises LocalProtocolError."""
     blend_m, v, a = primitive.blend_radius_m, primitive.velocity, primitive.acceleration
     if primitive.type is PrimitiveType.CIRCULAR_CARTESIAN:
         return points.movec(primitive.via_base_tcp, primitive.pose_base_tcp, v=v, a=a, blend_radius_m=blend_m)
     time_s = 0.0
     if primitive.move_time_s > 0.0:
-        time_s, v, a = primitive.move_time_s, 1.0, 1.0  # which have to be above 0, and do not count
+        time_s, v, a = primitive.move_time_s, 1.0, 1.0  # v and a must be above 0, but have no effect
     if primitive.type is PrimitiveType.LINEAR_JOINT:
         return points.movej(primitive.q_rad, v=v, a=a, duration_s=time_s, blend_radius_m=blend_m)
     return points.movel(primitive.pose_base_tcp, v=v, a=a, duration_s=time_s, blend_radius_m=blend_m)
 
 
 def problem_of(primitive: MotionPrimitive) -> str | None:
-    """Why it cannot be executed, whatever the arm; None if it can be."""
+    """Why a primitive cannot be executed by any arm; None if it can."""
     targets = {"joint_positions": primitive.q_rad}
     if primitive.type is not PrimitiveType.LINEAR_JOINT:
         targets = {"a pose": primitive.pose_base_tcp}
@@ -114,7 +114,7 @@ def problem_of(primitive: MotionPrimitive) -> str | None:
         if len(target) != _JOINTS or not all(map(math.isfinite, target)):
             return f"{primitive.type.name} needs {name} of {_JOINTS} numbers"
     if not 0.0 <= primitive.blend_radius_m < math.inf:
-        return f"blend_radius is a length from 0 m on, not {primitive.blend_radius_m}"
+        return f"blend_radius must be 0 m or more, not {primitive.blend_radius_m}"
     if 0.0 < primitive.move_time_s < math.inf and primitive.type is not PrimitiveType.CIRCULAR_CARTESIAN:
         return None
     if 0.0 < primitive.velocity < math.inf and 0.0 < primitive.acceleration < math.inf:
@@ -125,16 +125,16 @@ def problem_of(primitive: MotionPrimitive) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class MotionPrimitivesParameters:
-    """tf_prefix: in front of all names."""
+    """tf_prefix: prefix of all interface names."""
 
     tf_prefix: str = ""
 
 
 @controller_type("motion_primitives_controllers/MotionPrimitivesForwardController")
 class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
-    """Lets the robot itself execute moves in joint space, lines and arcs; also beside force mode.
+    """Lets the robot itself execute moves in joint space, lines and arcs; also during force mode.
 
-    One goal at a time, of one primitive or more. It ends well when the robot is through with the last one.
+    It takes one goal at a time, with one or more primitives. The goal succeeds when the last one has been executed.
     """
 
     parameters_type: ClassVar[type[Any]] = MotionPrimitivesParameters
@@ -178,14 +178,14 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
         if self.goal is not None:
             raise self._rejected("motion primitives are under way: wait for their end, or cancel them")
         if self._stop_wanted or self._stopping:
-            raise self._rejected("the arm is being stopped: send the goal again when it stands")
+            raise self._rejected("the arm is being stopped: send the goal again when it is at rest")
         self.check(primitives)
         self._queue.extend(_as_commands(primitives))
         self.goal = GoalHandle(tuple(primitives))
         return self.goal
 
     def check(self, primitives: Sequence[MotionPrimitive]) -> None:
-        """Whether they would be taken, were the controller active and idle. Raises GoalRejectedError."""
+        """Check that primitives would be accepted if the controller were active and idle. Raises GoalRejectedError."""
         if not primitives:
             raise self._rejected("it has no motion primitives")
         for number, primitive in enumerate(primitives):
@@ -196,7 +196,7 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
         return GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, reason)
 
     def cancel(self) -> None:
-        """Stop; the goal under way is canceled when the robot has taken it. Raises ControllerError."""
+        """Stop the arm; the goal under way is canceled once the robot has accepted it. Raises ControllerError."""
         self.check_active()
         if self.goal is not None:
             self._stop_wanted = True
@@ -208,7 +208,7 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
             self._queue.clear()
             self._mark(Marker.STOP_MOTION)
         elif not self._is_taken():
-            pass  # the hardware has what was set last before it
+            pass  # the hardware first has to take the values that were set before
         elif self._stopping:
             if status == ExecutionStatus.STOPPED:
                 self._mark(Marker.RESET_STOP)
@@ -228,7 +228,7 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
         self.commands.put(_marker(marker))
 
     def _conclude(self, status: float) -> None:
-        """The hardware has all of the goal: what it reports is about it."""
+        """Handle the status once the hardware has taken the whole goal, which the status then refers to."""
         if status == ExecutionStatus.SUCCESS and self.goal is not None:
             goal, self.goal = self.goal, None
             goal.succeed("Motion primitives executed successfully")

@@ -1,10 +1,10 @@
-"""Parameters of controllers: dataclasses, filled from what a YAML file says.
+"""Parameters of controllers: dataclasses that are filled from a YAML file.
 
-A field that has no meaning here, though ROS 2 knows it, is declared by `without_effect`, which
-says why; a field with the metadata `BY_NAME` takes every other key whose value is a mapping,
-as `constraints` takes one mapping a joint. What else a file says is reported as unknown.
+A parameter that exists in ROS 2 but has no meaning here is declared with `without_effect`, which says why. A field with
+the metadata `BY_NAME` takes every other key whose value is a mapping, like `constraints`, which takes one mapping per
+joint. All other keys are reported as unknown.
 
-Source of what is read-only: the parameter files of ros2_controllers and ur_controllers.
+Source of which parameters are read-only: the parameter files of ros2_controllers and ur_controllers.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ from client.errors import ControllerError
 from urproto.text import quoted
 
 BY_NAME: Final[Mapping[str, Any]] = {"by name": True}
-"""Metadata of a dictionary of all the mappings that no other field takes."""
+"""Metadata of a field that collects all mappings that no other field takes."""
 
 _WHY: Final = "without effect"
 _WORDS: Final = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
@@ -27,23 +27,22 @@ Parameters = TypeVar("Parameters")
 
 @dataclass(slots=True)
 class Reading:
-    """What a file said beyond the parameters: keys that mean nothing, and keys that mean nothing here."""
+    """Keys of a file that were not used: unknown ones, and parameters without effect."""
 
     unknown: list[str] = field(default_factory=list)
     without_effect: list[str] = field(default_factory=list)
 
 
 def without_effect(default: Any, why: str) -> Any:
-    """A parameter that is read and ignored; ``why`` is what the user is told."""
+    """Declare a parameter that is read and ignored; ``why`` is reported to the user."""
     return field(default=default, metadata={_WHY: why})
 
 
 def read_parameters(kind: type[Parameters], given: Mapping[str, Any], owner: str, reading: Reading) -> Parameters:
-    """The dataclass ``kind`` with what is given; ``reading`` gets what is left over.
+    """Fill the dataclass ``kind`` with the given values; unused keys are added to ``reading``.
 
-    Keys may be written with dots ("constraints.goal_time"). Raises ControllerError, named after
-    ``owner``, for a value of the wrong type, and for a number that is none: infinite ones are taken where they are the
-    default, as of limits.
+    Keys may be written with dots ("constraints.goal_time"). Raises ControllerError, which names ``owner``, for a value
+    of the wrong type and for non-finite numbers. Infinity is accepted only where it is the default, as for limits.
     """
     try:
         return cast(Parameters, _build(kind, _nested(given, owner), owner, "", reading))
@@ -52,7 +51,7 @@ def read_parameters(kind: type[Parameters], given: Mapping[str, Any], owner: str
 
 
 def _nested(given: Mapping[str, Any], owner: str) -> dict[str, Any]:
-    """The same with dots in keys resolved."""
+    """Convert keys with dots to nested mappings."""
     result: dict[str, Any] = {}
     for key, value in given.items():
         *parents, last = str(key).split(".")
@@ -60,7 +59,7 @@ def _nested(given: Mapping[str, Any], owner: str) -> dict[str, Any]:
         for parent in parents:
             place = place.setdefault(parent, {})
             if not isinstance(place, dict):
-                raise ControllerError(owner, f"{key} is given, and {parent} as a value too")
+                raise ControllerError(owner, f"{key} is given, but {parent} is also given as a value")
         inner = _nested(value, owner) if isinstance(value, Mapping) else value
         if isinstance(inner, dict) and isinstance(place.get(last), dict):
             place[last].update(inner)
@@ -81,7 +80,7 @@ def _build(kind: type[Any], given: Mapping[str, Any], owner: str, path: str, rea
                 reading.without_effect.append(f"{place} ({why})")
             values[key] = found = _value(hints[key], value, owner, place, reading)
             if isinstance(found, float) and not isfinite(found) and not (isinf(found) and _is_limit(known[key])):
-                raise ControllerError(owner, f"{place} is a finite number, not {quoted(value)}")
+                raise ControllerError(owner, f"{place} must be a finite number, not {quoted(value)}")
         elif rest and isinstance(value, Mapping):
             values[rest][key] = _build(get_args(hints[rest])[1], value, owner, f"{place}.", reading)
         else:
@@ -96,20 +95,20 @@ def _is_required(entry: Any) -> bool:
 
 
 def _is_limit(entry: Any) -> bool:
-    """There need not be one: it is infinite until it is set."""
+    """True for an optional limit, which is infinite by default."""
     return isinstance(entry.default, float) and isinf(entry.default)
 
 
 def _value(hint: Any, value: Any, owner: str, place: str, reading: Reading) -> Any:
     if isinstance(hint, GenericAlias) and get_origin(hint) is tuple:
         if not isinstance(value, list | tuple):
-            raise ControllerError(owner, f"{place} is a list, not {quoted(value)}")
+            raise ControllerError(owner, f"{place} must be a list, not {quoted(value)}")
         kind = get_args(hint)[0]
         return tuple(_value(kind, item, owner, f"{place}[{n}]", reading) for n, item in enumerate(value))
     if hint in _WORDS:
         return _scalar(hint, value, owner, place)
     if not isinstance(value, Mapping):
-        raise ControllerError(owner, f"{place} is a group of parameters, not {quoted(value)}")
+        raise ControllerError(owner, f"{place} must be a group of parameters, not {quoted(value)}")
     return _build(hint, value, owner, f"{place}.", reading)
 
 
@@ -118,10 +117,10 @@ def _scalar(hint: Any, value: Any, owner: str, place: str) -> Any:
         try:
             return float(value)
         except OverflowError:
-            raise ControllerError(owner, f"{place} is a finite number, not {quoted(value)}") from None
+            raise ControllerError(owner, f"{place} must be a finite number, not {quoted(value)}") from None
     if isinstance(value, hint) and (hint is bool or not isinstance(value, bool)):
         return value
-    raise ControllerError(owner, f"{place} is {_WORDS[hint]}, not {quoted(value)}")
+    raise ControllerError(owner, f"{place} must be {_WORDS[hint]}, not {quoted(value)}")
 
 
 _READ_ONLY: Final = frozenset(
@@ -151,13 +150,13 @@ _READ_ONLY: Final = frozenset(
 
 
 def is_read_only(name: str) -> bool:
-    """Whether a parameter, named with dots, is settled when its controller is loaded."""
+    """Whether a parameter, named with dots, cannot be changed after its controller is loaded."""
     parts = name.split(".")
     return any(".".join(parts[place:]) in _READ_ONLY for place in range(len(parts)))
 
 
 def flat(parameters: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Names with dots, type hints and values, tuples as lists; groups by joint are there for every joint."""
+    """Yield names with dots, type hints and values, with tuples as lists and groups by joint for every joint."""
     return _flat(parameters, getattr(parameters, "joints", ()), "")
 
 
@@ -177,9 +176,9 @@ def _flat(parameters: Any, joints: Sequence[str], prefix: str) -> Iterator[tuple
 
 
 def with_changes(kind: type[Parameters], before: Parameters, values: Mapping[str, Any], owner: str) -> Parameters:
-    """The same parameters but for ``values``, named with dots.
+    """Copy parameters with changes ``values``, named with dots.
 
-    Raises ControllerError, named after ``owner``, for what there is not, is read-only, or has another type.
+    Raises ControllerError, which names ``owner``, for a parameter that is unknown or read-only, or has another type.
     """
     whole = {name: value for name, _, value in flat(before)}
     for name in values:

@@ -1,8 +1,7 @@
-"""Hands whole trajectories to the robot, which interpolates them itself.
+"""Controller that passes whole trajectories to the robot, which interpolates them itself.
 
-How points get there: the controller sets a point on the command interfaces, the hardware takes
-it, and so on, until all are there and the hardware executes them; `Transfer` says whose turn it
-is. Source of interfaces and states: ur_controllers.
+The controller sets one point at a time on the command interfaces, and the hardware takes it. Once the hardware has all
+points, it executes them. `Transfer` shows whose turn it is. Source of interfaces and states: ur_controllers.
 """
 
 from dataclasses import dataclass
@@ -29,20 +28,20 @@ _REST: Final = ("abort", "transfer_state", "time_from_start", "trajectory_size")
 
 
 class Transfer(IntEnum):
-    """Whose turn it is."""
+    """State of the transfer, which shows whose turn it is."""
 
     IDLE = 0
-    WAITING_FOR_POINT = 1  # the hardware: give me the next one
-    TRANSFERRING = 2  # the controller: here it is
-    TRANSFER_DONE = 3  # the controller: that was all
+    WAITING_FOR_POINT = 1  # set by the hardware: it expects the next point
+    TRANSFERRING = 2  # set by the controller: the point is on the interfaces
+    TRANSFER_DONE = 3  # set by the controller: there are no more points
     IN_MOTION = 4
-    DONE = 5  # the hardware: the arm is at rest again
+    DONE = 5  # set by the hardware: the arm is at rest again
     NEW_TRAJECTORY = 6
 
 
 @dataclass(frozen=True, slots=True)
 class PassthroughParameters:
-    """speed_scaling_interface_name: tells how much slower than planned the robot is."""
+    """speed_scaling_interface_name: state interface with the robot's speed scaling."""
 
     joints: tuple[str, ...]
     state_interfaces: tuple[str, ...] = ("position", "velocity")
@@ -52,9 +51,9 @@ class PassthroughParameters:
 
 @controller_type("ur_controllers/PassthroughTrajectoryController")
 class PassthroughTrajectoryController(Controller[PassthroughParameters]):
-    """Lets the robot itself execute trajectories, as splines: smooth whatever the network does.
+    """Lets the robot itself execute trajectories, as splines: smooth regardless of network delays.
 
-    One goal at a time. It ends well when the robot is through and within the goal's tolerances.
+    It takes one goal at a time. The goal succeeds if the arm is within its tolerances at the end.
     """
 
     parameters_type: ClassVar[type[Any]] = PassthroughParameters
@@ -64,7 +63,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         self.joints = parameters.joints
         self.goal: GoalHandle | None = None
         self._points: list[JointTrajectoryPoint] = []
-        self._next = self._passed = 0  # points handed over, points the arm has passed
+        self._next = self._passed = 0  # number of points handed over, and passed by the arm
         self._elapsed_s = 0.0
         self._limits = Tolerances((), ())
         self._now_s = 0.0
@@ -86,9 +85,9 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     def on_configure(self) -> None:
         if len(self.joints) != 6 or len(set(self.joints)) != 6:
-            raise self.error("joints has to name the robot's six joints")
+            raise self.error("joints must list the robot's six joints")
         if "position" not in self.parameters.state_interfaces:
-            raise self.error("state_interfaces has to have position")
+            raise self.error("state_interfaces must include position")
 
     def on_activate(self, time_s: float) -> None:
         self._now_s = time_s
@@ -103,7 +102,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         self._end(ErrorCode.INVALID_GOAL, reason)
 
     def send_goal(self, goal: FollowJointTrajectory | JointTrajectory) -> GoalHandle:
-        """Begin a goal. Raises GoalRejectedError, also while another one is under way, and ControllerError."""
+        """Start a goal. Raises GoalRejectedError, also while another one is under way, and ControllerError."""
         if isinstance(goal, JointTrajectory):
             goal = FollowJointTrajectory(goal)
         self.check_active()
@@ -121,10 +120,10 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         return self.goal
 
     def check(self, trajectory: JointTrajectory) -> None:
-        """Whether it would be taken, were the controller active and idle. Raises GoalRejectedError."""
+        """Check that a trajectory would be accepted by the active, idle controller. Raises GoalRejectedError if not."""
         TrajectoryRules(self.name, self.joints).check(trajectory, self._now_s)
         if trajectory.stamp_s != 0.0:
-            raise self._rejected("the robot begins at once: leave the trajectory's start time out")
+            raise self._rejected("the robot starts immediately: leave out the trajectory's start time")
         kinds = {(bool(point.velocities), bool(point.accelerations)) for point in trajectory.points}
         if len(kinds) > 1:
             raise self._rejected("either all points have velocities (accelerations), or none")
@@ -133,7 +132,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         return GoalRejectedError(self.name, ErrorCode.INVALID_GOAL, reason)
 
     def cancel(self) -> None:
-        """Stop; the goal under way is canceled."""
+        """Stop the arm; the goal under way is canceled."""
         self.check_active()
         goal, self.goal = self.goal, None
         if goal is not None:
@@ -141,7 +140,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
 
     @property
     def progress(self) -> float:
-        """How much of the present goal's time has passed, 0 to 1; 1 without a goal."""
+        """Elapsed share of the present goal's time, 0 to 1; 1 without a goal."""
         if self.goal is None:
             return 1.0
         return min(self._elapsed_s / max(self._points[-1].time_from_start_s, 1e-9), 1.0)
@@ -169,7 +168,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
             self._conclude()
 
     def _settle(self, state: float) -> None:
-        """Nobody wants what the hardware does any more."""
+        """Handle the hardware's state after the goal has ended."""
         if state == Transfer.DONE:
             self._set("transfer_state", Transfer.IDLE)
             self._set("abort", 0.0)

@@ -1,8 +1,8 @@
-"""How other processes of this user talk to a running controller manager: JSON, one message a line.
+"""Protocol between a running controller manager and other processes of the same user: JSON, one message per line.
 
-Manager and client are on the same machine. They meet at a Unix socket in a folder that only this user can enter, named
-by the robot's address; where there are no Unix sockets, a file there says the port on the loopback interface and the
-token that the first line has to bring.
+Manager and client run on the same machine. They use a Unix socket, named after the robot's address, in a folder that
+only this user can enter. Without Unix sockets, a file in that folder contains the port on the loopback interface, and
+the token that the first line must contain.
 
 Client: {"protocol": 1, "token": ""}, then requests {"id": 1, "do": "list_controllers", ...arguments}
 Manager: {"protocol": 1, "robot": "192.168.1.10", "pid": 4711}, then {"id": 1, "result": ...} or {"id": 1, "error": ...}
@@ -35,16 +35,16 @@ _UNSAFE: Final = re.compile(r"[^A-Za-z0-9.-]")
 Message = dict[str, Any]
 
 
-# where they meet
+# location of the socket
 
 
 def meeting_place(robot_ip: str, rtde_port: int) -> Path:
-    """Where the manager of a robot is found, without the ending that says how. Raises FileError."""
+    """Path of the socket or port file of a robot's manager, without its suffix. Raises FileError."""
     robot = _numeric(robot_ip)
     if rtde_port != CONTROLLER_PORTS["rtde"]:
         robot += f"-{rtde_port}"
     name = _UNSAFE.sub("_", robot)
-    if name != robot or len(name) > 40:  # another robot must not have the same one
+    if name != robot or len(name) > 40:  # keeps the names of different robots distinct
         name = f"{name[:20]}-{sha256(robot.encode()).hexdigest()[:12]}"
     place = _private_folder() / name
     if len(os.fsencode(place)) + len(".sock") > _LONGEST_PATH:
@@ -53,7 +53,7 @@ def meeting_place(robot_ip: str, rtde_port: int) -> Path:
 
 
 def _numeric(host: str) -> str:
-    """A robot by its name and by its address is the same one."""
+    """Resolve a host name, so that a robot's name and its address give the same path."""
     try:
         return str(socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0][4][0])
     except (OSError, UnicodeError):
@@ -61,7 +61,7 @@ def _numeric(host: str) -> str:
 
 
 def _private_folder() -> Path:
-    """That of this user, made if need be. Raises FileError when somebody else may enter it."""
+    """This user's private folder, created if necessary. Raises FileError if other users may enter it."""
     folder = _runtime_folder()
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -73,7 +73,7 @@ def _private_folder() -> Path:
                 folder.chmod(0o700)
     except OSError as error:
         raise FileError(
-            folder, f"it cannot be used ({error.strerror}): set XDG_RUNTIME_DIR to a folder of yours"
+            folder, f"it cannot be used ({error.strerror}): set XDG_RUNTIME_DIR to a folder that you own"
         ) from None
     return folder
 
@@ -83,7 +83,7 @@ def _runtime_folder() -> Path:
         return Path(given) / "ur-client"
     if not hasattr(os, "getuid"):
         return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "ur-client"
-    usual = Path(f"/run/user/{os.getuid()}")  # of systemd, which sets the variable in some shells only
+    usual = Path(f"/run/user/{os.getuid()}")  # from systemd, which does not set the variable in every shell
     return usual / "ur-client" if usual.is_dir() else Path(tempfile.gettempdir()) / f"ur-client-{os.getuid()}"
 
 
@@ -91,7 +91,7 @@ def _runtime_folder() -> Path:
 
 
 def encoded(message: Mapping[str, Any]) -> bytes:
-    """A message as a line; numbers that JSON lacks are null."""
+    """Encode a message as a line; numbers that JSON cannot represent become null."""
     return json.dumps(_plain(message), separators=(",", ":")).encode() + b"\n"
 
 
@@ -102,17 +102,17 @@ def _plain(value: Any) -> Any:
         return [_plain(one) for one in value]
     if isinstance(value, float) and not isfinite(value):
         return None
-    return str(value) if isinstance(value, str) else value  # of enumerations, their texts
+    return str(value) if isinstance(value, str) else value  # enumerations become plain strings
 
 
 def decoded(line: bytes) -> Message:
-    """The message of a line. Raises ManagerError for what is none."""
+    """Decode a line. Raises ManagerError if it is not a message."""
     try:
         message = json.loads(line, parse_constant=_refuse)
     except (ValueError, RecursionError):  # UnicodeDecodeError and JSONDecodeError are ValueErrors
-        raise ManagerError(f"this is not a message of JSON: {quoted(line[:80])}") from None
+        raise ManagerError(f"this is not a JSON message: {quoted(line[:80])}") from None
     if not isinstance(message, dict):
-        raise ManagerError(f"a message is an object of JSON, not {quoted(line[:80])}")
+        raise ManagerError(f"a message must be a JSON object, not {quoted(line[:80])}")
     return message
 
 
@@ -121,7 +121,7 @@ def _refuse(constant: str) -> None:
 
 
 def described_error(error: URError) -> Message:
-    """An error as it is sent."""
+    """Encode an error for sending."""
     if isinstance(error, GoalRejectedError):
         return {"controller": error.controller, "code": int(error.code), "reason": error.reason}
     if isinstance(error, ControllerError):
@@ -130,9 +130,9 @@ def described_error(error: URError) -> Message:
 
 
 def error_of(message: Any) -> ManagerError | ControllerError:
-    """The error that was sent."""
+    """Decode an error that was sent."""
     if not isinstance(message, Mapping):
-        return ManagerError(f"the controller manager sent an error that says nothing: {quoted(message)}")
+        return ManagerError(f"the controller manager sent an error without text: {quoted(message)}")
     if "controller" not in message:
         return ManagerError(str(message.get("text")))
     controller, reason = str(message["controller"]), str(message.get("reason"))

@@ -1,9 +1,9 @@
-"""A running controller manager, from another process.
+"""Client for a controller manager that runs in another process.
 
 async with RemoteManager("192.168.1.10") as manager:
     await manager.ask("switch_controller", activate=["forward_velocity_controller"], deactivate=[SCALED])
 
-What can be asked: `client.controllers.session.Session`.
+`client.controllers.session.Session` lists the requests.
 """
 
 import asyncio
@@ -19,18 +19,18 @@ from urproto.compat import Self
 from urproto.compat_asyncio import timeout
 from urproto.ports import CONTROLLER_PORTS
 
-ANSWER_S: Final = 10.0  # guess: a manager that is at work answers within milliseconds
+ANSWER_S: Final = 10.0  # guess: a running manager answers within milliseconds
 _CONNECT_S: Final = 5.0
 
 _LOST: Final = "the controller manager of {} has ended: start it again with `ur-client controllers serve`"
 
 
 class RemoteManager:
-    """The manager of the robot at an address; use it with ``async with``, which raises NoManagerError.
+    """Connection to the manager of the robot at an address; use it with ``async with``, which raises NoManagerError.
 
-    rtde_port: of the robot; it tells robots at the same address apart. pid: of the manager's process. Requests are
-    carried out one after the other. When the connection ends, what was begun over it ends too: goals are canceled,
-    speeds are zero, recordings are closed.
+    rtde_port: the robot's RTDE port, which distinguishes robots at the same address. pid: process id of the manager.
+    Requests are carried out one after the other. When the connection ends, everything that was started over it ends:
+    goals are canceled, speeds are set to zero, recordings are closed.
     """
 
     def __init__(self, robot_ip: str, rtde_port: int = CONTROLLER_PORTS["rtde"]) -> None:
@@ -61,7 +61,7 @@ class RemoteManager:
         self._writer.close()
 
     async def _open(self) -> str:
-        """Connect; the token that is needed."""
+        """Connect, and return the required token."""
         place = protocol.meeting_place(self.robot_ip, self._rtde_port)
         limit = protocol.LONGEST_ANSWER
         try:
@@ -73,28 +73,28 @@ class RemoteManager:
                 port, token = _read_port(place.with_name(f"{place.name}.json"))
                 self._reader, self._writer = await asyncio.open_connection("127.0.0.1", port, limit=limit)
                 return token
-        except (FileNotFoundError, ConnectionRefusedError):  # the latter of one that was killed
+        except (FileNotFoundError, ConnectionRefusedError):  # the latter if the manager was killed
             raise NoManagerError(self.robot_ip) from None
         except (OSError, TimeoutError) as error:
             reason = error.strerror if isinstance(error, OSError) and error.strerror else "it does not answer"
             raise ManagerError(f"no connection to the controller manager of {self.robot_ip}: {reason}") from None
 
     async def ask(self, do: str, /, *, timeout_s: float = ANSWER_S, **arguments: Any) -> Any:
-        """What it answers to a request.
+        """Send a request and return its answer.
 
-        Raises ControllerError and GoalRejectedError as the manager did, ManagerError for everything else.
+        Raises ControllerError and GoalRejectedError as the manager did, and ManagerError for all other errors.
         """
         async with self._asking:
             self._count += 1
             line = protocol.encoded({"id": self._count, "do": do, **arguments})
             if len(line) > protocol.LONGEST_REQUEST:
-                raise ManagerError(f"{do}: {len(line)} bytes are too many, {protocol.LONGEST_REQUEST} can be sent")
+                raise ManagerError(f"{do}: the request has {len(line)} bytes, the limit is {protocol.LONGEST_REQUEST}")
             try:
                 self._writer.write(line)
                 await self._writer.drain()
             except OSError:
                 raise ManagerError(_LOST.format(self.robot_ip)) from None
-            while True:  # answers to requests that somebody gave up are still to come
+            while True:  # answers to requests that timed out may still arrive
                 answer = await self._next(timeout_s)
                 if answer.get("id") == self._count or "id" not in answer:
                     break
@@ -118,7 +118,7 @@ class RemoteManager:
 
 
 async def check_no_manager(robot_ip: str, rtde_port: int) -> None:
-    """For who drives the arm by a control program of its own. Raises ManagerError while a manager does."""
+    """Raise ManagerError while a manager is running; for callers that start their own control program."""
     try:
         async with RemoteManager(robot_ip, rtde_port) as manager:
             raise ManagerError(
@@ -130,7 +130,7 @@ async def check_no_manager(robot_ip: str, rtde_port: int) -> None:
 
 
 def _read_port(path: Path) -> tuple[int, str]:
-    """Raises FileNotFoundError; what is not the file of a manager is taken for none."""
+    """Read port and token. Raises FileNotFoundError, also if the file is not that of a manager."""
     try:
         content = json.loads(path.read_text("utf-8"))
         return int(content["port"]), str(content["token"])

@@ -1,4 +1,4 @@
-"""A robot with controllers, from nothing: connected, made ready, its control loop running.
+"""A robot with controllers: connects, makes the robot ready, and runs the control loop.
 
 async with ControlledRobot("192.168.1.10", make_ready=True) as robot:
     robot.activate("scaled_joint_trajectory_controller")
@@ -42,14 +42,14 @@ from client.robot.reach import Reach, reach_of
 from urproto.compat import Self
 from urproto.joints import JOINT_NAMES
 
-_WITH_CONTROLLERS = ".mcap"  # other formats have no place for their states
+_WITH_CONTROLLERS = ".mcap"  # other formats cannot store controller states
 
 
 @asynccontextmanager
 async def recorded(driver: URDriver, path: Path) -> AsyncIterator[BackgroundRecorder]:
-    """Record the robot's states while the context lasts; the driver receives `DEFAULT_FIELDS`.
+    """Record the robot's states for the duration of the context; the driver must receive `DEFAULT_FIELDS`.
 
-    A process of its own writes, so that the control loop is not late. Raises RecordingError.
+    A separate process writes the file, so that the control loop is not delayed. Raises RecordingError.
     """
     info = {"robot": driver.config.robot, "polyscope": str(driver.version)}
     recorder = await asyncio.to_thread(BackgroundRecorder, path, DEFAULT_FIELDS, info)
@@ -62,7 +62,7 @@ async def recorded(driver: URDriver, path: Path) -> AsyncIterator[BackgroundReco
 
 
 def listen(recorder: BackgroundRecorder, manager: ControllerManager) -> Callable[[], None]:
-    """Record the states of the trajectory controllers, too, that are loaded or will be; gives what ends that."""
+    """Also record the states of all trajectory controllers, loaded now or later. Returns a function that ends this."""
     ends: list[Callable[[], None]] = []
 
     def begin(controller: object) -> None:
@@ -85,16 +85,16 @@ def listen(recorder: BackgroundRecorder, manager: ControllerManager) -> Callable
 
 Answer = TypeVar("Answer")
 
-_SMOOTH: Final = 1.5  # a cubic from rest to rest is so much faster in the middle than in the mean
+_SMOOTH: Final = 1.5  # ratio of the maximum to the mean speed of a cubic from rest to rest
 
 
 class ControlledRobot(ControlLoop):
-    """A control loop that brings its robot along; options are those of `client.driver.DriverConfig`.
+    """A control loop that also connects to its robot; options are those of `client.driver.DriverConfig`.
 
-    make_ready: power the arm on and release its brakes if need be; else a robot that is not
-    ready is a RobotRefused. start: start the control program; without it the arm cannot be moved until
-    somebody does. file: the usual controllers when None. record: a file for what the
-    robot and its trajectory controllers do (.mcap; .csv and .npz hold the robot alone).
+    make_ready: power the arm on and release its brakes if necessary; without it, a robot that is not ready raises
+    RobotRefused. start: start the control program; without it, the arm cannot move until the program is started in
+    another way. file: the controllers file; None for the usual controllers. record: a file that records the robot and
+    its trajectory controllers (.mcap; .csv and .npz contain the robot only).
     """
 
     def __init__(
@@ -142,9 +142,9 @@ class ControlledRobot(ControlLoop):
             await self._opened.aclose()
 
     async def follow(self, name: str, goal: FollowJointTrajectory | JointTrajectory) -> Result:
-        """As `ControlLoop.follow`; what is beyond the joints' limits is an error before anything moves.
+        """Like `ControlLoop.follow`, but check the joint limits before anything moves.
 
-        Angles are an OutOfReachError, speeds a MotionError.
+        Raises OutOfReachError for angles, and MotionError for speeds, beyond the limits.
         """
         self.check_reach(goal.trajectory if isinstance(goal, FollowJointTrajectory) else goal)
         return await super().follow(name, goal)
@@ -152,7 +152,7 @@ class ControlledRobot(ControlLoop):
     def check_reach(self, trajectory: JointTrajectory, *, speeds: bool = True) -> None:
         """Raise OutOfReachError or MotionError for the first point beyond the limits that the robot reports.
 
-        speeds: whether the way from point to point must not take more than a joint's highest speed.
+        speeds: also check that no joint needs more than its maximum speed between two points.
         """
         link = self.driver.robot
         if link.configuration is None:
@@ -168,9 +168,9 @@ class ControlledRobot(ControlLoop):
         check_speeds([stands, *targets], [start, *trajectory.points], link.configuration.qd_max)
 
     def check_primitives(self, primitives: Sequence[MotionPrimitive]) -> None:
-        """Raise OutOfReachError for the first one that the arm cannot get to, LocalProtocolError for numbers too large.
+        """Raise OutOfReachError for the first primitive out of reach, and LocalProtocolError for numbers too large.
 
-        The primitives are such as their controller's ``check`` accepts.
+        The primitives must have passed their controller's ``check``.
         """
         moves = [point_of(primitive) for primitive in primitives]
         for move in moves:
@@ -183,11 +183,11 @@ class ControlledRobot(ControlLoop):
         self.manager.activate(*names)
 
     def deactivate(self, *names: str) -> None:
-        """Let controllers end. Raises ControllerError."""
+        """Deactivate controllers. Raises ControllerError."""
         self.manager.deactivate(*names)
 
     def switch(self, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """End some controllers and begin others at once; what is not loaded yet is. Raises ControllerError."""
+        """Deactivate some controllers and activate others in one cycle, loading them first. Raises ControllerError."""
         loaded = {info.name: info.state for info in self.manager.list_controllers()}
         for name in activate:
             if name not in loaded:
@@ -197,20 +197,21 @@ class ControlledRobot(ControlLoop):
         self.manager.switch(activate=activate, deactivate=deactivate)
 
     def command(self, name: str, what: Sequence[float] | JointTrajectory) -> None:
-        """Give a forward controller commands, or a trajectory controller a trajectory without a result."""
+        """Send commands to a forward controller, or a trajectory without a result to a trajectory controller."""
         self.manager.controller(name).command(what)
 
     def do(self, work: Callable[[ControllerManager], Answer]) -> Answer:
-        """Do anything else with the manager and its controllers, between two cycles."""
+        """Call ``work`` with the manager, between two cycles, and return its result."""
         return work(self.manager)
 
 
 def check_speeds(
     places: Sequence[Mapping[str, float]], points: Sequence[JointTrajectoryPoint], limits_rad_s: Sequence[float]
 ) -> None:
-    """Raise MotionError when a way from one place to the next takes more than a joint's highest speed.
+    """Raise MotionError if a joint needs more than its maximum speed from one point to the next.
 
-    places: angles by joint, of the points. Ways from rest to rest are cubics, of others the mean speed counts.
+    places: joint angles of the points, by joint. Between two points at rest the speed of a cubic counts, otherwise the
+    mean speed.
     """
     for (before, begin), (after, end) in pairwise(zip(places, points, strict=True)):
         time_s = end.time_from_start_s - begin.time_from_start_s
@@ -230,7 +231,7 @@ def _rests(point: JointTrajectoryPoint) -> bool:
 
 
 class BlockingControlledRobot(Blocking[ControlledRobot]):
-    """The same for scripts and notebooks: controllers run in a thread of their own, in real time if allowed."""
+    """Blocking counterpart of `ControlledRobot`: controllers run in a separate thread, in real time if allowed."""
 
     def __init__(self, host: str, file: ControllersFile | None = None, **options: Any) -> None:
         super().__init__(lambda: ControlledRobot(host, file, **options))
@@ -251,7 +252,7 @@ class BlockingControlledRobot(Blocking[ControlledRobot]):
     cycles = blocking(ControlledRobot.cycles)
 
     def do(self, work: Callable[[ControllerManager], Answer]) -> Answer:
-        """Do anything else with the manager and its controllers, between two cycles."""
+        """Call ``work`` with the manager, between two cycles, and return its result."""
 
         async def inside() -> Answer:
             return self.inner.do(work)

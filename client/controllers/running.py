@@ -1,7 +1,7 @@
-"""A controller manager that keeps running, whatever the robot does: there is one, and everybody talks to it.
+"""A controller manager that keeps running regardless of the robot's state, and serves all clients.
 
-`ur-client controllers serve` is this in the foreground, the ROS 2 driver is this with nodes. Other processes reach it
-by `client.controllers.remote`.
+`ur-client controllers serve` runs it in the foreground, and the ROS 2 driver runs it with nodes. Other processes reach
+it through `client.controllers.remote`.
 """
 
 import asyncio
@@ -23,9 +23,9 @@ from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, ConnectionLostError, ControllerError, NoAnswerError, RobotUnreachableError
 from client.recording import DEFAULT_FIELDS
 
-_AGAIN_S: Final = 1.0  # between tries to reach the robot; guess
-_SAID_S: Final = 10.0  # how often it is said that it is still out of reach; guess
-_LOOK_S: Final = 0.1  # for a program that somebody is to play
+_AGAIN_S: Final = 1.0  # between attempts to reach the robot; guess
+_SAID_S: Final = 10.0  # interval of log messages while it is unreachable; guess
+_LOOK_S: Final = 0.1  # interval of checks for a program that is to be started on the robot
 _OUTPUTS: Final = ("payload", "payload_cog", "payload_inertia", "tcp_offset")
 
 _logger = logging.getLogger(__name__)
@@ -35,12 +35,12 @@ DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
 
 @dataclass(frozen=True)
 class ManagerOptions:
-    """Which robot, and which controllers.
+    """Options: which robot, and which controllers.
 
-    robot: options of `client.driver.DriverConfig`. file: the usual controllers when None. controller: the one that is
-    active at first, beside those that move nothing; "" for none. headless: the control program is sent to the robot;
-    else it waits until somebody plays External Control there. make_ready: the arm is powered on and its brakes are
-    released; when not headless, what is loaded on the robot is played.
+    robot: options of `client.driver.DriverConfig`. file: the controllers file; None for the usual controllers.
+    controller: the controller that is active at first, in addition to those that move nothing; "" for none. headless:
+    the control program is sent to the robot; otherwise the manager waits until External Control is played there.
+    make_ready: power the arm on and release its brakes; if not headless, also play the program loaded on the robot.
     """
 
     robot_ip: str
@@ -53,13 +53,13 @@ class ManagerOptions:
 
     @property
     def rtde_port(self) -> int:
-        """Of the robot."""
+        """RTDE port of the robot."""
         return int(self.robot.get("robot_ports", ROBOT_PORTS)["rtde"])
 
 
 @asynccontextmanager
 async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
-    """The robot, as soon as it answers; what it refuses is raised."""
+    """Connect to the robot, as soon as it answers. Raises RobotRefused if it refuses."""
     said_s = -_SAID_S
     async with AsyncExitStack() as opened:
         while True:
@@ -70,7 +70,7 @@ async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
                 make_ready=options.make_ready,
                 start=options.make_ready and options.headless,
                 headless=options.headless,
-                outputs=DEFAULT_FIELDS,  # somebody may want to record
+                outputs=DEFAULT_FIELDS,  # a client may record
                 outputs_if_any=_OUTPUTS,
                 **options.robot,
             )
@@ -81,16 +81,16 @@ async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
                 now_s = asyncio.get_running_loop().time()
                 if now_s - said_s >= _SAID_S:
                     said_s = now_s
-                    _logger.warning("%s; it is tried again", error)
+                    _logger.warning("%s; trying again", error)
                 await asyncio.sleep(_AGAIN_S)
         yield robot
 
 
 class RunningManager:
-    """The manager of a robot that has been entered, and who has to know what becomes of its controllers.
+    """The manager of a connected robot, with callbacks for changes of its controllers.
 
-    component: the arm, as ros2_control has it. on_loaded, on_unloaded: awaited with a controller that is new, or no
-    longer there. on_parameters: awaited with a controller and what has been set, by names with dots.
+    component: the arm as a hardware component of ros2_control. on_loaded, on_unloaded: awaited with a controller that
+    was loaded or unloaded. on_parameters: awaited with a controller and its changed parameters, by names with dots.
     """
 
     def __init__(self, robot: ControlledRobot, *, headless: bool = True) -> None:
@@ -104,38 +104,38 @@ class RunningManager:
 
     @property
     def manager(self) -> ControllerManager:
-        """Everything that needs no waiting is asked of it, in the event loop."""
+        """The controller manager, for all operations that need no waiting; use it in the event loop."""
         return self.robot.manager
 
-    # what others have to know about
+    # operations with callbacks
 
     async def load(
         self, name: str, type_name: str | None = None, parameters: Mapping[str, Any] | None = None
     ) -> Controller[Any]:
-        """As `ControllerManager.load`. Raises ControllerError."""
+        """Like `ControllerManager.load`. Raises ControllerError."""
         controller: Controller[Any] = self.manager.load(name, type_name, parameters)
         for tell in self.on_loaded:
             await tell(controller)
         return controller
 
     async def unload(self, name: str) -> None:
-        """As `ControllerManager.unload`. Raises ControllerError."""
+        """Like `ControllerManager.unload`. Raises ControllerError."""
         controller = self.manager.controller(name)
         self.manager.unload(name)
         for tell in self.on_unloaded:
             await tell(controller)
 
     async def set_parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        """Set parameters of a controller, all of them or, with an error, none. Raises ControllerError."""
+        """Set parameters of a controller; on an error, none is changed. Raises ControllerError."""
         controller = self.manager.controller(name)
         controller.reconfigure(with_changes(controller.parameters_type, controller.parameters, values, name))
         for tell in self.on_parameters:
             await tell(controller, values)
 
-    # from the beginning to the end
+    # life cycle
 
     def load_all(self) -> list[Controller[Any]]:
-        """All controllers of the file that there are here, configured."""
+        """Load and configure all controllers of the file whose types exist here."""
         loaded = []
         for name in self.manager.file.types:
             try:
@@ -149,15 +149,15 @@ class RunningManager:
 
     @asynccontextmanager
     async def at_work(self, options: ManagerOptions) -> AsyncIterator[None]:
-        """Controllers are active whenever they can be, and the control program runs if it is ours to start.
+        """Keep controllers active whenever possible, and the control program running if the manager starts it.
 
-        Raises ControllerError when there is no controller of the name that is to be active.
+        Raises ControllerError if the controller that is to be active does not exist.
         """
         with ControllerStopper(self.robot) as stopper:
             self._activate(options, stopper)
             if not options.headless:
                 if options.make_ready:
-                    await start_if_ready(self.robot)  # somebody else may play another program later
+                    await start_if_ready(self.robot)  # another program may be played later
                 yield
                 return
             with ProgramKeeper(self.robot):
@@ -165,7 +165,7 @@ class RunningManager:
                 yield
 
     def _activate(self, options: ManagerOptions, stopper: ControllerStopper) -> None:
-        """What moves nothing at once, what shall move the arm as soon as it can."""
+        """Activate controllers that move nothing now, and the one that moves the arm as soon as possible."""
         names = [info.name for info in self.manager.list_controllers()]
         if options.controller and options.controller not in names:
             raise ControllerError(options.controller, f"the controllers here are {', '.join(names)}")
@@ -180,12 +180,12 @@ class RunningManager:
                     _logger.warning("%s", error)
 
     async def program_runs(self) -> None:
-        """Wait until the control program runs, whoever starts it, however long that takes."""
+        """Wait until the control program runs, without a timeout."""
         while not self.robot.driver.program_running:
             await asyncio.sleep(_LOOK_S)
 
     def summary(self) -> str:
-        """What there is, in some words."""
+        """Summary of the controllers and the control program."""
         infos, active = self.manager.list_controllers(), self.manager.active()
-        program = "runs" if self.robot.driver.program_running else "does not run yet"
+        program = "is running" if self.robot.driver.program_running else "is not running yet"
         return f"{len(infos)} controllers, {len(active)} of them active; the control program {program}"

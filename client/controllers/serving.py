@@ -1,6 +1,6 @@
-"""A running controller manager answers other processes: the socket, and who may talk to it.
+"""Server of a running controller manager for other processes: the socket, and access control.
 
-What can be asked: `client.controllers.session`.
+`client.controllers.session` lists the requests.
 """
 
 import asyncio
@@ -27,24 +27,27 @@ from urproto.errors import URError
 from urproto.text import quoted
 
 _HELLO_S: Final = 5.0  # guess: for the first line of a connection
-_UNREAD_S: Final = 5.0  # guess: how long an answer may wait for who asked
+_UNREAD_S: Final = 5.0  # guess: how long an answer may wait to be read
 _MOST_CONNECTIONS: Final = 32
-_PAUSE_S: Final = 0.001  # after each request: whoever asks without end leaves the control loop its time
+_PAUSE_S: Final = 0.001  # after each request, so that a busy client leaves time for the control loop
 
 _logger = logging.getLogger(__name__)
 
 
 @contextmanager
 def claim(robot_ip: str, rtde_port: int) -> Iterator[Path]:
-    """Be the only manager of a robot on this machine; where others meet it. Raises ManagerError, FileError."""
+    """Become the only manager of a robot on this machine; yields the path of its socket.
+
+    Raises ManagerError and FileError.
+    """
     place = protocol.meeting_place(robot_ip, rtde_port)
     path = place.with_name(f"{place.name}.lock")
     with _lock(path) as lock:
         if lock is None:
             process = path.read_text().strip() or "?"
             raise ManagerError(
-                f"a controller manager for {robot_ip} is running already (process {process}): use it from other "
-                "shells by `ur-client controllers`, or end it first"
+                f"a controller manager for {robot_ip} is already running (process {process}): use it from other "
+                "shells with `ur-client controllers`, or end it first"
             )
         lock.write(str(os.getpid()))
         lock.flush()
@@ -56,21 +59,21 @@ def claim(robot_ip: str, rtde_port: int) -> Iterator[Path]:
 
 @contextmanager
 def _lock(path: Path) -> Iterator[TextIO | None]:
-    """A file that nobody else has locked, empty; None where somebody has. The lock ends with the process."""
+    """Lock a file and truncate it; None if another process has locked it. The lock ends with the process."""
     while True:
         with path.open("a+") as file:
             if not _locked(file.fileno()):
                 yield None
                 return
             with suppress(FileNotFoundError):
-                if path.stat().st_ino == os.fstat(file.fileno()).st_ino:  # else it was removed meanwhile
+                if path.stat().st_ino == os.fstat(file.fileno()).st_ino:  # otherwise it was removed meanwhile
                     file.truncate(0)
                     yield file
                     return
 
 
 def _locked(descriptor: int) -> bool:
-    """Whether it is this process that has the lock; true where there are no such locks."""
+    """Whether this process got the lock; always True on systems without such locks."""
     if sys.platform == "win32":
         return True
     import fcntl
@@ -83,7 +86,7 @@ def _locked(descriptor: int) -> bool:
 
 
 class ManagerServer:
-    """Answers the processes of this user while the context lasts. place: as `claim` gives it."""
+    """Answers processes of this user for the duration of the context. place: the path from `claim`."""
 
     def __init__(self, running: RunningManager, place: Path) -> None:
         self._running = running
@@ -108,7 +111,7 @@ class ManagerServer:
         path = self._place.with_name(f"{self._place.name}.sock")
         if sys.platform == "win32":
             raise NotImplementedError
-        path.unlink(missing_ok=True)  # of one that was killed: its lock would be held otherwise
+        path.unlink(missing_ok=True)  # left by a manager that was killed; a live one would hold the lock
         server = await asyncio.start_unix_server(self._come, str(path), limit=protocol.LONGEST_REQUEST)
         opening.callback(path.unlink, missing_ok=True)
         path.chmod(0o600)
@@ -147,23 +150,23 @@ class ManagerServer:
         except ManagerError as error:
             with suppress(OSError, TimeoutError):
                 await _send(writer, {"error": protocol.described_error(error)})
-        except (OSError, TimeoutError):  # it is gone, or does not read
+        except (OSError, TimeoutError):  # the client has disconnected, or does not read
             pass
         except Exception:
-            _logger.exception("a client of the controller manager is sent away")
+            _logger.exception("a client of the controller manager was disconnected")
         finally:
             writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
             await session.close()
 
     async def _greet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Raises ManagerError for who is none of ours."""
+        """Exchange greetings. Raises ManagerError for a client that is not permitted."""
         if len(self._clients) > _MOST_CONNECTIONS:
-            raise ManagerError(f"{_MOST_CONNECTIONS} programs talk to this controller manager already: end some")
+            raise ManagerError(f"{_MOST_CONNECTIONS} programs are already connected to this manager: end some")
         async with timeout(_HELLO_S):
             hello = protocol.decoded(await _line(reader))
         token = hello.get("token")
         if self._token and not (isinstance(token, str) and hmac.compare_digest(token.encode(), self._token.encode())):
-            raise ManagerError("the token is not that of this controller manager")
+            raise ManagerError("the token does not match this controller manager")
         if hello.get("protocol") != protocol.VERSION:
             raise ManagerError(
                 f"this controller manager speaks protocol {protocol.VERSION}, not {quoted(hello.get('protocol'))}: use "
@@ -174,30 +177,30 @@ class ManagerServer:
 
 
 async def _line(reader: asyncio.StreamReader) -> bytes:
-    """The next one, empty at the end. Raises ManagerError for one that is too long."""
+    """The next line, empty at the end. Raises ManagerError for a line that is too long."""
     try:
         return await reader.readline()
     except ValueError:
-        raise ManagerError(f"a message is {protocol.LONGEST_REQUEST} bytes at most") from None
+        raise ManagerError(f"a message may have {protocol.LONGEST_REQUEST} bytes at most") from None
 
 
 async def _send(writer: asyncio.StreamWriter, message: Mapping[str, Any]) -> None:
-    """Raises OSError, and TimeoutError when it is not read."""
+    """Send a message. Raises OSError, and TimeoutError if it is not read."""
     writer.write(protocol.encoded(message))
     async with timeout(_UNREAD_S):
         await writer.drain()
 
 
 async def _answer(session: Session, line: bytes) -> protocol.Message:
-    """Raises ManagerError for what is no request: nobody knows what else comes from there."""
+    """Carry out a request. Raises ManagerError if it is not a request, since later data would be unreliable too."""
     message = protocol.decoded(line)
     number, do = message.pop("id", None), message.pop("do", None)
     if isinstance(number, bool) or not isinstance(number, int) or not isinstance(do, str):
-        raise ManagerError("a request has an id, which is a whole number, and what to do, which is a text")
+        raise ManagerError("a request must have an id (a whole number) and a field do (a string)")
     try:
         return {"id": number, "result": await session.ask(do, **message)}
     except URError as error:
         return {"id": number, "error": protocol.described_error(error)}
     except Exception as error:  # a request must not end the control loop, nor the connection
         _logger.exception("the request %s failed", do)
-        return {"id": number, "error": {"text": f"{do} failed: {error!r}; the log of the controller manager says more"}}
+        return {"id": number, "error": {"text": f"{do} failed: {error!r}; see the log of the controller manager"}}

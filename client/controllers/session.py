@@ -1,7 +1,7 @@
-"""What other processes may ask of a running controller manager.
+"""Requests that other processes can send to a running controller manager.
 
-The words and outcomes are those of the services of ros2_control's controller manager. Requests are carried out in the
-event loop, between two control cycles, so two shells that switch at once do so one after the other.
+Names and results are those of the services of ros2_control's controller manager. Requests are carried out in the event
+loop, between two control cycles, so simultaneous switches from two shells are carried out one after the other.
 """
 
 from collections.abc import Awaitable, Callable, Mapping
@@ -32,7 +32,7 @@ BEST_EFFORT: Final = "best_effort"
 
 
 class Request:
-    """The arguments of a request; what is missing or of another type is a ManagerError."""
+    """The arguments of a request. Raises ManagerError for arguments that are missing or have the wrong type."""
 
     def __init__(self, message: Mapping[str, Any]) -> None:
         self._message = message
@@ -41,18 +41,18 @@ class Request:
         return self._message.get(name) is not None
 
     def text(self, name: str) -> str:
-        """A text that is not empty."""
+        """A string that is not empty."""
         value = self._message.get(name)
         if isinstance(value, str) and value:
             return value
         raise self._wrong(name, "a text")
 
     def texts(self, name: str) -> list[str]:
-        """A list of texts; empty when it is left out."""
+        """A list of strings; empty if left out."""
         value = self._message.get(name, [])
         if isinstance(value, list | tuple) and all(isinstance(item, str) for item in value):
             return list(value)
-        raise self._wrong(name, "a list of texts")
+        raise self._wrong(name, "a list of strings")
 
     def number(self, name: str, default: float | None = None) -> float:
         """A finite number."""
@@ -62,43 +62,43 @@ class Request:
         raise self._wrong(name, "a finite number")
 
     def numbers(self, name: str) -> tuple[float, ...]:
-        """A list of finite numbers; empty when it is left out."""
+        """A list of finite numbers; empty if left out."""
         value = self._message.get(name, [])
         if isinstance(value, list | tuple) and all(map(_is_number, value)):
             return tuple(map(float, value))
         raise self._wrong(name, "a list of finite numbers")
 
     def flag(self, name: str) -> bool:
-        """False when it is left out."""
+        """A boolean; False if left out."""
         value = self._message.get(name, False)
         if isinstance(value, bool):
             return value
         raise self._wrong(name, "true or false")
 
     def group(self, name: str) -> "Request":
-        """An object of JSON."""
+        """A JSON object, as a `Request`."""
         return Request(self.mapping(name))
 
     def groups(self, name: str) -> list["Request"]:
-        """A list of objects of JSON."""
+        """A list of JSON objects, as `Request`s."""
         return [Request(item) for item in self.mappings(name)]
 
     def mappings(self, name: str) -> list[Mapping[str, Any]]:
-        """The same, as they are."""
+        """A list of JSON objects, unchanged."""
         value = self._message.get(name)
         if isinstance(value, list | tuple) and all(isinstance(item, Mapping) for item in value):
             return list(value)
         raise self._wrong(name, "a list of objects")
 
     def mapping(self, name: str) -> Mapping[str, Any]:
-        """The same, as it is."""
+        """A JSON object, unchanged."""
         value = self._message.get(name)
         if isinstance(value, Mapping):
             return value
         raise self._wrong(name, "an object")
 
     def _wrong(self, name: str, kind: str) -> ManagerError:
-        return ManagerError(f"the argument {name} is {kind}, not {quoted(self._message.get(name))}")
+        return ManagerError(f"the argument {name} must be {kind}, not {quoted(self._message.get(name))}")
 
 
 def _is_number(value: Any) -> bool:
@@ -117,15 +117,15 @@ _DEEDS: dict[str, _Deed] = {}
 
 
 def _deed(method: Any) -> Any:
-    """What can be asked for under the method's name."""
+    """Mark a method as a request of the same name."""
     _DEEDS[method.__name__] = method
     return method
 
 
 class Session:
-    """What one client asks, and what it has begun: `close` ends that.
+    """The session of one client, and what it has started, which `close` ends.
 
-    Each deed takes a `Request` and gives what JSON can carry. Raises URError.
+    Each request method takes a `Request` and returns a JSON value. Raises URError.
     """
 
     def __init__(self, running: RunningManager) -> None:
@@ -137,14 +137,14 @@ class Session:
         self._recorder: BackgroundRecorder | None = None
 
     async def ask(self, do: str, /, **arguments: Any) -> Answer:
-        """Carry out a request. Raises ManagerError for one that there is not, and whatever else the robot says."""
+        """Carry out a request. Raises ManagerError for an unknown request, and the errors of the request itself."""
         if do not in _DEEDS:
-            raise ManagerError(f"there is nothing called {quoted(do)}: this may be another version of ur-client")
+            raise ManagerError(f"there is no request {quoted(do)}: this may be another version of ur-client")
         answer = _DEEDS[do](self, Request(arguments))
         return await answer if isinstance(answer, Awaitable) else answer
 
     async def close(self) -> None:
-        """The client is gone: goals are canceled, speeds are zero, its recording is complete."""
+        """End the session: cancel its goals, set its speeds to zero, and complete its recording."""
         for controller, handle in self._goals.values():
             self._cancel(controller, handle)
         for forward in self._driven:
@@ -159,7 +159,7 @@ class Session:
 
     @_deed
     def list_controllers(self, request: Request) -> Answer:
-        """All that are loaded, with what they claim, need, and follow."""
+        """All loaded controllers, with the interfaces that they claim and read, and what they follow."""
         return [self._describe(self._manager.controller(info.name)) for info in self._manager.list_controllers()]
 
     def _describe(self, controller: Controller[Any]) -> Answer:
@@ -177,17 +177,17 @@ class Session:
 
     @_deed
     def list_available(self, request: Request) -> Answer:
-        """What the manager's controllers file names, with types."""
+        """The controllers in the manager's controllers file, with their types."""
         return dict(self._manager.file.types)
 
     @_deed
     def list_controller_types(self, request: Request) -> Answer:
-        """All types, with what each does, and those that are refused, with what to do instead."""
+        """All types with descriptions, and the unsupported ones with alternatives."""
         return available_types()
 
     @_deed
     async def load_controller(self, request: Request) -> Answer:
-        """name, and type and parameters where they are not those of the manager's file. Gives notes."""
+        """name; type and parameters if they differ from the manager's file. Returns notes."""
         known = len(self._manager.notes)
         await self._running.load(
             request.text("name"),
@@ -198,7 +198,7 @@ class Session:
 
     @_deed
     def configure_controller(self, request: Request) -> Answer:
-        """From unconfigured, or from inactive once more, to inactive."""
+        """Configure a controller that is unconfigured, or reconfigure an inactive one."""
         name = request.text("name")
         if self._manager.controller(name).state is LifecycleState.INACTIVE:
             self._manager.cleanup(name)
@@ -206,20 +206,20 @@ class Session:
 
     @_deed
     def cleanup_controller(self, request: Request) -> Answer:
-        """From inactive to unconfigured."""
+        """Return an inactive controller to unconfigured."""
         self._manager.cleanup(request.text("name"))
 
     @_deed
     async def unload_controller(self, request: Request) -> Answer:
-        """Forget one that is not active."""
+        """Unload a controller that is not active."""
         await self._running.unload(request.text("name"))
 
     @_deed
     def switch_controller(self, request: Request) -> Answer:
-        """activate, deactivate: names. strictness: all or nothing, or what is possible. Gives what has changed."""
+        """activate, deactivate: names. strictness: all or nothing, or best effort. Returns what has changed."""
         strictness = request.text("strictness") if "strictness" in request else STRICT
         if strictness not in (STRICT, BEST_EFFORT):
-            raise ManagerError(f"strictness is {STRICT} or {BEST_EFFORT}, not {quoted(strictness)}")
+            raise ManagerError(f"strictness must be {STRICT} or {BEST_EFFORT}, not {quoted(strictness)}")
         activate, deactivate = request.texts("activate"), request.texts("deactivate")
         before = {controller.name for controller in self._manager.active()}
         self._manager.switch(activate=activate, deactivate=deactivate, best_effort=strictness == BEST_EFFORT)
@@ -228,32 +228,32 @@ class Session:
 
     @_deed
     def moving_controllers(self, request: Request) -> Answer:
-        """Names of those that move the arm: the next one that does takes their place."""
+        """Names of the controllers that move the arm, which the next such controller replaces."""
         return [controller.name for controller in self._manager.moving()]
 
     @_deed
     def list_parameters(self, request: Request) -> Answer:
-        """Of the controller name: value and whether it is read-only, by name."""
+        """name: of a controller. Returns value and read-only flag of each parameter, by name."""
         controller = self._manager.controller(request.text("name"))
         values = flat(controller.parameters)
         return {name: {"value": value, "read_only": is_read_only(name)} for name, _, value in values}
 
     @_deed
     async def set_parameters(self, request: Request) -> Answer:
-        """name, parameters: all of them or none."""
+        """name, parameters: on an error, none is changed."""
         await self._running.set_parameters(request.text("name"), request.mapping("parameters"))
 
     # hardware
 
     @_deed
     def list_hardware_components(self, request: Request) -> Answer:
-        """The arm, which is one component."""
+        """The hardware components, of which the arm is the only one."""
         component = self._running.component
         return [{"name": component.name, "type": "system", "plugin_name": PLUGIN, "state": str(component.state)}]
 
     @_deed
     def list_hardware_interfaces(self, request: Request) -> Answer:
-        """All of the arm's, with their values and who has them."""
+        """All interfaces of the arm, with their values and the controllers that have claimed them."""
         hardware, available = self._manager.hardware, self._running.component.available
         return [
             {
@@ -268,12 +268,12 @@ class Session:
 
     @_deed
     async def set_hardware_component_state(self, request: Request) -> Answer:
-        """name, state: active, inactive or unconfigured. Gives its state."""
+        """name, state: active, inactive or unconfigured. Returns its state."""
         component, name, state = self._running.component, request.text("name"), request.text("state")
         if name != component.name:
-            raise ControllerError(name, f"the hardware component here is {component.name}")
+            raise ControllerError(name, f"the only hardware component is {component.name}")
         if state not in map(str, LifecycleState):
-            raise ControllerError(name, f"its state is unconfigured, inactive or active, not {quoted(state)}")
+            raise ControllerError(name, f"its state must be unconfigured, inactive or active, not {quoted(state)}")
         await component.go_to(LifecycleState(state))
         return str(component.state)
 
@@ -281,23 +281,23 @@ class Session:
 
     @_deed
     def send_goal(self, request: Request) -> Answer:
-        """controller, trajectory; beyond the joints' limits it is refused. Gives a number to ask for it by `goal`."""
+        """controller, trajectory: refused beyond the joint limits. Returns a number for the request `goal`."""
         controller = self._follower(request)
         trajectory = _trajectory(request.group("trajectory"))
         controller.check_active()
         self._running.robot.check_reach(trajectory)
         if len(self._goals) >= _MOST_GOALS:
-            raise ManagerError(f"{_MOST_GOALS} results of goals have not been asked for: ask for them")
+            raise ManagerError(f"{_MOST_GOALS} results of goals have not been fetched: request them first")
         self._count += 1
         self._goals[self._count] = controller, controller.send_goal(trajectory)
         return self._count
 
     @_deed
     def goal(self, request: Request) -> Answer:
-        """How the goal of a number goes: progress from 0 to 1, and its result, after which it is forgotten."""
+        """Progress of a goal, given by number, from 0 to 1, and its result, which is returned only once."""
         number = int(request.number("goal"))
         if number not in self._goals:
-            raise ManagerError(f"there is no goal {number} of this connection, or its result has been told")
+            raise ManagerError(f"this connection has no goal {number}, or its result has been returned already")
         controller, handle = self._goals[number]
         if handle.result is None:
             return {"progress": controller.progress}
@@ -310,27 +310,27 @@ class Session:
 
     @_deed
     def cancel_goal(self, request: Request) -> Answer:
-        """The goal of a number, if it is still under way."""
+        """Cancel a goal, given by number, if it is still under way."""
         if found := self._goals.get(int(request.number("goal"))):
             self._cancel(*found)
 
     @_deed
     def joint_trajectory(self, request: Request) -> Answer:
-        """controller, trajectory: followed without a result, as from the topic of that name."""
+        """controller, trajectory: followed without a result, as from the ROS topic of the same name."""
         controller = self._follower(request)
         if not isinstance(controller, JointTrajectoryController):
             raise controller.error("it takes goals only")
         trajectory = _trajectory(request.group("trajectory"))
         controller.check_active()
         controller.check(trajectory)
-        self._running.robot.check_reach(trajectory, speeds=False)  # the tolerances judge those
+        self._running.robot.check_reach(trajectory, speeds=False)  # speeds are judged by the tolerances
         controller.command(trajectory)
 
     @_deed
     def forward_command(self, request: Request) -> Answer:
-        """controller, values: from now on. hold: only as long as this connection lasts.
+        """controller, values: commanded from now on. hold: only as long as this connection lasts.
 
-        time_s: of positions, how long the way there takes, with the speed of a cubic; else they are commanded at once.
+        time_s: for positions, the duration of the motion, along a cubic; without it they are commanded immediately.
         """
         controller = self._manager.controller(request.text("controller"))
         if not isinstance(controller, ForwardCommandController):
@@ -343,7 +343,7 @@ class Session:
             way = JointTrajectory(controller.parameters.joints, (end,))
             self._running.robot.check_reach(way, speeds=time_s > 0.0)
         elif time_s:
-            raise controller.error("time_s is for positions")
+            raise controller.error("time_s is for positions only")
         if time_s > 0.0:
             scaling = f"{self._running.robot.prefix}speed_scaling/speed_scaling_factor"
             states = self._manager.hardware.states
@@ -364,7 +364,7 @@ class Session:
             controller.cancel()
 
     def _let_go(self, controller: ForwardCommandController) -> None:
-        """Speeds and torques end; positions stay where they are."""
+        """End speeds and torques; positions are kept."""
         if not controller.active:
             return
         if controller.interface_name == "position":
@@ -376,7 +376,7 @@ class Session:
 
     @_deed
     def robot_state(self, request: Request) -> Answer:
-        """What a client needs to tell how a motion goes; time_s is the robot's."""
+        """State of the robot that a client needs to show the progress of a motion; time_s is the robot's time."""
         robot = self._running.robot
         state, link = robot.driver.state, robot.driver.robot
         return {
@@ -391,7 +391,7 @@ class Session:
 
     @_deed
     async def make_ready(self, request: Request) -> Answer:
-        """Power on, release the brakes, start the control program: what is still to be done."""
+        """Power the arm on, release its brakes, start the control program, as far as still necessary."""
         await self._running.robot.robot.make_ready()
 
     @_deed
@@ -399,35 +399,35 @@ class Session:
         """fraction: 0.01 to 1."""
         fraction = request.number("fraction")
         if not 0.01 <= fraction <= 1.0:
-            raise ManagerError(f"the speed slider goes from 0.01 to 1, not to {fraction:g}")
+            raise ManagerError(f"the speed slider takes 0.01 to 1, not {fraction:g}")
         await self._running.robot.robot.set_speed_slider(fraction)
 
     @_deed
     async def begin_recording(self, request: Request) -> Answer:
-        """path: absolute; what robot and trajectory controllers do until this connection ends goes into that file."""
+        """path: absolute path of the file that records robot and trajectory controllers until this connection ends."""
         path = Path(request.text("path"))
         if not path.is_absolute():
-            raise ManagerError(f"the path of a recording is absolute, not {quoted(str(path))}")
+            raise ManagerError(f"the path of a recording must be absolute, not {quoted(str(path))}")
         recorder = await self._recording.enter_async_context(recorded(self._running.robot.driver, path))
         self._recording.callback(listen(recorder, self._manager))
         self._recorder = recorder
 
     @_deed
     def record_markers(self, request: Request) -> Answer:
-        """topic, markers: fields of visualization_msgs/Marker, for 3D views; they go into the recording, as of now."""
+        """topic, markers: fields of visualization_msgs/Marker, for 3D views; recorded with the present time."""
         if self._recorder is None:
-            raise ManagerError("nothing is recorded that markers could go into: begin_recording comes first")
+            raise ManagerError("there is no recording for the markers: call begin_recording first")
         self._recorder.write_markers(request.text("topic"), request.mappings("markers"), self._manager.time_s)
 
     @_deed
     async def end_recording(self, request: Request) -> Answer:
-        """Gives an answer when the file is complete."""
+        """End the recording; answered once the file is complete."""
         self._recorder = None
         await self._recording.aclose()
 
 
 def available_types() -> Answer:
-    """Types of controllers with what each does."""
+    """Types of controllers, with descriptions."""
     return {"types": {name: help_of(kind) for name, kind in sorted(CONTROLLER_TYPES.items())}}
 
 

@@ -1,4 +1,4 @@
-"""Gravity, friction and the robot's version: small controllers around one setting."""
+"""Small controllers for one setting each: gravity, friction, and the robot's version."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from client.controllers.parameters import without_effect
 
 @dataclass(frozen=True, slots=True)
 class SettingParameters:
-    """tf_prefix: in front of all names."""
+    """tf_prefix: prefix of all interface names."""
 
     tf_prefix: str = ""
-    check_io_successful_retries: int = without_effect(10, "the answer is waited for in robot time")
+    check_io_successful_retries: int = without_effect(10, "the timeout is measured in robot time")
 
 
 class _SettingController(CallingController[SettingParameters]):
-    """Base: a group of command interfaces with an answer."""
+    """Base class: a group of command interfaces with an answer."""
 
     parameters_type: ClassVar[type[Any]] = SettingParameters
     names: ClassVar[tuple[str, ...]] = ()
@@ -36,19 +36,19 @@ class _SettingController(CallingController[SettingParameters]):
 
 @controller_type("ur_controllers/GravityUpdateController")
 class GravityUpdateController(_SettingController):
-    """Tells the robot how it is mounted."""
+    """Sets the direction of gravity, that is, how the robot is mounted."""
 
     names: ClassVar[tuple[str, ...]] = ("gravity/x", "gravity/y", "gravity/z")
     answer: ClassVar[str] = "gravity/gravity_async_success"
 
     def set_gravity(self, gravity_m_s2: Sequence[float]) -> Call:
-        """Acceleration of the base (3,) in its frame: [0, 0, 9.82] for an upright arm. Raises ControllerError."""
+        """Set the acceleration of the base (3,) [m/s2]: [0, 0, 9.82] for an upright arm. Raises ControllerError."""
         return self._set("gravity", gravity_m_s2)
 
 
 @controller_type("ur_controllers/FrictionModelController")
 class FrictionModelController(_SettingController):
-    """Sets how much friction torque control makes up for; from 5.25.1 on."""
+    """Sets how much friction torque control compensates; PolyScope 5.25.1 or newer."""
 
     names: ClassVar[tuple[str, ...]] = tuple(
         f"friction_model/{kind}_{joint}" for kind in ("viscous", "coulomb") for joint in range(6)
@@ -56,7 +56,7 @@ class FrictionModelController(_SettingController):
     answer: ClassVar[str] = "friction_model/async_success"
 
     def set_friction_model_parameters(self, viscous: Sequence[float], coulomb: Sequence[float]) -> Call:
-        """Shares of each joint's friction (6,), 0 to 1. Raises ControllerError."""
+        """Set the compensated share, 0 to 1, of each joint's friction (6,). Raises ControllerError."""
         if not all(0.0 <= share <= 1.0 for share in (*viscous, *coulomb)):
             raise self.error("friction compensation takes shares from 0 to 1")
         return self._set("friction", (*viscous, *coulomb))
@@ -64,7 +64,7 @@ class FrictionModelController(_SettingController):
 
 @controller_type("ur_controllers/URConfigurationController")
 class URConfigurationController(Controller[SettingParameters]):
-    """Tells the version of the robot's software."""
+    """Reports the version of the robot's software."""
 
     parameters_type: ClassVar[type[Any]] = SettingParameters
 

@@ -1,4 +1,4 @@
-"""A trajectory that is being followed: sampled at any time, from where the arm was when it began."""
+"""A trajectory being followed: can be sampled at any time, and begins at the arm's position at its start."""
 
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ from client.controllers.goals import JointTrajectory, JointTrajectoryPoint
 
 
 def filled(trajectory: JointTrajectory, joints: Sequence[str], hold_rad: Sequence[float]) -> list[JointTrajectoryPoint]:
-    """Its points for all joints; joints it does not name stay at ``hold_rad`` (n,)."""
+    """Points of a trajectory for all joints; joints that it does not name stay at ``hold_rad`` (n,)."""
     holding = JointTrajectoryPoint(tuple(hold_rad), *((0.0,) * len(joints),) * 3)
     return [_merged(point, trajectory.joint_names, joints, holding) for point in trajectory.points]
 
@@ -16,10 +16,10 @@ def filled(trajectory: JointTrajectory, joints: Sequence[str], hold_rad: Sequenc
 def blended(
     trajectory: JointTrajectory, joints: Sequence[str], path: "Path", cursor_s: float, begin_s: float
 ) -> tuple[list[JointTrajectoryPoint], int] | None:
-    """Points that lead from the path into the trajectory, timed from ``cursor_s`` on, and how many of them are old.
+    """Points that lead from the path into a new trajectory, timed from ``cursor_s``, and how many of them are old.
 
-    cursor_s: how far the path has been followed; begin_s: where the trajectory begins, both in
-    the path's time. None when it leaves joints out and does not say where the others end.
+    cursor_s: how far the path has been followed; begin_s: where the trajectory begins; both in the path's time. None if
+    the trajectory leaves out joints whose final position is not known.
     """
     named = set(trajectory.joint_names)
     partial = len(named) < len(joints)
@@ -46,7 +46,7 @@ def blended(
 def _merged(
     point: JointTrajectoryPoint, names: Sequence[str], joints: Sequence[str], others: JointTrajectoryPoint
 ) -> JointTrajectoryPoint:
-    """The point in the order of the joints; those it does not name are as in ``others``."""
+    """Sort a point into the order of the joints; values of joints that it does not name come from ``others``."""
 
     def one(values: Sequence[float], rest: Sequence[float]) -> tuple[float, ...]:
         if not values:
@@ -66,7 +66,7 @@ def _merged(
 def _held(
     point: JointTrajectoryPoint, last: JointTrajectoryPoint, joints: Sequence[str], named: set[str]
 ) -> JointTrajectoryPoint:
-    """The point with the named joints at rest where they ended."""
+    """A point at which the named joints rest at their final positions."""
     commanded = [joint in named for joint in joints]
 
     def one(values: Sequence[float], ends: Sequence[float]) -> tuple[float, ...]:
@@ -99,7 +99,7 @@ class Segment:
         self._effort = _lines(first.effort, second.effort, duration_s) if first.effort and second.effort else ()
 
     def at(self, t: float) -> JointTrajectoryPoint:
-        """Positions, velocities and accelerations after ``t`` seconds, and effort where both ends have it."""
+        """Positions, velocities and accelerations after ``t`` seconds, and effort if both ends have it."""
         t = min(max(t, 0.0), self._duration_s)
         q, qd, qdd = [], [], []
         for c0, c1, c2, c3, c4, c5 in self._polynomials:
@@ -148,7 +148,7 @@ def _quintic(q0: float, q1: float, v0: float, v1: float, a0: float, a1: float, d
     t = duration_s
     if t <= 0.0:
         return (q0, v0, 0.5 * a0, 0.0, 0.0, 0.0)
-    # what is missing at the end when the motion goes on with the first three terms
+    # what is missing at the end if the motion continues with the first three terms only
     gap_q = q1 - q0 - v0 * t - 0.5 * a0 * t * t
     gap_v = (v1 - v0 - a0 * t) * t
     gap_a = (a1 - a0) * t * t
@@ -161,10 +161,10 @@ def _quintic(q0: float, q1: float, v0: float, v1: float, a0: float, a1: float, d
 def complete(
     first: JointTrajectoryPoint, second: JointTrajectoryPoint, duration_s: float
 ) -> tuple[JointTrajectoryPoint, JointTrajectoryPoint]:
-    """Both points with the positions that the second one's derivatives lead to, by Heun's method.
+    """Complete the second point with the positions that its derivatives lead to, by Heun's method.
 
-    A point with positions is left alone. The first one may get speeds or accelerations of zero,
-    so that the degree of the polynomial is that of what is given.
+    A point with positions is unchanged. The first point may get velocities or accelerations of zero, so that the degree
+    of the polynomial matches the given values.
     """
     if second.positions:
         return first, second
@@ -187,10 +187,10 @@ def _heun(
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Where the joints are meant to be.
+    """Desired state of the joints.
 
-    index: the point that comes next; the number of points after the last one. since_s: time
-    since the last point that was passed, negative before the first one.
+    index: index of the next point; after the last point, the number of points. since_s: time since the last point that
+    was passed [s], negative before the first one.
     """
 
     point: JointTrajectoryPoint
@@ -199,10 +199,10 @@ class Sample:
 
 
 class Path:
-    """Points (positions, velocities, accelerations in the order of the controller's joints) and when to be there.
+    """Timed points (positions, velocities, accelerations in the order of the controller's joints).
 
-    stamp_s: when it begins, in the time it is sampled with; 0 with the first sample.
-    splines: False gives each point from the moment the one before it has been passed.
+    stamp_s: start time, by the clock used for sampling; 0 starts with the first sample. splines: False returns each
+    point without interpolation, from the moment at which the previous one has been passed.
     """
 
     def __init__(self, points: Sequence[JointTrajectoryPoint], stamp_s: float = 0.0, *, splines: bool = True) -> None:
@@ -217,17 +217,17 @@ class Path:
 
     @property
     def size(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         return len(self.points)
 
     def begin(self, time_s: float, now: JointTrajectoryPoint, before_s: float | None = None) -> None:
-        """Begin at ``time_s`` from the state ``now``, which the arm had at ``before_s`` if not just then."""
+        """Start at ``time_s`` from the state ``now``, which the arm had at ``before_s`` (by default ``time_s``)."""
         self.begun = True
         if self.start_s == 0.0:
             self.start_s = time_s
         first = self.points[0]
         zeros = (0.0,) * len(now.positions)
-        # so that the way to the first point is a polynomial of the same degree as the others
+        # gives the segment to the first point a polynomial of the same degree as the others
         if first.velocities and not now.velocities:
             now = replace(now, velocities=zeros)
         if first.accelerations and not now.accelerations:
@@ -250,7 +250,7 @@ class Path:
             before, before_s = self.points[index], self._times[index]
 
     def sample(self, time_s: float) -> Sample | None:
-        """Where to be at a time; None before the beginning, and where positions are not known."""
+        """Desired state at a time; None before the start, and if positions are unknown."""
         if time_s < self._before_s:
             return None
         index = bisect_right(self._times, time_s)
@@ -264,11 +264,11 @@ class Path:
         return Sample(point, index, time_s - passed_s) if point.positions else None
 
     def due(self) -> list[tuple[float, JointTrajectoryPoint]]:
-        """The points, each with the time at which it is due; once it has begun."""
+        """The points, each with its time; available after the start."""
         return list(zip(self._times, self.points, strict=True))
 
     def last(self) -> JointTrajectoryPoint:
-        """The last point, with speeds and accelerations of zero where it has none."""
+        """The last point, with zero velocities and accelerations if it has none."""
         point = self.points[-1]
         zeros = (0.0,) * len(point.positions)
         return replace(

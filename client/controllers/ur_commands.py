@@ -1,4 +1,4 @@
-"""The command interfaces of a Universal Robots arm, and what the driver does about those beside the motion."""
+"""The command interfaces of a Universal Robots arm, and how the driver carries out those that are not motions."""
 
 import asyncio
 import logging
@@ -29,22 +29,22 @@ _DOMAIN: Final = "gpio/analog_output_domain_cmd"
 _ANALOG: Final = ("gpio/standard_analog_output_cmd_0", "gpio/standard_analog_output_cmd_1")
 _IO_ANSWER: Final = "gpio/io_async_success"
 _FORCE_ANSWER: Final = "force_mode/force_mode_async_success"
-_CONTACT_NONE: Final = 3.0  # as the result of a search for contact that goes on
+_CONTACT_NONE: Final = 3.0  # result while the robot is still watching for contact
 
 _logger = logging.getLogger(__name__)
 
 Spawn = Callable[[Coroutine[Any, Any, None]], "asyncio.Task[None]"]
-"""Lets a coroutine run beside the cycle."""
+"""Runs a coroutine in the background of the control cycle."""
 
 
 class ScriptTaker(Protocol):
-    """What is used of `client.driver.robot.RobotLink`."""
+    """The part of `client.driver.robot.RobotLink` that is used here."""
 
     async def send_script(self, text: str) -> None: ...
 
 
 class ArmDriver(Protocol):
-    """What is used of `client.driver.URDriver`."""
+    """The part of `client.driver.URDriver` that is used here."""
 
     @property
     def program_running(self) -> bool: ...
@@ -88,7 +88,7 @@ class ArmDriver(Protocol):
 
 
 class URCommands:
-    """The interfaces (`all`), with `prefix` in front of every name; `obey` does what is set on them once."""
+    """The interfaces (`all`), whose names begin with `prefix`; `obey` carries out one-time commands set on them."""
 
     def __init__(self, prefix: str, driver: ArmDriver, states: URStates, spawn: Spawn) -> None:
         joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINT_NAMES]
@@ -104,11 +104,11 @@ class URCommands:
         self._orders = [(self.part(names), answer, do) for names, answer, do in self._table()]
 
     def joints(self, kind: str) -> Interfaces:
-        """Of one kind, base to wrist 3."""
+        """Command interfaces of one kind, base to wrist 3."""
         return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINT_NAMES])
 
     def part(self, names: Sequence[str]) -> Interfaces:
-        """Some of them, named without the prefix."""
+        """Some of the interfaces, named without the prefix."""
         return self.all.lend([self._prefix + name for name in names])
 
     def __getitem__(self, name: str) -> float:
@@ -118,7 +118,7 @@ class URCommands:
         self.all[self._prefix + name] = value
 
     def obey(self) -> None:
-        """Begin everything that has been set since the last cycle."""
+        """Start everything that has been set since the last cycle."""
         for part, answer, do in self._orders:
             if (values := part.take()) is not None:
                 self._spawn(self._answered(answer, do(values)))
@@ -126,7 +126,7 @@ class URCommands:
         self._watch_contact()
 
     def refuse(self, reason: str) -> None:
-        """Answer everything that has been set since the last cycle without doing it."""
+        """Refuse everything that has been set since the last cycle."""
         refused = {answer for part, answer, _ in self._orders if part.take() is not None}
         if any(level == level for level in self._digital.get()):
             refused.add(_IO_ANSWER)

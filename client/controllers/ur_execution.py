@@ -1,4 +1,4 @@
-"""What the robot executes by itself: trajectories and motion primitives that controllers hand over by interfaces."""
+"""Execution on the robot: trajectories and motion primitives that controllers hand over through interfaces."""
 
 import asyncio
 import logging
@@ -31,7 +31,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Execution:
-    """At most one trajectory of the robot's own, and whom to call when it has ended."""
+    """At most one trajectory that the robot executes itself, and a callback for its end."""
 
     def __init__(self, driver: ArmDriver, spawn: Spawn) -> None:
         self._driver = driver
@@ -45,7 +45,7 @@ class Execution:
         return self._task is not None
 
     def start(self, moves: Sequence[TrajectoryPoint], ended: Callable[[bool], object]) -> None:
-        """Let the robot execute them; ``ended`` is called with whether it executed all of them."""
+        """Let the robot execute moves; ``ended`` is called with True if it executed all of them."""
 
         def end(_: object) -> None:
             self._task = None
@@ -56,9 +56,9 @@ class Execution:
         self._task.add_done_callback(end)
 
     def cancel(self) -> None:
-        """Stop it, if it is under way."""
+        """Stop the trajectory, if one is under way."""
         if self._task is not None:
-            self._task.cancel()  # which the driver passes on to the robot
+            self._task.cancel()  # the driver passes the cancellation on to the robot
 
     async def _execute(self, moves: Sequence[TrajectoryPoint]) -> None:
         try:
@@ -68,20 +68,20 @@ class Execution:
 
 
 class HandedOver(Protocol):
-    """The hardware's side of a controller that hands over what the robot executes."""
+    """The hardware's side of a controller whose motions the robot executes itself."""
 
     def begin(self) -> None:
-        """The controller has the interfaces from now on."""
+        """Start: the controller has claimed the interfaces."""
 
     def end(self) -> None:
-        """No longer: stop what is under way."""
+        """End: the controller has released the interfaces; stop what is under way."""
 
     def step(self, *, ready: bool) -> None:
-        """Once a cycle. ready: whether the arm can be moved now; nothing begins before."""
+        """Process one cycle. ready: whether the arm can move now; otherwise nothing is started."""
 
 
 class PassthroughExecution(HandedOver):
-    """Of `client.controllers.passthrough`."""
+    """The hardware's side of `client.controllers.passthrough`."""
 
     def __init__(self, commands: URCommands, driver: ArmDriver, spawn: Spawn) -> None:
         self._commands = commands
@@ -134,7 +134,7 @@ class PassthroughExecution(HandedOver):
 
 
 class PrimitivesExecution(HandedOver):
-    """Of `client.controllers.motion_primitives`."""
+    """The hardware's side of `client.controllers.motion_primitives`."""
 
     def __init__(self, commands: URCommands, states: URStates, driver: ArmDriver, spawn: Spawn) -> None:
         self._commands = commands.part(PRIMITIVE_COMMANDS)

@@ -1,9 +1,9 @@
-"""A Universal Robots arm as the hardware of a controller manager, by way of the driver.
+"""A Universal Robots arm as the hardware of a controller manager, through the driver.
 
-While the robot waits (a stop, a pause, its program on the way back, setpoints that were late), nothing is commanded and
-the speed scaling is 0, so that trajectories wait too. When it goes on the scaling rises
-gradually, and setpoints begin where the arm stands and come back to where they should be. A
-paused program is told once where that is: its first step would be to its last setpoint.
+While the robot waits (during a stop or a pause, while its program restarts, after late setpoints), nothing is commanded
+and the speed scaling is 0, so that trajectories wait too. When the robot continues, the scaling rises gradually;
+setpoints start at the arm's position and gradually return to the commanded ones. A paused program is sent the arm's
+position once, because its first step would otherwise be to its last setpoint.
 """
 
 import logging
@@ -25,21 +25,21 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
 
 _WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a program is paused in these, not ended
-_BACK_S: Final = 10.0  # guess: how long after such a stop somebody may take to start the program again
-_RISE_PER_PERIOD: Final = 0.01  # Universal_Robots_ROS2_Driver: of the speed scaling after a pause
+_BACK_S: Final = 10.0  # guess: how long after such a stop the program may take to be restarted
+_RISE_PER_PERIOD: Final = 0.01  # rise of the speed scaling after a pause; source: Universal_Robots_ROS2_Driver
 _RETURN_S: Final = 0.5  # guess: to bring the arm back to its path after a stop
 _ENDED: Final = "the control program on the robot has ended: start it, then activate again"
-_STANDS_RAD_S: Final = 0.005  # guess: above the noise of an arm that stands
+_STANDS_RAD_S: Final = 0.005  # guess: above the noise of an arm at rest
 
 _logger = logging.getLogger(__name__)
 
 
 class URHardware:
-    """Of a driver; see `client.controllers.controller.Hardware`.
+    """The arm of a driver as hardware; see `client.controllers.controller.Hardware`.
 
-    spawn: runs what takes longer than a cycle. version: the robot's. prefix: in front of all
-    names. setpoint_timeout_s: how long the robot goes on without the next setpoint. withheld: why nothing
-    is asked of the robot, whatever it reports; None if it may be.
+    spawn: runs work that takes longer than a cycle. version: the robot's version. prefix: prefix of all names.
+    setpoint_timeout_s: how long the robot continues without the next setpoint [s]. withheld: why no request is sent to
+    the robot, regardless of its state; None if requests are permitted.
     """
 
     def __init__(
@@ -70,9 +70,9 @@ class URHardware:
         self._scaling = 1.0
         self._waits = False
         self._held_up = False  # setpoints were late
-        self._unsendable = ""  # why what was commanded cannot be sent
-        self._stands = False  # and the program knows where
-        self._forgiven_s = 0.0  # until when the program may be missing
+        self._unsendable = ""  # why a command cannot be sent
+        self._stands = False  # the arm is at rest, and the program has been sent its position
+        self._forgiven_s = 0.0  # until when the program may be absent, by the robot's clock
         self._offset = [0.0] * len(JOINT_NAMES)
         self._return_s = 0.0
         self._executions: dict[CommandMode, HandedOver] = {
@@ -88,7 +88,7 @@ class URHardware:
         self._states["gpio/program_running"] = float(running)
         mode = state["safety_mode"]
         held_up, self._held_up = self._held_up, False
-        if held_up:  # this machine was, and so the robot has stopped the arm: as after a pause
+        if held_up:  # this machine was late, so the robot has stopped the arm; continue as after a pause
             self._scaling, self._waits = 0.0, True
         was_ready, self._ready = (
             self._ready and not held_up,
@@ -105,7 +105,7 @@ class URHardware:
         full = state["speed_scaling"] * state["target_speed_fraction"]
         if not self._ready:
             self._scaling = 0.0
-            self._waits = self.failure is None  # with a failure everything ends that could wait
+            self._waits = self.failure is None  # with a failure, everything that could wait ends instead
         elif self._waits:
             self._scaling += _RISE_PER_PERIOD * period_s / self._version.series.period_s
             self._waits = self._scaling < full
@@ -134,7 +134,7 @@ class URHardware:
         if time_s < self._forgiven_s:
             return None
         if why := self._driver.lost_why:
-            return f"the control program on the robot has ended, since {why}: see that it runs, then activate again"
+            return f"the control program on the robot has ended, since {why}: make sure it runs, then activate again"
         return _ENDED
 
     def take_halt(self) -> str | None:
@@ -147,7 +147,7 @@ class URHardware:
         starting, stopping = self._modes_of(start), self._modes_of(stop)
         for kind in (CommandMode.POSITION, CommandMode.VELOCITY, CommandMode.EFFORT):
             if kind in starting and not set(self._orders.joints(kind).names) <= set(start):
-                raise ControllerError("hardware", f"all {len(JOINT_NAMES)} joints have to be commanded in {kind}")
+                raise ControllerError("hardware", f"all {len(JOINT_NAMES)} joints must be commanded in {kind}")
         if pair := conflict((self._modes - stopping) | starting):
             raise ControllerError("hardware", f"{pair[0]} and {pair[1]} cannot be commanded at the same time")
         if CommandMode.EFFORT in starting and (why := refusal("torque", self._version)):
@@ -220,7 +220,7 @@ class URHardware:
             self._driver.torque(self._efforts.get(), self._timeout_s)
 
     def _returning(self, commands: list[float], period_s: float) -> list[float]:
-        """The commands, after a stop beginning where the arm stands."""
+        """The commands; after a stop, blended from the arm's position."""
         if self._return_s <= 0.0:
             return commands
         share = self._return_s / _RETURN_S
@@ -233,9 +233,9 @@ class URHardware:
             do()
         except LateSetpointError:  # logged where it was noticed
             self._held_up = True
-        except LocalProtocolError as error:  # a number that no message carries, and the next one will be like it
-            self._unsendable = f"what is commanded cannot be sent: {error}"
-        except URError as error:  # the program has just left: read() will know
+        except LocalProtocolError as error:  # a number that no message can carry; the next one will be similar
+            self._unsendable = f"the command cannot be sent: {error}"
+        except URError as error:  # the program has just disconnected: read() will notice
             _logger.warning("%s", error)
 
 

@@ -1,7 +1,7 @@
 """The state interfaces of a Universal Robots arm, and how RTDE fills them.
 
-Names and meaning: the hardware interface of Universal_Robots_ROS2_Driver. What a robot does not
-report stays NaN.
+Source of names and meaning: the hardware interface of Universal_Robots_ROS2_Driver. Values that a robot does not report
+stay NaN.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ RTDE_OUTPUTS: Final = (
     "tool_output_current", "tool_temperature", "robot_status_bits", "safety_status_bits",
     "actual_digital_input_bits", "actual_digital_output_bits", "analog_io_types", "tool_analog_input_types",
 )  # fmt: skip
-"""What to receive: every version has these. payload, payload_cog, payload_inertia and tcp_offset are used too."""
+"""RTDE outputs to receive; every version has them. payload, payload_cog, payload_inertia, tcp_offset are optional."""
 
 _SINGLE: Final = {
     "standard_analog_input0": "gpio/standard_analog_input_0",
@@ -64,7 +64,7 @@ _VERSION: Final = tuple(
     f"get_robot_software_version/get_version_{part}" for part in ("major", "minor", "bugfix", "build")
 )
 _MOST: Final = 1e6
-"""No joint, speed, current, force, voltage or temperature of an arm is larger, in any unit of RTDE; guess."""
+"""Upper bound of every angle, speed, current, force, voltage and temperature of an arm, in RTDE's units; guess."""
 _NUMBERS: Final = ("speed_scaling", *_SINGLE)
 _ROWS: Final = tuple(
     (name, OUTPUT_FIELDS[name].type.count)
@@ -85,10 +85,10 @@ _OTHERS: Final = (
 
 
 def check(state: Mapping[str, Any]) -> None:
-    """Whether a control loop can compute with a state: numbers that an arm may have, as many as there should be.
+    """Check that a control loop can use a state: the right count of numbers, and values that an arm can have.
 
-    Done once, where a state arrives, so that nobody behind asks again (2 µs). What the state lacks is not asked for.
-    Raises StateError.
+    It is done once, when a state arrives (2 µs), so that later code need not check again. Missing variables
+    are not checked. Raises StateError.
     """
     numbers: list[float] = []
     for name, count in _ROWS:
@@ -106,11 +106,11 @@ def check(state: Mapping[str, Any]) -> None:
             if values is not None and not hypot(*(values if isinstance(values, Sequence) else (values,))) < _MOST:
                 raise StateError(name, f"is {quoted(values)}, which no arm has")
     if not abs(state["timestamp"]) < LONGEST_S:
-        raise StateError("timestamp", f"is {state['timestamp']!r}, which is no time")
+        raise StateError("timestamp", f"is {state['timestamp']!r}, which is not a time")
 
 
 class URStates:
-    """The interfaces (`all`), with `prefix` in front of every name, and what fills them."""
+    """The interfaces (`all`), whose names begin with `prefix`; `take` fills them from RTDE."""
 
     def __init__(self, prefix: str, version: PolyscopeVersion) -> None:
         joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINT_NAMES]
@@ -133,11 +133,11 @@ class URStates:
         return self.all[self._prefix + name]
 
     def joints(self, kind: str) -> Interfaces:
-        """Of one kind, base to wrist 3."""
+        """State interfaces of one kind, base to wrist 3."""
         return self.all.lend([f"{self._prefix}{joint}/{kind}" for joint in JOINT_NAMES])
 
     def take(self, state: Mapping[str, Any]) -> None:
-        """Set them from RTDE variables by name; those that are not there are left alone. Raises StateError."""
+        """Set the interfaces from RTDE variables by name; missing ones are left unchanged. Raises StateError."""
         check(state)
         for variable, put in self._rows:
             value = state.get(variable)

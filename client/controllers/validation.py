@@ -1,4 +1,4 @@
-"""What a trajectory has to be like for a controller to take it. Rules: those of ros2_controllers."""
+"""Validation of trajectories before a controller accepts them, by the rules of ros2_controllers."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,12 +12,12 @@ _ANY: Final = -1.0
 
 
 class ToleranceError(ValueError):
-    """A goal's tolerance makes no sense."""
+    """A goal's tolerance is invalid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Of the joints in the controller's order (n,): on the way, at the end; goal_time_s [s] after the end."""
+    """Tolerances (n,), in the controller's order of joints: along the path, at the goal; goal_time_s [s] after it."""
 
     path: tuple[Tolerance, ...]
     goal: tuple[Tolerance, ...]
@@ -63,7 +63,7 @@ def _limit(default: float, given: float, what: str) -> float:
 
 
 def violation(error: JointTrajectoryPoint, limits: Sequence[Tolerance], joints: Sequence[str]) -> str | None:
-    """The first joint that is too far off, in words; None when all are within their limits."""
+    """Describe the first joint that violates its tolerance; None if all are within their limits."""
     for values, kind in (
         (error.positions, "position"),
         (error.velocities, "velocity"),
@@ -82,7 +82,7 @@ _FIELDS: Final = ("positions", "velocities", "accelerations", "effort")
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryRules:
-    """Of one controller; see the parameters of the same names."""
+    """Rules of one controller; see the parameters of the same names."""
 
     controller: str
     joints: tuple[str, ...]
@@ -92,7 +92,7 @@ class TrajectoryRules:
     effort: bool = False
 
     def check(self, trajectory: JointTrajectory, now_s: float) -> None:
-        """Raises GoalRejectedError."""
+        """Check a trajectory. Raises GoalRejectedError if it is invalid."""
         self._check_joints(trajectory)
         if not trajectory.points:
             raise self._invalid("the trajectory has no points")
@@ -105,9 +105,9 @@ class TrajectoryRules:
         names = trajectory.joint_names
         wrong = [name for name in names if name not in self.joints]
         if wrong:
-            raise self._rejected(ErrorCode.INVALID_JOINTS, f"it has no joint {wrong[0]}, but {', '.join(self.joints)}")
+            raise self._rejected(ErrorCode.INVALID_JOINTS, f"it has no joint {wrong[0]}, only {', '.join(self.joints)}")
         if not names or len(set(names)) < len(names):
-            raise self._rejected(ErrorCode.INVALID_JOINTS, "the trajectory has to name each joint once")
+            raise self._rejected(ErrorCode.INVALID_JOINTS, "the trajectory must name each joint once")
         if not self.partial and len(names) < len(self.joints):
             missing = [joint for joint in self.joints if joint not in names]
             raise self._rejected(
@@ -132,11 +132,11 @@ class TrajectoryRules:
         for number, point in enumerate(trajectory.points):
             t = point.time_from_start_s
             if not (math.isfinite(t) and t >= 0.0) or (before is not None and t <= before):
-                raise self._invalid(f"point {number} is due after {t} s: times have to rise from point to point")
+                raise self._invalid(f"point {number} is due after {t} s: times must increase from point to point")
             before = t
         end_s = trajectory.stamp_s + trajectory.points[-1].time_from_start_s
         if trajectory.stamp_s != 0.0 and end_s < now_s:
-            reason = f"the trajectory ends at {end_s:.3f} s, and it is {now_s:.3f} s already"
+            reason = f"the trajectory ends at {end_s:.3f} s, but the time is already {now_s:.3f} s"
             raise self._rejected(ErrorCode.OLD_HEADER_TIMESTAMP, reason)
 
     def _check_end(self, trajectory: JointTrajectory) -> None:

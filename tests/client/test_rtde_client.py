@@ -223,7 +223,7 @@ def test_the_rate_is_whole_periods(version, frequency_hz, rate_hz):
 
 
 def test_frequencies_no_robot_has():
-    with pytest.raises(LocalProtocolError, match="at most 125 states per second, not 500"):
+    with pytest.raises(LocalProtocolError, match="at most 125 states/s, not 500"):
         drive(RTDECore(OUTPUTS, frequency_hz=500).start(), Controller(PolyscopeVersion(3, 15)))
     for frequency_hz in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(LocalProtocolError):

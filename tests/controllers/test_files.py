@@ -122,7 +122,7 @@ def test_a_parameter_that_is_no_number_is_refused_by_name(number):
 def test_only_limits_may_be_infinite():
     gains = read_parameters(Gains, {"u_clamp_max": math.inf, "i_clamp_min": -math.inf}, "x", Reading())
     assert gains == Gains()
-    with pytest.raises(ControllerError, match="u_clamp_max is a finite number, not nan"):
+    with pytest.raises(ControllerError, match="u_clamp_max must be a finite number, not nan"):
         read_parameters(Gains, {"u_clamp_max": math.nan}, "x", Reading())
 
 

@@ -173,7 +173,7 @@ def test_forward_commands_are_checked_and_end_with_the_activity():
     speeds.command([0.1, -0.1])
     bench.run(1.0)
     assert bench.q == pytest.approx((0.1, -0.1), abs=0.01)
-    with pytest.raises(ControllerError, match="3 commands came for 2 joints"):
+    with pytest.raises(ControllerError, match="3 commands for 2 joints"):
         speeds.command([0, 0, 0])
     with pytest.raises(ControllerError, match="not numbers"):
         speeds.command([0, float("inf")])

@@ -86,7 +86,7 @@ async def test_controllers_go_through_their_lives(manager):
         for name in ("jtc", "forward"):
             assert await shell.ask("load_controller", name=name) == {"notes": []}
             await shell.ask("configure_controller", name=name)
-        with pytest.raises(ControllerError, match="jtc: it is loaded already"):
+        with pytest.raises(ControllerError, match="jtc: it is already loaded"):
             await shell.ask("load_controller", name="jtc")
         done = await shell.ask("switch_controller", activate=["jtc"])
         assert done == {"activated": ["jtc"], "deactivated": []}
@@ -190,7 +190,7 @@ async def test_a_goal_is_followed_to_its_end(manager):
         bench.run(1.5)
         assert (await shell.ask("goal", goal=number)).items() >= {"error_code": 0, "progress": 1.0}.items()
         assert bench.q == pytest.approx((0.5, -0.5), abs=1e-6)
-        with pytest.raises(ManagerError, match="there is no goal 1"):
+        with pytest.raises(ManagerError, match="has no goal 1"):
             await shell.ask("goal", goal=number)
 
 
@@ -232,15 +232,15 @@ HELLO = b'{"protocol":1}\n'
 @pytest.mark.parametrize(
     ("said", "answer"),
     [
-        (b"GET / HTTP/1.1\r\n", "not a message of JSON"),
-        (b"\x00\xff\n", "not a message of JSON"),
+        (b"GET / HTTP/1.1\r\n", "not a JSON message"),
+        (b"\x00\xff\n", "not a JSON message"),
         (b"[1]\n", "is an object"),
         (b'{"protocol":2}\n', "speaks protocol 1, not 2"),
-        (HELLO + b"[" * 100_000 + b"\n", "not a message of JSON"),
-        (HELLO + b'{"id":' + b"9" * 5000 + b"}\n", "not a message of JSON"),
-        (HELLO + b'{"id":1,"do":"goal","goal":NaN}\n', "not a message of JSON"),
-        (HELLO + b'{"id":"1","do":"goal"}\n', "a request has an id"),
-        (HELLO + b'{"id":1}\n', "a request has an id"),
+        (HELLO + b"[" * 100_000 + b"\n", "not a JSON message"),
+        (HELLO + b'{"id":' + b"9" * 5000 + b"}\n", "not a JSON message"),
+        (HELLO + b'{"id":1,"do":"goal","goal":NaN}\n', "not a JSON message"),
+        (HELLO + b'{"id":"1","do":"goal"}\n', "a request must have an id"),
+        (HELLO + b'{"id":1}\n', "a request must have an id"),
         (HELLO + b"x" * (protocol.LONGEST_REQUEST + 10) + b"\n", "bytes at most"),
     ],
 )
@@ -322,7 +322,7 @@ async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):
 async def test_too_many_connections_are_refused(manager, monkeypatch):
     monkeypatch.setattr(serving, "_MOST_CONNECTIONS", 2)
     async with served(manager), remote(), remote():
-        with pytest.raises(ManagerError, match="2 programs talk to this controller manager already"):
+        with pytest.raises(ManagerError, match="2 programs are already connected"):
             async with remote():
                 pass
 
@@ -422,7 +422,7 @@ async def test_on_the_loopback_interface_the_token_is_needed(manager, monkeypatc
         file = place.with_name(f"{place.name}.json")
         assert file.stat().st_mode & 0o777 == 0o600
         file.write_text(json.dumps({**json.loads(file.read_text()), "token": "guess"}))
-        with pytest.raises(ManagerError, match="the token is not that"):
+        with pytest.raises(ManagerError, match="the token does not match"):
             async with remote():
                 pass
         file.write_text("garbage")

@@ -207,7 +207,7 @@ def test_all_joints_or_none():
         "one", "forward_command_controller/ForwardCommandController",
         {"joints": ["elbow_joint"], "interface_name": "position"},
     )  # fmt: skip
-    with pytest.raises(ControllerError, match="all 6 joints have to be commanded in position"):
+    with pytest.raises(ControllerError, match="all 6 joints must be commanded in position"):
         arm.manager.activate("one")
 
 
@@ -425,7 +425,7 @@ async def test_a_setting_without_effect_is_no_success():
     assert call.success is None
     arm.cycle(round(2.1 / PERIOD_S))
     assert call.success is False
-    assert "no effect is seen" in call.message
+    assert "no effect was seen" in call.message
 
 
 def test_force_mode_and_freedrive_end_with_their_controllers():
@@ -470,7 +470,7 @@ async def test_force_mode_parameters():
         ({"speed_scaling": nan}, r"speed_scaling is nan, which no arm has"),
         ({"target_speed_fraction": -1e18}, r"target_speed_fraction is -1e\+18"),
         ({"tool_temperature": inf}, r"tool_temperature is inf"),
-        ({"timestamp": nan}, r"timestamp is nan, which is no time"),
+        ({"timestamp": nan}, r"timestamp is nan, which is not a time"),
         ({"timestamp": 1e300}, r"timestamp is 1e\+300"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
@@ -510,7 +510,7 @@ def test_a_controller_whose_commands_cannot_be_sent_is_ended_by_name(caplog):
     arm.cycle(2)
     assert not arm.manager.active()
     assert arm.driver.calls[-1] == ("idle",)
-    assert "what is commanded cannot be sent: 9000000000.0 cannot be sent" in caplog.text
+    assert "the command cannot be sent: 9000000000.0 cannot be sent" in caplog.text
     arm.cycle()
     arm.manager.activate("forward_velocity_controller")
     arm.cycle(10)

@@ -246,7 +246,7 @@ async def test_inputs_outputs_and_status(robot):
         )
         assert bench.controller("speed_scaling_state_broadcaster").topic.latest == pytest.approx(50.0)
         assert (io.robot_mode.latest, io.safety_mode.latest, io.program_running.latest) == (7, 1, True)
-        with pytest.raises(ControllerError, match="the robot did not take it"):
+        with pytest.raises(ControllerError, match="the robot did not accept it"):
             await bench.loop.answer(io.zero_ftsensor())  # CB3 robots have none
         with pytest.raises(ControllerError, match="no digital output 18"):
             io.set_digital_out(18, True)
