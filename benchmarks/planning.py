@@ -1,8 +1,8 @@
-"""Planning: random queries in three places, beside bare OMPL in the same run, and what the arm does with the plans.
+"""Planning: random queries in three scenes, compared with OMPL alone in the same run, and execution of the plans.
 
-Bounded as it is; ``planning.py --full`` asks 200 queries in each place for each arm and lets the arm take all of them,
-which takes hours. ``--queries``, ``--executed`` and ``--models`` say what to do instead. ``--meshes FOLDER`` holds what
-the arm did against meshes: a folder for each arm, with the files of ur_description.
+A run without options is short. ``planning.py --full`` asks 200 queries in each scene for each arm and executes all
+plans, which takes hours. ``--queries``, ``--executed`` and ``--models`` change that. ``--meshes FOLDER`` also measures
+executed plans against meshes: a folder for each arm, with the files of ur_description.
 """
 
 import argparse
@@ -27,7 +27,7 @@ from client.planning import CollisionChecker, JointGoal, NoPathError, Plan, Plan
 from tests.driver.driver_rig import Lab, emulator
 from tests.planning.clearance import Clearance
 from tests.planning.described import Described
-from tests.planning.scenes import SCENES, free_postures, samples, scene_of
+from tests.planning.scenes import SCENES, free_configurations, samples, scene_of
 from urproto.robots import MODELS, Joints, load_model
 
 QUERIES = 20
@@ -36,19 +36,19 @@ FULL = 200
 ARMS = ("ur3", "ur5e")
 LIMIT_S = 5.0  # Planner.plan's own
 LONG_S = 30.0
-MESHED = 40  # states of each plan that meshes are held against
+MESHED = 40  # states of each plan that are checked with meshes
 SPEED = 8.0  # of the emulator, times real time
 
 
 @dataclass
 class Tally:
-    """Of the queries in one place. CPU times [s] of those that were solved."""
+    """The queries in one scene. CPU times [s] are of those that were solved."""
 
     queries: int = 0
     solved: int = 0
     solvable: int = 0
     cpu_s: list[float] = field(default_factory=list)
-    around_s: list[float] = field(default_factory=list)  # where the straight path is not free
+    around_s: list[float] = field(default_factory=list)  # queries whose straight path is blocked
     parts_s: list[tuple[float, float, float]] = field(default_factory=list)
     bare_solved: int = 0
     bare_cpu_s: list[float] = field(default_factory=list)
@@ -58,17 +58,17 @@ class Tally:
 
     @property
     def share(self) -> float:
-        """Of those that a long search solves."""
+        """Share of the queries that a long search solves."""
         return self.solved / self.solvable if self.solvable else 1.0
 
 
 def ask(model: str, place: str, queries: int, long_s: float = LONG_S) -> Tally:
-    """Random queries, each also of bare OMPL; those that fail again with more time and another seed."""
+    """Ask random queries, each also of OMPL alone; retry failures with more time and another seed."""
     scene = scene_of(place, model)
     planner, clearance = Planner(scene), Clearance(load_model(model), scene)
-    postures = free_postures(planner.checker, Random(f"{model} {place}"), 2 * queries)
+    configurations = free_configurations(planner.checker, Random(f"{model} {place}"), 2 * queries)
     tally = Tally()
-    for number, (start, goal) in enumerate(zip(postures[::2], postures[1::2], strict=True)):
+    for number, (start, goal) in enumerate(zip(configurations[::2], configurations[1::2], strict=True)):
         tally.queries += 1
         plan, cpu_s = _timed(_plan, planner, start, goal, number, LIMIT_S)
         if plan is not None:
@@ -103,7 +103,7 @@ def _plan(planner: Planner, start: Joints, goal: Joints, seed: int, limit_s: flo
 
 
 def _bare(checker: CollisionChecker, start: Joints, goal: Joints, seed: int) -> list[np.ndarray] | None:
-    """OMPL's RRT-Connect and its own simplification with all its own choices, in the arm's whole range."""
+    """OMPL's RRT-Connect and simplification with default settings, in the arm's whole range."""
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)
     space = base.RealVectorStateSpace(6)
@@ -131,9 +131,9 @@ def _bare(checker: CollisionChecker, start: Joints, goal: Joints, seed: int) -> 
 
 
 async def execute(model: str, place: str, plans: Sequence[Plan], meshes: Path | None = None) -> tuple[int, int, float]:
-    """How many plans the arm took, of how many recorded states, and the nearest beyond the padding [m].
+    """Execute plans; return how many, the number of recorded states, and the smallest clearance beyond the padding [m].
 
-    meshes: of the arm; some of the states are then looked at with them.
+    meshes: of the arm; some of the states are then checked with them, too.
     """
     scene = scene_of(place, model)
     clearance = Clearance(load_model(model), scene)
@@ -158,15 +158,16 @@ async def execute(model: str, place: str, plans: Sequence[Plan], meshes: Path | 
 def measure(
     queries: int = QUERIES, executed: int = EXECUTED, models: Sequence[str] = ARMS, meshes: Path | None = None
 ) -> Table:
-    """One row for each arm in each place. meshes: a folder for each arm."""
+    """One row for each arm in each scene. meshes: a folder for each arm."""
     rows = [_row(model, place, queries, executed, meshes) for model in models for place in SCENES]
     note = (
-        f"Random pairs of free postures, seeded. Solved: within {LIMIT_S:g} s, of those that this or a search of "
-        f"{LONG_S:g} s solves. CPU: of one plan with search, shortening and timing; around: of those whose straight "
-        "way is not free. Bare: OMPL's RRT-Connect and simplification with its own settings, no timing; blocked: its "
-        "ways that touch something between the places it looked at. Nearest: of planned ways, and of the actual_q "
-        "recorded of executed ones, beyond the padding, by geometry of the tests' own, exact to 1 mm; of executed ones "
-        "also by the arm's URDF with " + ("meshes." if meshes else "simple shapes.")
+        f"Random pairs of free configurations, seeded. Solved: within {LIMIT_S:g} s, of the queries that this or a "
+        f"search of {LONG_S:g} s solves. CPU: of one plan with search, shortcutting and time parameterisation; blocked: "
+        "of the queries whose straight path is blocked. OMPL: its RRT-Connect and simplification with default settings, "
+        "no time parameterisation; in collision: its paths that collide between the configurations it checked. Nearest: "
+        "clearance beyond the padding of planned paths, and of the recorded actual_q of executed ones, by separate "
+        "geometry code of the tests, accurate to 1 mm; of executed ones also by the arm's URDF with "
+        + ("meshes." if meshes else "simple shapes.")
     )
     columns = [
         "arm",
@@ -175,10 +176,10 @@ def measure(
         "solved",
         "CPU median",
         "p95",
-        "around: median",
-        "search, shorten, time (wall)",
+        "blocked: median",
+        "search, shortcut, parameterise (wall)",
     ]
-    columns += ["bare: solved", "CPU median", "blocked", "nearest planned", "executed", "nearest executed"]
+    columns += ["OMPL: solved", "CPU median", "in collision", "nearest planned", "executed", "nearest executed"]
     return Table("Planning", note, columns, rows)
 
 
@@ -213,7 +214,7 @@ def _times(cpu_s: Sequence[float]) -> tuple[str, str]:
 
 
 def main() -> None:
-    """Measure what is wanted, and print it."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--queries", type=int)

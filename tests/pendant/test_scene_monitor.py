@@ -1,4 +1,4 @@
-"""What a pendant plans in: made of an emulator's world or of a file, and made anew when either is another one."""
+"""The planning scene of a pendant: built from an emulator's world or a file, and rebuilt when it changes."""
 
 import asyncio
 import sys
@@ -34,7 +34,7 @@ TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 
 
 
 def world(objects: Mapping[str, Any], tool: Mapping[str, Any] = POINT) -> dict[str, Any]:
-    """As the verb of this name tells it."""
+    """As the verb of this name returns it."""
     return {"objects": objects, "tool": tool, "push": None, "payload": None}
 
 
@@ -91,7 +91,7 @@ def test_what_cannot_be_a_scene_says_why() -> None:
         build_scene(SceneSources(replace(ARM, robot_type=99), KINEMATICS, TCP), None)
 
 
-def test_an_arena_is_made_anew_when_the_world_is_another_one() -> None:
+def test_a_scene_is_rebuilt_when_the_world_changes() -> None:
     async def work() -> None:
         news = asyncio.Event()
         monitor = SceneMonitor(None, news.set)
@@ -112,7 +112,7 @@ def test_an_arena_is_made_anew_when_the_world_is_another_one() -> None:
         assert second is not first
         assert not second.objects
         assert await next_one(world({"box": {"box": [0.0, 0.1, 0.1]}})) is None
-        assert "sizes are above 0" in monitor.problem
+        assert "sizes must be above 0" in monitor.problem
         assert await next_one(world({})) is not None
         assert not monitor.problem
         await monitor.close()
@@ -120,7 +120,7 @@ def test_an_arena_is_made_anew_when_the_world_is_another_one() -> None:
     asyncio.run(work())
 
 
-def test_what_planning_lacks_is_said_with_the_way_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_extra_is_named_with_its_installation(monkeypatch: pytest.MonkeyPatch) -> None:
     assert missing_extra() == ""
     monkeypatch.setitem(sys.modules, "ompl", None)
     assert missing_extra().endswith("in the folder of ur-emulator, pip install '.[plan]'")

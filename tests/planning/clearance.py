@@ -1,4 +1,6 @@
-"""How far an arm is from what is around it, by geometry of the tests' own: no Pinocchio, no coal, no checker."""
+"""The distance of an arm from its surroundings, by separate geometry code of the tests: no Pinocchio, no coal, no
+checker.
+"""
 
 from collections.abc import Sequence
 
@@ -15,9 +17,9 @@ _ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)[:, None]
 
 
 class Clearance:
-    """Of the cylinders of the upper arm, the forearm and the wrists, and of a round tool.
+    """Measures the cylinders of the upper arm, the forearm and the wrists, and a round tool.
 
-    Each cylinder is taken for balls along its axis, within it, and for points on its rims.
+    Each cylinder is represented by spheres along its axis, inside it, and by points on its rims.
     """
 
     def __init__(self, model: RobotModel, scene: PlanningScene) -> None:
@@ -26,7 +28,7 @@ class Clearance:
         self._scene = scene
 
     def __call__(self, q_rad: Sequence[float]) -> float:
-        """The least distance to a thing of the scene [m]: to 1 mm, as the points are near each other."""
+        """The smallest distance [m] to an object of the scene, accurate to 1 mm given the spacing of the points."""
         places, radii = list[np.ndarray](), list[np.ndarray]()
 
         def put(points: np.ndarray, radius: float) -> None:
@@ -42,17 +44,17 @@ class Clearance:
                 for points, radius, rims in self._parts[number]:
                     put(points, radius)
                     put(rims, 0.0)
-        for thing in self._scene.objects.values():
-            if thing.attached:
-                assert isinstance(thing.shape, Sphere)
-                put(np.array(thing.pose[:3])[None], thing.shape.radius)
+        for obj in self._scene.objects.values():
+            if obj.attached:
+                assert isinstance(obj.shape, Sphere)
+                put(np.array(obj.pose[:3])[None], obj.shape.radius)
         points, radius = np.concatenate(places), np.concatenate(radii)
-        around = [thing for thing in self._scene.objects.values() if not thing.attached]
-        return min(float(np.min(_distance(points, thing.shape, thing.pose) - radius)) for thing in around)
+        around = [obj for obj in self._scene.objects.values() if not obj.attached]
+        return min(float(np.min(_distance(points, obj.shape, obj.pose) - radius)) for obj in around)
 
 
 def _parts(start: Sequence[float], end: Sequence[float], radius: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """Middles of balls, their radius, and the points of both rims."""
+    """The centres of the spheres, their radius, and the points of both rims."""
     first, last = np.array(start), np.array(end)
     length = float(np.linalg.norm(last - first))
     axis = (last - first) / length

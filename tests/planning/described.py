@@ -1,7 +1,7 @@
-"""How far an arm is from itself and from what is around it, by its URDF, as other programs read that.
+"""The distance of an arm from itself and its surroundings by its URDF, as other programs read it.
 
-Pinocchio's parser makes the arm of it, with ur_description's meshes where there are any, and coal measures solids
-that are made here: no checker and no kinematics of the project are between the joint angles and the distance.
+Pinocchio's parser builds the arm from it, with ur_description's meshes if available, and coal measures geometries that
+are built here: neither the project's checker nor its kinematics is involved.
 """
 
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ _LINKS = ("base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link"
           "wrist_3_link")  # fmt: skip
 # disable_collisions of ur_moveit_config's SRDF
 _NEVER = {(i, i + 1) for i in range(6)} | {(4, 6)}
-_BESIDE = {(0, 2), (3, 5)}  # are a few millimetres apart where they pass each other, whatever is planned
+_BESIDE = {(0, 2), (3, 5)}  # a few millimetres apart where they pass each other, in any plan
 _MOVED = range(2, 7)
 
 
 class Described:
-    """meshes: a folder as `urdf` takes it; None for simple shapes."""
+    """meshes: a folder, as in `urdf`; None for simple shapes."""
 
     def __init__(self, scene: PlanningScene, meshes: Path | None = None) -> None:
         text = urdf(scene.model, meshes=meshes)
@@ -35,22 +35,22 @@ class Described:
         self.names: list[tuple[str, str]] = []
         self._padding_m = scene.padding_m
         base, tip = (self._arm.getFrameId(name) for name in ("base", "tool0"))
-        things, carried = {}, {}
-        for name, thing in scene.objects.items():
-            frame = self._arm.frames[tip if thing.attached else base]
-            x, y, z, *turn = thing.pose
+        obstacles, carried = {}, {}
+        for name, obj in scene.objects.items():
+            frame = self._arm.frames[tip if obj.attached else base]
+            x, y, z, *turn = obj.pose
             place = frame.placement * pin.SE3(pin.exp3(np.array(turn)), np.array((x, y, z)))
-            solid = pin.GeometryObject(name, frame.parentJoint, place, _solid(thing.shape))
-            (carried if thing.attached else things)[name] = [self._solids.addGeometryObject(solid)]
+            solid = pin.GeometryObject(name, frame.parentJoint, place, _solid(obj.shape))
+            (carried if obj.attached else obstacles)[name] = [self._solids.addGeometryObject(solid)]
         for i, one in enumerate(_LINKS):
             for j, other in enumerate(_LINKS[i + 1 :], i + 1):
                 if (i, j) not in _NEVER:
                     self._pair(one, own[one], other, own[other])
-        for name, numbers in (things | carried).items():
-            for i in _MOVED if name in things else range(4):
+        for name, numbers in (obstacles | carried).items():
+            for i in _MOVED if name in obstacles else range(4):
                 self._pair(_LINKS[i], own[_LINKS[i]], name, numbers)
         for name, numbers in carried.items():
-            for other, others in things.items():
+            for other, others in obstacles.items():
                 self._pair(name, numbers, other, others)
         self._data, self._solids_data = self._arm.createData(), self._solids.createData()
 
@@ -61,12 +61,12 @@ class Described:
                 self.names.append((one, other))
 
     def beyond_padding(self, q_rad: Sequence[float]) -> float:
-        """How far the nearest pair is beyond the padding [m]; links that are beside each other only may not touch."""
+        """How far the nearest pair is beyond the padding [m]; links next to each other must only not touch."""
         beside = {(_LINKS[i], _LINKS[j]) for i, j in _BESIDE}
         return min(far - (0.0 if pair in beside else self._padding_m) for pair, far in self(q_rad).items())
 
     def __call__(self, q_rad: Sequence[float]) -> dict[tuple[str, str], float]:
-        """The distance of each pair [m]; negative where they touch."""
+        """The distance of each pair [m]; negative where they penetrate."""
         parts: list[float] = []
         for joint, angle in zip(self._arm.joints[1:], q_rad, strict=True):
             parts += [angle] if joint.nq == 1 else [np.cos(angle), np.sin(angle)]

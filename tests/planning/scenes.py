@@ -1,4 +1,4 @@
-"""Three places to work in, of a size that suits an arm; postures in them; and all places of a plan."""
+"""Three scenes scaled to the size of an arm, configurations in them, and dense samples of a plan."""
 
 from random import Random
 
@@ -12,7 +12,7 @@ _TOOL_M = 0.03
 
 
 def scene_of(name: str, model: str) -> PlanningScene:
-    """reach: what the places are measured by."""
+    """One of the scenes, scaled by the arm's reach."""
     arm = load_model(model)
     scene = PlanningScene(arm)
     r = arm.reach_m
@@ -33,8 +33,8 @@ def scene_of(name: str, model: str) -> PlanningScene:
     return scene
 
 
-def free_postures(checker: CollisionChecker, random: Random, count: int) -> list[Joints]:
-    """Such as an arm works in: above its table, the base anywhere, the elbow and the wrists bent as they are."""
+def free_configurations(checker: CollisionChecker, random: Random, count: int) -> list[Joints]:
+    """Free configurations as in normal use: above the table, any base angle, elbow and wrists bent either way."""
     found: list[Joints] = []
     while len(found) < count:
         q = (
@@ -51,7 +51,7 @@ def free_postures(checker: CollisionChecker, random: Random, count: int) -> list
 
 
 def samples(plan: Plan, count: int = 5) -> np.ndarray:
-    """So many times as many as the trajectory has, by the splines of fifth degree that a robot makes of its points."""
+    """Samples of the quintic splines that a robot makes of the trajectory's points, ``count`` per interval."""
     trajectory, rows = plan.trajectory, []
     powers = np.arange(6)
     for i, step in enumerate(np.diff(trajectory.times_s)):

@@ -1,4 +1,4 @@
-"""What planning takes for the arm: its cylinders, and which of its links are kept apart."""
+"""The shapes that planning uses for the arm, and which of its links are checked against each other."""
 
 from random import Random
 
@@ -38,7 +38,7 @@ def test_distances_are_those_of_other_geometry(model: str) -> None:
     """Points of the tests' own on the same cylinders, moved by matrices of the tests' own."""
     scene = scene_of("shelf", model)
     checker, clearance = CollisionChecker(scene), Clearance(load_model(model), scene)
-    around = {name for name, thing in scene.objects.items() if not thing.attached}
+    around = {name for name, obj in scene.objects.items() if not obj.attached}
     random, seen = Random(model), 0
     while seen < 30:
         q = tuple(random.uniform(-2.5, 2.5) for _ in range(6))

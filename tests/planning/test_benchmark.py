@@ -1,4 +1,4 @@
-"""The benchmark of planning with few queries: nothing is missed that a long search finds, and all keeps clear."""
+"""The planning benchmark with few queries: it solves all that a long search does, and plans keep their clearance."""
 
 import importlib.util
 import sys

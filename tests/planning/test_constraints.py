@@ -42,9 +42,9 @@ def tilts(plan: object, axis: tuple[float, float, float]) -> list[float]:
 
 
 def reaching(scene: PlanningScene, pose: tuple[float, ...]) -> tuple[float, ...]:
-    """An elbow-up posture for this pose."""
-    postures = scene.kinematics.inverse_all(pose_trans(pose, pose_inv(TCP)))
-    return min(postures, key=lambda q: (abs(q[1] + 1.2) + abs(q[2] - 1.5), q[4]))
+    """An elbow-up configuration for this pose."""
+    configurations = scene.kinematics.inverse_all(pose_trans(pose, pose_inv(TCP)))
+    return min(configurations, key=lambda q: (abs(q[1] + 1.2) + abs(q[2] - 1.5), q[4]))
 
 
 def test_a_level_tool_stays_level_around_a_post() -> None:

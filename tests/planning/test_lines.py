@@ -83,7 +83,9 @@ def test_the_tools_limits_count_on_lines_and_arcs_and_not_on_ptp() -> None:
             ("PTP", PoseGoal(goal, TCP)),
         )
     }
-    speed = {name: float(np.max(np.linalg.norm(np.diff(points, axis=0), axis=1))) / 0.04 for name, points in fast.items()}
+    speed = {
+        name: float(np.max(np.linalg.norm(np.diff(points, axis=0), axis=1))) / 0.04 for name, points in fast.items()
+    }
     assert 0.7 < speed["LIN"] <= 1.001
     assert 0.7 < speed["CIRC"] <= 1.001
     assert speed["PTP"] > 1.2
@@ -159,7 +161,9 @@ def test_motions_of_all_kinds_follow_each_other() -> None:
     assert (abs(plan.trajectory.qdd) <= planner.limits.acceleration * 1.001).all()
     assert (np.diff(plan.trajectory.times_s) > 0.0).all()
     points = [pose[:3] for pose in tool(plan, "ur5e", 1)]
-    slow = [dist(one, other) / 0.04 for one, other in pairwise(points) if dist(one, side[:3]) > 0.031 and one[1] < side[1]]
+    slow = [
+        dist(one, other) / 0.04 for one, other in pairwise(points) if dist(one, side[:3]) > 0.031 and one[1] < side[1]
+    ]
     first = slow[: int(0.1 / 0.004)]
     assert max(first) < 0.103  # a tenth of 1 m/s on the first line alone
     assert plan.path[0] == START
@@ -201,7 +205,9 @@ def test_what_stops_a_line_is_said() -> None:
         line(0.0, 0.0, -0.4)
     clearance = Clearance(load_model("ur5e"), scene)
     assert scene.padding_m < clearance(low.value.q_rad) < scene.padding_m + 0.02
-    with pytest.raises(IncompletePathError, match=r"followed for \d.* % of its path, then p\[.*out of the reach") as far:
+    with pytest.raises(
+        IncompletePathError, match=r"followed for \d.* % of its path, then p\[.*out of the reach"
+    ) as far:
         line(1.5, 0.0, 0.2)
     ends = scene.kinematics.forward(far.value.q_rad, TCP)
     assert ends == pytest.approx(moved(start, 1.5 * far.value.fraction, 0.0, 0.2 * far.value.fraction), abs=1e-4)
@@ -229,11 +235,13 @@ def test_near_a_singularity_a_line_is_slow_and_at_one_it_ends() -> None:
     assert abs(plan.path[-1][3] - straight[3]) > 3.0  # joints 4 and 6 turn over on the path
     assert max(off_line(pose, start, goal)[0] for pose in tool(plan, "ur5e")) < ON_M
     assert (abs(plan.trajectory.qd) <= planner.limits.velocity * 1.001).all()
-    # a smaller arm is stretched before it is there, where another posture would have to take over
+    # a smaller arm is stretched before it is there, where the arm would have to change its branch
     planner = Planner(PlanningScene("ur3"))
     tcp = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
     goal = planner.scene.kinematics.forward((*straight[:4], 0.3, 0.2), tcp)
-    with pytest.raises(IncompletePathError, match=r"reaches its elbow singularity \(elbow at 0\.0\d\d rad\): the joints"):
+    with pytest.raises(
+        IncompletePathError, match=r"reaches its elbow singularity \(elbow at 0\.0\d\d rad\): the joints"
+    ):
         planner.plan((*straight[:4], -0.3, 0.2), PoseGoal(goal, tcp), planner="LIN")
 
 

@@ -13,7 +13,7 @@ pytest.importorskip("ompl")
 from clearance import Clearance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import SCENES, free_postures, samples, scene_of
+from scenes import SCENES, free_configurations, samples, scene_of
 
 from client.errors import PlanningError, SceneError
 from client.planning import (
@@ -42,10 +42,10 @@ def test_plans_keep_clear_and_within_the_limits(model: str, place: str) -> None:
     scene = scene_of(place, model)
     planner = Planner(scene)
     clearance = Clearance(load_model(model), scene)
-    postures = free_postures(planner.checker, Random(f"{model} {place}"), 8)
+    configurations = free_configurations(planner.checker, Random(f"{model} {place}"), 8)
     found = 0
     for number in range(4):
-        start, goal = postures[2 * number : 2 * number + 2]
+        start, goal = configurations[2 * number : 2 * number + 2]
         try:
             plan = planner.plan(start, JointGoal(goal), seed=number, time_limit_s=20.0)
         except NoPathError:
@@ -69,7 +69,7 @@ def test_plans_keep_clear_and_within_the_limits(model: str, place: str) -> None:
 
 def test_a_seed_gives_the_same_plan_again() -> None:
     planner = Planner(scene_of("slot", "ur3"))
-    start, goal = free_postures(planner.checker, Random(5), 2)
+    start, goal = free_configurations(planner.checker, Random(5), 2)
     one, other = (planner.plan(start, JointGoal(goal), seed=3, time_limit_s=20.0) for _ in range(2))
     assert one.path == other.path
     assert (one.trajectory.q == other.trajectory.q).all()
@@ -89,7 +89,7 @@ def test_each_planner_finds_a_path_around_a_post(planner: str) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_poses_are_reached_by_any_posture(model: str) -> None:
+def test_poses_are_reached_by_any_configuration(model: str) -> None:
     arm = load_model(model)
     tcp = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
     q = (0.4, -1.3, 1.4, -1.6, -1.5, 0.2)
@@ -159,7 +159,7 @@ def test_no_path_says_what_was_tried() -> None:
     for number, side in enumerate((-1.0, 1.0)):
         scene.add(f"wall {number}", Box((1.4, 0.02, 3.0)), (side * 0.8, 0.0, 0.0, 0.0, 0.0, 0.0))
     planner = Planner(scene)
-    (q,) = free_postures(planner.checker, Random(1), 1)
+    (q,) = free_configurations(planner.checker, Random(1), 1)
     with pytest.raises(NoPathError, match=r"RRTConnect searched for one to 1 configuration .* padding is 10 mm"):
         planner.plan(q, JointGoal((q[0] - np.copysign(np.pi, q[0]), *q[1:])), time_limit_s=0.3)
 
