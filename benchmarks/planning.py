@@ -162,11 +162,11 @@ def measure(
     rows = [_row(model, place, queries, executed, meshes) for model in models for place in SCENES]
     note = (
         f"Random pairs of free configurations, seeded. Solved: within {LIMIT_S:g} s, of the queries that this or a "
-        f"search of {LONG_S:g} s solves. CPU: of one plan with search, shortcutting and time parameterisation; blocked: "
-        "of the queries whose straight path is blocked. OMPL: its RRT-Connect and simplification with default settings, "
-        "no time parameterisation; in collision: its paths that collide between the configurations it checked. Nearest: "
-        "clearance beyond the padding of planned paths, and of the recorded actual_q of executed ones, by separate "
-        "geometry code of the tests, accurate to 1 mm; of executed ones also by the arm's URDF with "
+        f"search of {LONG_S:g} s solves. CPU: of one plan with search, shortcutting and time parameterisation; "
+        "blocked: of the queries whose straight path is blocked. OMPL: its RRT-Connect and simplification with default "
+        "settings, no time parameterisation; in collision: its paths that collide between the configurations it "
+        "checked. Nearest: clearance beyond the padding of planned paths, and of the recorded actual_q of executed "
+        "ones, by separate geometry code of the tests, accurate to 1 mm; of executed ones also by the arm's URDF with "
         + ("meshes." if meshes else "simple shapes.")
     )
     columns = [
