@@ -196,12 +196,12 @@ def _drawing_buttons(scene: ArmScene) -> None:
         clear.set_visibility(shown)
 
     _switch("account_tree", "Frames as in the URDF", "frames", scene.arm.show_frames)
-    _switch("layers", "Where the arm is to be, as a ghost", "ghost", ghost, on=True)
-    _switch("timeline", "Way of the TCP", "trace", trace)
+    _switch("layers", "Ghost of the arm at the target", "ghost", ghost, on=True)
+    _switch("timeline", "Path of the TCP", "trace", trace)
     clear = ui.button(
         icon="delete_sweep", color=None, on_click=lambda: ui.run_javascript(f"pendant.clearTrace({scene.id})")
     )
-    clear.props('flat dense aria-label="Clear the way of the TCP" data-testid=trace-clear').tooltip("Clear the way")
+    clear.props('flat dense aria-label="Clear the path of the TCP" data-testid=trace-clear').tooltip("Clear the way")
     clear.set_visibility(False)
 
 

@@ -85,7 +85,7 @@ class CameraLink:
             self._bodies = tuple(map(str, index["bodies"]))
             return tuple(CameraDescription.from_json(entry) for entry in index["cameras"])
         except (ValueError, TypeError, KeyError) as error:
-            raise CameraError(f"{self._http.base_url} is not a server of cameras: {error}") from error
+            raise CameraError(f"{self._http.base_url} is not a camera server: {error}") from error
 
     async def _see(self, name: str) -> str:
         response = await self._get(picture_path(name, "segmentation.npy"))
@@ -93,7 +93,7 @@ class CameraLink:
             shown = np.load(io.BytesIO(response.content), allow_pickle=False)
             numbers, counts = np.unique(shown, return_counts=True)
         except Exception as error:  # numpy has many
-            raise CameraError(f"{name}: what it sees cannot be read: {error}") from error
+            raise CameraError(f"{name}: the objects in view cannot be read: {error}") from error
         return in_words(dict(zip(numbers.tolist(), (counts / shown.size).tolist(), strict=True)), self._bodies)
 
     async def _get(self, path: str) -> httpx.Response:
@@ -123,7 +123,7 @@ def in_words(shares: Mapping[int, float], bodies: tuple[str, ...]) -> str:
             named[name] = named.get(name, 0.0) + share
     seen = sorted((name for name in named if named[name] >= _LEAST_SHARE), key=lambda name: -named[name])
     if not seen:
-        return "It sees nothing but the surroundings."
+        return "No known object is in view."
     more = f" and {len(seen) - _MOST_NAMED} more" if len(seen) > _MOST_NAMED else ""
     return f"It sees: {', '.join(f'{name} ({100 * named[name]:.1f} %)' for name in seen[:_MOST_NAMED])}{more}."
 

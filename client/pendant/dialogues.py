@@ -154,11 +154,11 @@ def typed_answer(kind: RequestedType, text: str) -> int | float | str:
     try:
         value = wire_text.whole_number(text) if kind is RequestedType.INTEGER else wire_text.number(text)
     except ValueError as error:
-        raise ValueError(f"The program wants {ANSWERABLE[kind]}") from error
+        raise ValueError(f"The program expects {ANSWERABLE[kind]}") from error
     if isinstance(value, int) and not -_INT_MAX - 1 <= value <= _INT_MAX:
         raise ValueError(f"Integers of a program are at most {_INT_MAX}")
     if not math.isfinite(value):
-        raise ValueError(f"The program wants {ANSWERABLE[kind]}")
+        raise ValueError(f"The program expects {ANSWERABLE[kind]}")
     return value
 
 

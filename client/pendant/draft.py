@@ -125,7 +125,7 @@ def _readable(reported: str) -> str:
     return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
 
 
-_SYNTAX_ERROR: Final = "Syntax error: the controller cannot make sense of this line, or of what is before it"
+_SYNTAX_ERROR: Final = "Syntax error: the controller cannot parse this line or the one before it"
 _EXAMPLE: Final = """\
 def hello():
   textmsg("the tool is at ", get_actual_tcp_pose())

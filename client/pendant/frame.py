@@ -90,7 +90,7 @@ def _simulation_switch(page: Page) -> None:
     with ui.button(on_click=page.doing(page.switch_simulation), color=None).props("dense no-caps unelevated") as switch:
         page.live.text(lambda s: "Simulation" if s.simulating else "Real robot")
     switch.classes("chip simulation-switch").props("data-testid=simulation-switch").tooltip(
-        "In simulation programs run and the arm on the screens moves; the real arm stands."
+        "In simulation, programs move the arm on the screens; the real arm stands still."
     )
     page.live.effect(lambda s: s.simulating, lambda on: switch.props(f"aria-pressed={'true' if on else 'false'}"))
     page.live.effect(lambda s: s.can_simulate, switch.set_enabled)

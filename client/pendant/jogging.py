@@ -110,7 +110,7 @@ class Ramp:
         decay = (1.0 - _determinant(later) / now) / _AHEAD_S if abs(now) > _SINGULAR else 0.0
         share = min(share, _DECAY / max(decay, _DECAY))
         if share < _SLOW:
-            self.slowed = "Near a singularity: the joints cannot follow this way"
+            self.slowed = "Near a singularity: the joints cannot follow this direction"
         for joint, speed in enumerate(qd):
             top = min(self._braked(joint, speed, q_rad), _TOOL_JOINTS * self._bounds.qd_max[joint])
             if abs(speed) * share > top:

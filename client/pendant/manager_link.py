@@ -118,9 +118,11 @@ class ControlPanel:
         if self.controller not in choices(self._link.controllers):
             raise RobotRefused("the control panel", "no joint trajectory controller is active", "activate one first")
         if self._link.driver is not None:
-            raise RobotRefused("the control panel", "another browser drives the arm by its sliders", "disable it there")
+            raise RobotRefused(
+                "the control panel", "the sliders of another browser control the arm", "disable it there"
+            )
         if (now := self._read()) is None:
-            raise RobotRefused("the control panel", "the arm's angles are not known", "wait until it is connected")
+            raise RobotRefused("the control panel", "the joint angles are unknown", "wait until it is connected")
         self.targets = tuple(now[0])
         self._link.driver = self
         self._sending = asyncio.get_running_loop().create_task(self._send())
@@ -147,7 +149,7 @@ class ControlPanel:
             self.disable()
             return
         if not isinstance(targets, list) or len(targets) != len(JOINT_NAMES) or not all(map(_is_number, targets)):
-            raise ValueError("sliders say six numbers")
+            raise ValueError("sliders send six numbers")
         if self.enabled and (now := self._read()) is not None:
             limits = zip(targets, *now[1].position_limits, strict=True)
             self.targets = tuple(min(max(float(target), low), high) for target, low, high in limits)
@@ -166,7 +168,7 @@ class ControlPanel:
                 trajectory = {"joint_names": names, "points": [point]}
                 await self._link.ask("joint_trajectory", controller=self.controller, trajectory=trajectory)
                 await asyncio.sleep(1.0 / self.COMMAND_HZ)
-            self.disable("the robot does not answer any more")
+            self.disable("the robot has stopped answering")
         except (URError, ClientError) as error:
             self.disable(str(error))
 
@@ -176,7 +178,7 @@ class ControlPanel:
         joints = found[0].get("joints", []) if found else []
         names = [next((joint for joint in joints if joint.endswith(name)), "") for name in JOINT_NAMES]
         if not found or not all(names) or len(joints) != len(names):
-            raise ManagerError(f"{self.controller} does not move the six joints of this arm any more")
+            raise ManagerError(f"{self.controller} no longer controls the six joints of this arm")
         return names
 
 

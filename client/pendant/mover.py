@@ -219,7 +219,7 @@ class Mover:
             raise self._busy(doing)
 
     def _busy(self, doing: str) -> RobotRefused:
-        return RobotRefused(doing, f"something else is under way: {self.doing}", "stop that first")
+        return RobotRefused(doing, f"another operation is in progress: {self.doing}", "stop that first")
 
     # the control program
 
@@ -301,7 +301,7 @@ def _for_people(error: BaseException, doing: str) -> BaseException:
         return MotionError(doing, f"the control program has ended: {error.why}")
     if isinstance(error, SafetyStopError):
         stop = error.mode.name.replace("_", " ").lower()
-        return MotionError(doing, f"{stop}, {error.cause or 'the robot does not say why'}: see Initialize")
+        return MotionError(doing, f"{stop}, {error.cause or 'the robot gives no reason'}: see Initialize")
     return error
 
 

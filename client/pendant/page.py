@@ -56,7 +56,7 @@ async def take(
     if not await happens(station, taken):
         said = [event.text for event in station.log.since(heard) if event.severity == "error"]
         reason = f"it says: {'; '.join(said)}" if said else "is it in local control, or without power?"
-        raise NotTakenError(f"the robot did not take {what}: {reason}")
+        raise NotTakenError(f"the robot did not accept {what}: {reason}")
 
 
 async def happens(station: Station, condition: Callable[[Station], bool]) -> bool:

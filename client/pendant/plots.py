@@ -147,7 +147,7 @@ class Plots:
     async def csv(self) -> bytes:
         """Everything collected, in the form of `client.recording`. Raises ValueError when that is nothing."""
         if self.feed is None or not self.count:
-            raise ValueError("nothing has been collected yet: is the robot connected?")
+            raise ValueError("no data has been collected yet: is the robot connected?")
         return await asyncio.to_thread(_csv, self.feed.copy(), self._since)
 
 

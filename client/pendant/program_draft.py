@@ -178,7 +178,7 @@ class ProgramDraft:
             try:
                 await asyncio.to_thread(self._file.write, KeptProgram(self.path, self.changed, self.data()))
             except FileError as error:
-                self._note(f"the program is not kept on this machine: {error}")
+                self._note(f"the program is not saved on this machine: {error}")
 
     def _touch(self, *, edited: bool = True) -> None:
         """There is something new to show, and to keep."""
@@ -221,7 +221,7 @@ class ProgramDraft:
                 return put(**place)
             except EditError as error:
                 first = first or error
-        raise first or ValueError("this node is not in the program any more")
+        raise first or ValueError("this node is no longer in the program")
 
     def delete(self, node: str) -> None:
         """With all below it."""
@@ -236,7 +236,7 @@ class ProgramDraft:
         """Move a node before the one above it (-1) or behind the one below it (1), or out of the one around it."""
         row = self.view.row(node)
         if row is None:
-            raise ValueError("this node is not in the program any more")
+            raise ValueError("this node is no longer in the program")
         beside = [other.id for other in self.view.rows() if other.parent == row.parent]
         index = beside.index(node) + by
         anchor = beside[index] if 0 <= index < len(beside) else row.parent
@@ -250,7 +250,7 @@ class ProgramDraft:
         """Move a node ``before`` or ``after`` another one, or ``onto`` it: into it if it holds any, else behind it."""
         row = self.view.row(at)
         if row is None or not self.view.has(node):
-            raise ValueError("this node is not in the program any more")
+            raise ValueError("this node is no longer in the program")
         if place == "onto":
             place = "into" if row.holds_nodes else "after"
         self.editor.move(node, **{place: at})

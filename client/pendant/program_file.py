@@ -47,21 +47,19 @@ class ProgramFile:
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
         except (ValueError, TypeError, KeyError, RecursionError) as error:
-            raise FileError(
-                path, f"this is not a program that a pendant has kept: {error}; {self.set_aside()}"
-            ) from error
+            raise FileError(path, f"not a program draft of a pendant: {error}; {self.set_aside()}") from error
         return kept
 
     def set_aside(self) -> str:
         """Have what cannot be used under another name, so that it is not written over; says where it is."""
         if self.path is None:
-            return "it is not kept"
+            return "nothing is saved"
         aside = self.path.with_suffix(".unreadable")
         try:
             os.replace(self.path, aside)
         except OSError as error:
-            return f"it stays there: {error.strerror or error}"
-        return f"it is {aside} from now on"
+            return f"it could not be renamed: {error.strerror or error}"
+        return f"it was renamed to {aside}"
 
     def write(self, kept: KeptProgram) -> None:
         """Instead of what was kept before, whole or not at all. Raises FileError."""

@@ -20,7 +20,9 @@ from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
 
 EXTENSION: Final = ".urp"
-_ONLY_SCRIPTS: Final = "PolyScope X loads no .urp programs: they are played as scripts, without steps and breakpoints"
+_ONLY_SCRIPTS: Final = (
+    "PolyScope X does not load .urp programs: they are played as scripts, without steps and breakpoints"
+)
 _STOPS_WITHIN_S: Final = 5.0  # guess: an arm that is braked needs less
 _PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
 
@@ -47,7 +49,7 @@ def why_not_by_node(station: Station) -> str:
     """Why there are no steps and breakpoints; empty where there are."""
     if plays_files(station):
         return ""
-    return _ONLY_SCRIPTS if _has_polyscope_x(station) else "A robot does this at its own pendant only"
+    return _ONLY_SCRIPTS if _has_polyscope_x(station) else "On a robot, only its own teach pendant can do this"
 
 
 def note(station: Station) -> str:
@@ -168,7 +170,7 @@ async def _load(station: Station) -> None:
             while station.runtime_state is not RuntimeState.STOPPED:
                 await station.next_frame()
     except TimeoutError as error:
-        raise PlayError("the program that ran before does not end: stop it first") from error
+        raise PlayError("the previous program is still running: stop it first") from error
     draft.played_version = draft.version
     station.programs.look()
     await station.emulator.call("set_breakpoints", nodes=_numbers(draft))

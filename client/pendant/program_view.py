@@ -129,7 +129,7 @@ class ProgramView:
         """By which labels name a node. Raises ValueError for one that is gone."""
         row = self.row(node)
         if row is None:
-            raise ValueError("this node is not in the program any more")
+            raise ValueError("this node is no longer in the program")
         return row.number
 
     def text(self, node: str) -> str:

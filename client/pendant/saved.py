@@ -101,9 +101,9 @@ class Poses:
         """Raises ValueError when there is another pose of the new name."""
         poses, new = self.of(model), _checked(new)
         if old not in poses:
-            raise ValueError(f"there is no pose {old!r} any more")
+            raise ValueError(f"the pose {old!r} no longer exists")
         if new != old and new in poses:
-            raise ValueError(f"there is a pose {new!r} already: delete it first, or take another name")
+            raise ValueError(f"a pose called {new!r} already exists: delete it first or choose another name")
         self._change(model, {new if name == old else name: q for name, q in poses.items()})
 
     def _change(self, model: str, poses: dict[str, Joints]) -> None:
@@ -113,7 +113,7 @@ class Poses:
 def _checked(name: str) -> str:
     name = checked_name(name, "a pose")
     if name in BUILT_IN:
-        raise ValueError(f"{name} is a pose that every arm has: take another name")
+        raise ValueError(f"{name} is a predefined pose: choose another name")
     return name
 
 
@@ -177,7 +177,7 @@ class OwnFile(Generic[_T]):
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
         except (ValueError, AttributeError, ArithmeticError, RecursionError) as error:  # huge numbers, deep nesting
-            raise FileError(path, f"these are not {self._what}: {error}; move the file away") from error
+            raise FileError(path, f"the file does not contain {self._what}: {error}; move it out of the way") from error
 
 
 def checked_name(name: str, of: str) -> str:

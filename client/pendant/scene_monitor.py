@@ -36,7 +36,7 @@ class SceneSources:
 
 @dataclass(frozen=True, slots=True)
 class MonitoredScene:
-    """A scene and its collision checker. tcp_offset: flange to TCP (6,). objects: as static/screen_arm.js draws them."""
+    """A scene and its collision checker. tcp_offset: flange to TCP (6,). objects: for static/screen_arm.js."""
 
     scene: "PlanningScene"
     checker: "CollisionChecker"

@@ -129,7 +129,7 @@ _SAFETY: Final = {
         "Violation", "A safety limit was exceeded. Find out why, restart the safety system, then press START."
     ),
     SafetyMode.FAULT: _Safety(
-        "Fault", "The robot found a fault in itself. Remove it, restart the safety system, then press START."
+        "Fault", "The robot has detected a fault. Remove its cause, restart the safety system, then press START."
     ),
     SafetyMode.VALIDATE_JOINT_ID: _Safety("Joint exchanged", "Confirm the new joint on the robot's own pendant."),
     SafetyMode.UNDEFINED_SAFETY_MODE: _Safety("Safety mode unknown", "This pendant does not know the safety mode."),
@@ -161,7 +161,7 @@ class _Mode(NamedTuple):
 
 
 _MODES: Final = {
-    RobotMode.NO_CONTROLLER: _Mode("No controller", "The controller is not there yet.", -1, "unknown"),
+    RobotMode.NO_CONTROLLER: _Mode("No controller", "The controller is not ready yet.", -1, "unknown"),
     RobotMode.DISCONNECTED: _Mode("Arm disconnected", "The controller is not connected to the arm.", -1, "off"),
     RobotMode.CONFIRM_SAFETY: _Mode(
         "Safety not confirmed",
@@ -170,7 +170,7 @@ _MODES: Final = {
         "off",
     ),
     RobotMode.POWER_OFF: _Mode(
-        "Power off", "The arm has no power. ON gives it power; START releases the brakes too.", _OFF, "off"
+        "Power off", "The arm has no power. ON powers it on; START also releases the brakes.", _OFF, "off"
     ),
     RobotMode.BOOTING: _Mode("Booting", "The joints are starting.", _BOOTING, "waiting"),
     RobotMode.POWER_ON: _Mode("Power on", "The arm has power; its joints are about to start.", _BOOTING, "waiting"),
@@ -180,7 +180,7 @@ _MODES: Final = {
     RobotMode.BACKDRIVE: _Mode("Backdrive", "The arm can be pushed by hand.", _IDLE, "waiting"),
     RobotMode.RUNNING: _Mode("Normal", "The brakes are released: the arm can move.", _RELEASED, "ready"),
     RobotMode.UPDATING_FIRMWARE: _Mode(
-        "Updating firmware", "The joints are getting new firmware: leave the power on.", -1, "waiting"
+        "Updating firmware", "The joints' firmware is being updated: leave the power on.", -1, "waiting"
     ),
 }
 _NOT_CONNECTED: Final = _Mode(
@@ -190,8 +190,8 @@ _STOPPED: Final = (RuntimeState.STOPPED, RuntimeState.STOPPING)
 _PROGRAMS: Final = {
     RuntimeState.PLAYING: "A program is running.",
     RuntimeState.RESUMING: "A program is running.",
-    RuntimeState.PAUSING: "A program is paused. PLAY goes on with it.",
-    RuntimeState.PAUSED: "A program is paused. PLAY goes on with it.",
+    RuntimeState.PAUSING: "A program is paused. PLAY resumes it.",
+    RuntimeState.PAUSED: "A program is paused. PLAY resumes it.",
 }
 
 
@@ -204,11 +204,11 @@ def situation(known: Known) -> Situation:
     blocked = "" if _may_run(known) else f"{title}. {hint}"
     refusals = {
         Action.MOVE: blocked or _program_in_the_way(known),
-        Action.PLAY: blocked or ("" if _may_play(known) else "The program is running already."),
+        Action.PLAY: blocked or ("" if _may_play(known) else "The program is already running."),
         Action.SEND: blocked,
         Action.PAUSE: _no_answer(known) or ("" if _is_playing(known) else "No program is running."),
         Action.STOP: _no_answer(known) or ("No program is running." if known.runtime_state in _STOPPED else ""),
-        Action.POWER_ON: _why_no_power(known, mode, (_OFF,), "The arm has power already."),
+        Action.POWER_ON: _why_no_power(known, mode, (_OFF,), "The arm already has power."),
         Action.RELEASE_BRAKES: _why_no_power(known, mode, (_OFF, _IDLE), "The brakes are released, or about to be."),
         Action.POWER_OFF: _no_answer(known) or ("" if mode.stage > _OFF else "The arm has no power."),
         Action.UNLOCK: _no_answer(known) or _why_locked(known),
@@ -257,7 +257,7 @@ def _of_the_safeguard(known: Known) -> str:
 
 
 def _afterwards(known: Known) -> str:
-    return " The program goes on then." if known.runtime_state in (RuntimeState.PAUSED, RuntimeState.PAUSING) else ""
+    return " The program then continues." if known.runtime_state in (RuntimeState.PAUSED, RuntimeState.PAUSING) else ""
 
 
 def _safety_tone(known: Known) -> Tone:

@@ -81,14 +81,13 @@ class Station:
 
     values: the newest RTDE state, by variable name; empty before the first and while the robot is lost. core: what the
     primary interface said. log, variables, dialogues, stops, programs: collected from its messages and states.
-    connected: the state comes. problem: why it does not. emulator: its control API, which an arm does not have.
-    cameras: those of an emulator's scene.
-    remote_control: e-Series from 5.6. frame: how many states came. feeds: states of other recipes. port_registers: what
-    its Modbus server keeps for anybody. meshes: folder of the user's. poses, tools: poses and TCPs that somebody saved.
-    manager: the controller manager that is running for the robot, if there is one.
-    program_draft: the program that is being made; drafts: the folder that keeps it, None for memory only.
-    scene_monitor: the scene for motion planning; scene: the world file with the obstacles around the arm, None to use the
-    emulator's world.
+    connected: whether states arrive. problem: why they do not. emulator: its control API, which a real arm lacks.
+    cameras: those of an emulator's scene. remote_control: e-Series from 5.6. frame: number of states received.
+    feeds: states of other recipes. port_registers: registers of its Modbus server for any client. meshes: the user's
+    folder of meshes. poses, tools: saved poses and TCPs. manager: the controller manager that runs for the robot, if
+    any. program_draft: the program that is being edited; drafts: the folder where it is saved, None for memory only.
+    scene_monitor: the scene for motion planning; scene: the world file with the obstacles around the arm, None to use
+    the emulator's world.
     """
 
     def __init__(

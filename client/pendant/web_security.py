@@ -56,7 +56,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Nonsense:
-    """Says what made no sense: the first of each kind at once, then how many there were, once a minute at most."""
+    """Log of invalid messages: the first of each kind immediately, then a count, at most once per minute."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -70,7 +70,7 @@ class Nonsense:
         if more is None:
             return
         text = " ".join(str(what).split())[:_LONGEST]
-        _logger.warning("web: %s%s", text or "an error without words", more)
+        _logger.warning("web: %s%s", text or "an error without a message", more)
 
     def tell_error(self, error: BaseException) -> None:
         """By the place where it was raised, of our own code if there is one; the traceback is for who debugs."""
@@ -80,8 +80,9 @@ class Nonsense:
         if frames:
             frame = (ours or frames)[-1]
             place = f"{Path(frame.filename).name}:{frame.lineno} in {frame.name}"
-        self.tell(f"{type(error).__name__} {place}", f"dropped what led to {type(error).__name__}: {error} ({place})")
-        _logger.debug("what made no sense", exc_info=error)
+        what = type(error).__name__
+        self.tell(f"{what} {place}", f"dropped a message that caused {what}: {error} ({place})")
+        _logger.debug("the message that was dropped", exc_info=error)
 
 
 class Gate:
@@ -116,7 +117,7 @@ class Gate:
         """Status and reason, 0 for what may come in."""
         path, method = scope["path"], scope.get("method", "")
         if not self._allowed(dict(scope["headers"])):
-            return _FORBIDDEN, "This pendant answers to addresses of its machine and to its name only."
+            return _FORBIDDEN, "This pendant only answers requests to its machine's addresses and name."
         if scope["type"] == "websocket":
             return (0, "") if path.startswith(("/live/", "/_nicegui_ws/")) else (404, "There is no such web socket.")
         if method == "POST" and path.startswith("/_nicegui/client/"):
@@ -124,7 +125,7 @@ class Gate:
         if path not in self._pages and not path.startswith(_FILES) and path != "/favicon.ico":
             return 404, "There is no such page. The pendant is at /"
         if method not in ("GET", "HEAD"):
-            return 405, "This is for reading only."
+            return 405, "This address is read-only."
         if path in self._pages and self._full(_MOST_PAGES):
             return 503, f"{_MOST_PAGES} browsers show this pendant already. Close one, and try again in a minute."
         return 0, ""
@@ -143,7 +144,7 @@ class Gate:
         except Exception as error:
             self._nonsense.tell_error(error)
             if not begun:
-                text = "This makes no sense to the pendant; its log says why.\n"
+                text = "Bad request; the pendant's log says why.\n"
                 await PlainTextResponse(text, 400)(scope, receive, _with_headers(send, nonce))
 
     async def _socket(self, scope: Any, receive: Any, send: Any) -> None:
@@ -221,7 +222,7 @@ def guard_events(nonsense: Nonsense) -> None:
             raise
         except Exception as error:
             nonsense.tell_error(error)
-            raise socketio.exceptions.ConnectionRefusedError("This makes no sense.") from None
+            raise socketio.exceptions.ConnectionRefusedError("Bad request.") from None
 
     def guarded(name: str, handler: Callable[[str, Any], None]) -> Callable[..., None]:
         def hear(sid: str, *message: Any) -> None:

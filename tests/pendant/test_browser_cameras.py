@@ -54,14 +54,17 @@ def test_a_picture_is_shown_and_told_in_words(rig: Rig, browser: Browser) -> Non
             page.get_by_test_id("tab-cameras").click()
             shown(page)
             picture = page.get_by_test_id("camera-picture")
-            assert picture.get_attribute("alt") == "Picture of the camera over all, live; below it stands what it sees"
+            assert (
+                picture.get_attribute("alt")
+                == "Picture of the camera over all, live; the objects in view are listed below it"
+            )
             said = "It sees: red part (50.0 %), the arm (4.2 %)."
             expect(page.get_by_test_id("camera-seen")).to_have_text(said)
             assert not lasting("cameras: ", lambda: violations(page, "html"))
             assert page.evaluate(CUT_OFF) == []
             page.get_by_test_id("camera-pause").click()  # what moves by itself can be stopped: WCAG 2.2.2
             expect(picture).to_have_attribute(
-                "alt", "Picture of the camera over all, stopped; below it stands what it sees"
+                "alt", "Picture of the camera over all, stopped; the objects in view are listed below it"
             )
             shown(page)
             assert STILL in served.asked

@@ -16,7 +16,7 @@ def test_an_integer_is_asked_for_until_one_is_given(rig, open_page):
     expect(other.get_by_test_id("dialogue-text")).to_have_text("how <many>?")
     page.get_by_test_id("answer").fill("a few")
     page.get_by_test_id("answer-ok").click()
-    expect(page.get_by_text("The program wants an integer")).to_be_visible()
+    expect(page.get_by_text("The program expects an integer")).to_be_visible()
     page.get_by_test_id("answer").fill("12")
     page.get_by_test_id("answer").press("Enter")
     expect(page.get_by_test_id("dialogue")).to_be_hidden()

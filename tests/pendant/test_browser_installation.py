@@ -70,7 +70,7 @@ def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open
     choose(page, "setting", "Payload")
     page.get_by_test_id("setting-mass").fill("-3")
     page.get_by_test_id("setting-save").click()
-    expect(page.get_by_text("from 0 to 100 kg")).to_be_visible()
+    expect(page.get_by_text("between 0 and 100 kg")).to_be_visible()
     rig.control.change_installation("tcps", {"active": True}, "TCP")
     rig.control.change_installation("safety_planes", {"mode": "DISABLED"}, "0")
     assert (rig.programs / "default.installation").is_file()

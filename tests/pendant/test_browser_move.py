@@ -226,7 +226,7 @@ def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Op
         eventually(lambda: q(bent)[0] > before[0] + 0.05)
         expect(other.get_by_test_id("doing")).to_have_text("Jogging")
         other.get_by_test_id("joint-1-plus").dispatch_event("pointerdown")
-        expect(other.get_by_text("something else is under way")).to_be_visible()
+        expect(other.get_by_text("another operation is in progress")).to_be_visible()
     eventually(lambda: at_rest(bent))
     assert q(bent)[1] == pytest.approx(before[1], abs=1e-3)
 

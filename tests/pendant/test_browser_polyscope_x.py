@@ -43,7 +43,7 @@ def test_every_screen_opens_and_a_program_is_played_as_a_script(robot: Rig, page
         expect(page.locator(".screen")).to_be_visible()
     page.get_by_test_id("tab-program").click()
     new_program(page)
-    expect(page.get_by_test_id("program-why")).to_contain_text("PolyScope X loads no .urp programs")
+    expect(page.get_by_test_id("program-why")).to_contain_text("PolyScope X does not load .urp programs")
     expect(page.get_by_test_id("program-step")).to_be_disabled()
     expect(page.get_by_test_id("program-breakpoint")).to_be_disabled()
     select(page, "Robot Program")

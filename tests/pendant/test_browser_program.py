@@ -266,7 +266,7 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     expect(row(page, "Wait")).to_have_class(re.compile("is-undefined"))
     choose(page, "type", "A time")
     fill(page, "time", "x")
-    expect(page.get_by_text("it is a number in s, not 'x'")).to_be_visible()
+    expect(page.get_by_text("must be a number in s, not 'x'")).to_be_visible()
     fill(page, "time", "60")
     expect(page.locator(".program-row.is-undefined")).to_have_count(0)
     # what is typed stays where another node is chosen without Enter
@@ -278,7 +278,7 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     select(page, "Wait")
     page.get_by_test_id("field-time").fill("y")
     select(page, "'two'")
-    expect(page.get_by_text("it is a number in s, not 'y'")).to_be_visible()
+    expect(page.get_by_text("must be a number in s, not 'y'")).to_be_visible()
     # keys
     select(page, "'once'")
     page.keyboard.press("ArrowDown")

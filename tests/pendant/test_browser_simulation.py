@@ -76,7 +76,7 @@ def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, a
     choose(page, "fault-kind", "Arm: Encoder jump")
     page.get_by_test_id("fault-inject").click()
     expect(page.locator(".q-notification")).to_contain_text("needs joint, by_rad")
-    choose(page, "fault-kind", "Bytes on their way: Stall")
+    choose(page, "fault-kind", "Bytes in transit: Stall")
     choose(page, "fault-port", "secondary")
     page.get_by_test_id("fault-inject").click()
     eventually(lambda: newest_fault(rig) == ("stall", {"port": "secondary"}, "in force"))

@@ -23,7 +23,7 @@ def test_a_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
             expect(page.get_by_test_id(mark)).to_contain_text("Safeguard stop")
         expect(page.get_by_test_id("safeguard-state")).to_have_text("Open")
         expect(page.get_by_test_id("robot-hint")).to_have_text(
-            "The safeguard is open: close it. The program goes on then."
+            "The safeguard is open: close it. The program then continues."
         )
         expect(page.get_by_test_id("unlock")).to_be_disabled()
         expect(page.get_by_test_id("play")).to_be_disabled()

@@ -87,7 +87,7 @@ async def test_what_ends_it(bench: Bench) -> None:
     panel, link = bench.panel, bench.link
     for break_it, why in (
         (lambda: setattr(link, "fails", "the manager has ended"), "the manager has ended"),
-        (lambda: setattr(bench, "q", None), "the robot does not answer any more"),
+        (lambda: setattr(bench, "q", None), "the robot has stopped answering"),
         (lambda: setattr(link, "controllers", ()), "does not move the six joints"),
         (lambda: panel.hear(None), ""),  # the browser is gone
         (lambda: panel.choose("another"), ""),
@@ -117,7 +117,7 @@ async def test_one_browser_drives_and_only_by_an_active_controller(bench: Bench)
 @pytest.mark.parametrize("said", ["x", [1.0] * 5, [float("nan")] * 6, [True] * 6, ["1"] * 6, {}])
 async def test_what_no_slider_says_is_nonsense(bench: Bench, said: Any) -> None:
     bench.panel.enable()
-    with pytest.raises(ValueError, match="sliders say six numbers"):
+    with pytest.raises(ValueError, match="sliders send six numbers"):
         bench.panel.hear(said)
     bench.panel.hear([1e6, -1e6, 0.0, 0.0, 0.0, 0.0])  # beyond the joints' limits
     lows, highs = MODEL.position_limits

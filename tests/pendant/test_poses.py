@@ -42,7 +42,7 @@ def test_renaming_loses_nothing(path: Path) -> None:
     poses.save("ur5e", "table", (0.0,) * 6)
     with pytest.raises(ValueError, match="table"):
         poses.rename("ur5e", "box", "table")
-    with pytest.raises(ValueError, match="any more"):
+    with pytest.raises(ValueError, match="no longer exists"):
         poses.rename("ur5e", "gone", "new")
     poses.rename("ur5e", "box", "lid")
     assert Poses(path).of("ur5e") == {"lid": BOX, "table": (0.0,) * 6}

@@ -26,7 +26,7 @@ def test_an_address_leads_nowhere_else(tmp_path: Path) -> None:
 def test_what_cannot_be_read_is_moved_aside_and_not_written_over(tmp_path: Path, content: str) -> None:
     file = ProgramFile(tmp_path, "robot")
     (tmp_path / "robot.json").write_text(content)
-    with pytest.raises(FileError, match="not a program that a pendant has kept"):
+    with pytest.raises(FileError, match="not a program draft of a pendant"):
         file.read()
     assert (tmp_path / "robot.unreadable").read_text() == content
     assert file.read() is None

@@ -138,7 +138,7 @@ async def test_a_tcp_counts_when_the_robot_has_it() -> None:
 async def test_a_robot_that_does_not_take_it_is_told_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("client.pendant.page._SOON_S", 0.01)
     robot: Any = Robot(obeys=False)
-    with pytest.raises(NotTakenError, match="did not take this TCP: it says: no such function"):
+    with pytest.raises(NotTakenError, match="did not accept this TCP: it says: no such function"):
         await apply_tcp(robot, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
 
 

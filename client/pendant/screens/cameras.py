@@ -33,7 +33,7 @@ def _there(station: Station) -> Any:
 
 
 def _absent(station: Station) -> str:
-    return "" if station.cameras.found else "This robot has no cameras: an emulator has those of its scene (--physics)."
+    return "" if station.cameras.found else "This robot has no cameras. An emulator has those of its scene (--physics)."
 
 
 class _View:
@@ -88,6 +88,6 @@ class _View:
         with self._place:
             picture = ui.element("img").classes("cameras-picture")
         picture.props["src"] = f"{camera_path(self.name, kind)}?n={self._changes}"
-        picture.props["alt"] = f"Picture of the camera {self.name}, {how}; below it stands what it sees"
+        picture.props["alt"] = f"Picture of the camera {self.name}, {how}; the objects in view are listed below it"
         picture.props["width"], picture.props["height"] = self._cameras[self.name]
         picture.props["data-testid"] = "camera-picture"

@@ -190,8 +190,8 @@ class _Sliders:
         if station.manager.problem:
             return ""
         if not choices(station.manager.controllers):
-            return "Activate a joint trajectory controller to move the arm by sliders."
-        return "" if self._panel.enabled else "The sliders show where the arm is."
+            return "Activate a joint trajectory controller to move the arm with the sliders."
+        return "" if self._panel.enabled else "The sliders show the position of the arm."
 
 
 def _arm(station: Station) -> Any:

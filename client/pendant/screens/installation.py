@@ -34,7 +34,7 @@ def build_payload(page: Page) -> None:
             if await apply_payload(station, values[0], [value / _MM for value in values[1:]]):
                 page.tell("Payload in use")
             else:
-                page.tell("Payload sent; this version does not tell which one it uses")
+                page.tell("Payload sent; this version does not report which one it uses")
 
         with ui.row().classes("items-center"):
             ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=payload-use")
@@ -67,7 +67,7 @@ def build_mounting(page: Page) -> None:
             if await apply_gravity(station, wanted()):
                 page.tell("Mounting in use")
             else:
-                page.tell("Mounting sent; this version does not tell which one it uses")
+                page.tell("Mounting sent; this version does not report which one it uses")
 
         for box in (tilt, turn):
             box.on_value_change(tell)
@@ -95,7 +95,7 @@ def _payload_values(station: Station) -> tuple[float, ...] | None:
 def _payload(station: Station) -> str:
     values = _payload_values(station)
     if values is None:
-        return "This version does not tell its payload" if station.connected else "-"
+        return "This version does not report its payload" if station.connected else "-"
     mass, x, y, z = values
     return f"In effect: {mass:.3f} kg at {x:.1f}, {y:.1f}, {z:.1f} mm"
 
@@ -108,7 +108,7 @@ def _limit(station: Station) -> str:
 def _mounting(station: Station) -> str:
     angles = _tilt(station)
     if angles is None:
-        return "This version does not tell how it is mounted" if station.connected else "-"
+        return "This version does not report its mounting" if station.connected else "-"
     return f"In effect: tilt {angles[0]:.1f}°, turn {angles[1]:.1f}°"
 
 
@@ -127,9 +127,9 @@ def build_driver(page: Page, views: Views) -> None:
             _form(page, views)
         with ui.column().classes("gap-2") as real:
             _explanation(page)
-        ui.label("A program with an External Control node asks there for what it is to do when it is played.").classes(
-            "soft"
-        )
+        ui.label(
+            "When a program with an External Control node is played, it requests its code from this driver."
+        ).classes("soft")
     page.live.effect(_can_be_set, emulated.set_visibility)
     page.live.effect(lambda station: station.connected and not _can_be_set(station), real.set_visibility)
 
@@ -158,7 +158,7 @@ def _form(page: Page, views: Views) -> None:
             page.tell("Saved in the installation file")
         else:
             await emulator.call("set_external_control", **address)
-            page.tell("In use until the emulator ends, which has no installation files")
+            page.tell("In use until the emulator ends: it has no installation files")
         await read()
 
     with ui.row().classes("items-center"):
@@ -175,7 +175,7 @@ def _explanation(page: Page) -> None:
     ui.label("On a robot this is set on its own teach pendant, below Installation, URCaps, External Control:")
     with ui.element("div").classes("facts"):
         ui.label("Host IP")
-        page.live.text(lambda station: station.own_address or "no way from here to the robot")
+        page.live.text(lambda station: station.own_address or "no network route to the robot")
         ui.label("Custom port")
         ui.label(str(SENDER_PORT))
     ui.label("when the driver runs on the machine that serves this page.").classes("soft")

@@ -81,7 +81,7 @@ def _query(page: Page, views: Views, operation: Operation[Any], text: Callable[[
         try:
             known[0] = text(await page.station.ask(operation))
         except RobotRefused:
-            known[0] = "not told by this version"
+            known[0] = "not reported by this version"
 
     page.live.effect(
         lambda station: station.connected and views.looked_at == "arm",
@@ -127,7 +127,7 @@ def _calibration(page: Page) -> None:
 
         ui.button("Download", icon="download", on_click=page.doing(save)).props(
             "flat no-caps data-testid=calibration-file"
-        ).tooltip("As ROS's ur_description wants it: my_robot_calibration.yaml")
+        ).tooltip("In the format of ROS's ur_description: my_robot_calibration.yaml")
 
 
 def _kind(calibration: Calibration, arm: ConfigurationData) -> str:

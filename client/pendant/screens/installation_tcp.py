@@ -42,10 +42,10 @@ class _Editor:
         with ui.row().classes("tcp-buttons"):
             ui.button("Use it", on_click=lambda: self._use(self._entered)).props("no-caps data-testid=tcp-use")
             ui.button("Save", on_click=self._save).props("outline no-caps data-testid=tcp-save")
-            ui.button("Take the one in effect", on_click=self._take_over).props("flat no-caps")
+            ui.button("Copy the one in effect", on_click=self._take_over).props("flat no-caps")
         self._list = ui.element("div").classes("tcp-list")
         page.live.effect(lambda station: station.tools.version, lambda _: self._fill())
-        ui.label("Counts until a program or an installation sets another one.").classes("soft")
+        ui.label("In effect until a program or an installation sets another one.").classes("soft")
 
     # the one in effect
 

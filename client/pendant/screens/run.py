@@ -15,9 +15,9 @@ from client.pendant.station import Station
 from client.pendant.variables import VariablesView
 from urproto.modes import RuntimeState
 
-_UNTOLD: Final = "Robots do not tell the text of their programs. A script sent from the editor is shown here."
-_NOTHING: Final = "No program is loaded, and none runs."
-_NOT_PLAYED: Final = "The script of a program tree is known once the program was played."
+_UNTOLD: Final = "Robots do not publish the text of their programs. A script sent from the editor is shown here."
+_NOTHING: Final = "No program is loaded or running."
+_NOT_PLAYED: Final = "The script of a program tree is available once the program has been played."
 
 
 def build_program(page: Page, edit: Callable[[], object]) -> None:
@@ -87,7 +87,7 @@ def _note(station: Station, tree: bool) -> str:
             return _NOT_PLAYED
         return _NOTHING if station.emulator.available else _UNTOLD
     if shown.running and not tree and not station.programs.tells_line(station):
-        return f"PolyScope {station.version} does not tell which line is carried out; 3.14, 5.9 and later do."
+        return f"PolyScope {station.version} does not report which line is being executed; 3.14, 5.9 and later do."
     return ""
 
 

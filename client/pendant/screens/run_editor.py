@@ -69,7 +69,7 @@ async def replace_draft(page: Page, text: str) -> bool:
         and draft.text != text
         and not await page.confirm(
             "Replace the script?",
-            "The text in the editor is replaced. Save it first if you want to keep it.",
+            "The text in the editor will be replaced. Save it first if you want to keep it.",
             "Replace",
         )
     ):

@@ -20,8 +20,8 @@ _DEVICES: Final[dict[str, tuple[str, str]]] = {
     "emergency_stop": ("Emergency stop", "robot's button, pressed"),
     "system_emergency_stop": ("System emergency stop", "another machine's, pressed"),
     "safeguard": ("Safeguard", "open"),
-    "automatic_safeguard": ("Automatic mode safeguard", "open; counts in automatic mode"),
-    "enabling_device": ("Enabling device", "not held halfway; counts in manual mode"),
+    "automatic_safeguard": ("Automatic mode safeguard", "open; effective in automatic mode"),
+    "enabling_device": ("Enabling device", "not held halfway; effective in manual mode"),
     "reduced_mode": ("Reduced mode", "asked for"),
 }
 _BUTTONS: Final = {"emergency_stop": "robot", "system_emergency_stop": "system"}
@@ -42,7 +42,7 @@ def safety_tab(page: Page) -> None:
         _causes(page)
         ui.label("Arm supply").classes("panel-title")
         with ui.element("div").classes("sim-row"):
-            _action(page, "Take the 48 V away", "set_arm_supply", present=False)
+            _action(page, "Switch the 48 V off", "set_arm_supply", present=False)
             _action(page, "Give them back", "set_arm_supply", present=True)
         ui.label("Last stop").classes("panel-title")
         page.live.text(_last_stop, "sim-text").props("data-testid=last-stop")
@@ -105,7 +105,7 @@ def _causes(page: Page) -> None:
 def _last_stop(station: Station) -> str:
     stop = station.emulator.watch("last_stop").value if station.emulator.available else None
     if stop is None:
-        return "None since the emulator began."
+        return "None since the emulator started."
     how = "took" if stop["over"] else "has taken"
     return (
         f"{stop['mode'].replace('_', ' ').capitalize()}, stop category {stop['category']}: {how} "

@@ -83,15 +83,15 @@ def _mounted(station: Station) -> str:
     world = station.emulator.watch("world").value if station.emulator.available else None
     payload = None if world is None else world["payload"]
     if payload is None:
-        return "What programs say hangs there, hangs there."
+        return "The mounted payload is the one that programs set."
     cog = ", ".join(f"{_MM * value:.1f}" for value in payload["cog_m"])
-    return f"{payload['mass_kg']:.3f} kg at {cog} mm hang there, whatever programs say."
+    return f"{payload['mass_kg']:.3f} kg at {cog} mm are mounted, whatever payload programs set."
 
 
 def _state(page: Page) -> None:
     station = page.station
     ui.label("State").classes("panel-title")
-    ui.label("Everything that outlives a program, of an arm at rest, as a JSON file.").classes("init-hint")
+    ui.label("Everything that outlives a program, for an arm at rest, as a JSON file.").classes("init-hint")
 
     async def save() -> None:
         document = await station.emulator.call("save")

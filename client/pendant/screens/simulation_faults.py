@@ -12,8 +12,8 @@ from client.pendant.page import Page
 
 SUBJECTS: Final = {
     "network": "Connections and ports",
-    "line": "Bytes on their way",
-    "rtde": "RTDE and shown state",
+    "line": "Bytes in transit",
+    "rtde": "RTDE and published state",
     "arm": "Arm",
     "program": "Programs",
     "machine": "Controller",
@@ -110,7 +110,7 @@ def _list(page: Page) -> None:
         listed = ui.element("div").classes("sim-rows").props("data-testid=faults")
         listed.props('tabindex=0 role=region aria-label="Faults so far"')
         with listed:
-            nothing = ui.label("Nothing has gone wrong on purpose yet.").classes("init-hint")
+            nothing = ui.label("No faults have been injected yet.").classes("init-hint")
     rows = dict[tuple[object, ...], _Row]()
 
     def show(faults: Sequence[Mapping[str, Any]] | None) -> None:

@@ -26,7 +26,7 @@ def scene_panel(page: Page) -> None:
             scene = arm_scene(page)
             camera_buttons(page, scene)
             with ui.element("div").classes("sim-overlay"):
-                ui.label("Drag the ball to push the tool, things to move them (Shift: in height)")
+                ui.label("Drag the ball to push the tool, or objects to move them (Shift: vertically)")
                 page.live.text(_measured, "sim-force").props("data-testid=measured-force")
             holder = ui.element("div").classes("hidden").props("data-testid=surroundings")
         keep = _wrench(page)
@@ -64,7 +64,7 @@ def _wrench(page: Page) -> ui.checkbox:
         fields = [number(name, unit, f"wrench-{name.lower()}") for name, unit in zip(_NAMES, _UNITS, strict=True)]
     with ui.element("div").classes("sim-row"):
         frame = ui.toggle({"base": "Base", "tool": "Tool"}, value="base").props("unelevated no-caps")
-        frame.props("data-testid=wrench-frame").tooltip("In whose axes the numbers are")
+        frame.props("data-testid=wrench-frame").tooltip("Frame in which the numbers are given")
 
         async def push() -> None:
             await emulator.change("push_tool", wrench=numbers(fields, "The wrench"), frame=frame.value)
@@ -75,7 +75,7 @@ def _wrench(page: Page) -> ui.checkbox:
         release = ui.button("Release", on_click=page.doing(lambda: emulator.change("release_tool")))
         release.props("outline no-caps data-testid=wrench-release").classes("sim-button")
         keep = ui.checkbox("Keep pushing").props("dense data-testid=wrench-keep")
-        keep.tooltip("When the ball is let go, go on pushing until Release")
+        keep.tooltip("Keep pushing when the ball is let go, until Release")
 
     def show(pushed: Mapping[str, Any] | None) -> None:
         release.set_enabled(pushed is not None)

@@ -41,7 +41,7 @@ def world_tab(page: Page) -> None:
             with rows:
                 fields.update({name: _row(page, name, thing) for name, thing in (objects or {}).items()})
                 if not objects:
-                    ui.label("Nothing stands around the arm.").classes("init-hint")
+                    ui.label("There are no objects around the arm.").classes("init-hint")
         for name, thing in (objects or {}).items():
             for field, value in zip(fields[name], _shown(thing["pose"]), strict=True):
                 field.set_value(value)
