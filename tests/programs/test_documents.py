@@ -173,7 +173,7 @@ def test_any_text_comes_back(text):
 
 @pytest.mark.parametrize("text", ["\x00", "\x1b[0m", "\udcff", "\ufffe"])
 def test_what_xml_cannot_hold_is_refused(text):
-    with pytest.raises(DocumentError, match="XML cannot hold"):
+    with pytest.raises(DocumentError, match="not allowed in XML"):
         write_document(make("a", b=text))
 
 
@@ -189,5 +189,5 @@ def test_what_could_not_be_read_again_is_not_written():
 
 @pytest.mark.parametrize("path", ["../c", "../b[7]", "../../../..", "../b[0]"])
 def test_a_path_that_leads_nowhere_is_refused(path):
-    with pytest.raises(DocumentError, match="where nothing is"):
+    with pytest.raises(DocumentError, match="which does not exist"):
         link(read_document(f'<a><b/><d reference="{path}"/></a>'.encode()))

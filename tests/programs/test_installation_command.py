@@ -61,12 +61,12 @@ def test_a_value_is_set_and_shown_in_the_units_of_people(path):
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        ('activePose="TCP"', 'activePose="gripper"', "TCP: the active one is 'gripper', which is not there"),
+        ('activePose="TCP"', 'activePose="gripper"', "TCP: the active one is 'gripper', which does not exist"),
         ('DigitalInputNames value=", ', 'DigitalInputNames value="a, a', "I/O: 4 signals are called 'a'"),
         ('autoLoad="false"', 'autoLoad="true" fileName="no.urp"', "Default program: there is no no.urp"),
         ("maxForce = 150.0", "maxForce = much", "Safety: [SafetyLimits Normal Values] maxForce = much"),
         ("reducedModeInputA = 255\nreducedModeInputB = 255", "reducedModeInputA = 0\nreducedModeInputB = 1", "0, 1"),
-        ("minJointRevolutions = [-2", "minJointRevolutions = [3", "a lowest position is not below the highest"),
+        ("minJointRevolutions = [-2", "minJointRevolutions = [3", "a minimum position is not below the maximum"),
     ],
 )
 def test_what_cannot_be_is_found(path, before, after, said):

@@ -178,7 +178,7 @@ def test_the_payload_is_where_the_series_has_it():
     cb3, e = (read_document(saved(series).encode()) for series in ("cb3", "e"))
     change_setting(cb3, "payloads", "Payload", {"mass": 1.5, "cog": [0.0, 0.0, 0.03]})
     assert 'toolPayload="1.5" centerOfGravity="0.0, 0.0, 0.03"' in write_document(cb3).decode()
-    with pytest.raises(SettingError, match="one payload in this file"):
+    with pytest.raises(SettingError, match="can contain only one payload"):
         add_setting(cb3, "payloads", {"name": "more", "mass": 1.0, "cog": [0.0, 0.0, 0.0]})
     change_setting(e, "payloads", "full", {"default": True})
     assert read_installation(write_document(e), "x").payloads.keys() == {"empty", "full"}
@@ -220,23 +220,23 @@ def test_what_is_added_is_found_again(series):
 @pytest.mark.parametrize(
     ("section", "name", "values", "complaint"),
     [
-        ("tcps", "hand", {"pose": [1.0, 2.0]}, "is 6 numbers"),
-        ("tcps", "hand", {"pose": [0, 0, 99.0, 0, 0, 0]}, "from -10 to 10 m"),
-        ("tcps", "hand", {"name": "TCP"}, "there is a 'TCP' already"),
-        ("tcps", "TCP", {"active": False}, "make another one active"),
+        ("tcps", "hand", {"pose": [1.0, 2.0]}, "must be 6 numbers"),
+        ("tcps", "hand", {"pose": [0, 0, 99.0, 0, 0, 0]}, "between -10 and 10 m"),
+        ("tcps", "hand", {"name": "TCP"}, "there is already a 'TCP'"),
+        ("tcps", "TCP", {"active": False}, "make another TCP active"),
         ("tcps", "claw", {"pose": [0] * 6}, "there is no 'claw': there are TCP, hand"),
-        ("tcps", "hand", {"colour": "red"}, "has no 'colour'"),
-        ("payloads", "full", {"mass": -1.0}, "from 0 to 100 kg"),
-        ("payloads", "full", {"mass": float("nan")}, "is a number"),
-        ("features", "table", {"kind": "plane"}, "has no 'kind' to change"),
+        ("tcps", "hand", {"colour": "red"}, "has no setting 'colour'"),
+        ("payloads", "full", {"mass": -1.0}, "between 0 and 100 kg"),
+        ("payloads", "full", {"mass": float("nan")}, "must be a number"),
+        ("features", "table", {"kind": "plane"}, "has no setting 'kind' that can be changed"),
         ("io", "digital_in[1]", {"action": "STOP"}, "it can have NONE, FREEDRIVE"),
         ("io", "digital_in[1]", {"name": "a, b"}, "commas"),
-        ("io", "digital_in[1]", {"name": "gate"}, r"digital_in\[0\] is called 'gate' already"),
-        ("modbus", "lamp", {"type": "COIL"}, "is one of DIGITAL_INPUT"),
+        ("io", "digital_in[1]", {"name": "gate"}, r"digital_in\[0\] is already called 'gate'"),
+        ("modbus", "lamp", {"type": "COIL"}, "must be one of DIGITAL_INPUT"),
         ("modbus", "lamp", {"register": 1.5}, "a whole number"),
-        ("modbus", "lamp", {"address": "some where"}, "not an address of a Modbus unit"),
+        ("modbus", "lamp", {"address": "some where"}, "not the address of a Modbus unit"),
         ("external_control", "", {"host": ""}, "is not a host"),
-        ("external_control", "", {"port": 0}, "from 1 to 65535"),
+        ("external_control", "", {"port": 0}, "between 1 and 65535"),
         ("default_program", "", {"load": True}, "give its path"),
         ("default_program", "", {"file": "a.urp", "start_pin": "analog_in[0]"}, "not a digital input"),
         ("colours", "", {}, "no section 'colours'"),

@@ -98,14 +98,14 @@ def test_the_emulator_plays_what_an_editor_saved(tmp_path, version):
 def test_the_shell_shows_and_checks_and_exports(tmp_path):
     path = tmp_path / "p.urp"
     run("new", path, "--empty")
-    with pytest.raises(URError, match=r"p\.urp: is there already; --force writes over it"):
+    with pytest.raises(URError, match=r"p\.urp: exists: pass --force to overwrite it"):
         run("new", path)
     for wrong, said in [
-        (("new", tmp_path / "p.txt"), r"a program's name ends in \.urp"),
+        (("new", tmp_path / "p.txt"), r"the name of a program must end in \.urp"),
         (("new", tmp_path / "q.urp", "--model", "ur7"), "ur7"),
         (("new", tmp_path / "q.urp", "--empty", "--host", "h"), "--empty leaves out"),
         (("show", tmp_path / "none.urp"), "none.urp: No such file"),
-        (("export", path, "-o", tmp_path / "p.pdf"), r"export to \.script or \.txt"),
+        (("export", path, "-o", tmp_path / "p.pdf"), r"exported to \.script or \.txt"),
     ]:
         with pytest.raises(URError, match=said):
             run(*wrong)

@@ -129,16 +129,16 @@ def test_a_plane_that_is_moved_by_hand_follows_no_feature():
 @pytest.mark.parametrize(
     ("section", "name", "values", "complaint"),
     [
-        ("safety_limits", "Power [W]", {"normal": 1001.0}, "more than 0, and 1000 at most, not 1001"),
+        ("safety_limits", "Power [W]", {"normal": 1001.0}, "more than 0 and at most 1000, not 1001"),
         ("safety_limits", "Power [W]", {"normal": 0.0}, "more than 0"),
-        ("safety_joints", "Base", {"normal_min": 1.0, "normal_max": 1.0}, "not below the highest"),
+        ("safety_joints", "Base", {"normal_min": 1.0, "normal_max": 1.0}, "must be below the maximum"),
         ("safety_joints", "Base", {"reduced_speed": 0.0}, "more than 0"),
         ("safety_planes", "0", {"mode": "BOTH"}, "no normal"),
         ("safety_planes", "9", {"mode": "BOTH"}, "there is no '9'"),
-        ("safety_tool_direction", "", {"direction": [0, 0, 0]}, "no length"),
+        ("safety_tool_direction", "", {"direction": [0, 0, 0]}, "zero vector"),
         ("safety_tool_direction", "", {"mode": "BOTH"}, "less than 180°"),
-        ("safety_io", "reducedModeInput", {"pins": "0, 1"}, "safeguardStopResetInput already"),
-        ("safety_io", "reducedModeInput", {"pins": "0, 2"}, "is one of"),
+        ("safety_io", "reducedModeInput", {"pins": "0, 1"}, "already have the function safeguardStopResetInput"),
+        ("safety_io", "reducedModeInput", {"pins": "0, 2"}, "must be one of"),
     ],
 )
 def test_what_is_no_configuration_is_refused_and_changes_nothing(section, name, values, complaint):
@@ -176,7 +176,7 @@ def test_a_change_is_in_force_at_once_with_the_arm_off_and_by_option_after_a_res
     robot.send_script("def far():\n  movej([-1.6, 0.5, -2.2, -0.8, 1.6, 0])\nend\n")
     robot.run_until("safety_mode == PROTECTIVE_STOP", 20.0)
     assert robot.state(["actual_q"])["actual_q"][1] < -1.0
-    with pytest.raises(BadArguments, match="not below the highest"):
+    with pytest.raises(BadArguments, match="must be below the maximum"):
         robot.change_installation("safety_joints", {"normal_min": 3.0}, "Shoulder")
     configuration = load_safety_file(path, load_model(model))
     assert configuration == robot.controller.safety_board.configuration

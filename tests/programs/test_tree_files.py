@@ -124,7 +124,7 @@ def test_text_that_looks_like_a_block_is_none(arm):
 def test_a_script_saved_with_another_state_of_the_program_gives_no_code(arm, label):
     arm.save("tree.urp", main(GRIPPER, tag("Folder", children(say("x")), name="kept")))
     save_hand(arm, block(2, "hand_tell(1)"), label)
-    assert "not saved with the program as it is now" in refused(arm)
+    assert "program has changed since that was saved" in refused(arm)
 
 
 def test_what_the_code_of_a_urcap_uses_of_the_nodes_in_it_is_there(arm):

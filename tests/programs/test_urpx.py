@@ -75,7 +75,7 @@ def test_nodes_that_are_not_known_are_played_as_they_were_saved(controller: Cont
         (1, "Program"),
         (6, "Vendor thing"),
     ]
-    assert "node vendor-thing is not known" in loaded.notes[0]
+    assert "unknown node vendor-thing" in loaded.notes[0]
     play(controller, 30)
     assert controller.snapshot.actual_digital_output_bits >> 3 & 1
 
@@ -83,15 +83,15 @@ def test_nodes_that_are_not_known_are_played_as_they_were_saved(controller: Cont
 @pytest.mark.parametrize(
     ("data", "problem"),
     [
-        (urpx("job", VENDOR), "vendor-thing is not known. Nothing is played instead: the file has no URScript"),
-        (urpx("job", VENDOR, script=SAVED), "the URScript in the file knows no Vendor thing"),
+        (urpx("job", VENDOR), "unknown node vendor-thing. Nothing is played instead: the file has no URScript"),
+        (urpx("job", VENDOR, script=SAVED), "the URScript in the file lacks the node Vendor thing"),
         (
             urpx("job", VENDOR, script=SAVED, known=("v", "gone")),
-            "has 6 nodes that write URScript, that in the file is of 7",
+            "6 nodes write URScript, but the URScript in the file has 7",
         ),
         (urpx("job", VENDOR, script="x = = 1", known=("v",)), "The URScript in it cannot be played instead"),
-        (urpx("job", node("ur-wait", "w", type="signal")), "node ur-wait for 'signal' is not known"),
-        (b"<xml/>", "it is not JSON"),
+        (urpx("job", node("ur-wait", "w", type="signal")), "node ur-wait for 'signal' is not supported"),
+        (b"<xml/>", "not JSON"),
     ],
 )
 def test_what_cannot_be_played_is_refused_and_what_was_loaded_stays(
@@ -139,7 +139,7 @@ CODE = ("program", "programContent", "children", 5)
         (_changed(*INFORMATION, "createdDate", value="today"), "not a date"),
         (_changed("program", "urscript", "nodeIDList", value=5), "not a list"),
         (_changed("program", "programContent", "contributedNode", "type", value="ur-code"), "begins with 'ur-code'"),
-        (_changed(*CODE, "contributedNode", "type", value="ur-wait"), "'ur-wait' stands in the program itself"),
+        (_changed(*CODE, "contributedNode", "type", value="ur-wait"), "'ur-wait' is at the top level of the program"),
         (_changed(*CODE, "children", value=5), "no type, or its children"),
         (_changed(*CODE, "children", value=[{}]), "contributedNode is not an object"),
     ],

@@ -135,7 +135,7 @@ async def test_a_program_that_cannot_be_run_is_refused_by_its_node_and_changes_n
         await api.post("/programs/v1/", files=form(urpx("odd", node("vendor-thing", "v"))))
         refusal = await api.put("/program/v1/loaded", json={"name": "odd"})
         assert refusal.status_code == 422
-        assert "vendor-thing is not known" in refusal.json()["message"]
+        assert "unknown node vendor-thing" in refusal.json()["message"]
         assert await said(api, "/program/v1/loaded", "name") == DEFAULT_PROGRAM
 
 

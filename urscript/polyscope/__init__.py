@@ -1,1 +1,1 @@
-"""What PolyScope saves: programs (`.urp`) and the URScript they are run as, installations, safety settings."""
+"""PolyScope's files: programs (`.urp`) and their translation to URScript, installations, safety settings."""

@@ -1,9 +1,8 @@
-"""The XML that PolyScope saves: read from any bytes, a bounded piece at a time; changed; written as PolyScope does.
+"""PolyScope's XML files: reading arbitrary bytes in bounded pieces, modifying, and writing as PolyScope does.
 
-PolyScope writes its files with XStream: an object that occurs twice is written once, and
-the second time as a relative path to the first (``reference="../../Move[2]/feature"``).
-`link` turns the paths into the objects themselves, so that nodes can be moved, copied and deleted;
-`write_document` finds the paths anew.
+PolyScope writes its files with XStream: an object that occurs twice is written once, and the second time as a relative
+path to the first (``reference="../../Move[2]/feature"``). `link` replaces the paths by the objects themselves, so that
+nodes can be moved, copied and deleted; `write_document` computes the paths again.
 """
 
 import gzip
@@ -31,10 +30,10 @@ class DocumentError(ValueError):
 
 
 class Element:
-    """One XML element; what it refers to is looked up when asked for.
+    """An XML element; its reference is resolved on demand.
 
-    ``shared``: the element that has the content, in a document that is linked. ``open``: without content it is written
-    with an end tag of its own, as XStream writes an empty text. ``parent``: where it was read, or first put.
+    shared: the element with the content, in a linked document. open: when it is empty, it is written with a separate
+    end tag, as XStream writes empty text. parent: where it was read, or first inserted.
     """
 
     __slots__ = ("attributes", "children", "open", "parent", "shared", "tag", "text")
@@ -56,14 +55,14 @@ class Element:
         return self.resolved().attributes.get(name, default)
 
     def child(self, *tags: str) -> "Element | None":
-        """The first child with one of these tags, of the element referred to, resolved."""
+        """The first child with one of these tags; references of the element and the child are resolved."""
         for element in self.resolved().children:
             if element.tag in tags:
                 return element.resolved()
         return None
 
     def walk(self) -> Iterator["Element"]:
-        """This element and all below it, in order."""
+        """This element and all elements below it, in document order."""
         waiting = [self]
         while waiting:
             element = waiting.pop()
@@ -71,7 +70,7 @@ class Element:
             waiting.extend(reversed(element.children))
 
     def places(self) -> Iterator["Element"]:
-        """This place and all below it, also in objects that other places have, each object once, in order."""
+        """This place and all places below it, in order, including those in shared objects; each object once."""
         seen = set[int]()
         waiting = [self]
         while waiting:
@@ -83,7 +82,7 @@ class Element:
                 waiting.extend(reversed(element.children))
 
     def resolved(self) -> "Element":
-        """The element itself, or the one that its reference leads to. Raises DocumentError if that is nowhere."""
+        """The element itself, or the target of its reference. Raises DocumentError if that does not exist."""
         element = self
         for _ in range(_MAX_REFERENCES):
             if element.shared is not None:
@@ -101,7 +100,7 @@ class Element:
             assert element is not None
             element = element.parent if step == ".." else element._nth(step)
             if element is None:
-                raise DocumentError(f"<{self.tag}> refers to {path}, where nothing is")
+                raise DocumentError(f"<{self.tag}> refers to {path}, which does not exist")
         assert element is not None
         return element
 
@@ -120,7 +119,7 @@ def read_document(data: bytes) -> Element:
 
 
 def read_steps(data: bytes) -> Steps[Element]:
-    """`read_document` in pieces that each take well under a millisecond."""
+    """Like `read_document`, in pieces that each take well under a millisecond."""
     parser = expat.ParserCreate()
     builder = _Builder(parser)
     parser.buffer_text = True
@@ -166,7 +165,7 @@ def _pieces(data: bytes) -> Iterator[bytes]:
             break
         yield piece
     if not unpacking.eof:
-        raise DocumentError("the compressed file is cut off")
+        raise DocumentError("the compressed file is incomplete")
 
 
 def unpacked(data: bytes) -> bytes:
@@ -183,11 +182,11 @@ def unpacked(data: bytes) -> bytes:
 
 
 def _refuse_doctype(*_: Any) -> None:
-    raise DocumentError("a document type, which PolyScope never writes and which may define entities")
+    raise DocumentError("the file has a document type, which PolyScope never writes and which may define entities")
 
 
 class _Builder:
-    """Puts the elements together. ``source``: what was read, where the two ways to write an empty element differ."""
+    """Builds the tree of elements. source: the bytes read, which tell the two forms of an empty element apart."""
 
     def __init__(self, parser: expat.XMLParserType) -> None:
         self.root: Element | None = None
@@ -206,7 +205,7 @@ class _Builder:
         if self._count > _MAX_ELEMENTS:
             raise DocumentError(f"more than {_MAX_ELEMENTS} elements")
         if self._depth > _MAX_DEPTH:
-            raise DocumentError(f"elements more than {_MAX_DEPTH} deep")
+            raise DocumentError(f"elements are nested more than {_MAX_DEPTH} deep")
         self._put_text()
         element = Element(tag, attributes, self._current)
         if self._current is None:
@@ -245,7 +244,7 @@ _NOT_IN_XML: Final = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010f
 
 
 def make(tag: str, *children: Element, text: str = "", **attributes: str) -> Element:
-    """A new element with what belongs into it. ``class_`` is the attribute class."""
+    """Create an element with children, text and attributes. ``class_`` is the attribute ``class``."""
     element = Element(tag, {name.removesuffix("_"): value for name, value in attributes.items()}, None)
     element.text = text
     for child in children:
@@ -255,14 +254,14 @@ def make(tag: str, *children: Element, text: str = "", **attributes: str) -> Ele
 
 
 def sharing(tag: str, owner: Element, **attributes: str) -> Element:
-    """A place that has the same object as another element. attributes: of the place, such as ``class_``."""
+    """Create a place that shares the object of another element. attributes: of the place, such as ``class_``."""
     element = make(tag, **attributes)
     element.shared = owner.resolved()
     return element
 
 
 def link(root: Element) -> Element:
-    """Turn the paths of a document into the objects that they lead to. Raises DocumentError if one leads nowhere."""
+    """Replace the paths in a document by the objects they refer to. Raises DocumentError for a path to nothing."""
     index: dict[int, dict[str, list[Element]]] = {}
 
     def children_of(element: Element) -> dict[str, list[Element]]:
@@ -285,7 +284,7 @@ def link(root: Element) -> Element:
             position = int((match and match[2]) or 1) - 1
             element = element.parent if step == ".." else same[position] if 0 <= position < len(same) else None
             if element is None:
-                raise DocumentError(f"<{place.tag}> refers to {path}, where nothing is")
+                raise DocumentError(f"<{place.tag}> refers to {path}, which does not exist")
         owners.append(element)
     for place, owner in zip(places, owners, strict=True):
         place.shared = owner
@@ -298,8 +297,8 @@ def link(root: Element) -> Element:
 def write_document(root: Element) -> bytes:
     """The XML of a document as PolyScope writes it, byte for byte; `packed` compresses it.
 
-    The first place that has an object gets it whole, in the order of the document, the others the path to it.
-    Raises DocumentError for text that XML cannot hold, and elements nested too deep to be read again.
+    In document order, the first place of an object contains it completely, and the others contain the path to it.
+    Raises DocumentError for text that XML does not allow, and for elements nested too deep to be read again.
     """
     link(root)
     shared = {id(place.shared) for place in root.places() if place.shared is not None}
@@ -309,7 +308,7 @@ def write_document(root: Element) -> bytes:
     def write(place: Element, path: tuple[str, ...]) -> None:
         element = place.resolved()
         if len(path) > _MAX_DEPTH:
-            raise DocumentError(f"elements more than {_MAX_DEPTH} deep")
+            raise DocumentError(f"elements are nested more than {_MAX_DEPTH} deep")
         attributes = {name: value for name, value in place.attributes.items() if name in _OF_PLACE}
         before = places.get(id(element))
         if before is not None:
@@ -355,18 +354,18 @@ def _escaped(text: str, which: re.Pattern[str]) -> str:
 
 
 def check_text(text: str) -> None:
-    """Raises DocumentError for text that XML cannot hold."""
+    """Raise DocumentError for text that XML does not allow."""
     if wrong := _NOT_IN_XML.search(text):
-        raise DocumentError(f"{text[:60]!r} has the character {wrong[0]!r}, which XML cannot hold")
+        raise DocumentError(f"{text[:60]!r} contains the character {wrong[0]!r}, which is not allowed in XML")
 
 
 def packed(xml: bytes) -> bytes:
-    """Compressed, as PolyScope keeps its files."""
+    """Compress a document, as PolyScope does."""
     return gzip.compress(xml, mtime=0)
 
 
 class Changes:
-    """What is done to the elements of a linked document, so that it can be undone exactly."""
+    """A log of changes to the elements of a linked document, so that they can be undone exactly."""
 
     def __init__(self) -> None:
         self.steps: list[tuple[Element, str, Any, Any]] = []
@@ -379,13 +378,13 @@ class Changes:
             setattr(element, slot, value)
 
     def undo(self, down_to: int = 0) -> None:
-        """Take back what was done since there were so many steps; they are forgotten."""
+        """Undo and remove all steps beyond this number."""
         while len(self.steps) > down_to:
             element, slot, before, _ = self.steps.pop()
             setattr(element, slot, before)
 
     def set_attribute(self, element: Element, name: str, value: str | None, order: Sequence[str] = ()) -> None:
-        """Give the object an attribute, or take it away (None). A new one stands where ``order`` has it."""
+        """Set an attribute of the object, or remove it (None). A new attribute is placed according to ``order``."""
         element = element.resolved()
         attributes = dict(element.attributes)
         if value is None:
@@ -404,7 +403,7 @@ class Changes:
         self.put(element, "attributes", attributes)
 
     def set_child(self, element: Element, tag: str, child: Element | None, order: Sequence[str] = ()) -> None:
-        """Put a child in the place of the one with this tag, take that away (None), or add it where ``order`` says."""
+        """Replace the child with this tag, remove it (None), or add one at the position given by ``order``."""
         element = element.resolved()
         children = list(element.children)
         at = next((index for index, old in enumerate(children) if old.tag == tag), None)
@@ -419,7 +418,7 @@ class Changes:
         self.put(element, "children", children)
 
     def set_text(self, element: Element, tag: str, text: str | None, order: Sequence[str] = ()) -> None:
-        """The text of a child, which is made if it is not there, or taken away (None)."""
+        """Set the text of a child, creating the child if necessary, or remove the child (None)."""
         child = element.child(tag)
         if text is None:
             self.set_child(element, tag, None)

@@ -1,8 +1,8 @@
-"""A program while it is made: nodes put in, moved, copied, left out, set and taught; undone and done again.
+"""Edit a program: insert, move, copy, suppress, set and teach nodes, with undo and redo.
 
-Nodes are named by ids that hold for the life of an editor, also while a node is deleted and comes back, so that several
-people can edit the same program: who speaks of a node that is gone is told so. The tree is that of PolyScope's file,
-and what is not touched stays as it was, byte for byte. An editor is for one thread.
+Nodes have ids that stay valid for the lifetime of an editor, even while a node is deleted and restored. Several people
+can therefore edit the same program: an operation on a node that is gone is refused. The tree is that of PolyScope's
+file, and unmodified parts stay the same byte for byte. An editor must be used from one thread only.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,11 +33,12 @@ _NO_CODE: Final = ExternalControlCode("", "")
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A line of the tree. number: as PolyScope counts and the labels of scripts name it, from 1.
+    """A line of the tree.
 
-    title: as PolyScope shows it. kind: key of `urscript.polyscope.registry.kinds`, empty for a node of no known kind.
-    parent: id of the node it stands in. suppressed: it is left out, by itself or with a node around it.
-    defined: nothing is missing in it nor below; PolyScope shows the others yellow. problem: what is wrong with it.
+    number: as counted by PolyScope and used in the labels of scripts, from 1. title: as PolyScope shows it.
+    kind: key of `urscript.polyscope.registry.kinds`, empty for an unknown kind. parent: id of the node that contains
+    it. suppressed: it, or a node that contains it, is suppressed. defined: the node and all nodes below are complete;
+    PolyScope shows others in yellow. problem: what is wrong with it.
     """
 
     id: str
@@ -55,7 +56,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something wrong with a program. node: id of the node that has it, empty for the program."""
+    """A problem of a program. node: id of the node at fault, empty for the program itself."""
 
     node: str
     message: str
@@ -63,17 +64,18 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class _Operation:
-    """Something that was done. steps: as in `urscript.polyscope.document.Changes`."""
+    """An operation that was carried out. steps: as in `urscript.polyscope.document.Changes`."""
 
     title: str
     steps: list[tuple[Element, str, Any, Any]]
 
 
 class ProgramEditor:
-    """A program that is edited. ``revision``: grows with everything that changes it, also when it is undone.
+    """A program that is being edited. ``revision`` increases with every change, including undo and redo.
 
-    root: of a ``.urp``. name: of the program, without extension. installation: what its nodes may name. version: of the
-    PolyScope it is for. model: the arm that teaches. Raises TreeError or DocumentError for what is no program.
+    root: of a ``.urp``. name: of the program, without extension. installation: provides the names that nodes may use.
+    version: of the PolyScope it is for. model: the arm used for teaching. Raises TreeError or DocumentError for a
+    document that is not a program.
     """
 
     def __init__(
@@ -98,11 +100,11 @@ class ProgramEditor:
         self._saved: _Operation | None = None
         self._problems: tuple[int, list[Problem]] | None = None
 
-    # what is there
+    # reading
 
     @property
     def installation(self) -> InstallationFile:
-        """What the nodes may name; another one takes effect at once."""
+        """The installation with the names that nodes may use; a new one takes effect immediately."""
         return self.program.installation
 
     @installation.setter
@@ -112,7 +114,7 @@ class ProgramEditor:
 
     @property
     def tree(self) -> ProgramTree:
-        """The program as it is now, for the translation."""
+        """The current program, for translation to URScript."""
         return ProgramTree(self.root, self.name, self.saved_script, self.folder)
 
     def document(self) -> bytes:
@@ -120,7 +122,7 @@ class ProgramEditor:
         return write_document(self.root)
 
     def rows(self) -> list[Row]:
-        """The tree line by line, as PolyScope shows it."""
+        """The lines of the tree as PolyScope shows them."""
         problems = {problem.node: problem.message for problem in reversed(self.problems())}
         spots = self._places.all()
         undefined = set[str]()
@@ -151,7 +153,7 @@ class ProgramEditor:
         return by_installation(self.installation) if by_installation else spot.title
 
     def problems(self) -> list[Problem]:
-        """What keeps the program from being run: what nodes lack, and what cannot be translated, at its node."""
+        """The problems that prevent the program from running: incomplete nodes, and nodes that cannot be translated."""
         if self._problems is None or self._problems[0] != self.revision:
             self._problems = (self.revision, self._find_problems())
         return self._problems[1]
@@ -188,11 +190,11 @@ class ProgramEditor:
         return run_to_end(steps)
 
     def node_of(self, element: Element) -> str:
-        """Id of a node by its element, empty for what is none of the tree."""
+        """Id of a node by its element; empty for an element that is not a node of the tree."""
         return self._places.known(element)
 
     def form(self, node: str) -> dict[str, Any]:
-        """What can be set at a node, ready for JSON: id, kind, title, shown, fields. Raises EditError."""
+        """The settings of a node, ready for JSON: id, kind, title, shown, fields. Raises EditError."""
         spot = self._places.spot(node)
         fields = [
             {**field.description(spot.node, self.program), "node": node}
@@ -210,14 +212,14 @@ class ProgramEditor:
         }
 
     def palette(self) -> list[dict[str, str]]:
-        """The kinds of nodes that can be put in: key, title and group, in the order of the table."""
+        """The kinds of nodes that can be inserted: key, title and group, in the order of the table."""
         return [
             {"key": kind.key, "title": kind.title, "group": kind.group}
             for kind in kinds().values()
             if kind.new is not None and kind.exists_in(self.version)
         ]
 
-    # what can be done
+    # operations
 
     def insert(
         self,
@@ -228,18 +230,18 @@ class ProgramEditor:
         after: str = "",
         values: dict[str, Any] | None = None,
     ) -> str:
-        """Put in a new node at the end of one, before or after one; its id. values: of its fields, by their keys.
+        """Insert a new node at the end of another one, or before or after it; returns its id.
 
-        What stands directly in a program (threads, subprograms, events) goes there whatever is named, and a waypoint
-        outside a Move gets one around it. Raises EditError.
+        values: of its fields, by their keys. Nodes at the top level of a program (threads, subprograms, events) go
+        there whatever place is named, and a waypoint outside a Move gets a Move around it. Raises EditError.
         """
         found = kinds().get(kind)
         if found is None or found.new is None:
             raise EditError(
-                f"there is no node {kind!r} to put in; there are {', '.join(k['key'] for k in self.palette())}"
+                f"there is no node {kind!r} to insert: choose one of {', '.join(k['key'] for k in self.palette())}"
             )
         if not found.exists_in(self.version):
-            raise EditError(f"PolyScope {self.version.short} has no {found.title} ({found.available})")
+            raise EditError(f"{found.title} is not available in PolyScope {self.version.short} ({found.available})")
         with self._operation(f"Insert {found.title}"):
             element = found.new(self.program)
             self._put([element], self._places.target(into, before, after, found))
@@ -250,7 +252,7 @@ class ProgramEditor:
         return node
 
     def set(self, node: str, key: str, value: Any) -> None:
-        """Set a field of a node. Raises EditError, which names node and field, for a value it cannot take."""
+        """Set a field of a node. Raises EditError, with the node and the field, for an invalid value."""
         self.set_all(node, {key: value})
 
     def set_all(self, node: str, values: dict[str, Any]) -> None:
@@ -268,14 +270,14 @@ class ProgramEditor:
         *,
         start: bool = False,
     ) -> None:
-        """Give a waypoint the position where the arm is; all of its name get it, since they are one.
+        """Set a waypoint, and all waypoints of the same name, to the current position of the arm.
 
-        joints [rad]; pose: TCP in the base frame, tcp: TCP in the flange frame [m, rad]. start: the position that a
-        relative waypoint starts from. Raises EditError.
+        joints [rad]; pose: TCP in the base frame; tcp: TCP in the flange frame [m, rad]. start: set the position from
+        which a relative waypoint starts. Raises EditError.
         """
         spot = self._places.spot(node)
         if spot.kind is None or spot.kind.key != "waypoint":
-            raise EditError(f"{spot.title} is no waypoint, and cannot be taught", node)
+            raise EditError(f"{spot.title} is not a waypoint and cannot be taught", node)
         kind, name = spot.node.get("type"), spot.node.get("name")
         same = [
             other.node
@@ -290,7 +292,7 @@ class ProgramEditor:
                     raise EditError(f"{spot.title}: {error}", node, "position") from None
 
     def rename(self, node: str, name: str) -> None:
-        """Give a node another name; where its name is that of a variable, the variable, wherever it is used."""
+        """Rename a node. If its name is that of a variable, the variable is renamed everywhere."""
         spot = self._places.spot(node)
         variable = spot.node.child("variable", "loopVariable")
         if spot.kind is not None and spot.kind.field("name") and not (variable and spot.kind.key == "waypoint"):
@@ -301,7 +303,7 @@ class ProgramEditor:
             raise EditError(f"{spot.title} has no name", node)
 
     def rename_variable(self, old: str, new: str) -> None:
-        """Give a variable of the program another name, everywhere. Raises EditError."""
+        """Rename a variable of the program everywhere. Raises EditError."""
         variable = self.program.variable_objects().get(old)
         if variable is None or old in self.installation.variables:
             raise EditError(f"there is no variable {old!r} in the program")
@@ -310,7 +312,7 @@ class ProgramEditor:
         except FieldError as error:
             raise EditError(str(error)) from None
         if new != old and new in self.program.variables():
-            raise EditError(f"there is a variable called {new!r} already")
+            raise EditError(f"there is already a variable called {new!r}")
         with self._operation(f"Rename {old}"):
             for place in list(self.root.places()):
                 element = place.resolved()
@@ -318,7 +320,7 @@ class ProgramEditor:
                     self.program.set_attribute(element, "name", new)
 
     def delete(self, *nodes: str) -> None:
-        """Take nodes out, an If with its branches. Raises EditError."""
+        """Delete nodes; an If is deleted with its branches. Raises EditError."""
         spots = self._places.whole(nodes)
         with self._operation(f"Delete {spots[0].title}"):
             for spot in spots:
@@ -329,7 +331,7 @@ class ProgramEditor:
                 self._no_calls_of(spot)
 
     def move(self, *nodes: str, into: str = "", before: str = "", after: str = "") -> None:
-        """Put nodes elsewhere, an If with its branches, in the order in which they stand. Raises EditError."""
+        """Move nodes, keeping their order; an If is moved with its branches. Raises EditError."""
         spots = self._places.whole(nodes)
         for spot in spots:
             self._places.may_go(spot, "moved")
@@ -338,7 +340,7 @@ class ProgramEditor:
         around = anchor
         while around is not None:
             if id(around.node) in moved:
-                raise EditError(f"{around.title} cannot be put beside or into itself", around.id)
+                raise EditError(f"{around.title} cannot be moved into or next to itself", around.id)
             around = around.parent
         with self._operation(f"Move {spots[0].title}"):
             places = [spot.place for spot in spots]
@@ -348,14 +350,14 @@ class ProgramEditor:
             self._put(places, target)
 
     def copy(self, *nodes: str) -> Clip:
-        """Nodes to be pasted, here or into another program. Raises EditError."""
+        """Copy nodes, to paste them here or into another program. Raises EditError."""
         spots = self._places.whole(nodes)
         for spot in spots:
             self._places.may_go(spot, "copied")
         return clipped([spot.place for spot in spots])
 
     def paste(self, clip: Clip, *, into: str = "", before: str = "", after: str = "") -> list[str]:
-        """Put in copies; their ids. What they name is what the program has under these names. Raises EditError."""
+        """Insert copies; returns their ids. Names in them refer to the objects of this program. Raises EditError."""
         with self._operation("Paste"):
             try:
                 places = planted(clip, self.program)
@@ -365,7 +367,7 @@ class ProgramEditor:
             return [self._places.id_of(node_place(place).resolved()) for place in places]
 
     def suppress(self, *nodes: str, on: bool = True) -> None:
-        """Leave nodes out of the program without taking them away, an If with its branches; or not any more."""
+        """Suppress nodes, or no longer (``on=False``); an If is suppressed with its branches."""
         spots = self._places.whole(nodes)
         with self._operation(f"{'Suppress' if on else 'Unsuppress'} {spots[0].title}"):
             for spot in spots:
@@ -379,25 +381,25 @@ class ProgramEditor:
 
     @property
     def can_undo(self) -> str:
-        """What would be undone, in words; empty for nothing."""
+        """The title of the operation that `undo` would undo; empty for none."""
         return self._done[-1].title if self._done else ""
 
     @property
     def can_redo(self) -> str:
-        """What would be done again, in words; empty for nothing."""
+        """The title of the operation that `redo` would redo; empty for none."""
         return self._undone[-1].title if self._undone else ""
 
     @property
     def modified(self) -> bool:
-        """Whether it is another program than when it was last saved."""
+        """Whether the program differs from its last saved state."""
         return (self._done[-1] if self._done else None) is not self._saved
 
     def saved(self) -> None:
-        """It has been saved as it is now."""
+        """Mark the current state as saved."""
         self._saved = self._done[-1] if self._done else None
 
     def undo(self) -> str:
-        """Take back what was done last, exactly; what it was. Raises EditError when there is nothing."""
+        """Undo the last operation exactly; returns its title. Raises EditError when there is none."""
         if not self._done:
             raise EditError("there is nothing to undo")
         operation = self._done.pop()
@@ -408,7 +410,7 @@ class ProgramEditor:
         return operation.title
 
     def redo(self) -> str:
-        """Do again what was undone last; what it was. Raises EditError when there is nothing."""
+        """Redo the operation undone last; returns its title. Raises EditError when there is none."""
         if not self._undone:
             raise EditError("there is nothing to redo")
         operation = self._undone.pop()
@@ -420,7 +422,7 @@ class ProgramEditor:
 
     @contextmanager
     def _operation(self, title: str) -> Iterator[None]:
-        """All of it, or nothing."""
+        """Carry out the changes in the context completely, or undo them on an error."""
         changes = self.program.changes
         try:
             yield
@@ -434,7 +436,7 @@ class ProgramEditor:
             self._done.append(_Operation(title, steps))
             if len(self._done) > _MOST_STEPS:
                 oldest = self._done.pop(0)
-                self._saved = self._saved or oldest  # the program as it was opened cannot be reached any more
+                self._saved = self._saved or oldest  # the program as opened can no longer be restored
             self._undone.clear()
             self._changed()
 
@@ -455,7 +457,7 @@ class ProgramEditor:
             raise EditError(f"{spot.title}, {field.title}: {error}", node, key) from None
 
     def _put(self, places: list[Element], target: Target) -> None:
-        """Put places among the children of a node, in a Move of their own if they need one and none is there."""
+        """Insert places among the children of a node, inside a new Move if they need one."""
         loose = [place for place in places if (kind := self._places.kind(node_place(place))) and kind.stands == "move"]
         if loose and not self._places.in_move(target.parent_spot):
             move = kinds()["move"].new
@@ -485,7 +487,7 @@ class ProgramEditor:
         self.program.changes.put(place, "parent", holder)
 
     def _holder(self, node: Element) -> Element:
-        """The element that holds the nodes in a node."""
+        """The element that contains a node's child nodes."""
         holder = node.child("children")
         if holder is None:
             self.program.set_child(node, "children", make("children"))
@@ -494,7 +496,7 @@ class ProgramEditor:
         return holder
 
     def _take_out(self, place: Element, holder: Element, keep: Element | None = None) -> None:
-        """Take a place out, and leave an empty line where nothing else is. keep: a node that will not stay empty."""
+        """Remove a place; leaves an empty line if nothing else remains. keep: a node that will not stay empty."""
         children = [child for child in holder.children if child is not place]
         stays_empty = holder.parent is not None and holder.parent.resolved() is keep
         if not children and holder.parent is not None and not stays_empty and self._wants_empty_line(holder):
@@ -526,13 +528,13 @@ class ProgramEditor:
         changes.put(spot.holder, "children", children)
 
     def _flag_variables(self, value: str) -> None:
-        """The robot program says whether the variables are set up."""
+        """Set the flag of the robot program that says whether variables are initialized."""
         main = next((spot for spot in self._places.all() if tag_of(spot.written) == "MainProgram"), None)
         if main is not None and main.node.get("InitVariablesNode"):
             self.program.set_attribute(main.node, "InitVariablesNode", value)
 
     def _no_calls_of(self, spot: Spot) -> None:
-        """A Call of a subprogram that is deleted calls nothing any more (guess: PolyScope shows it yellow)."""
+        """Clear the Calls of a subprogram that is deleted (guess: PolyScope shows them in yellow)."""
         if spot.kind is None or spot.kind.key != "subprogram":
             return
         for place in list(self.root.places()):

@@ -1,4 +1,4 @@
-"""Expressions of programs: as PolyScope shows them, and made from text."""
+"""Expressions of programs: showing them as PolyScope does, and creating them from text."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -8,7 +8,7 @@ from urscript.polyscope.surroundings import FEATURE_TITLES, Surroundings
 from urscript.polyscope.tree import tag_of
 from urscript.polyscope.writer import PINS
 
-_TOKENS: Final = {"True", "False", "and", "or", "xor", "not"}  # what PolyScope's editor puts in as one piece
+_TOKENS: Final = {"True", "False", "and", "or", "xor", "not"}  # PolyScope's editor inserts these as one token
 _SYMBOLS: Final = {"==": "≟", "!=": "≠", "<=": "≤", ">=": "≥"}
 
 
@@ -29,8 +29,8 @@ def _part_shown(part: Element) -> str:
 
 
 def expression_of(text: str, program: Surroundings, tag: str = "expression") -> Element:
-    """An expression from its text: variables, inputs, outputs and waypoints that the program has become places that
-    share them, what PolyScope's editor has a key for becomes one token, all else stays letter by letter."""
+    """Create an expression from its text. Variables, inputs, outputs and waypoints of the program become places that
+    share them, words for which PolyScope's editor has a key become tokens, and all else stays single characters."""
     element = make(tag)
     for part in _parts(text, program):
         part.parent = element
@@ -54,14 +54,14 @@ def _parts(text: str, program: Surroundings) -> Iterator[Element]:
         elif piece in _SYMBOLS:
             yield make("ExpressionChar", character=_SYMBOLS[piece])
         elif piece == " " and any(0 <= at < len(pieces) and pieces[at][0] in _TOKENS for at in (index - 1, index + 1)):
-            continue  # the token has its own blanks
+            continue  # the token contains its own blanks
         else:
             for letter in piece:
                 yield make("ExpressionChar", character=letter)
 
 
 def _pieces(text: str, named_pins: Sequence[str]) -> list[tuple[str, bool]]:
-    """Words, symbols and strings; whether it is an input or output."""
+    """Words, symbols and strings, each with whether it is an input or output."""
     pieces: list[tuple[str, bool]] = []
     at = 0
     while at < len(text):

@@ -17,7 +17,7 @@ _BASE: Final = ZERO6
 
 
 class _DegenerateError(Exception):
-    """The points coincide or are in line: PolyScope does not offer such a feature to programs (guess)."""
+    """The points coincide or are collinear. PolyScope does not offer such a feature to programs (guess)."""
 
 
 def read_features(root: Element) -> tuple[dict[str, Pose], frozenset[str]]:
@@ -43,7 +43,7 @@ def read_features(root: Element) -> tuple[dict[str, Pose], frozenset[str]]:
 
 
 def _pose(element: Element) -> Pose | None:
-    """None for what is not a feature."""
+    """Pose of a feature in the base frame; None for an element that is not a feature."""
     if element.tag == _POINT and element.child("toolPosition"):
         return (*_vector(element, "toolPosition"), *_vector(element, "toolAxisAngle"))
     if element.tag == _LINE and element.child("firstPoint"):
@@ -64,7 +64,7 @@ def _point(element: Element, tag: str) -> Pose:
 
 
 def _line(element: Element) -> Pose:
-    """y from the first point to the second, z as near to the first point's z as that allows (Software Manual)."""
+    """y from the first point to the second, z as close as possible to the first point's z (Software Manual)."""
     first, second = _point(element, "firstPoint"), _point(element, "secondPoint")
     matrix = rotvec_to_matrix(*first[3:])
     return _frame(first, sub3(second, first), cross(sub3(second, first), (matrix[2], matrix[5], matrix[8])))
@@ -73,8 +73,8 @@ def _line(element: Element) -> Pose:
 def _plane(element: Element) -> Pose:
     """y from the first point to the second, z normal to the plane (Software Manual).
 
-    Since PolyScope 5.9 or so the first point has the plane's pose and the points an operator taught are kept
-    apart (equal to PolyScope's in its files).
+    Since about PolyScope 5.9, the first point has the pose of the plane, and the taught points are stored separately
+    (the result equals PolyScope's in its files).
     """
     first = _point(element, "firstPoint")
     if element.child("userFirstPoint"):

@@ -1,7 +1,7 @@
-"""The files of a program: a new one, and what PolyScope puts beside it when it saves.
+"""The files of a program: creating a new one, and saving it with its companion files.
 
-A program ``x`` is three files: ``x.urp`` is the program, ``x.script`` the URScript it is run as, ``x.txt`` its tree for
-people. Only the first is read again.
+A program ``x`` has three files: ``x.urp`` is the program, ``x.script`` the URScript that is executed, and ``x.txt`` its
+tree for people. Only the first one is read again.
 """
 
 import os
@@ -19,8 +19,8 @@ from urscript.polyscope.nodes.waypoints import kinematics_element
 from urscript.polyscope.registry import empty_children
 from urscript.polyscope.tree import TreeError
 
-_SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}  # what simulators say
-_PROGRAM_VERSIONS: Final = PolyscopeVersion(5, 13)  # first version that says which kind of file it writes (seen)
+_SERIAL_NUMBERS: Final = {Series.CB3: "2018359999", Series.E: "20195599999"}  # as reported by simulators
+_PROGRAM_VERSIONS: Final = PolyscopeVersion(5, 13)  # first version that writes the version of the file format (seen)
 _PROGRAM_VERSION: Final = "2"
 _INDENT: Final = "  "
 PROGRAM_SUFFIX: Final = ".urp"
@@ -37,10 +37,10 @@ def new_program(
     directory: str = "/programs",
     external_control: bool = False,
 ) -> Element:
-    """An empty program as PolyScope makes it, or one with an External Control node.
+    """Create an empty program as PolyScope does, or one with an External Control node.
 
-    name and installation: without extension; the installation's may be a path relative to the program. directory:
-    where the controller keeps it. PolyScope also saves ``crcValue``, whose rule is not known; many files lack it.
+    name, installation: without extension; the installation may be a path relative to the program. directory: where the
+    controller stores the program. PolyScope also saves ``crcValue``, whose rule is not known; many files lack it.
     """
     shown = str(version) if version < _PROGRAM_VERSIONS else version.short
     attributes = {
@@ -54,7 +54,7 @@ def new_program(
     }
     if version >= _PROGRAM_VERSIONS:
         attributes["createdInPolyscopeProgramVersion"] = _PROGRAM_VERSION
-        attributes["lastSavedInPolycopeProgramVersion"] = _PROGRAM_VERSION  # PolyScope spells it so
+        attributes["lastSavedInPolycopeProgramVersion"] = _PROGRAM_VERSION  # PolyScope's spelling
     nodes = make("children", new_external_control()) if external_control else empty_children()
     main = make("MainProgram", nodes, runOnlyOnce="true" if external_control else "false", InitVariablesNode="true")
     return make(
@@ -66,9 +66,9 @@ def new_program(
 
 
 def outline_text(editor: ProgramEditor) -> str:
-    """The tree as PolyScope writes it into the ``.txt``: a line a node, and how deep it lies.
+    """The tree as PolyScope writes it into the ``.txt``: one line per node, indented by its depth.
 
-    A suppressed node stands between apostrophes, without what lies in it.
+    A suppressed node is between apostrophes, without its child nodes.
     """
     lines = [" Program"]
     hidden = set[str]()
@@ -83,29 +83,29 @@ def outline_text(editor: ProgramEditor) -> str:
 
 
 def export(editor: ProgramEditor, path: Path) -> None:
-    """Write the ``.script`` or the ``.txt`` of a program, by the ending of the path.
+    """Write the ``.script`` or the ``.txt`` of a program, depending on the extension of the path.
 
-    Raises TreeError when it cannot be run, ValueError for another ending, OSError.
+    Raises TreeError when it cannot be run, ValueError for another extension, OSError.
     """
     if path.suffix not in (SCRIPT_SUFFIX, TEXT_SUFFIX):
-        raise ValueError(f"export to {SCRIPT_SUFFIX} or {TEXT_SUFFIX}")
+        raise ValueError(f"a program can only be exported to {SCRIPT_SUFFIX} or {TEXT_SUFFIX}")
     text = editor.written().text() if path.suffix == SCRIPT_SUFFIX else outline_text(editor)
     write_file(path, to_bytes(text))
 
 
 def save_program(editor: ProgramEditor, path: Path) -> str:
-    """Write ``.urp``, ``.script`` and ``.txt``, each whole or not at all. Raises OSError or DocumentError.
+    """Write ``.urp``, ``.script`` and ``.txt``, each atomically. Raises OSError or DocumentError.
 
-    The program is saved also when it cannot be run yet. Then there is no ``.script``, and an older one goes, since it
-    would be that of another program; why, in words, is returned. So it is with External Control nodes, whose code the
-    driver gives when the program is played. A program with nodes of other URCaps keeps its old one, which holds the
-    only copy of their code.
+    A program that cannot be run yet is saved as well, but without a ``.script``: an older one is deleted, because it
+    would belong to a different program, and the reason is returned as text. The same applies to a program with External
+    Control nodes, whose code the driver provides when the program is played. A program with nodes of other URCaps keeps
+    its old ``.script``, which contains the only copy of their code.
     """
     write_file(path, packed(editor.document()))
     script, problem = path.with_suffix(SCRIPT_SUFFIX), ""
     try:
         if editor.tree.needs_external_control:
-            raise TreeError("the code of its External Control nodes is the driver's, who is asked at every play")
+            raise TreeError("the driver provides the code of its External Control nodes whenever it is played")
         export(editor, script)
     except TreeError as error:
         problem = str(error)
@@ -117,7 +117,7 @@ def save_program(editor: ProgramEditor, path: Path) -> str:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """A file that is there whole or not at all. Raises OSError."""
+    """Write a file atomically. Raises OSError."""
     handle, draft = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

@@ -1,26 +1,27 @@
-"""The programs folder: every path that clients and files name leads into it, or nowhere."""
+"""The programs folder. A path named by a client or a file leads into this folder, or is not found."""
 
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 from urproto.text import from_bytes
 
-ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # where clients and files believe the folder is
+ROOTS: Final = ("/ursim/programs", "/programs", "/root/programs")  # its paths in clients and files
 _PROGRAMS: Final = "programs"
-_LARGEST: Final = 16 << 20  # bytes of a file that a program names
+_LARGEST: Final = 16 << 20  # bytes of a file named by a program
 
 
 class ProgramsFolder:
-    """A folder on this machine, or none. ``base``: where in it the program is that names the files."""
+    """A folder on this machine, or none. base: the folder of the program that names files."""
 
     def __init__(self, root: Path | None, base: Path | None = None) -> None:
         self.root = root.resolve() if root is not None else None
         self._base = base.resolve() if base is not None else self.root
 
     def find(self, name: str) -> Path | None:
-        """The file that a path means, None when there is none in the folder.
+        """The file for a path; None when it is not in the folder.
 
-        Absolute paths are of the controller: below one of its programs folders. Links that lead out lead nowhere.
+        Absolute paths are those of a controller, below one of its programs folders. Links that leave the folder are not
+        followed.
         """
         wanted = _relative(name)
         if self.root is None or self._base is None or wanted is None or "\0" in name:
@@ -37,7 +38,7 @@ class ProgramsFolder:
             return None
 
     def place(self, name: str) -> Path | None:
-        """Where a file of this name belongs in the folder, there or not; None for a name that leads out of it."""
+        """The path in the folder for a file of this name, existing or not; None for a name that leaves the folder."""
         wanted = _relative(name)
         if self.root is None or wanted is None or "\0" in name or any(part.startswith(".") for part in wanted.parts):
             return None
@@ -48,11 +49,11 @@ class ProgramsFolder:
             return None
 
     def installation(self, *names: str) -> Path | None:
-        """The first of these installations that is there; names have no extension."""
+        """The first of these installations that exists; names have no extension."""
         return next((path for name in names if name and (path := self.find(f"{name}.installation"))), None)
 
     def text(self, name: str) -> str | None:
-        """Text of a file, None when there is none."""
+        """Text of a file; None when it does not exist."""
         path = self.find(name)
         if path is None or path.stat().st_size > _LARGEST:
             return None
@@ -66,6 +67,6 @@ def _relative(name: str) -> PurePosixPath | None:
             return wanted.relative_to(shown)
     if not wanted.is_absolute():
         return wanted if wanted.parts else None
-    # as a simulator's own folder: /home/someone/ursim-5.11/programs/x.urp
+    # a path of a simulator: /home/someone/ursim-5.11/programs/x.urp
     parts = wanted.parts
     return PurePosixPath(*parts[parts.index(_PROGRAMS) + 1 :]) if _PROGRAMS in parts else None

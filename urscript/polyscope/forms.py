@@ -1,7 +1,7 @@
-"""What can be set at a node of a program: its fields, and how a file holds them.
+"""The fields of program nodes: the settings a user can change, and how a file stores them.
 
-Values are as PolyScope shows them (mm, mm/s, degrees a second); a field writes what the file has (m, m/s, rad/s) and
-leaves the file alone when the value shown is the one there.
+Values are as PolyScope shows them (mm, mm/s, degrees per second). A field converts them to the units of the file (m,
+m/s, rad/s), and does not touch the file when the shown value is unchanged.
 """
 
 import math
@@ -30,12 +30,12 @@ def _always(_: Element) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Something that can be set at a node.
+    """A setting of a node.
 
     kind: number, integer, text, choice, boolean, variable, expression, pin, position, tcp, payload, feature, subprogram
-    or file.
-    unit, low, high: of numbers. choices: what can be chosen, value and title; None when it depends on the program.
-    shown: whether it has a meaning as the node is now. optional: it may be empty (None).
+    or file. unit, low, high: of numbers. choices: values and titles to choose from. options: the choices when they
+    depend on the program. shown: whether the field applies to the node in its current state. optional: it may be empty
+    (None).
     """
 
     key: str
@@ -53,11 +53,11 @@ class Field:
     help: str = ""
 
     def value(self, element: Element, program: Surroundings) -> Value:
-        """What is set, as it is shown."""
+        """The current value, as shown to the user."""
         return self.read(element, program)
 
     def set(self, element: Element, value: Any, program: Surroundings) -> None:
-        """Set it. Raises FieldError for what it cannot take."""
+        """Set the value. Raises FieldError for an invalid one."""
         shown = self.read(element, program)
         if value == shown:
             return
@@ -66,22 +66,22 @@ class Field:
             self.write(element, value, program)
 
     def checked(self, value: Any, program: Surroundings) -> Value:
-        """The value, if the field can take it. Raises FieldError."""
+        """Check and convert a value. Raises FieldError for an invalid one."""
         if value is None or (value == "" and self.kind not in ("text", "expression", "choice")):
             if self.optional:
                 return None
-            raise FieldError("it needs a value")
+            raise FieldError("a value is required")
         if self.kind == "boolean":
             if not isinstance(value, bool):
-                raise FieldError(f"it is true or false, not {value!r}")
+                raise FieldError(f"must be true or false, not {value!r}")
             return value
         if self.kind in ("number", "integer"):
             return self._number(value)
         if not isinstance(value, str):
-            raise FieldError(f"it is a text, not {value!r}")
+            raise FieldError(f"must be text, not {value!r}")
         check_text(value)
         if self.kind == "choice" and value not in (allowed := [choice for choice, _ in self.choices]):
-            raise FieldError(f"it is one of {', '.join(allowed)}, not {value!r}")
+            raise FieldError(f"must be one of {', '.join(allowed)}, not {value!r}")
         return value
 
     def _number(self, value: Any) -> float | int:
@@ -92,16 +92,16 @@ class Field:
             except ValueError:
                 given = None
         if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
-            raise FieldError(f"it is a number{f' in {self.unit}' if self.unit else ''}, not {value!r}")
+            raise FieldError(f"must be a number{f' in {self.unit}' if self.unit else ''}, not {value!r}")
         low, high = self.low, self.high
         if (low is not None and given < low) or (high is not None and given > high):
             unit = f" {self.unit}" if self.unit else ""
             span = f"{_shown(low)} to {_shown(high)}" if None not in (low, high) else ""
             span = span or (f"{_shown(low)} or more" if low is not None else f"at most {_shown(high)}")
-            raise FieldError(f"{_shown(given)}{unit} is outside its limits: {span}{unit}")
+            raise FieldError(f"{_shown(given)}{unit} is outside the limits: {span}{unit}")
         if self.kind == "integer":
             if given != int(given):
-                raise FieldError(f"it is a whole number, not {_shown(given)}")
+                raise FieldError(f"must be a whole number, not {_shown(given)}")
             return int(given)
         return float(given)
 
@@ -133,16 +133,16 @@ def java_number(value: float) -> str:
     if value == 0 or 1e-3 <= abs(value) < 1e7:
         return repr(float(value))
     digits, _, exponent = f"{value!r}".partition("e")
-    if not exponent:  # Python begins with exponents later
+    if not exponent:  # Python uses exponents only for larger numbers
         exponent = str(math.floor(math.log10(abs(value))))
         digits = repr(float(f"{value!r}e{-int(exponent)}")) if "." in digits else digits
     return f"{digits if '.' in digits else digits + '.0'}E{int(exponent)}"
 
 
-# the conversions between what is shown and what the file has
+# conversions between shown values and the file
 MILLI: Final = 1e-3
 DEGREES: Final = math.pi / 180
-_DIGITS: Final = 9  # behind the point of what is shown; more only show how numbers are converted
+_DIGITS: Final = 9  # decimals shown; more would only show rounding errors of the conversion
 
 
 def _from_file(text: str, factor: float) -> float | None:
@@ -159,7 +159,7 @@ def _to_file(value: float | None, factor: float, digits: bool) -> str | None:
 def attribute_number(
     key: str, title: str, attribute: str, *, unit: str = "", factor: float = 1.0, whole: bool = False, **more: Any
 ) -> Field:
-    """A number that is an attribute. factor: from what is shown to what the file has."""
+    """A number stored as an attribute. factor: from the shown value to that in the file."""
 
     def read(element: Element, _: Surroundings) -> Value:
         value = _from_file(element.get(attribute), factor)
@@ -172,7 +172,7 @@ def attribute_number(
 
 
 def child_number(key: str, title: str, tag: str, *, unit: str = "", factor: float = 1.0, **more: Any) -> Field:
-    """A number that is the text of a child."""
+    """A number stored as the text of a child."""
 
     def read(element: Element, _: Surroundings) -> Value:
         child = element.child(tag)
@@ -185,7 +185,7 @@ def child_number(key: str, title: str, tag: str, *, unit: str = "", factor: floa
 
 
 def attribute_text(key: str, title: str, attribute: str, *, empty: bool = True, **more: Any) -> Field:
-    """A text that is an attribute. empty: without text the attribute stays."""
+    """A text stored as an attribute. empty: keep the attribute when the text is empty."""
 
     def write(element: Element, value: str, program: Surroundings) -> None:
         program.set_attribute(element, attribute, value if value or empty else None)
@@ -194,7 +194,7 @@ def attribute_text(key: str, title: str, attribute: str, *, empty: bool = True, 
 
 
 def attribute_choice(key: str, title: str, attribute: str, choices: dict[str, str], **more: Any) -> Field:
-    """One of several values of an attribute. choices: value and title."""
+    """A choice stored as an attribute. choices: value and title."""
 
     def write(element: Element, value: str, program: Surroundings) -> None:
         program.set_attribute(element, attribute, value)
@@ -211,7 +211,7 @@ def attribute_choice(key: str, title: str, attribute: str, choices: dict[str, st
 
 
 def attribute_boolean(key: str, title: str, attribute: str, **more: Any) -> Field:
-    """An attribute that is true or false."""
+    """A boolean stored as an attribute."""
 
     def write(element: Element, value: bool, program: Surroundings) -> None:
         program.set_attribute(element, attribute, "true" if value else "false")
@@ -220,22 +220,22 @@ def attribute_boolean(key: str, title: str, attribute: str, **more: Any) -> Fiel
 
 
 def node_name(key: str = "name", title: str = "Name", *, what: str, free: bool = False) -> Field:
-    """The name that people give a node. free: any text, as folders have it."""
+    """The name of a node. free: any text is allowed, as for folders."""
 
     def write(element: Element, value: str, program: Surroundings) -> None:
         if not value.strip():
-            raise FieldError("it needs a name")
+            raise FieldError("a name is required")
         if not free:
             check_name(value, what)
         if not free and what != "waypoint" and value in program.names(tag_of(element)):
-            raise FieldError(f"there is a {what} called {value!r} already")
+            raise FieldError(f"there is already a {what} called {value!r}")
         program.set_attribute(element, "name", value)
 
     return Field(key, title, "text", lambda element, _: element.get("name"), write)
 
 
 def variable_field(key: str, title: str, tag: str = "variable", **more: Any) -> Field:
-    """A variable of the program, which is made if it is new, or of the installation."""
+    """A variable of the program, which is created if it is new, or of the installation."""
 
     def read(element: Element, _: Surroundings) -> Value:
         child = element.child(tag)
@@ -248,7 +248,7 @@ def variable_field(key: str, title: str, tag: str = "variable", **more: Any) -> 
 
 
 def pin_field(key: str, title: str, kinds: Sequence[str], **more: Any) -> Field:
-    """An input or output of some kinds, by its name or as ``digital_out[0]``."""
+    """An input or output of certain kinds, given by its name or as ``digital_out[0]``."""
 
     def read(element: Element, _: Surroundings) -> Value:
         pin = element.child("pin")
@@ -262,7 +262,7 @@ def pin_field(key: str, title: str, kinds: Sequence[str], **more: Any) -> Field:
         if found is None or (found[0] in PINS and int(found[1]) >= PIN_COUNTS[found[0]]):
             raise FieldError(f"there is no input or output called {value!r}")
         if found[0] not in kinds:
-            raise FieldError(f"{value} is none that can be used here; choose one of {', '.join(kinds)}")
+            raise FieldError(f"{value} cannot be used here: choose one of {', '.join(kinds)}")
         program.set_child(element, "pin", program.named("pin", value))
 
     def options(program: Surroundings) -> Sequence[str]:
@@ -272,7 +272,7 @@ def pin_field(key: str, title: str, kinds: Sequence[str], **more: Any) -> Field:
 
 
 def feature_names(program: Surroundings) -> list[str]:
-    """The features a program may name, as PolyScope shows them."""
+    """The features that a program may use, as PolyScope shows them."""
     return [*FEATURE_TITLES.values(), *sorted(set(program.installation.features) - set(FEATURE_TITLES))]
 
 
@@ -306,5 +306,5 @@ def expression_field(key: str, title: str, tag: str = "expression", **more: Any)
 
 
 def titled(title: str, text: str) -> str:
-    """What a node is and says, as its line in the tree."""
+    """The line of a node in the tree: its kind and its text."""
     return f"{title} {text}" if text else title

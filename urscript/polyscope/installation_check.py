@@ -1,4 +1,4 @@
-"""What in an installation cannot be: settings that name what is not there, or that cannot be read."""
+"""Check an installation for settings that refer to something missing, or that cannot be read."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from urscript.polyscope.safety_settings import TAG as SAFETY_TAG
 
 
 def problems_of(root: Element, folder: Path) -> Iterator[str]:
-    """One line for each, in the order of the sections. folder: where the programs are that it names."""
+    """One line per problem, in the order of the sections. folder: the programs folder with the programs it names."""
     rows = {}
     for name, section in SECTIONS.items():
         try:
@@ -27,7 +27,7 @@ def problems_of(root: Element, folder: Path) -> Iterator[str]:
     active = tcp_settings(root).get("activePose")
     tcps = [row["name"] for row in rows["tcps"]]
     if active and active not in tcps:
-        yield f"TCP: the active one is {active!r}, which is not there: there are {', '.join(tcps) or 'none'}"
+        yield f"TCP: the active one is {active!r}, which does not exist: there are {', '.join(tcps) or 'none'}"
     for name in ("tcps", "payloads", "features", "modbus"):
         for key, count in Counter(row[SECTIONS[name].key] for row in rows[name]).items():
             if key and count > 1:
@@ -40,7 +40,9 @@ def problems_of(root: Element, folder: Path) -> Iterator[str]:
             yield f"Default program: there is no {row['file'] or 'file named'} in {folder}"
     pins = Counter(row["pins"] for row in rows["safety_io"] if row["pins"] and row["function"].endswith("Input"))
     yield from (
-        f"Safety: I/O: {count} functions have the input pins {pair}" for pair, count in pins.items() if count > 1
+        f"Safety: I/O: {count} functions are assigned to the input pins {pair}"
+        for pair, count in pins.items()
+        if count > 1
     )
 
 
@@ -55,4 +57,4 @@ def _safety(root: Element) -> Iterator[str]:
         return
     for mode, limits in (("normal", configuration.normal), ("reduced", configuration.reduced)):
         if any(low >= high for low, high in zip(limits.joint_min, limits.joint_max, strict=True)):
-            yield f"Safety: joint limits: in {mode} mode a lowest position is not below the highest"
+            yield f"Safety: joint limits: a minimum position is not below the maximum in {mode} mode"

@@ -1,4 +1,4 @@
-"""What PolyScope's installation files say: tool, payload, features, names of inputs and outputs."""
+"""Read PolyScope's installation files: tool, payload, features, names of inputs and outputs."""
 
 import math
 import re
@@ -22,7 +22,7 @@ _TYPES: Final = {"DIGITAL_INPUT": 0, "DIGITAL_OUTPUT": 1, "REGISTER_INPUT": 2, "
 
 @dataclass(frozen=True, slots=True)
 class ModbusSignal:
-    """One signal, with the arguments of modbus_add_signal; ``frequency`` [Hz], negative: the usual one."""
+    """A Modbus signal with the arguments of modbus_add_signal. frequency: [Hz], negative for the default."""
 
     name: str
     address: str
@@ -33,7 +33,7 @@ class ModbusSignal:
 
 
 def read_modbus(root: Element) -> tuple[ModbusSignal, ...]:
-    """Every signal, in the two forms files have: values as attributes, or as elements."""
+    """All Modbus signals. Files have two forms: values as attributes, or as elements."""
     return tuple(_signals(root))
 
 
@@ -96,7 +96,7 @@ _VOLTAGES: Final = {"12": 12, "TWELVE": 12, "24": 24, "TWENTYFOUR": 24, "TWENTY_
 
 @dataclass(frozen=True, slots=True)
 class PayloadSetting:
-    """Mass [kg], centre of gravity from the flange [m], and inertia [kg m2] when the file gives one."""
+    """Mass [kg], centre of gravity from the flange [m], and inertia [kg m2] if the file contains it."""
 
     mass: float = 0.0
     cog: Vector3 = ZERO3
@@ -105,7 +105,7 @@ class PayloadSetting:
 
 @dataclass(frozen=True, slots=True)
 class InputTrigger:
-    """An input, by PolyScope's name or the user's, and the level that it has to reach."""
+    """An input, by PolyScope's name or the user's, and the level that triggers the action."""
 
     pin: str
     level: bool
@@ -113,9 +113,9 @@ class InputTrigger:
 
 @dataclass(frozen=True, slots=True)
 class DefaultProgram:
-    """What the controller does by itself. ``name``: path in the programs folder; ``load``: at boot.
+    """Actions of the controller without an operator. name: path in the programs folder. load: load it at boot.
 
-    release_brakes, start: what switches the arm on, and plays the program; None for nothing.
+    release_brakes, start: the inputs that switch on the arm and play the program; None for none.
     """
 
     name: str = ""
@@ -126,15 +126,16 @@ class DefaultProgram:
 
 @dataclass(frozen=True, slots=True)
 class InstallationFile:
-    """An installation as programs need it. Without a file they leave tool and mounting as they are.
+    """The settings of an installation that programs need. Without a file, programs do not change tool and mounting.
 
-    tcps, payloads, features: by name; ``tcp`` and ``payload`` are those in use at the start.
-    feature_variables: features that programs may use as variables. pins: what a name stands for,
-    as a kind of `urscript.polyscope.writer` and a number. actions: what a pin, as digital_in[0], does by itself, in
-    PolyScope's words; those that do nothing are left out. variables: name and URScript value.
+    tcps, payloads, features: by name; ``tcp`` and ``payload`` are those active at the start.
+    feature_variables: features that programs may use as variables. pins: a kind of `urscript.polyscope.writer` and a
+    number for each name. actions: the automatic action of a pin such as digital_in[0], in PolyScope's words; pins
+    without one are omitted. variables: name and URScript value.
     tool_*: as for set_tool_voltage, set_tool_communication, set_tool_output_mode, set_tool_digital_output_mode.
     gravity: as for set_gravity [m/s2]. home: joints [rad]. contributions: data of URCaps by URCap name.
-    safety: what it would have confirmed; None without a readable one. default_program: what happens by itself.
+    safety: the safety configuration in the file; None if there is no readable one. default_program: what the controller
+    does without an operator.
     """
 
     name: str = "default"
@@ -163,7 +164,7 @@ class InstallationFile:
 
 
 def read_installation_steps(path: Path) -> Steps[InstallationFile]:
-    """An ``.installation`` file with the ``.variables`` beside it, in pieces for a control loop.
+    """Read an ``.installation`` file and the ``.variables`` next to it, in pieces for a control loop.
 
     Raises OSError or DocumentError.
     """
@@ -174,17 +175,17 @@ def read_installation_steps(path: Path) -> Steps[InstallationFile]:
 
 
 def read_installation(data: bytes, name: str, variables: bytes = b"") -> InstallationFile:
-    """The content of an ``.installation`` and of its ``.variables``. Raises DocumentError."""
+    """Parse the contents of an ``.installation`` and of its ``.variables``. Raises DocumentError."""
     return _installation(read_document(data), name, variables)
 
 
 def read_installation_document(root: Element, name: str, variables: bytes = b"") -> InstallationFile:
-    """What the document of an ``.installation`` says, and its ``.variables``. Raises DocumentError."""
+    """Interpret the document of an ``.installation``, and its ``.variables``. Raises DocumentError."""
     return _installation(root, name, variables)
 
 
 def load_installation_file(path: Path) -> InstallationFile:
-    """`read_installation_steps` at once."""
+    """Like `read_installation_steps`, in one go."""
     return run_to_end(read_installation_steps(path))
 
 
@@ -250,8 +251,8 @@ def _safety(root: Element) -> SafetyConfiguration | None:
 def read_variables(data: bytes) -> dict[str, str]:
     """Installation variables and their URScript values; compressed or not.
 
-    XML since PolyScope 5.10 or so, before that a Java properties file: one line each. Lines that are none are
-    skipped. Raises DocumentError.
+    The file is XML since about PolyScope 5.10, and a Java properties file with one line per variable before. Other
+    lines are skipped. Raises DocumentError.
     """
     text = unpacked(data)
     if text.lstrip().startswith(b"<"):
@@ -264,13 +265,13 @@ def read_variables(data: bytes) -> dict[str, str]:
 
 
 def _unescaped(value: str) -> str:
-    """Java writes a backslash before what would otherwise separate, and letters outside ASCII as numbers."""
+    """Undo Java's escapes: a backslash before separators, and numbers for characters outside ASCII."""
     numbers_read = _ESCAPED_LETTER.sub(lambda match: chr(int(match[1], 16)), strip(value))
     return re.sub(r"\\(.)", r"\1", numbers_read)
 
 
 def tcp_settings(root: Element) -> Element:
-    """The element with the TCPs, whose name has changed over time. Raises DocumentError without one."""
+    """The element with the TCPs, whose name differs between versions. Raises DocumentError without one."""
     settings = next((element for element in root if "activePose" in element.attributes), None)
     if settings is None:
         raise DocumentError("the installation names no active TCP")
@@ -306,13 +307,13 @@ def _payloads(root: Element) -> tuple[dict[str, PayloadSetting], PayloadSetting]
 
 def _three(values: list[float]) -> Vector3:
     if len(values) != 3:
-        raise DocumentError(f"{values} is not three numbers")
+        raise DocumentError(f"expected three numbers, not {values}")
     return (values[0], values[1], values[2])
 
 
 def gravity_of(tilt_rad: float, turn_rad: float) -> Vector3:
-    """What the base feels [m/s2] of an arm that is tilted about x, then turned about z, as PolyScope's mounting page
-    does it; signs as in public scripts."""
+    """Gravity in the base frame [m/s2] for a base tilted about x, then turned about z, as on PolyScope's mounting page;
+    signs as in public scripts."""
     across, along = _GRAVITY * math.sin(tilt_rad), _GRAVITY * math.cos(tilt_rad)
     return (across * math.sin(turn_rad) + 0.0, -across * math.cos(turn_rad) + 0.0, along + 0.0)
 

@@ -1,4 +1,4 @@
-"""Sections of an installation file: what one is, and those about tool, load, mounting and features.
+"""Sections of an installation file: the base class, and the sections for tool, payload, mounting and features.
 
 `urscript.polyscope.installation_settings` has the whole table.
 """
@@ -24,22 +24,22 @@ UNITS: Final[Mapping[str, tuple[str, float]]] = {
     "rad": ("°", 180.0 / pi),
     "rad/s": ("°/s", 180.0 / pi),
 }
-"""SI unit -> unit on screens, and factor. A rotation vector stays in rad."""
+"""SI unit -> unit shown to users, and factor. A rotation vector stays in rad."""
 
-_LONGEST: Final = 60  # letters of a name; guess
-_FARTHEST: Final = 10.0  # m; guess: no tool and no feature is farther away
-_HEAVIEST: Final = 100.0  # kg; guess: more than any arm of the maker carries
+_LONGEST: Final = 60  # characters of a name; guess
+_FARTHEST: Final = 10.0  # m; guess: farther than any tool or feature
+_HEAVIEST: Final = 100.0  # kg; guess: more than any UR arm carries
 
 
 class SettingError(ValueError):
-    """A setting that cannot be changed so; the text says which, and why."""
+    """A setting cannot be changed like this; the message names the setting and the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One value of a row. low, high: limits, in ``unit``. choices: what a choice is among; "" stands for none.
+    """A value of a row. low, high: limits, in ``unit``. choices: values of a choice; "" stands for none.
 
-    fixed: shown, and changed nowhere. A vector has three numbers, a pose six: x, y, z [m], rotation vector [rad].
+    fixed: shown, but not changeable. A vector has three numbers, a pose six: x, y, z [m], rotation vector [rad].
     """
 
     name: str
@@ -52,13 +52,13 @@ class Field:
     fixed: bool = False
 
     def checked(self, value: Any) -> Any:
-        """The value as it is stored. Raises SettingError."""
+        """Check a value; returns it as it is stored. Raises SettingError."""
         if self.kind == "flag":
             return self._require(isinstance(value, bool), value, "true or false")
         if self.kind == "choice":
             return self._require(value in self.choices, value, f"one of {', '.join(self.choices)}")
         if self.kind == "text":
-            self._require(isinstance(value, str) and len(value) <= _LONGEST, value, f"text of up to {_LONGEST} letters")
+            self._require(isinstance(value, str) and len(value) <= _LONGEST, value, f"at most {_LONGEST} characters")
             return self._require(value.isprintable(), value, "text without control characters").strip()
         if self.kind in ("vector", "pose"):
             size = 3 if self.kind == "vector" else 6
@@ -73,20 +73,20 @@ class Field:
         if self.kind == "whole":
             self._require(float(value).is_integer(), value, "a whole number")
             value = int(value)
-        limits = f"from {self.low:g} to {self.high:g}{' ' * bool(self.unit)}{self.unit}"
+        limits = f"between {self.low:g} and {self.high:g}{' ' * bool(self.unit)}{self.unit}"
         return self._require(self.low <= value <= self.high, value, limits)  # type: ignore[no-any-return]
 
     def _require(self, right: bool, value: Any, wanted: str) -> Any:
         if not right:
-            raise SettingError(f"{self.title} is {wanted}, not {value!r:.60}")
+            raise SettingError(f"{self.title} must be {wanted}, not {value!r:.60}")
         return value
 
 
 class Section(ABC):
     """A page of settings.
 
-    fields: of each row; the first one names it where ``listed``. applied: when it has effect on an emulated robot.
-    places: where in the file.
+    fields: of each row; where ``listed``, the first field is the name of the row. applied: when a change takes effect
+    on an emulated robot. places: where the settings are in the file.
     """
 
     name: ClassVar[str]
@@ -99,27 +99,27 @@ class Section(ABC):
 
     @abstractmethod
     def rows(self, root: Element) -> list[Row]:
-        """What the file says. Raises DocumentError."""
+        """Read the rows from the file. Raises DocumentError."""
 
     @abstractmethod
     def write(self, root: Element, row: Row, changes: Row) -> None:
-        """Change some values of a row, which is as `rows` gave it. Raises SettingError."""
+        """Change some values of a row; `row` is as returned by `rows`. Raises SettingError."""
 
     def add(self, root: Element, row: Row) -> None:
-        """One more row, with a value for each field. Raises SettingError."""
-        raise SettingError(f"{self.title}: nothing can be added")
+        """Add a row with a value for each field. Raises SettingError."""
+        raise SettingError(f"{self.title}: entries cannot be added")
 
     def remove(self, root: Element, row: Row) -> None:
-        """Raises SettingError."""
-        raise SettingError(f"{self.title}: nothing can be removed")
+        """Remove a row. Raises SettingError."""
+        raise SettingError(f"{self.title}: entries cannot be removed")
 
     @property
     def key(self) -> str:
-        """The field by which a row is found."""
+        """The field that identifies a row."""
         return self.fields[0].name
 
     def row(self, root: Element, name: str) -> Row:
-        """The row of a name; the only one where there is no list. Raises SettingError."""
+        """The row with this name, or the only row of a section without a list. Raises SettingError."""
         rows = self.rows(root)
         found = next((row for row in rows if not self.listed or row[self.key] == name), None)
         if found is None:
@@ -129,29 +129,29 @@ class Section(ABC):
         return found
 
     def checked(self, values: Mapping[str, Any]) -> Row:
-        """Values by the name of their field, as they are stored. Raises SettingError."""
+        """Check values by the names of their fields; returns them as they are stored. Raises SettingError."""
         fields = {field.name: field for field in self.fields}
         for name in values:
             if name not in fields or fields[name].fixed:
                 known = ", ".join(field.name for field in self.fields if not field.fixed)
-                raise SettingError(f"{self.title} has no {name!r} to change: there are {known}")
+                raise SettingError(f"{self.title} has no setting {name!r} that can be changed: there are {known}")
         return {name: fields[name].checked(value) for name, value in values.items()}
 
 
 def new_element(parent: Element, tag: str, attributes: dict[str, str]) -> Element:
-    """One more child at the end."""
+    """Append a child element."""
     element = Element(tag, attributes, parent)
     parent.children.append(element)
     return element
 
 
 def doubles_text(values: Sequence[float]) -> str:
-    """Numbers between commas."""
+    """Numbers separated by commas."""
     return ", ".join(double_text(value) for value in values)
 
 
 def flag_text(value: bool) -> str:
-    """As the files have it."""
+    """A boolean as written in the files."""
     return "true" if value else "false"
 
 
@@ -165,7 +165,7 @@ class Tcps(Section):
         Field("active", "Active", "flag"),
     )
     listed = grows = True
-    applied = "at once, where it is the active one; the others with the next program"
+    applied = "immediately for the active TCP, with the next program for the others"
     places = "`TCPSettings` (its class's whole name in 3.5 and 5.1): `activePose`, `availablePoses/tcp`"
 
     def rows(self, root: Element) -> list[Row]:
@@ -179,7 +179,7 @@ class Tcps(Section):
         tcp = next(tcp for tcp in self._tcps(root) if tcp.get("name") == row["name"])
         settings = tcp_settings(root).attributes
         if changes.get("active") is False and row["active"]:
-            raise SettingError(f"TCP {row['name']} is the active one: make another one active instead")
+            raise SettingError(f"TCP {row['name']} is the active one: make another TCP active instead")
         if "name" in changes:
             tcp.attributes["name"] = changes["name"]
         if "pose" in changes:
@@ -197,7 +197,7 @@ class Tcps(Section):
 
     def remove(self, root: Element, row: Row) -> None:
         if row["active"]:
-            raise SettingError(f"TCP {row['name']} is the active one: make another one active first")
+            raise SettingError(f"TCP {row['name']} is the active one: make another TCP active first")
         poses = tcp_settings(root).child("availablePoses")
         assert poses is not None
         poses.children = [tcp for tcp in poses.children if tcp.get("name") != row["name"]]
@@ -207,7 +207,7 @@ class Tcps(Section):
 
 
 class Payloads(Section):
-    """Masses at the flange."""
+    """Payloads at the flange."""
 
     name, title = "payloads", "Payload"
     fields = (
@@ -217,12 +217,12 @@ class Payloads(Section):
         Field("default", "Default", "flag"),
     )
     listed = grows = True
-    applied = "at once, where it is the default; the others with the next program"
+    applied = "immediately for the default payload, with the next program for the others"
     places = (
         "`PayloadSettings/Payload` since 5.10; before that, and on CB3, one only: `toolPayload` and `centerOfGravity` "
         "of `TCPSettings`"
     )
-    _ONE = "Payload"  # name of the only one
+    _ONE = "Payload"  # name of the payload in files that contain only one
 
     def rows(self, root: Element) -> list[Row]:
         if (settings := root.child("PayloadSettings")) is not None:
@@ -246,7 +246,7 @@ class Payloads(Section):
             return
         payload = next(payload for payload in settings if payload.get("name") == row["name"]).attributes
         if changes.get("default") is False and row["default"]:
-            raise SettingError(f"Payload {row['name']} is the default: make another one the default instead")
+            raise SettingError(f"Payload {row['name']} is the default: make another payload the default instead")
         if "name" in changes:
             payload["name"] = changes["name"]
         if "mass" in changes:
@@ -259,7 +259,7 @@ class Payloads(Section):
     def add(self, root: Element, row: Row) -> None:
         settings = root.child("PayloadSettings")
         if settings is None:
-            raise SettingError("PolyScope keeps one payload in this file (several since 5.10): change that one")
+            raise SettingError("this file can contain only one payload (several since PolyScope 5.10): change that one")
         attributes = {
             "name": row["name"],
             "mass": double_text(row["mass"]),
@@ -275,12 +275,14 @@ class Payloads(Section):
     def remove(self, root: Element, row: Row) -> None:
         settings = root.child("PayloadSettings")
         if settings is None or row["default"]:
-            raise SettingError(f"Payload {row['name']} is the default: make another one the default first")
+            raise SettingError(f"Payload {row['name']} is the default: make another payload the default first")
         settings.children = [payload for payload in settings if payload.get("name") != row["name"]]
 
     def _write_only(self, old: Element, row: Row, changes: Row) -> None:
         if changes.get("name", row["name"]) != row["name"] or changes.get("default") is False:
-            raise SettingError("PolyScope keeps one payload in this file (several since 5.10): it has no other name")
+            raise SettingError(
+                "this file can contain only one payload (several since PolyScope 5.10): it cannot be renamed"
+            )
         if "mass" in changes:
             old.attributes["toolPayload"] = double_text(changes["mass"])
         if "cog" in changes and (changes["cog"] != list(ZERO3) or "centerOfGravity" in old.attributes):
@@ -292,14 +294,14 @@ class Payloads(Section):
 
 
 class Mounting(Section):
-    """How the base stands."""
+    """Orientation of the base."""
 
     name, title = "mounting", "Mounting"
     fields = (
         Field("tilt", "Tilt", "number", "rad", -pi, pi),
         Field("turn", "Rotation of the base", "number", "rad", -2 * pi, 2 * pi),
     )
-    applied = "at once"
+    applied = "immediately"
     places = "`WorldtoMarshal` below `CameraView`: `tiltAngle`, `baseAngle`"
 
     def rows(self, root: Element) -> list[Row]:
@@ -348,7 +350,7 @@ class Features(Section):
         element = next(found for found in self._elements(root) if found.get("name") == row["name"])
         if "pose" in changes:
             if row["kind"] != "point":
-                raise SettingError(f"the {row['kind']} {row['name']} is where its points are: move those")
+                raise SettingError(f"the {row['kind']} {row['name']} is defined by its points: move those instead")
             self._move(element, changes["pose"])
         if "name" in changes:
             element.attributes["name"] = changes["name"]
@@ -379,7 +381,7 @@ class Features(Section):
         outer = element.parent
         assert outer is not None
         if outer.tag != element.tag or outer.parent is None:
-            raise SettingError(f"{row['name']} is a part of <{outer.tag}>: remove that")
+            raise SettingError(f"{row['name']} is a part of <{outer.tag}>: remove that instead")
         outer.parent.children.remove(outer)
 
     def _move(self, point: Element, pose: Sequence[float]) -> None:
@@ -388,7 +390,7 @@ class Features(Section):
             assert child is not None
             child.attributes["value"] = doubles_text(values)
         joints = point.child("jointPositionVector")
-        if joints is not None:  # not taught there: as PolyScope writes a point that was typed
+        if joints is not None:  # the new pose was not taught: as PolyScope writes a point that was typed in
             joints.attributes["value"] = ", ".join(["NaN"] * 6)
 
     def _elements(self, root: Element) -> Iterator[Element]:

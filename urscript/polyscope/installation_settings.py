@@ -1,9 +1,10 @@
-"""What of an installation file can be changed: one table, by which it is read, checked, written, shown and documented.
+"""The settings of an installation file that can be changed. One table drives reading, checks, writing, display and
+documentation.
 
-A section is what PolyScope has on one page: a list of rows, each found by its name, or one row alone. Values are as
-URScript has them, in m, rad, kg; ``UNITS`` says how people see them. A change writes the attributes that it is about,
-in place, so that all else stays as PolyScope saved it. Names and places in the file as in public files of PolyScope
-3.5 to 5.24; what these leave open is refused.
+A section is a page in PolyScope: a list of rows identified by their names, or a single row. Values have the units of
+URScript (m, rad, kg); ``UNITS`` maps them to those shown to users. A change writes only the attributes it concerns, in
+place, so that everything else stays as PolyScope saved it. Names and places in the file are as in public files of
+PolyScope 3.5 to 5.24; settings that these leave unclear are refused.
 """
 
 import re
@@ -33,12 +34,12 @@ from urscript.polyscope.safety_settings import SAFETY_SECTIONS
 from urscript.polyscope.tree import EXTERNAL_CONTROL
 from urscript.polyscope.writer import find_pin
 
-_INPUT_ACTIONS: Final = ("NONE", "FREEDRIVE")  # PolyScope has more, which neither can nor need be set here
+_INPUT_ACTIONS: Final = ("NONE", "FREEDRIVE")  # PolyScope has more, which cannot be set here
 _OUTPUT_ACTIONS: Final = ("NONE", "LOW_WHEN_PROGRAM_STOPPED")
 
 
 class Pins(Section):
-    """Inputs and outputs: their names and what they do by themselves."""
+    """Inputs and outputs: their names and automatic actions."""
 
     name, title = "io", "I/O"
     fields = (
@@ -47,7 +48,7 @@ class Pins(Section):
         Field("action", "Action"),
     )
     listed = True
-    applied = "with the next program. START, STOP and PAUSE, which PolyScope carries out, are kept, not offered"
+    applied = "with the next program. START, STOP and PAUSE, which PolyScope executes, are kept but not offered"
     places = "`IOs`: `DigitalInputNames` and so on, lists between commas, and `DigitalInputActions` and so on"
 
     def rows(self, root: Element) -> list[Row]:
@@ -73,13 +74,13 @@ class Pins(Section):
             if changes["action"] not in allowed:
                 raise SettingError(
                     f"{row['pin']} cannot have the action {changes['action']!r}: "
-                    + (f"it can have {', '.join(allowed)}" if allowed else "this file has none for it")
+                    + (f"it can have {', '.join(allowed)}" if allowed else "this file has no actions for it")
                 )
             self._replace(root, tag.removesuffix("Names") + "Actions", int(index), changes["action"])
 
     @staticmethod
     def actions_of(row: Row) -> tuple[str, ...]:
-        """What the pin of a row may do by itself; the action it has is among it."""
+        """The actions that the pin of a row may have, including its current one."""
         kind = row["pin"].partition("[")[0]
         if not row["action"]:
             return ()
@@ -91,12 +92,12 @@ class Pins(Section):
 
     def _rename(self, root: Element, tag: str, index: int, row: Row, name: str) -> None:
         if "," in name:
-            raise SettingError(f"{name!r} is not a name of a signal: commas separate them in the file")
+            raise SettingError(f"{name!r} is not a valid signal name: commas separate the names in the file")
         same = next((r["pin"] for r in self.rows(root) if name and r["name"] == name and r["pin"] != row["pin"]), None)
         if same:
-            raise SettingError(f"{same} is called {name!r} already")
+            raise SettingError(f"{same} is already called {name!r}")
         if re.fullmatch(r"\w+\[\d+\]", name):
-            raise SettingError(f"{name!r} is the name that a signal has without one of its own")
+            raise SettingError(f"{name!r} is the default name of a signal and cannot be given to another one")
         self._replace(root, tag, index, name)
 
     def _actions(self, root: Element, tag: str) -> list[str]:
@@ -114,7 +115,7 @@ class Pins(Section):
 
 
 class Modbus(Section):
-    """Signals of Modbus units that the robot asks."""
+    """Signals of Modbus units that the robot polls."""
 
     name, title = "modbus", "Modbus signal"
     fields = (
@@ -195,18 +196,18 @@ class Modbus(Section):
 
     def _unit(self, root: Element, address: str) -> Element:
         if not re.fullmatch(r"[0-9A-Za-z.:-]+", address):
-            raise SettingError(f"{address!r} is not an address of a Modbus unit")
+            raise SettingError(f"{address!r} is not the address of a Modbus unit")
         units = self._units(root)
         found = next((unit for unit in units if unit.get("ipAddress") == address), None)
         return found or new_element(units, "Unit", {"ipAddress": address, "sequentialMode": "false"})
 
 
 class ExternalControl(Section):
-    """Where External Control nodes ask for their program."""
+    """The address from which External Control nodes request their program."""
 
     name, title = "external_control", "External Control"
     fields = (Field("host", "Host IP"), Field("port", "Custom port", "whole", "", 1, 65535))
-    applied = "at once: the next play asks there"
+    applied = "immediately: the next play connects there"
     places = "`Contributions/URCaps/Contributed` of the URCap: `data` with the keys `host_ip`, `name`, `port_nr`"
     _DEFAULTS: Final = {"host_ip": "192.168.56.1", "port_nr": "50002"}
     _URCAP: Final = {
@@ -227,7 +228,7 @@ class ExternalControl(Section):
     def write(self, root: Element, row: Row, changes: Row) -> None:
         host = changes.get("host", row["host"])
         if not host or any(letter.isspace() for letter in host):
-            raise SettingError(f"{host!r} is not a host: give an address or a name")
+            raise SettingError(f"{host!r} is not a host: use an address or a host name")
         urcap = self._urcap(root)
         if urcap is None:
             contributions = root.child("Contributions") or new_element(root, "Contributions", {})
@@ -243,7 +244,7 @@ class ExternalControl(Section):
         data = next((item for item in urcap if item.get("key") == key), None)
         if data is not None:
             data.attributes["value"] = value
-        elif self._DEFAULTS["port_nr"] != value:  # with the usual port the URCap saves none
+        elif self._DEFAULTS["port_nr"] != value:  # the URCap does not save the default port
             new_element(urcap, "data", {"key": key, "value": value})
 
     def _urcap(self, root: Element) -> Element | None:
@@ -252,7 +253,7 @@ class ExternalControl(Section):
 
 
 class DefaultProgram(Section):
-    """What the controller does by itself."""
+    """Default program: actions of the controller without an operator."""
 
     name, title = "default_program", "Default program"
     fields = (
@@ -264,8 +265,8 @@ class DefaultProgram(Section):
         Field("release_level", "when the input is high", "flag"),
     )
     applied = (
-        "the inputs at once, the program at the next boot. A CB3 obeys the inputs always, an e-Series that enforces "
-        "remote control only in it"
+        "immediately for the inputs, at the next boot for the program. A CB3 always obeys the inputs; an e-Series that "
+        "enforces remote control obeys them only in remote control"
     )
     places = (
         "`DefaultProgramSettings`: `fileName`, `autoLoad`, `nameOfSensorToInitialize`, `triggerValueToInitialize`, "
@@ -304,12 +305,12 @@ class DefaultProgram(Section):
                 )
         if (wanted["load"] or wanted["start_pin"]) and not wanted["file"]:
             raise SettingError(
-                "a default program that is loaded or started has a file: give its path in the programs folder"
+                "a default program that is loaded or started needs a file: give its path in the programs folder"
             )
         settings = root.child("DefaultProgramSettings") or new_element(root, "DefaultProgramSettings", {})
         kept = {key: value for key, value in settings.attributes.items() if key not in self._ATTRIBUTES.values()}
         written = {}
-        for name, key in self._ATTRIBUTES.items():  # in PolyScope's order, and without what says nothing
+        for name, key in self._ATTRIBUTES.items():  # in PolyScope's order, and without empty values
             value = wanted[name]
             text = flag_text(value) if isinstance(value, bool) else value
             purpose = name.partition("_")[0]
@@ -326,7 +327,7 @@ SECTIONS: Final[Mapping[str, Section]] = {
         *SAFETY_SECTIONS,
     )
 }  # fmt: skip
-"""By name, in the order of the form."""
+"""All sections by name, in the order of the form."""
 
 
 def read_settings(root: Element) -> dict[str, list[Row]]:
@@ -335,7 +336,7 @@ def read_settings(root: Element) -> dict[str, list[Row]]:
 
 
 def read_section(root: Element, name: str) -> list[Row]:
-    """The rows of a section; none where this file has them in a form that is not known."""
+    """The rows of a section; empty if this file stores them in an unknown form."""
     try:
         return SECTIONS[name].rows(root)
     except (DocumentError, SettingError):
@@ -343,9 +344,9 @@ def read_section(root: Element, name: str) -> list[Row]:
 
 
 def set_driver_address(root: Element, host: str, port: int) -> None:
-    """Let an installation name the driver of External Control, also where that is who is asked anyway.
+    """Set the driver address of External Control explicitly, even if it equals the default.
 
-    Raises SettingError, DocumentError for what is no installation.
+    Raises SettingError, or DocumentError for a document that is not an installation.
     """
     if root.tag != "Installation":
         raise DocumentError(f"<{root.tag}> is not an installation")
@@ -354,9 +355,9 @@ def set_driver_address(root: Element, host: str, port: int) -> None:
 
 
 def change_setting(root: Element, section: str, name: str, values: Mapping[str, Any]) -> None:
-    """Change some values of a row of the file's document. Raises SettingError; then nothing has changed.
+    """Change some values of a row in the document of a file. Raises SettingError, and then changes nothing.
 
-    name: the row's; any, where there is one row only.
+    name: of the row; ignored for a section with a single row.
     """
     page = _section(section)
     row = page.row(link(root), name)
@@ -369,7 +370,7 @@ def change_setting(root: Element, section: str, name: str, values: Mapping[str, 
 
 
 def add_setting(root: Element, section: str, values: Mapping[str, Any]) -> None:
-    """Add a row. Raises SettingError; then nothing has changed."""
+    """Add a row. Raises SettingError, and then changes nothing."""
     page = _section(section)
     link(root)
     checked = page.checked(values)
@@ -377,13 +378,13 @@ def add_setting(root: Element, section: str, values: Mapping[str, Any]) -> None:
         field.title for field in page.fields if not (field.fixed or field.kind == "flag" or field.name in checked)
     ]
     if page.grows and missing:
-        raise SettingError(f"{page.title}: {', '.join(missing)} is missing")
+        raise SettingError(f"{page.title}: missing: {', '.join(missing)}")
     _check_new_name(page, root, checked.get(page.key, ""))
     page.add(root, checked)
 
 
 def remove_setting(root: Element, section: str, name: str) -> None:
-    """Take a row out. Raises SettingError; then nothing has changed."""
+    """Remove a row. Raises SettingError, and then changes nothing."""
     page = _section(section)
     page.remove(root, page.row(link(root), name))
 
@@ -396,12 +397,12 @@ def _section(name: str) -> Section:
 
 def _check_new_name(page: Section, root: Element, name: str) -> None:
     if page.grows and not name:
-        raise SettingError(f"{page.title}: a name is missing")
+        raise SettingError(f"{page.title}: a name is required")
     if page.grows and any(row[page.key] == name for row in page.rows(root)):
-        raise SettingError(f"{page.title}: there is a {name!r} already")
+        raise SettingError(f"{page.title}: there is already a {name!r}")
 
 
-# a file where there was none
+# a new file
 
 _PIN_COUNTS: Final = {  # as since PolyScope 3.13 and 5.9
     "digital_in": 8, "digital_out": 8, "tool_in": 2, "tool_out": 2, "tool_analog_in": 2, "analog_in": 2,
@@ -413,9 +414,9 @@ _SEVERAL_PAYLOADS: Final = Availability.since(None, "5.10")
 
 
 def new_installation(version: PolyscopeVersion, name: str = "default") -> Element:
-    """What a controller of a version has that was never set up: one TCP at the flange, no payload, base on the floor.
+    """The installation of a controller that was never set up: one TCP at the flange, no payload, base on the floor.
 
-    It has no safety settings: those are of an arm (`urscript.polyscope.safety_text.settings_text`).
+    It has no safety settings, because those depend on the arm (`urscript.polyscope.safety_text.settings_text`).
     """
     root = Element(
         "Installation", {"directory": "/programs", "fileName": name, "showSpeedSliderOnRunTab": "false"}, None

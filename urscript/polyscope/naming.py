@@ -1,4 +1,4 @@
-"""Names and texts, as PolyScope writes them into scripts."""
+"""Names and strings as PolyScope writes them into scripts."""
 
 import re
 from typing import Final
@@ -9,10 +9,10 @@ _UNNAMED: Final = "unnamed"
 
 
 def identifier(name: str) -> str:
-    """A name of PolyScope's as a name in a script.
+    """Convert a name in PolyScope to a name in a script.
 
-    Blanks become underscores, letters outside ASCII their numbers (seen: Cyrillic), whatever else
-    cannot be in a name goes (seen in 464 pairs of files).
+    Blanks become underscores, letters outside ASCII their numbers (seen: Cyrillic), and other characters that a name
+    cannot contain are dropped (seen in 464 pairs of files).
     """
     text = _FOREIGN.sub(lambda letter: letter[0] if letter[0].isascii() else f"u{ord(letter[0])}", name)
     text = _DROPPED.sub("", text.replace(" ", "_"))
@@ -22,10 +22,10 @@ def identifier(name: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """A text between quotation marks; URScript has no escapes, so marks within become single ones."""
+    """A string literal. URScript has no escapes, so double quotes inside become single quotes."""
     return '"' + text.replace('"', "'") + '"'
 
 
 def truth(text: str) -> str:
-    """A digital value as URScript: files have 1 and 0, true and false."""
+    """A digital value in URScript; files contain 1 and 0, or true and false."""
     return "True" if text.strip().lower() in ("1", "true", "on", "high", "hi") else "False"

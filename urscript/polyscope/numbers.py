@@ -1,4 +1,4 @@
-"""Numbers, lists and poses in PolyScope's files, and as they are written into scripts."""
+"""Numbers, lists and poses: parsing those in PolyScope's files, and formatting them for scripts."""
 
 import math
 from collections.abc import Sequence
@@ -10,38 +10,38 @@ from urproto.text import number as text_number
 from urproto.vectors import ZERO6
 from urscript.polyscope.document import DocumentError, Element
 
-_DIGITS = 12  # behind the point, as PolyScope writes poses
+_DIGITS = 12  # decimals, as PolyScope writes poses
 
 
 def number(text: str, what: str = "number") -> float:
-    """One finite number. Raises DocumentError."""
+    """Parse a finite number. Raises DocumentError."""
     try:
         return text_number(text)
     except ValueError:
-        raise DocumentError(f"{text!r} is no {what}") from None
+        raise DocumentError(f"{text!r} is not a {what}") from None
 
 
 def numbers(text: str) -> list[float]:
-    """Numbers between commas. Raises DocumentError."""
+    """Parse numbers separated by commas. Raises DocumentError."""
     return [number(part) for part in text.split(",")]
 
 
 def six(text: str) -> Pose:
-    """Six numbers between commas. Raises DocumentError."""
+    """Parse six numbers separated by commas. Raises DocumentError."""
     values = numbers(text)
     if len(values) != 6:
-        raise DocumentError(f"{text!r} is not six numbers")
+        raise DocumentError(f"expected six numbers, not {text!r}")
     a, b, c, d, e, f = values
     return (a, b, c, d, e, f)
 
 
 def number_text(value: float) -> str:
-    """A number as a script has it."""
+    """A number as written in a script."""
     return repr(round(value, _DIGITS) + 0.0)
 
 
 def double_text(value: float) -> str:
-    """A number as Java writes it, and so PolyScope's files: 0.0, 0.001, 1.4E-4."""
+    """A number as written by Java, and therefore in PolyScope's files: 0.0, 0.001, 1.4E-4."""
     value = float(value) + 0.0
     if value == 0.0 or 1e-3 <= abs(value) < 1e7:
         text = repr(value)
@@ -52,26 +52,26 @@ def double_text(value: float) -> str:
 
 
 def list_text(values: Sequence[float]) -> str:
-    """A list as a script has it, with all digits."""
+    """A list as written in a script, with all digits."""
     return f"[{', '.join(repr(value) for value in values)}]"
 
 
 def pose_text(pose: Sequence[float]) -> str:
-    """A pose as a script has it."""
+    """A pose as written in a script."""
     return f"p[{', '.join(number_text(value) for value in pose)}]"
 
 
 def taught_pose(position: Element) -> tuple[Pose, Pose]:
     """Joints [rad] and TCP pose in the base frame of a taught position.
 
-    Older files hold the pose. Newer ones hold the joints, the TCP and the dimensions of the arm
-    it was taught with, from which the pose follows (equal to PolyScope's to 1e-9 in its files).
+    Older files contain the pose. Newer ones contain the joint angles, the TCP and the dimensions of the arm it was
+    taught with, from which the pose is computed (equal to PolyScope's to 1e-9 in its files).
     """
     if position.get("joints"):
         return six(position.get("joints")), six(position.get("pose"))
     arm = position.child("Kinematics")
     if arm is None:
-        raise DocumentError("a taught position does not say with which arm")
+        raise DocumentError("a taught position does not contain the dimensions of the arm it was taught with")
     return _taught(
         _value(position, "JointAngles", "angles"),
         _value(position, "TCPOffset", "pose"),
@@ -79,14 +79,14 @@ def taught_pose(position: Element) -> tuple[Pose, Pose]:
     )
 
 
-@lru_cache(maxsize=10_000)  # a big program has some thousands, and each is asked for at every edit
+@lru_cache(maxsize=10_000)  # a large program has some thousands, and each is computed at every edit
 def _taught(angles: str, offset: str, *dimensions: str) -> tuple[Pose, Pose]:
     joints = six(angles)
     return joints, pose_trans(_flange(joints, *map(six, dimensions)), six(offset))
 
 
 def _flange(joints: Pose, a: Pose, d: Pose, alpha: Pose, theta: Pose) -> Pose:
-    """Flange in the base frame of a calibrated arm, whose axes are not quite parallel."""
+    """Flange pose in the base frame for a calibrated arm, whose axes are not exactly parallel."""
     pose: Pose = ZERO6
     for i in range(6):
         pose = pose_trans(pose, _link(joints[i] + theta[i], a[i], d[i], alpha[i]))
@@ -107,5 +107,5 @@ def _value(element: Element, tag: str, attribute: str) -> str:
 
 
 def inverse_text(pose: Pose) -> str:
-    """The inverse of a pose as a script has it."""
+    """The inverse of a pose as written in a script."""
     return pose_text(pose_inv(pose))

@@ -1,4 +1,4 @@
-"""A program tree as a pendant shows it: what each node is called, and how deep it lies."""
+"""The outline of a program as shown on a pendant: the name and depth of each node."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,7 +16,7 @@ _NODE_WORK: Final = 20  # guess [units of `urscript.work`]
 
 @dataclass(frozen=True, slots=True)
 class OutlineNode:
-    """number: line in the tree, by which the program's labels name it. suppressed: it is not carried out."""
+    """A node of the outline. number: its line in the tree, as used in labels. suppressed: it is not executed."""
 
     number: int
     depth: int
@@ -27,7 +27,7 @@ class OutlineNode:
 def outline_steps(
     tree: ProgramTree, installation: InstallationFile, version: PolyscopeVersion
 ) -> Steps[list[OutlineNode]]:
-    """Every node, in order, in pieces for a control loop. Raises TreeError for a tree that cannot be run."""
+    """All nodes in order, in pieces for a control loop. Raises TreeError for a tree that cannot be run."""
     writer = yield from write_steps(tree, installation, version=version, external_control=ExternalControlCode("", ""))
     nodes = list[OutlineNode]()
     for line in tree.lines:
@@ -38,7 +38,7 @@ def outline_steps(
 
 
 def _name(element: Element) -> str:
-    """Of a node that has no label: its name, or its kind in words."""
+    """The name of a node without a label: its own, or that of its kind."""
     kind, named = element.tag, element
     if element.tag == "SuppressedNode" and (inner := element.child("suppressedNode")) is not None:
         kind, named = inner.get("class") or kind, inner

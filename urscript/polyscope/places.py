@@ -1,4 +1,4 @@
-"""Where the nodes of a program stand, by their ids, and where new ones may."""
+"""Positions of the nodes in a program by their ids, and the rules for where nodes may be placed."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ from urscript.polyscope.document import Element
 from urscript.polyscope.registry import NODES, Kind
 from urscript.polyscope.tree import tag_of
 
-ROOT: Final = "program"  # id of the program itself, in which threads and subprograms stand
+ROOT: Final = "program"  # id of the program itself, which contains threads and subprograms
 SUPPRESSED: Final = "SuppressedNode"
 INNER: Final = "suppressedNode"
 
 
 class EditError(ValueError):
-    """What was asked for cannot be done. ``node``: id of the node; ``field``: key of its field, empty for none."""
+    """An edit is not possible. node: id of the node; field: key of its field; both may be empty."""
 
     def __init__(self, message: str, node: str = "", field: str = "") -> None:
         super().__init__(message)
@@ -23,8 +23,11 @@ class EditError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spot:
-    """A node where it stands. place: in the list of its holder; node: what is there, which a place may share;
-    holder: the element whose children it is among. written: place of the node itself, within a suppression."""
+    """A node at its position in the tree.
+
+    holder: the element that has it as a child. place: the child of the holder, which may share its object with other
+    places. node: that object. written: the place of the node itself, inside the wrapper of a suppressed node.
+    """
 
     id: str
     place: Element
@@ -38,20 +41,20 @@ class Spot:
 
     @property
     def title(self) -> str:
-        """Its line in the tree."""
+        """The text of its line in the tree."""
         if self.kind is None:
             return tag_of(self.written)
         return self.kind.shown(self.node) or self.kind.title
 
     @property
     def lacks(self) -> str:
-        """What the node needs before it can be run, in words; empty when it is complete."""
+        """What is missing for the node to run, as text; empty when it is complete."""
         return self.kind.undefined(self.node) if self.kind else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where nodes go: behind ``behind`` among the children of a node, or at the beginning (None)."""
+    """A position for nodes: after the child ``behind`` of a node, or before all of them (None)."""
 
     parent: Element
     parent_spot: Spot | None
@@ -59,20 +62,20 @@ class Target:
 
 
 class Places:
-    """The nodes of a program where they stand. Ids hold for its life, also while a node is gone and comes back."""
+    """The positions of all nodes in a program. Ids stay valid even while a node is deleted and restored."""
 
     def __init__(self, root: Element) -> None:
         self.root = root
         self._ids: dict[int, str] = {id(root): ROOT}
-        self._known: dict[str, Element] = {ROOT: root}  # keeps them alive, so that no identity is used twice
+        self._known: dict[str, Element] = {ROOT: root}  # keeps elements alive, so that no id() is reused
         self._spots: dict[str, Spot] | None = None
 
     def forget(self) -> None:
-        """The tree is another one, or may be."""
+        """Discard cached positions because the tree may have changed."""
         self._spots = None
 
     def id_of(self, element: Element) -> str:
-        """The id of a node, which gets one if it has none yet."""
+        """The id of a node; assigns one if it has none yet."""
         element = element.resolved()
         found = self._ids.get(id(element))
         if found is None:
@@ -81,17 +84,17 @@ class Places:
         return found
 
     def kind(self, place: Element) -> Kind | None:
-        """The kind of the node at a place, None for one that is not known."""
+        """The kind of the node at a place; None for an unknown one."""
         found = NODES.get(tag_of(place))
         node = place.resolved()
         return next((kind for kind in found.kinds if kind.matches(node)), None) if found else None
 
     def known(self, element: Element) -> str:
-        """The id of a node, empty for what was never one."""
+        """The id of a node; empty for an element that never was one."""
         return self._ids.get(id(element.resolved()), "")
 
     def all(self) -> list[Spot]:
-        """Every node in the order of the tree."""
+        """All nodes in the order of the tree."""
         return list(self._by_id().values())
 
     def _by_id(self) -> dict[str, Spot]:
@@ -100,7 +103,7 @@ class Places:
         return self._spots
 
     def _walk(self) -> Iterator[Spot]:
-        """Every node in the order of the tree; a node that several places have stands at the first."""
+        """All nodes in the order of the tree; a node shared by several places counts at the first one."""
         seen = set[int]()
         stack: list[tuple[Element, Element, Spot | None, int, bool]] = [
             (place, holder, None, 0, False) for place, holder in reversed(children_of(self.root))
@@ -118,21 +121,21 @@ class Places:
             stack.extend((child, among, spot, depth + 1, left_out) for child, among in reversed(children_of(node)))
 
     def spot(self, node: str) -> Spot:
-        """The node of an id. Raises EditError when it is gone, or never was."""
+        """The node with an id. Raises EditError if it is not in the program."""
         spot = self._by_id().get(node)
         if spot is None:
             gone = self._known.get(node)
             if gone is self.root:
-                raise EditError("that is the whole program; name a node of it", node)
+                raise EditError("that is the program itself: name one of its nodes", node)
             shown = f" ({tag_of(gone)})" if gone is not None else ""
-            raise EditError(f"the node {node}{shown} is not in the program any more", node)
+            raise EditError(f"the node {node}{shown} is no longer in the program", node)
         return spot
 
     def whole(self, nodes: Iterable[str]) -> list[Spot]:
-        """The nodes in the order of the tree, without those that lie in others, an If with its branches."""
+        """The nodes in the order of the tree, without those inside other ones; an If includes its branches."""
         wanted = {self.spot(node).id for node in nodes}
         if not wanted:
-            raise EditError("name a node")
+            raise EditError("name at least one node")
         for spot in self.all():
             if spot.id in wanted and spot.kind is not None and spot.kind.key == "if":
                 wanted.update(other.id for other in self.branches(spot))
@@ -158,9 +161,9 @@ class Places:
     # where nodes may go
 
     def target(self, into: str, before: str, after: str, kind: Kind) -> Target:
-        """Where a node of a kind goes. Raises EditError where it may not stand."""
+        """The position for a new node of a kind. Raises EditError if it is not allowed there."""
         if sum(map(bool, (into, before, after))) != 1 and kind.stands != "program":
-            raise EditError("say where: into a node, before or after one")
+            raise EditError("name exactly one place: into, before or after a node")
         if kind.stands == "program":
             return self._in_program(before, after, kind)
         if into == ROOT:
@@ -175,32 +178,32 @@ class Places:
         else:
             parent, behind = anchor.parent, self._neighbour(anchor, first=bool(before))
         if parent is None:
-            raise EditError(f"a {kind.title} does not stand beside {anchor.title}; put it into one of these", anchor.id)
+            raise EditError(f"a {kind.title} cannot be placed next to {anchor.title}: put it into one", anchor.id)
         self._may_hold(parent, kind)
         if kind.key == "default_case" and any(s.kind is kind and s.parent == parent for s in self.all()):
-            raise EditError(f"{parent.title} has a default case already", parent.id)
+            raise EditError(f"{parent.title} already has a default case", parent.id)
         return Target(parent.node, parent, behind)
 
     def group_target(self, places: list[Element], into: str, before: str, after: str) -> Target:
-        """Where several nodes go together. Raises EditError where one of them may not stand."""
+        """The common position for several nodes. Raises EditError if one of them is not allowed there."""
         target = None
         chain = False
         for place in places:
             kind = self.kind(node_place(place))
             if kind is None:
-                raise EditError(f"<{tag_of(node_place(place))}> is not known, and stays where it is")
+                raise EditError(f"<{tag_of(node_place(place))}> is an unknown node and cannot be moved")
             if not (chain and kind.stands == "if"):
                 found = self.target(into, before, after, kind)
                 if target is not None and target.parent is not found.parent:
-                    raise EditError("these nodes do not stand in the same place; take them one by one")
+                    raise EditError("these nodes cannot go to the same place: move them one by one")
                 target = target or found
             chain = kind.key == "if" or (chain and kind.key == "elseif")
         if target is None:
-            raise EditError("there is nothing to put there")
+            raise EditError("there are no nodes to insert")
         return target
 
     def _neighbour(self, anchor: Spot, *, first: bool) -> Element | None:
-        """The place behind which something goes that shall stand before or after a node: not between branches."""
+        """The place after which to insert something before or after a node, but never between branches of an If."""
         beside = [spot for spot in self.all() if spot.holder is anchor.holder]
         at = beside.index(anchor)
         if first:
@@ -212,13 +215,13 @@ class Places:
         return beside[at].place
 
     def _in_program(self, before: str, after: str, kind: Kind) -> Target:
-        """In the program itself: the nodes that come first in their order, the others at the end or where asked."""
+        """A position at the top level: fixed for nodes that come first, else at the end or at the requested place."""
         top = [spot for spot in self.all() if spot.parent is None]
         keys = [spot.kind.key if spot.kind else "" for spot in top]
         once = ("variables_setup", "before_start", "robot_program")
         if kind.key in once:
             if kind.key in keys:
-                raise EditError(f"the program has its {kind.title} already")
+                raise EditError(f"the program already has its {kind.title}")
             earlier = [spot.place for spot, key in zip(top, keys, strict=True) if key in once[: once.index(kind.key)]]
             return Target(self.root, None, earlier[-1] if earlier else None)
         anchor = self.spot(before or after) if before or after else None
@@ -229,34 +232,34 @@ class Places:
         return Target(self.root, None, self._neighbour(anchor, first=bool(before)))
 
     def _behind_if(self, anchor: Spot, kind: Kind) -> Target:
-        """Behind an If, or one of its branches."""
+        """A position after an If or one of its branches."""
         if anchor.kind is None or anchor.kind.key not in ("if", "elseif", "else"):
-            raise EditError(f"an {kind.title} stands behind an If, not at {anchor.title}", anchor.id)
+            raise EditError(f"an {kind.title} must follow an If, not {anchor.title}", anchor.id)
         chain = [anchor, *self.branches(anchor)]
         if any(spot.kind is not None and spot.kind.key == "else" for spot in chain):
             if kind.key == "else":
-                raise EditError("the If has its Else already", anchor.id)
+                raise EditError("the If already has an Else", anchor.id)
             chain = chain[:-1]
             if not chain:
-                raise EditError("an ElseIf stands before the Else", anchor.id)
+                raise EditError("an ElseIf must come before the Else", anchor.id)
         at = chain[-1] if kind.key == "else" or anchor.kind.key == "if" else anchor
         return Target(anchor.parent.node if anchor.parent else self.root, anchor.parent, at.place)
 
     def _may_hold(self, parent: Spot, kind: Kind) -> None:
-        """Raises EditError where a node of a kind may not stand in another."""
+        """Raise EditError if a node must not contain nodes of a kind."""
         holds = parent.kind.contains if parent.kind else ""
         if parent.kind is not None and parent.kind.key == "until" and parent.node.get("allowActions") != "true":
-            raise EditError(f"{parent.title} has no actions; allow them first", parent.id, "actions")
+            raise EditError(f"{parent.title} has no actions: enable them first", parent.id, "actions")
         if kind.stands in ("switch", "direction"):
             if holds != kind.stands:
                 where = "Switch" if kind.stands == "switch" else "Direction"
-                raise EditError(f"a {kind.title} stands in a {where}, not in {parent.title}", parent.id)
+                raise EditError(f"a {kind.title} must be inside a {where}, not inside {parent.title}", parent.id)
         elif holds != "nodes":
-            what = {"switch": "only cases", "direction": "only Untils", "circle": "its two waypoints"}.get(holds)
-            raise EditError(f"{parent.title} holds {what or 'no nodes'}", parent.id)
+            what = {"switch": "only cases", "direction": "only Untils", "circle": "only its two waypoints"}.get(holds)
+            raise EditError(f"{parent.title} can contain {what or 'no nodes'}", parent.id)
 
     def in_move(self, spot: Spot | None) -> bool:
-        """Whether a node is a Move or lies in one."""
+        """Whether a node is a Move or inside one."""
         while spot is not None:
             if spot.node.get("motionType"):
                 return True
@@ -264,12 +267,12 @@ class Places:
         return False
 
     def may_go(self, spot: Spot, how: str) -> None:
-        """Raises EditError for a node that cannot be deleted, moved, copied or suppressed, as ``how`` has it."""
+        """Raise EditError if a node cannot be deleted, moved, copied or suppressed; ``how`` is the participle."""
         key = spot.kind.key if spot.kind else ""
         if key in ("robot_program", "empty") or (key == "variables_setup" and how != "deleted"):
             raise EditError(f"{spot.title} cannot be {how}", spot.id)
         if how == "copied" and key == "before_start":
-            raise EditError(f"{spot.title} cannot be {how}: a program has one", spot.id)
+            raise EditError(f"{spot.title} cannot be {how}: a program has only one", spot.id)
         if how != "copied" and spot.parent is not None and spot.parent.kind and spot.parent.kind.contains == "circle":
             raise EditError(f"{spot.title} cannot be {how}: the CircleMove around it needs two waypoints", spot.id)
 
@@ -277,14 +280,14 @@ class Places:
 
 
 def node_place(place: Element) -> Element:
-    """The place of the node itself, which is within the suppression of one that is suppressed."""
+    """The place of the node itself, which is inside the wrapper of a suppressed node."""
     if place.tag != SUPPRESSED:
         return place
     return next((child for child in place.resolved().children if child.tag == INNER), place)
 
 
 def children_of(node: Element) -> list[tuple[Element, Element]]:
-    """The places in a node, with the element whose children they are."""
+    """The child places of a node, with the element that has them as children."""
     holder = node.child("children")
     return [(place, holder) for place in holder.children] if holder is not None else []
 

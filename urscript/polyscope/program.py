@@ -1,4 +1,4 @@
-"""The URScript that a program tree is run as."""
+"""Translate a program tree to URScript."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ from urscript.polyscope.tree import ProgramTree, TreeError
 from urscript.polyscope.writer import ExternalControlCode, Writer, find_pin
 from urscript.work import Steps, run_to_end
 
-# kind of pin, and what it does by itself in PolyScope's words -> the call for it. START, STOP and PAUSE have none
+# kind of pin and its automatic action in PolyScope's words -> the call that sets it; START, STOP and PAUSE have none
 _ACTIONS: Final = {
     ("digital_in", "FREEDRIVE"): 'set_standard_digital_input_action({0}, "freedrive")',
     ("config_in", "FREEDRIVE"): 'set_configurable_digital_input_action({0}, "freedrive")',
@@ -29,7 +29,7 @@ _ACTIONS: Final = {
 
 
 def write_preamble(writer: Writer) -> None:
-    """The installation as calls and variables, in the order of PolyScope's own scripts."""
+    """Write the installation as calls and variables, in the order of PolyScope's own scripts."""
     with writer.into("preamble"):
         if writer.installation.tcp is not None:
             _inputs_and_outputs(writer)
@@ -84,7 +84,7 @@ def _modbus(writer: Writer) -> None:
             writer.line(f"modbus_set_signal_update_frequency({name}, {signal.frequency})")
 
 
-assert NODES, NODE_MODULES  # importing the modules has filled the table
+assert NODES, NODE_MODULES  # importing the modules registers the nodes
 
 
 def script_of(
@@ -94,8 +94,10 @@ def script_of(
     version: PolyscopeVersion = DEFAULT_VERSION[Series.E],
     external_control: ExternalControlCode | None = None,
 ) -> str:
-    """The URScript of a program. Raises TreeError when the tree has nodes that cannot be run, or
-    External Control nodes and no code for them."""
+    """The URScript of a program.
+
+    Raises TreeError if the tree has nodes that cannot be run, or External Control nodes without code.
+    """
     return run_to_end(script_steps(tree, installation, version=version, external_control=external_control))
 
 
@@ -107,7 +109,7 @@ def script_steps(
     external_control: ExternalControlCode | None = None,
     start_at: int = 0,
 ) -> Steps[str]:
-    """`script_of` in pieces, for a control loop. start_at: number of the node at which it begins, 0 for all of it."""
+    """Like `script_of`, in pieces for a control loop. start_at: number of the node to begin at, 0 for all of it."""
     writer = yield from write_steps(
         tree, installation, version=version, external_control=external_control, start_at=start_at
     )
@@ -123,9 +125,9 @@ def write_steps(
     problems: list[tuple[Element, str]] | None = None,
     start_at: int = 0,
 ) -> Steps[Writer]:
-    """Everything written that `script_of` puts together, with the labels of the nodes.
+    """Like `script_steps`, but returns the writer, which also has the labels of the nodes.
 
-    problems: takes in what is wrong with nodes, which then raises nothing.
+    problems: collects the problems of nodes, which then do not raise an error.
     """
     starting = StartingNode(tree, start_at) if start_at else None
     writer = Writer(tree, installation, version, external_control, problems, starting)

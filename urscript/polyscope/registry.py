@@ -1,8 +1,8 @@
-"""The table of node types: one decorated function each, which writes the node's URScript, and what PolyScope shows.
+"""The table of node types. Each has a decorated function, which writes the node's URScript, and its `Kind`s.
 
-A node type is declared in one place. Its `Kind` says what it is called, where the palette has it, what can be set at
-it, how a new one is made, where it may stand and when it is still undefined. Some types are several kinds: an ElseIf is
-an If of another type.
+A node type is declared in one place. Its `Kind` defines its title, its group in the palette, its fields, how to create
+one, where it may be placed and when it is incomplete. Some types have several kinds: an ElseIf is an If whose attribute
+``type`` differs.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,9 +23,9 @@ Status = Literal["supported", "partial"]
 Group = Literal["Basic", "Advanced", "Templates", "URCaps", "Program"]
 Translation: TypeAlias = Callable[[Writer, Element], Steps[None] | None]
 
-# where nodes may stand: directly in the program, among others, in a Switch, in a Direction, in a Move, behind an If
+# where a node may be: at the top level, among other nodes, in a Switch, in a Direction, in a Move, after an If
 Place = Literal["program", "nodes", "switch", "direction", "move", "if"]
-PROGRAM: Final = "Program"  # the group of nodes that a program has or has not, and nobody inserts elsewhere
+PROGRAM: Final = "Program"  # the group of nodes at the top level of a program
 
 
 def _nothing_undefined(_: Element) -> str:
@@ -38,12 +38,13 @@ def _every(_: Element) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of node as the palette and the forms have it.
+    """A kind of node for the palette and the forms.
 
-    new: makes one, as PolyScope would; None for those that are only read. shown: its line in the tree. stands: where it
-    may stand. contains: what may stand in it: "nodes", or only the cases of a Switch and so on; empty for nothing.
-    undefined: what it still lacks, in words; empty when it is complete. matches: whether an element of the tag is one.
-    available: the PolyScope versions that have it. shown_by: its line in the tree, where the installation gives it.
+    new: creates one as PolyScope does; None for kinds that can only be read. shown: its line in the tree. stands: where
+    it may be placed. contains: what may be inside it: "nodes", or only the cases of a Switch and so on; empty for
+    nothing. undefined: what it still lacks, as text; empty when it is complete. matches: whether an element of the tag
+    is of this kind. available: the PolyScope versions that have it. shown_by: its line in the tree, if that depends on
+    the installation.
     """
 
     key: str
@@ -60,17 +61,17 @@ class Kind:
     shown_by: Callable[[InstallationFile], str] | None = None
 
     def field(self, key: str) -> Field | None:
-        """The field of a key."""
+        """The field with this key."""
         return next((field for field in self.fields if field.key == key), None)
 
     def exists_in(self, version: PolyscopeVersion) -> bool:
-        """Whether a PolyScope has it."""
+        """Whether a PolyScope version has it."""
         return self.available is None or self.available.covers(version)
 
 
 @dataclass(frozen=True, slots=True)
 class NodeType:
-    """A kind of node: its XML tag, what it is for, how far it is translated, the kinds of it in the palette."""
+    """A node type: its XML tag, its purpose, how far it is supported, and its kinds in the palette."""
 
     tag: str
     doc: str
@@ -93,9 +94,9 @@ def node(
     attributes: str = "",
     children: str = "",
 ) -> Callable[[Translation], Translation]:
-    """Register a function as the translation of a node type. A generator yields after each of its steps.
+    """Register a function as the translation of a node type. A generator function yields after each step.
 
-    attributes, children: names in the order in which files have them; what is set anew stands where they say.
+    attributes, children: names in the order of the files, which determines where a new one is inserted.
     """
 
     def register(translation: Translation) -> Translation:
@@ -107,29 +108,32 @@ def node(
 
 
 def empty_children() -> Element:
-    """The children of a new node: the empty line that PolyScope puts where nothing is yet."""
+    """The children of a new node: the empty line that PolyScope inserts as a placeholder."""
     return make("children", make("Placeholder"))
 
 
 def kind_of(element: Element) -> Kind | None:
-    """The kind of a node, None when no palette has it."""
+    """The kind of a node; None for an unknown one."""
     found = NODES.get(tag_of(element))
     return next((kind for kind in found.kinds if kind.matches(element.resolved())), None) if found else None
 
 
 def kinds() -> dict[str, Kind]:
-    """All kinds, by their keys."""
+    """All kinds by their keys."""
     return {kind.key: kind for found in NODES.values() for kind in found.kinds}
 
 
 def translate(writer: Writer, element: Element) -> Steps[None]:
-    """Write the URScript of a node and of those in it. Raises TreeError or DocumentError for one that cannot be run;
-    a writer that collects problems notes it, and goes on behind the node."""
+    """Write the URScript of a node and of the nodes inside it.
+
+    Raises TreeError or DocumentError for a node that cannot be run; a writer that collects problems records it instead,
+    and continues after the node.
+    """
     kind = NODES.get(element.tag)
     with writer.node(element):
         try:
             if kind is None:
-                raise TreeError(f"node <{element.tag}> is not known")
+                raise TreeError(f"unknown node <{element.tag}>")
             steps = kind.translation(writer, element)
             if steps is not None:
                 yield from steps
@@ -141,7 +145,7 @@ def translate(writer: Writer, element: Element) -> Steps[None]:
 
 
 def translate_children(writer: Writer, element: Element) -> Steps[None]:
-    """Write the nodes below a node; those before the one at which the program begins are skipped by it."""
+    """Write the nodes below a node; at run time, the script skips those before the node at which the program begins."""
     nodes = list(element.child("children") or ())
     starting = writer.starting
     first = starting.first(nodes) if starting is not None else None

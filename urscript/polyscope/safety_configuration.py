@@ -1,7 +1,7 @@
-"""What the safety system is told: limits, planes, tool orientation, and what its inputs and outputs are for.
+"""The safety configuration: limits, planes, tool orientation, and the functions of inputs and outputs.
 
-Numbers of the presets: CB3 user manual (sliders of the general limits); the factory's choice (Default, and Restricted
-in reduced mode) and the joint limits stand in the installation files of simulators and arms of both series.
+Sources of the presets: the CB3 user manual (sliders of the general limits). The factory settings (Default, and
+Restricted in reduced mode) and the joint limits are from installation files of simulators and arms of both series.
 """
 
 import zlib
@@ -16,8 +16,8 @@ from urproto.robots.model import Joints, RobotModel
 from urproto.vectors import Vector3, as_six
 from urproto.versions import Series
 
-CHANNELS: Final = 8  # configurable inputs, and as many outputs
-Pins = tuple[int, int]  # both channels of a safety signal: configurable pins 0-7
+CHANNELS: Final = 8  # number of configurable inputs, and of outputs
+Pins = tuple[int, int]  # the two channels of a safety signal: configurable pins 0-7
 
 _NO_JOINT_LIMIT: Final[Joints] = (inf,) * 6
 _SPEED_MARGIN_RAD_S: Final = (
@@ -27,7 +27,7 @@ _POSITION_LIMIT_RAD: Final = 363.0 * pi / 180.0
 
 
 class BoundaryMode(Enum):
-    """When a plane or the tool orientation is a limit; TRIGGER planes lead to reduced mode instead."""
+    """When a plane or the tool orientation is a limit; TRIGGER planes activate reduced mode instead."""
 
     DISABLED = auto()
     NORMAL = auto()
@@ -37,7 +37,7 @@ class BoundaryMode(Enum):
 
 
 class SafetyInput(Enum):
-    """Functions of configurable inputs. All are safe, that is they ask for something, when low."""
+    """Functions of configurable inputs. All are active low: a low input requests the function."""
 
     EMERGENCY_STOP = "emergencyStopInput"
     REDUCED_MODE = "reducedModeInput"
@@ -62,7 +62,7 @@ class SafetyOutput(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitSet:
-    """Limits of one safety mode. m/s, N, W, kg m/s, s, m; joints rad/s and rad. What a series lacks is infinite."""
+    """Limits of one safety mode [m/s, N, W, kg m/s, s, m; joints rad/s and rad]; infinite if the series lacks one."""
 
     tcp_speed: float
     force: float
@@ -79,10 +79,10 @@ class LimitSet:
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """A boundary in the base frame. A point p is inside where ``normal . p + distance`` is not negative.
+    """A boundary in the base frame. A point p is inside if ``normal . p + distance`` is not negative.
 
-    That sign follows from public installation files: the distance is positive where the base lies inside.
-    ``elbow``: the elbow is restricted too.
+    The sign follows from public installation files: the distance is positive if the base is inside.
+    elbow: the elbow is restricted, too.
     """
 
     name: str
@@ -92,14 +92,14 @@ class Plane:
     elbow: bool = False
 
     def depth(self, point: Vector3) -> float:
-        """How far inside the point is [m]; negative beyond the plane."""
+        """Distance of a point from the plane [m]; negative outside."""
         x, y, z = self.normal
         return x * point[0] + y * point[1] + z * point[2] + self.distance
 
 
 @dataclass(frozen=True, slots=True)
 class ToolOrientation:
-    """Direction of the tool, in the flange frame, within ``deviation`` [rad] of ``direction``, in the base frame."""
+    """Limit of the tool direction (flange frame) to within ``deviation`` [rad] of ``direction`` (base frame)."""
 
     direction: Vector3
     deviation: float
@@ -109,7 +109,7 @@ class ToolOrientation:
 
 @dataclass(frozen=True, slots=True)
 class ToolSphere:
-    """Room that the tool takes: centre in the flange frame and radius [m]."""
+    """Sphere that contains the tool: centre in the flange frame and radius [m]."""
 
     centre: Vector3
     radius: float
@@ -117,9 +117,9 @@ class ToolSphere:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyConfiguration:
-    """The whole. ``inputs`` and ``outputs``: the two configurable pins of a function, for those that are assigned.
+    """The complete safety configuration. inputs, outputs: the two configurable pins of each assigned function.
 
-    crc: the controller's own checksum, where it is known; else one is made here.
+    crc: the controller's own checksum if it is known; otherwise one is computed here.
     """
 
     normal: LimitSet
@@ -135,9 +135,9 @@ class SafetyConfiguration:
 
     @property
     def checksum(self) -> int:
-        """32 bits that change with the configuration; a controller shows them as coloured letters.
+        """A 32-bit checksum of the configuration; a controller shows it as coloured letters.
 
-        How a controller computes its own is not published: without one from a file this is the CRC-32 of our text.
+        How a controller computes its own is not published. Without one from a file, this is the CRC-32 of our text.
         """
         if self.crc is not None:
             return self.crc
@@ -196,14 +196,14 @@ RECOVERY_LIMITS: Final = LimitSet(
 
 
 def elbow_radius(model: RobotModel) -> float:
-    """Of the sphere that stands for the elbow [m]; captures of UR3e and UR5e simulators, other sizes are guesses."""
+    """Radius of the elbow sphere [m]; from captures of UR3e and UR5e simulators, guessed for other sizes."""
     if model.series is Series.CB3:
         return 0.0
     return 0.1 if model.name == "ur3e" else 0.13
 
 
 def factory_configuration(model: RobotModel) -> SafetyConfiguration:
-    """What an arm of this model is delivered with."""
+    """The safety configuration with which an arm of this model is delivered."""
     sets = (preset_of("default", model), preset_of("restricted", model))
     resets = {SafetyInput.SAFEGUARD_RESET: (0, 1)}
     return SafetyConfiguration(
@@ -212,10 +212,10 @@ def factory_configuration(model: RobotModel) -> SafetyConfiguration:
 
 
 def simulator_configuration(model: RobotModel) -> SafetyConfiguration:
-    """As delivered, but normal mode limits the joints only, as in the vendor's simulator.
+    """The factory configuration, but normal mode limits only the joints, as in the vendor's simulator.
 
-    The official C++ client library is tested against that one with its default settings: trajectories of 2 m/s at the
-    tool of a UR5e, where 1.5 m/s is the limit, are neither slowed down nor stopped.
+    The official C++ client library is tested against that simulator with its default settings: trajectories of 2 m/s at
+    the tool of a UR5e, whose limit is 1.5 m/s, are neither slowed down nor stopped.
     """
     factory = factory_configuration(model)
     joints = LimitSet(
@@ -231,7 +231,7 @@ def simulator_configuration(model: RobotModel) -> SafetyConfiguration:
 
 
 def preset_of(name: str, model: RobotModel) -> LimitSet:
-    """A preset with the joint limits of a model, and without what its series does not have."""
+    """A preset with the joint limits of a model, and without limits that its series does not have."""
     limits = PRESETS[name]
     if model.series is Series.CB3:
         limits = replace(limits, elbow_speed=inf, elbow_force=inf, stopping_time=inf, stopping_distance=inf)

@@ -1,6 +1,7 @@
-"""The safety part of PolyScope's installation files: sections of ``key = value`` lines inside the XML.
+"""Read the safety part of PolyScope's installation files: sections of ``key = value`` lines inside the XML.
 
-What the keys mean follows from 139 public files; joint positions are kept within a turn, and the turns beside them.
+The meaning of the keys follows from 139 public files. A joint position is stored as an angle within a turn and a number
+of turns.
 """
 
 import re
@@ -44,11 +45,11 @@ LIMIT_KEYS: Final = {  # key -> attribute of a LimitSet
 
 
 class SafetySettingsError(ValueError):
-    """The text is not a safety configuration; the message says where and why."""
+    """The text is not a safety configuration; the message gives the place and the reason."""
 
 
 def read_safety_settings(text: str) -> SafetyConfiguration:
-    """The content of <SafetySettings>. Raises SafetySettingsError; a setting that newer versions added is passed by."""
+    """Parse the content of <SafetySettings>; ignores settings added by newer versions. Raises SafetySettingsError."""
     sections = _sections(text)
     setup = _numbers(sections, "SafetySetup", "withPositionLimits", 6, fallback=(1.0,) * 6)
     sphere_rows = _numbers(sections, "WorkpieceConfiguration", "toolSpheres", None, fallback=())
@@ -77,14 +78,14 @@ def _sections(text: str) -> Sections:
             key, value = line.split(" = ", 1)
             current[key.strip()] = value.strip()
     if "SafetyLimits Normal Values" not in sections:
-        raise SafetySettingsError("there is no section [SafetyLimits Normal Values]")
+        raise SafetySettingsError("the section [SafetyLimits Normal Values] is missing")
     return sections
 
 
 def _numbers(
     sections: Sections, section: str, key: str, count: int | None, fallback: tuple[float, ...] | None = None
 ) -> tuple[float, ...]:
-    """All numbers of a value, booleans as 1 and 0; ``count`` of them unless None."""
+    """All numbers of a value, with booleans as 1 and 0. count: how many there must be, None for any number."""
     value = sections.get(section, {}).get(key)
     if value is None:
         if fallback is None:
@@ -93,7 +94,7 @@ def _numbers(
     words = _NUMBER.findall(value)
     numbers = tuple(_WORDS[word] if word in _WORDS else float(word) for word in words)
     if not all(map(isfinite, numbers)) or (count is not None and len(numbers) != count):
-        raise SafetySettingsError(f"[{section}] {key} = {value[:60]}: {count or 'finite'} numbers are needed")
+        raise SafetySettingsError(f"[{section}] {key} = {value[:60]}: {count or 'finite'} numbers are required")
     return numbers
 
 
@@ -125,7 +126,7 @@ def _mode(sections: Sections, section: str) -> BoundaryMode:
         return BoundaryMode[word]
     except KeyError:
         known = ", ".join(mode.name for mode in BoundaryMode)
-        raise SafetySettingsError(f"[{section}] mode = {word[:40]}: known are {known}") from None
+        raise SafetySettingsError(f"[{section}] mode = {word[:40]}: must be one of {known}") from None
 
 
 def _plane(sections: Sections, index: int) -> Plane | None:
@@ -156,7 +157,7 @@ def _unit(vector: tuple[float, ...], section: str) -> tuple[float, float, float]
     x, y, z = vector
     length: float = (x * x + y * y + z * z) ** 0.5
     if length < 1e-6:
-        raise SafetySettingsError(f"[{section}] is in use and has no direction")
+        raise SafetySettingsError(f"[{section}] is in use but has no direction")
     return x / length, y / length, z / length
 
 

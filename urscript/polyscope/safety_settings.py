@@ -1,8 +1,9 @@
 """The safety configuration of an installation file, as rows that can be changed.
 
-What is changed no longer belongs to the controller's checksum, whose rule is not public: files of one checksum have
-their sections in different orders, so it is not one of the text. It becomes 0, which no configuration in force has, so
-that no robot takes the file's for its own; a robot's is set at its own pendant, behind its password.
+A change invalidates the controller's checksum, whose rule is not public: files with the same checksum have their
+sections in different orders, so it is not a checksum of the text. A change sets it to 0, which no active configuration
+has, so that no robot accepts the file's safety configuration as its own. That of a real robot is set on its own
+pendant, behind its password.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,18 +50,18 @@ _WORDS: Final = {
     "maxStoppingTime": "Stopping time",
     "maxStoppingDistance": "Stopping distance",
 }
-_TURNS_RAD: Final = 363.0 * pi / 180.0  # as far as public files have joints turn
+_TURNS_RAD: Final = 363.0 * pi / 180.0  # the widest position limit in public files
 _FASTEST_RAD_S: Final = 8.0  # guess: above every arm's limit
 _FARTHEST_M: Final = 10.0  # guess: no plane is of use farther away
 _PAIRS: Final = tuple(f"{pin}, {pin + 1}" for pin in range(0, CHANNELS, 2))
 
 
 class SafetySection(Section):
-    """A page of the safety configuration: what it changes is checked as a whole, and loses its checksum."""
+    """A page of the safety configuration. A change is checked together with the whole text, and clears the checksum."""
 
     applied: ClassVar[str] = (
-        "at once: the arm is switched off. The file's checksum becomes 0, so no robot takes it for its own: set a "
-        "robot's at its own pendant"
+        "immediately: the arm is powered off. The checksum in the file becomes 0, so no robot accepts it as its own: "
+        "change the safety settings of a real robot on its own pendant"
     )
 
     def rows(self, root: Element) -> list[Row]:
@@ -85,11 +86,11 @@ class SafetySection(Section):
         settings.text = with_value(text, "Safety Checksum", "crc", "0")
 
     def rows_of(self, text: str, safety: SafetyConfiguration) -> list[Row]:
-        """What the text says."""
+        """The rows of this page."""
         raise NotImplementedError
 
     def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
-        """Section, key and value of each line that a change is about. Raises SettingError."""
+        """Section, key and value of each line that a change affects. Raises SettingError."""
         raise NotImplementedError
 
 
@@ -117,7 +118,9 @@ class RobotLimits(SafetySection):
         most = getattr(PRESETS["least restricted"], LIMIT_KEYS[key])
         for mode, value in changes.items():
             if not 0.0 < value <= most:
-                raise SettingError(f"{row['limit']} in {mode} mode is more than 0, and {most:g} at most, not {value:g}")
+                raise SettingError(
+                    f"{row['limit']} in {mode} mode must be more than 0 and at most {most:g}, not {value:g}"
+                )
         return [
             (f"SafetyLimits {mode} Values", key, double_text(changes[mode.lower()]))
             for mode in _MODES
@@ -126,7 +129,7 @@ class RobotLimits(SafetySection):
 
 
 class JointLimits(SafetySection):
-    """How far and how fast each joint may turn."""
+    """Position and speed limits of each joint."""
 
     name, title = "safety_joints", "Safety: joint limits"
     fields = (
@@ -162,9 +165,9 @@ class JointLimits(SafetySection):
         for mode in _MODES:
             section, own = f"SafetyLimits {mode} Joints", mode.lower()
             if wanted["limited"] and wanted[f"{own}_min"] >= wanted[f"{own}_max"]:
-                raise SettingError(f"{row['joint']}: the lowest position of {own} mode is not below the highest")
+                raise SettingError(f"{row['joint']}: the minimum position of {own} mode must be below the maximum")
             if wanted[f"{own}_speed"] <= 0.0:
-                raise SettingError(f"{row['joint']}: the speed of {own} mode is more than 0")
+                raise SettingError(f"{row['joint']}: the speed of {own} mode must be more than 0")
             for side in ("min", "max"):
                 if f"{own}_{side}" in changes:
                     angle, turns = turns_of(changes[f"{own}_{side}"])
@@ -182,7 +185,7 @@ class JointLimits(SafetySection):
 
 
 class Planes(SafetySection):
-    """Safety planes: a point p is inside where normal . p + distance is not negative, in the base frame."""
+    """Safety planes: a point p is inside if normal . p + distance is not negative, in the base frame."""
 
     name, title = "safety_planes", "Safety: planes"
     fields = (
@@ -218,9 +221,9 @@ class Planes(SafetySection):
         x, y, z = wanted["normal"]
         length = (x * x + y * y + z * z) ** 0.5
         if wanted["mode"] != "DISABLED" and length < 1e-6:
-            raise SettingError(f"plane {row['plane']} restricts and has no normal: give its direction")
+            raise SettingError(f"plane {row['plane']} is active but has no normal: set its normal")
         if changes.get("elbow") is not None and "elbowRestricted" not in keys_of(text, section):
-            raise SettingError("this PolyScope's planes do not restrict the elbow")
+            raise SettingError("planes of this PolyScope version do not restrict the elbow")
         found: list[tuple[str, str, str | None]] = []
         if "name" in changes:
             found.append((section, "name", changes["name"]))
@@ -238,7 +241,7 @@ class Planes(SafetySection):
 
 
 class ToolDirection(SafetySection):
-    """How far the tool may lean from a direction of the base frame."""
+    """Limit of the angle between the tool and a direction in the base frame."""
 
     name, title = "safety_tool_direction", "Safety: tool direction"
     fields = (
@@ -264,9 +267,9 @@ class ToolDirection(SafetySection):
         x, y, z = wanted["direction"]
         length = (x * x + y * y + z * z) ** 0.5
         if length < 1e-6:
-            raise SettingError("the tool's direction has no length")
+            raise SettingError("the tool direction must not be a zero vector")
         if wanted["mode"] != "DISABLED" and not 0.0 < wanted["deviation"] < pi:
-            raise SettingError("a limit of the tool's direction is more than 0° and less than 180°")
+            raise SettingError("the limit of the tool direction must be more than 0° and less than 180°")
         values: dict[str, Callable[[], str]] = {
             "mode": lambda: str(changes["mode"]),
             "direction": lambda: list_text([x / length, y / length, z / length]),
@@ -277,7 +280,7 @@ class ToolDirection(SafetySection):
 
 
 class SafetySignals(SafetySection):
-    """Which pairs of configurable inputs and outputs have functions of the safety system."""
+    """Safety functions of pairs of configurable inputs and outputs."""
 
     name, title = "safety_io", "Safety: I/O"
     fields = (
@@ -305,13 +308,13 @@ class SafetySignals(SafetySection):
         for other in self.rows_of(text, read_safety_settings(text)):
             same_side = other["function"].endswith(which[:-1])
             if pins and same_side and other["function"] != function and other["pins"] == pins:
-                raise SettingError(f"the pins {pins} have the function {other['function']} already")
+                raise SettingError(f"the pins {pins} already have the function {other['function']}")
         a, b = pins.split(", ") if pins else (str(UNASSIGNED),) * 2
         return [(section, f"{function}A", a), (section, f"{function}B", b)]
 
 
 class SafeHome(SafetySection):
-    """Joint angles at which the output of the safe home position is high."""
+    """Joint angles at which the safe home output is high."""
 
     name, title = "safety_home", "Safety: safe home"
     fields = (
@@ -340,13 +343,13 @@ SAFETY_SECTIONS: Final[Sequence[SafetySection]] = (
 
 
 def add_safety(root: Element, configuration: SafetyConfiguration, model: RobotModel) -> None:
-    """Give an installation that has none the safety settings of an arm."""
+    """Add the safety settings of an arm to an installation that has none."""
     if root.child(TAG) is None:
         new_element(root, TAG, {}).text = settings_text(configuration, model)
 
 
 def _nth(text: str, section: str, key: str, n: int, value: float) -> str:
-    """A list with another number in one place; the others keep their digits."""
+    """The text of a list with one number replaced; the others keep their digits."""
     parts = [part.strip() for part in (value_of(text, section, key) or "").strip("[]").split(",")]
     if len(parts) != len(_JOINTS):
         raise SettingError(f"[{section}] {key} has not one number for each joint")

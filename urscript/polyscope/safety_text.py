@@ -1,6 +1,6 @@
-"""The text of <SafetySettings>: written anew from a configuration, and changed value by value, all else as it was.
+"""The text of <SafetySettings>: writing it for a configuration, and changing single values without touching the rest.
 
-What the lines mean is in `urscript.polyscope.safety_section`, which reads them.
+`urscript.polyscope.safety_section` reads the lines and documents their meaning.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ from urscript.polyscope.safety_configuration import (
 from urscript.polyscope.safety_section import LIMIT_KEYS, PLANES
 
 UNASSIGNED: Final = 255
-NO_DEVIATION: Final = 3.159045946109736  # of the tool's direction, where it is not limited
+NO_DEVIATION: Final = 3.159045946109736  # of the tool direction when it is not limited
 _ONLY_E: Final = (
     SafetyInput.ENABLING_DEVICE, SafetyInput.OPERATIONAL_MODE, SafetyInput.AUTOMATIC_SAFEGUARD,
     SafetyInput.AUTOMATIC_SAFEGUARD_RESET, SafetyInput.FREEDRIVE, SafetyOutput.SAFE_HOME,
@@ -31,12 +31,12 @@ _ONLY_E: Final = (
 
 
 def value_of(text: str, section: str, key: str) -> str | None:
-    """What a section says of a key, None when it says nothing."""
+    """The value of a key in a section; None if it is missing."""
     return next((line.partition("=")[2].strip() for _, line in _lines_of(text, section, key)), None)
 
 
 def with_value(text: str, section: str, key: str, value: str | None) -> str:
-    """The text with another value of a key, or without its line (None). Every other line stays as it was."""
+    """The text with a new value for a key, or without its line (None). Every other line is unchanged."""
     lines = text.split("\n")
     at = next((index for index, _ in _lines_of(text, section, key)), None)
     if at is not None:
@@ -71,13 +71,13 @@ def list_text(values: Sequence[float]) -> str:
 
 
 def turns_of(angle: float) -> tuple[float, int]:
-    """A joint position as the files have it: within a turn from 0, and the turns beside it."""
+    """A joint position as stored in the files: an angle within one turn from 0, and the number of turns."""
     turns = floor(angle / tau)
     return angle - turns * tau, turns
 
 
 def settings_text(configuration: SafetyConfiguration, model: RobotModel) -> str:
-    """The whole text for an arm, in the form of 3.2 or 5.5. What is unlimited gets the widest limit."""
+    """The complete text for an arm, in the form of 3.2 or 5.5. Unlimited values are written as the widest limit."""
     e_series = model.series is Series.E
     widest = preset_of("least restricted", model)
     normal, reduced = (_bounded(limits, widest) for limits in (configuration.normal, configuration.reduced))

@@ -1,9 +1,9 @@
-"""The script that PolyScope saved beside a program, from which the code of URCap nodes comes.
+"""The script that PolyScope saved with a program, which is the source of the code of URCap nodes.
 
-PolyScope puts a node's code between ``# begin: URCap Program Node`` and ``# end: URCap Program Node``: the URCap
-and the type of the node in comments, then the node's label, whose number is its line in the program tree. Nodes
-that lie in the node have blocks within. ``$ 7 "text"`` marks every other node as well, so it shows whether the script
-was saved with the program as it is now.
+PolyScope writes a node's code between ``# begin: URCap Program Node`` and ``# end: URCap Program Node``: first comments
+with the URCap and the type of the node, then the node's label, whose number is its line in the program tree. Nodes
+inside that node have nested blocks. Labels such as ``$ 7 "text"`` mark all other nodes, too, so they show whether the
+program has changed since the script was saved.
 """
 
 import re
@@ -14,7 +14,7 @@ from urproto.text import lines
 from urscript.work import Steps
 
 _MARK: Final = ": URCap "
-_HEAD: Final = 3  # lines of a block that may describe it
+_HEAD: Final = 3  # lines at the start of a block that may describe it
 _BEGIN: Final = re.compile(r"\s*# begin: URCap (Program|Installation) Node\s*$")
 _END: Final = re.compile(r"(?:.*\s)?# end: URCap (Program|Installation) Node\s*$")
 _SOURCE: Final = re.compile(r"\s*#\s*Source: (.*)$")
@@ -28,26 +28,28 @@ _PIECE_WORK: Final = 100  # guess [units of `urscript.work`]
 
 @dataclass(slots=True)
 class SavedBlock:
-    """Code of one node. source: URCap's name, version and developer; type: name of the node type.
-    ``number``: its line in the program tree; 0 for an installation node, and for text that only looks like a block."""
+    """The code of a node. source: name, version and developer of the URCap. type: name of the node type.
+
+    number: its line in the program tree; 0 for an installation node, and for text that only resembles a block.
+    """
 
     kind: str
     source: str = ""
     type: str = ""
     number: int = 0
     lines: list[str] = field(default_factory=list)
-    nests: bool = False  # a block in it has begun
+    nests: bool = False  # a nested block has begun
 
 
 @dataclass(slots=True)
 class SavedScript:
-    """What the script says of the program tree. ``labels``: what the nodes are called, by their line."""
+    """The parts of the script that belong to the program tree. labels: the texts of the nodes by their line."""
 
     blocks: list[SavedBlock]
     labels: dict[int, str]
 
     def code(self, number: int, urcap: str, node_type: str) -> list[str] | None:
-        """Code of the URCap's node at a line of the program tree, None when the script does not have it."""
+        """Code of the URCap's node at a line of the program tree; None if the script does not contain it."""
         found = {
             tuple(block.lines): block
             for block in self.blocks
@@ -56,10 +58,10 @@ class SavedScript:
         return next(iter(found.values())).lines if len(found) == 1 else None
 
     def used_by(self, program: str) -> list[str]:
-        """Code of the installation nodes, if a program uses a name of it.
+        """The code of the installation nodes, if a program uses a name defined in it.
 
-        PolyScope writes it into every program; here a URCap that the program does not need would
-        only fail for want of its server.
+        PolyScope writes it into every program. Here, a URCap that the program does not need would only fail because its
+        server is missing.
         """
         lines = [line for block in self.blocks if block.kind == "Installation" for line in block.lines]
         names = {match[1] or match[2] for line in lines if (match := _DEFINES.match(line))}
@@ -70,7 +72,7 @@ NO_SAVED_SCRIPT: Final = SavedScript([], {})
 
 
 def read_saved_script(script: str) -> Steps[SavedScript]:
-    """Blocks and labels of a script, in pieces for a control loop."""
+    """Read the blocks and labels of a script, in pieces for a control loop."""
     saved = SavedScript([], {})
     open_blocks: list[SavedBlock] = []
     for index, line in enumerate(lines(script)):

@@ -1,8 +1,8 @@
-"""Playing from a selected node: what lies before it in the main program is skipped, once.
+"""Play from a selected node: the nodes before it in the main program are skipped, once.
 
-The script keeps all of its nodes, since loops come back to those before the selected one. A variable is true until the
-selected node is reached; while it is, what lies before is skipped at each level, and the branches and loops around the
-node are entered whatever their expressions say.
+The script keeps all nodes, because loops may return to those before the selected one. A variable is true until the
+selected node is reached. While it is true, the nodes before are skipped at each level, and the branches and loops
+around the selected node are entered regardless of their expressions.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from urscript.polyscope.document import Element
 from urscript.polyscope.tree import ProgramTree, TreeError, TreeLine
 
 SKIPPING: Final = "_hidden_play_from_selection"
-"""The variable."""
+"""The name of that variable."""
 
 _ELSEWHERE: Final = (
     "SpecialSequence",
@@ -20,19 +20,19 @@ _ELSEWHERE: Final = (
     "Thread",
     "Event",
     "SubProgram",
-)  # written beside the main program
+)  # written outside the main program
 _AROUND: Final = ("MainProgram", "Folder", "Move", "Loop", "If")
 _PARTS: Final = ("Case", "Until")  # belong to the node around them
 
 
 class StartingNode:
-    """The node at which a program begins. path: the nodes around it and itself, by the identity of their elements."""
+    """The node at which a program begins. path: this node and those that contain it, by the id() of their elements."""
 
     def __init__(self, tree: ProgramTree, number: int) -> None:
-        """Raises TreeError for a node at which no program can begin, with the reason."""
+        """Raises TreeError, with the reason, for a node at which the program cannot begin."""
         lines = tree.lines
         if not 0 < number <= len(lines):
-            raise TreeError(f"{tree.name} has no node {number}: its nodes are 1 to {len(lines)}")
+            raise TreeError(f"{tree.name} has no node {number}: its nodes are numbered 1 to {len(lines)}")
         line = lines[number - 1]
         self.element = line.element
         around = _around(lines, line)
@@ -41,7 +41,7 @@ class StartingNode:
             raise TreeError(f"the program cannot be played from node {number}: {reason}")
 
     def first(self, nodes: Sequence[Element]) -> int | None:
-        """Which of these siblings the program begins with, or within; None when it begins elsewhere."""
+        """The index of the sibling that is or contains the first node; None if that is elsewhere."""
         for index, node in enumerate(nodes):
             if id(node.resolved()) in self.path:
                 while index and node.tag == "If" and node.get("type") != "If":  # written with its If
@@ -52,11 +52,11 @@ class StartingNode:
 
     @staticmethod
     def skipped(nodes: Sequence[Element]) -> list[Element]:
-        """Of nodes before that, those which are part of the main program."""
+        """Those of the nodes before it that are part of the main program."""
         return [node for node in nodes if node.tag not in _ELSEWHERE]
 
     def condition(self, part: Element, chain: Sequence[Element], expression: str) -> str:
-        """Expression of a branch or loop, so that the way leads to the node. chain: all branches beside it."""
+        """The expression of a branch or loop, changed so that it leads to the node. chain: all branches of the If."""
         if self._leads_on(part):
             return f"{SKIPPING} or ({expression})"
         if any(map(self._leads_on, chain)):
@@ -64,13 +64,13 @@ class StartingNode:
         return expression
 
     def _leads_on(self, part: Element) -> bool:
-        """Whether the node lies in this one."""
+        """Whether the first node is inside this one."""
         part = part.resolved()
         return id(part) in self.path and part is not self.element
 
 
 def _around(lines: list[TreeLine], line: TreeLine) -> list[TreeLine]:
-    """The nodes a node lies in, the innermost first."""
+    """The nodes that contain a node, innermost first."""
     found, depth = list[TreeLine](), line.depth
     for each in reversed(lines[: line.number - 1]):
         if each.depth < depth:
@@ -84,14 +84,16 @@ def _reason(line: TreeLine, around: list[TreeLine]) -> str | None:
     if line.suppressed:
         return "it is suppressed"
     if element.tag in _PARTS or (element.tag == "If" and element.get("type") != "If"):
-        return "it is a part of the node before or around it; play from that one"
+        return "it is part of the node before or around it: play from that one"
     top = (around[-1] if around else line).element.tag
     if top != "MainProgram" or element.tag in _ELSEWHERE:
-        return "it is not part of the robot program, which threads, events and subprograms run beside"
+        return "it is not part of the robot program: threads, events and subprograms run alongside it"
     for each in around:
         if each.element.tag not in _AROUND or each.element.get("checkContinuously") == "true":
             kind = (
-                "whose expression is checked continuously" if each.element.tag in _AROUND else "which begins as a whole"
+                "whose expression is checked continuously"
+                if each.element.tag in _AROUND
+                else "which only starts as a whole"
             )
-            return f"it lies in node {each.number}, {each.element.tag}, {kind}; play from that one"
+            return f"it lies in node {each.number}, {each.element.tag}, {kind}: play from that one"
     return None

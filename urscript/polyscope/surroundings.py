@@ -1,4 +1,4 @@
-"""What the nodes of a program may name: its variables and waypoints, and what its installation has."""
+"""The names that nodes of a program may use: its variables and waypoints, and those of its installation."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -11,7 +11,7 @@ from urscript.polyscope.installation_file import InstallationFile
 from urscript.polyscope.tree import tag_of
 from urscript.polyscope.writer import BASE, TOOL
 
-_FAVOURITES: Final = PolyscopeVersion(5, 13)  # first version whose variables say whether they are favourites (seen)
+_FAVOURITES: Final = PolyscopeVersion(5, 13)  # first version whose variables have a favourite flag (seen)
 _FEATURE_REFERENCE: Final = "GeomFeatureReference"
 _VARIABLE_TAGS: Final = ("variable", "ProgramVariable", "InstallationVariable", "loopVariable")
 
@@ -20,18 +20,18 @@ FEATURE_TITLES: Final = {BASE: "Base", TOOL: "Tool"}
 
 
 ORDERS: Final[dict[str, tuple[Sequence[str], Sequence[str]]]] = {}
-"""In which order files have the attributes and the children of a node, by its tag; the registry fills it."""
+"""The order of attributes and children in files, by the tag of the node; filled by the registry."""
 
 
 class FieldError(ValueError):
-    """A value that a field cannot take; the text says which ones it can."""
+    """A value is invalid for a field; the message says which values are valid."""
 
 
 class Surroundings:
-    """What the nodes of a program may name, and what has to be known to make one.
+    """The names that nodes of a program may use, and the information needed to create a node.
 
-    ``version``: of the PolyScope that the program is for. ``model``: the arm, whose dimensions taught positions hold.
-    ``folder``: where the files are that nodes name.
+    version: of the PolyScope that the program is for. model: the arm, whose dimensions are stored with taught
+    positions. folder: contains the files that nodes name.
     """
 
     def __init__(
@@ -48,27 +48,27 @@ class Surroundings:
 
     @property
     def cb3(self) -> bool:
-        """Whether it is a program of the CB3 series."""
+        """Whether the program is for the CB3 series."""
         return self.version.series is Series.CB3
 
     # writing
 
     def set_attribute(self, element: Element, name: str, value: str | None) -> None:
-        """An attribute of a node's, in the place where PolyScope has it."""
+        """Set an attribute of a node, in PolyScope's order."""
         self.changes.set_attribute(element, name, value, _orders(element)[0])
 
     def set_child(self, element: Element, tag: str, child: Element | None) -> None:
-        """A child of a node's, in the place where PolyScope has it."""
+        """Set a child of a node, in PolyScope's order."""
         self.changes.set_child(element, tag, child, _orders(element)[1])
 
     def set_text(self, element: Element, tag: str, text: str | None) -> None:
-        """The text of a child of a node's."""
+        """Set the text of a child of a node, in PolyScope's order."""
         self.changes.set_text(element, tag, text, _orders(element)[1])
 
     # what the program has
 
     def variable_objects(self) -> dict[str, Element]:
-        """The variables of the program by their names, those of the installation among them."""
+        """The variables of the program by name, including those of the installation."""
         found: dict[str, Element] = {}
         for place in self.root.places():
             element = place.resolved()
@@ -77,7 +77,7 @@ class Surroundings:
         return found
 
     def variables(self) -> list[str]:
-        """Names of the variables that the program and the installation have."""
+        """Names of the variables of the program and the installation."""
         return sorted({*self.variable_objects(), *self.installation.variables, *self.installation.feature_variables})
 
     def names(self, tag: str) -> list[str]:
@@ -86,7 +86,7 @@ class Surroundings:
         return list(dict.fromkeys(name for name in found if name))
 
     def unused(self, stem: str, taken: Sequence[str]) -> str:
-        """``stem`` with the first number behind it that makes a new name of it."""
+        """``stem`` followed by the first number that makes it a new name."""
         used, index = set(taken), 1
         while f"{stem}_{index}" in used:
             index += 1
@@ -95,7 +95,7 @@ class Surroundings:
     # what nodes name
 
     def variable(self, name: str, tag: str = "variable", *, new: bool = True) -> Element:
-        """A place that has the variable of a name. Raises FieldError for a name that is none, or unknown."""
+        """A place that refers to the variable with this name. Raises FieldError for an invalid or unknown name."""
         if name in self.installation.feature_variables:
             return make("GeomFeatureVariable" if tag == "ProgramVariable" else tag, featureName=name)
         known = self.variable_objects().get(name)
@@ -114,18 +114,18 @@ class Surroundings:
         return element
 
     def named(self, tag: str, name: str, **attributes: str) -> Element:
-        """A place that has the pin, TCP or feature of a name, which all places of the program share."""
+        """A place that refers to the pin, TCP or feature with this name, which all places of the program share."""
         for place in self.root.places():
             if place.tag == tag and place.get("referencedName") == name:
                 return sharing(tag, place, **attributes)
         return make(tag, **attributes, referencedName=name)
 
     def feature(self, name: str, tag: str = "feature", *, declared: bool = False) -> Element:
-        """A place that has a feature. declared: the place holds nothing else, so that the file does not say what."""
+        """A place that refers to a feature. declared: the place can only hold features, so the file omits the class."""
         return self.named(tag, name, **({} if declared else {"class_": _FEATURE_REFERENCE}))
 
     def pins(self, kinds: Sequence[str]) -> list[str]:
-        """Names of the inputs or outputs of some kinds (keys of `PINS`, or modbus), as the installation calls them."""
+        """Names in the installation of the inputs or outputs of these kinds (keys of `PINS`, or modbus)."""
         given = {pin: name for name, pin in self.installation.pins.items()}
         numbered = [(kind, str(index)) for kind in kinds for index in range(PIN_COUNTS.get(kind, 0))]
         names = [given.get(pin, f"{pin[0]}[{pin[1]}]") for pin in numbered]
@@ -152,8 +152,8 @@ def _orders(element: Element) -> tuple[Sequence[str], Sequence[str]]:
 
 
 def check_name(name: str, what: str) -> None:
-    """Raises FieldError for a name that PolyScope's keyboard does not give."""
+    """Raise FieldError for a name that PolyScope's keyboard does not accept."""
     if not name or not (name[0].isalpha() or name[0] == "_") or not all(c.isalnum() or c == "_" for c in name):
         raise FieldError(
-            f"{name!r} is no name for a {what}: letters, digits and underscores, not beginning with a digit"
+            f"{name!r} is not a name for a {what}: use letters, digits and underscores, not beginning with a digit"
         )

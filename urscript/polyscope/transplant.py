@@ -1,7 +1,7 @@
-"""Nodes copied out of a program, and put into the same or another one.
+"""Copy nodes of a program, and paste them into the same or another one.
 
-Copies share nothing with what they were copied from. Where they are put in, the variables, inputs, outputs, TCPs,
-features and subprograms they name are those the program has under these names.
+Copies share nothing with the originals. When they are pasted, the names of variables, inputs, outputs, TCPs, features
+and subprograms in them refer to the objects of the target program.
 """
 
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ class Clip:
 
 
 def clipped(places: list[Element]) -> Clip:
-    """Copies of nodes. An object that several places have is one in the copies too; where it belongs to what is not
-    copied, the first place gets it whole."""
+    """Copy nodes. An object shared by several places is also shared by the copies; if it belongs to a node that is not
+    copied, the first place contains it completely."""
     return Clip(tuple(_copies(places)))
 
 
 def planted(clip: Clip, program: Surroundings) -> list[Element]:
-    """Copies of copied nodes, bound to what a program has under the names in them. Raises FieldError."""
+    """Copies of the nodes in a clip, bound to the objects of a program by name. Raises FieldError."""
     places = _copies(clip.places)
     _bind(places, program)
     return places
@@ -81,7 +81,7 @@ def _bound(
     waypoints: dict[str, Element],
     inside: set[str],
 ) -> Element:
-    """The child, or what the program has in its place."""
+    """The child, or the object of the program that replaces it."""
     name = child.get("name")
     if child.tag in _VARIABLES and name and child.child("expression") is None:
         found = made.get(name)
@@ -90,7 +90,7 @@ def _bound(
         else:
             try:
                 bound = program.variable(name, child.tag)
-            except FieldError:  # a name that PolyScope took and we would not
+            except FieldError:  # a name that PolyScope accepts, but we do not
                 return child
             if bound.shared is None:
                 made[name] = bound

@@ -18,11 +18,11 @@ _OLD_ROOT: Final = "gui.program.ProgramRootNode"
 
 
 class TreeError(ValueError):
-    """The program tree cannot be run; the text names the node and the reason."""
+    """The program tree cannot be run; the message names the node and the reason."""
 
 
 def tag_of(element: Element) -> str:
-    """The tag of a node, also of a suppressed one, which says it in another place."""
+    """The tag of a node; also that of a suppressed node, which stores it in a different place."""
     own = element.attributes.get("class", "") if element.tag == "suppressedNode" else element.tag
     return own or element.tag
 
@@ -34,7 +34,7 @@ def is_external_control(element: Element) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class TreeLine:
-    """A node. number: its line in the program tree, from 1, by which labels name it. suppressed: left out."""
+    """A node. number: its line in the program tree, from 1, as used in labels. suppressed: it is not executed."""
 
     number: int
     depth: int
@@ -43,8 +43,11 @@ class TreeLine:
 
 
 class ProgramTree:
-    """A PolyScope program. ``name``: as PolyScope shows it, without ``.urp``. ``saved_script``: the ``.script``
-    saved beside it, which holds the code of URCap nodes. ``folder``: where the files it names are looked for."""
+    """A PolyScope program.
+
+    name: as PolyScope shows it, without ``.urp``. saved_script: the ``.script`` saved with it, which contains the code
+    of URCap nodes. folder: where the files that it names are searched.
+    """
 
     def __init__(
         self,
@@ -55,8 +58,8 @@ class ProgramTree:
     ) -> None:
         if root.tag == _OLD_ROOT:
             raise TreeError(
-                "it was saved by PolyScope 3.1 or before (seen: 1.7 to 3.1), whose files hold the controller's own "
-                "objects and are not read; load and save it with a newer PolyScope"
+                "it was saved by PolyScope 3.1 or earlier (seen: 1.7 to 3.1), whose files contain the controller's "
+                "internal objects and cannot be read: load and save it with a newer PolyScope"
             )
         if root.tag != _ROOT or root.child("children") is None:
             raise TreeError(f"<{root.tag}> is not a PolyScope program")
@@ -73,33 +76,33 @@ class ProgramTree:
 
     @cached_property
     def changed_since_saved(self) -> str:
-        """Where the program is another than when the script beside it was saved, in words; empty when it is the same.
+        """A difference between the program and the script saved with it, as text; empty when they match.
 
-        What people have named shows it: other labels depend on the language of the pendant.
+        Only nodes with names given by users are compared, because other labels depend on the pendant's language.
         """
         for line in self.lines:
             label = self.saved_script.labels.get(line.number)
             name = quoted(_given_name(line.element))[1:-1]
             if label is not None and line.suppressed:
-                return f"line {line.number} is suppressed in the program and {label!r} in the script"
+                return f"line {line.number} is suppressed in the program but {label!r} in the script"
             if label is not None and name and label != name:
-                return f"line {line.number} is {name!r} in the program and {label!r} in the script"
+                return f"line {line.number} is {name!r} in the program but {label!r} in the script"
         last = max(self.saved_script.labels, default=0)
         if last > len(self.lines):
-            return f"the program has {len(self.lines)} lines and the script {last}"
+            return f"the program has {len(self.lines)} lines but the script has {last}"
         return ""
 
     @cached_property
     def needs_external_control(self) -> bool:
-        """Whether it has External Control nodes, for whose text a driver must be asked."""
+        """Whether it has External Control nodes, whose code must be requested from a driver."""
         return any(is_external_control(line.element) for line in self.lines if not line.suppressed)
 
     @cached_property
     def lines(self) -> list["TreeLine"]:
         """Every node, in the order in which PolyScope shows and numbers them.
 
-        A subprogram is written where the file first mentions it, which may be in a Call; its lines are where the
-        subprogram itself stands in the tree.
+        The file contains a subprogram where it is first mentioned, which may be in a Call. Its lines count at the
+        position of the subprogram itself in the tree.
         """
         lines = list[TreeLine]()
         seen = set[int]()
@@ -120,13 +123,13 @@ class ProgramTree:
         return {id(line.element): line.number for line in self.lines}
 
     def called(self, name: str) -> Steps["ProgramTree | None"]:
-        """The program file that this one calls by a name; None without it. Raises DocumentError or TreeError."""
+        """The program file that this one calls by name; None if it is missing. Raises DocumentError or TreeError."""
         path = self.folder.find(name)
         return (yield from read_tree_steps(path, self.folder)) if path else None
 
 
 def _given_name(element: Element) -> str:
-    """What people have called a node, which its label shows as it is; empty for other nodes."""
+    """The name that a user gave a node, which its label shows unchanged; empty for other nodes."""
     if element.tag == "Waypoint" and element.get("type") == "Variable":
         variable = element.child("variable")
         return variable.get("name") if variable else ""
@@ -134,7 +137,7 @@ def _given_name(element: Element) -> str:
 
 
 def _nodes(element: Element) -> list[Element]:
-    """The nodes directly below a node; a suppressed one is wrapped, which is not a line of its own."""
+    """The nodes directly below a node. A suppressed node has a wrapper, which is not a separate line."""
     node = element.child("suppressedNode") if element.tag == "SuppressedNode" else element
     children = node.child("children") if node else None
     return [child.resolved() for child in children or ()]

@@ -1,9 +1,9 @@
-"""A program as PolyScope X saves it (``.urpx``): JSON with the application, the nodes, and the URScript of both.
+"""Programs of PolyScope X (``.urpx``): JSON with the application, the nodes, and the URScript of both.
 
-The application is what older software calls the installation; its URScript comes before that of the program. Node types
-are translated by being turned into the nodes of older software that do the same (`urscript.polyscope.nodes`), so there
-is one translation of each. Which parameters a node has is known from public files only, and few are public: for a
-program with other nodes the URScript in the file is taken, if it was saved with these nodes.
+The application is what PolyScope 5 calls the installation; its URScript precedes that of the program. Nodes are
+converted to the equivalent nodes of PolyScope 5 (`urscript.polyscope.nodes`), so there is only one translation of each
+to URScript. The parameters of nodes are known only from public files, of which there are few. For a program with other
+nodes, the URScript in the file is used if it was saved with these nodes.
 
 Format: ``.urpx`` files of the vendor's C++ and ROS 2 repositories (PolyScope 10.12), and a public converter.
 """
@@ -20,8 +20,8 @@ from urscript.polyscope.saved_script import SavedScript
 from urscript.polyscope.tree import ProgramTree, TreeError
 
 SUFFIX: Final = ".urpx"
-_LARGEST: Final = 4 << 20  # bytes, as of an upload
-_MOST_DEPTH: Final = 60  # of nodes in nodes, as of older programs
+_LARGEST: Final = 4 << 20  # bytes, the same as for an upload
+_MOST_DEPTH: Final = 60  # nesting of nodes, as in older programs
 _NIL: Final = "00000000-0000-0000-0000-000000000000"
 _FINAL: Final = "FINAL"
 _FRAME: Final = ("ur-modules", "ur-functions", "ur-before-start", "ur-configuration", "ur-status", "ur-code")
@@ -29,12 +29,12 @@ _ROOT: Final = "ur-program"
 
 
 class UrpxError(ValueError):
-    """The bytes are not a program of PolyScope X, or it cannot be run; the text says what is to blame."""
+    """The bytes are not a program of PolyScope X, or it cannot be run; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class UrpxInformation:
-    """What a list of programs says of one. Dates are milliseconds since 1970, None where it never happened."""
+    """The entry of a program in a list of programs. Dates are milliseconds since 1970, None for never."""
 
     name: str
     description: str
@@ -44,7 +44,7 @@ class UrpxInformation:
     state: str
 
     def as_object(self) -> dict[str, Any]:
-        """As files and the Robot API have it."""
+        """The JSON object as in files and the Robot API."""
         return {
             "name": self.name,
             "description": self.description,
@@ -57,7 +57,7 @@ class UrpxInformation:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A node. label: as the pendant shows it. number: that of the labels in the URScript of the file, 0 without."""
+    """A node. label: as shown on the pendant. number: of its label in the URScript of the file, 0 without one."""
 
     type: str
     parameters: Mapping[str, Any]
@@ -68,7 +68,7 @@ class Node:
     depth: int
 
     def walk(self) -> Iterator["Node"]:
-        """This node and all below it, in order."""
+        """This node and all nodes below it, in order."""
         yield self
         for child in self.children:
             yield from child.walk()
@@ -76,9 +76,9 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Urpx:
-    """A program. application, script: the URScript of the application and of the program, as they were saved.
+    """A program. application, script: the saved URScript of the application and of the program.
 
-    numbered: how many nodes the program's URScript has labels for.
+    numbered: the number of nodes with labels in the program's URScript.
     """
 
     information: UrpxInformation
@@ -89,11 +89,11 @@ class Urpx:
 
     @property
     def name(self) -> str:
-        """What it is called, on the pendant and in the Robot API."""
+        """Its name on the pendant and in the Robot API."""
         return self.information.name
 
     def tree(self) -> ProgramTree:
-        """The program as a tree of older software. Raises UrpxError for nodes that are not translated."""
+        """The program as a tree of PolyScope 5. Raises UrpxError for nodes that cannot be translated."""
         children = [element for part in self.root.children for element in _elements(part)]
         root = make("URProgram", make("children", *children))
         try:
@@ -103,23 +103,23 @@ class Urpx:
 
     @property
     def changed_since_saved(self) -> str:
-        """Where the URScript in the file is not that of the nodes, in words; empty when it is."""
+        """A difference between the URScript in the file and the nodes, as text; empty when they match."""
         if not self.script.strip():
             return "the file has no URScript"
         running = [node for node in self.root.walk() if node.type not in _SILENT]
         if missing := [node for node in running if not node.number]:
-            return f"the URScript in the file knows no {missing[0].label or missing[0].type}"
+            return f"the URScript in the file lacks the node {missing[0].label or missing[0].type}"
         if self.numbered > len(running):
-            return f"the program has {len(running)} nodes that write URScript, that in the file is of {self.numbered}"
+            return f"{len(running)} nodes write URScript, but the URScript in the file has {self.numbered}"
         return ""
 
     def saved_program(self) -> str:
-        """The URScript that PolyScope X saved, as one program."""
+        """The URScript saved by PolyScope X, as one program."""
         body = "\n".join(f"  {line}" for part in (self.application, self.script) for line in lines(part))
         return f"def program():\n{body}\nend\n"
 
     def outline(self) -> list[OutlineNode]:
-        """The nodes as a pendant shows them, numbered as in the file's URScript."""
+        """The nodes as shown on the pendant, numbered as in the file's URScript."""
         return [OutlineNode(node.number, node.depth, node.label or node.type) for node in self.root.walk()]
 
 
@@ -127,7 +127,7 @@ _SILENT: Final = ("ur-configuration", "ur-status")  # write no URScript
 
 
 class _Application(SavedScript):
-    """The application's URScript, in the place of what URCaps write for an installation: all of it is used."""
+    """The application's URScript, in place of the code that URCaps write for an installation; all of it is used."""
 
     def __init__(self, script: str) -> None:
         super().__init__([], {})
@@ -141,7 +141,7 @@ class _Application(SavedScript):
 
 
 def read_urpx(data: bytes) -> Urpx:
-    """A program. Raises UrpxError."""
+    """Read a program. Raises UrpxError."""
     program, application = _parts(data)
     content = _object(program.get("programContent"), "program.programContent")
     saved = _object(program.get("urscript") or {}, "program.urscript")
@@ -155,7 +155,7 @@ def read_urpx(data: bytes) -> Urpx:
         raise UrpxError(f"the program begins with {root.type!r}, not with {_ROOT}")
     for part in root.children:
         if part.type not in _FRAME:
-            raise UrpxError(f"{part.type!r} stands in the program itself, where {', '.join(_FRAME)} stand")
+            raise UrpxError(f"{part.type!r} is at the top level of the program, where only {', '.join(_FRAME)} can be")
     return Urpx(
         _information(program),
         root,
@@ -166,7 +166,7 @@ def read_urpx(data: bytes) -> Urpx:
 
 
 def read_information(data: bytes) -> UrpxInformation:
-    """What a list says of a program. Raises UrpxError."""
+    """Read only the entry for a list of programs. Raises UrpxError."""
     return _information(_parts(data)[0])
 
 
@@ -176,7 +176,7 @@ def _parts(data: bytes) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     try:
         document = json.loads(from_bytes(data).removeprefix("\ufeff"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise UrpxError(f"it is not JSON: {error}") from error
+        raise UrpxError(f"not JSON: {error}") from error
     document = _object(document, "the file")
     return _object(document.get("program"), "program"), _object(document.get("application") or {}, "application")
 
@@ -245,7 +245,7 @@ def _node(value: Any, numbers: Mapping[str, int], depth: int) -> Node:
 
 
 def _label(kind: str, label: Any) -> str:
-    """What the pendant shows: the kind of node in words, and what the file says of it."""
+    """The label on the pendant: the kind of node, and the label in the file."""
     words = kind.removeprefix("ur-").replace("-", " ").capitalize()
     parts = label if isinstance(label, list) else [{"value": label}]
     said = [str(part["value"]) for part in parts if isinstance(part, dict) and part.get("value")]
@@ -256,7 +256,7 @@ def _label(kind: str, label: Any) -> str:
 
 _Translation = Callable[[Node], list[Element]]
 NODE_TYPES: Final[dict[str, _Translation]] = {}
-"""Node types that are translated, by their names in files."""
+"""Converters of the supported node types, by their names in files."""
 
 
 def _node_type(name: str) -> Callable[[_Translation], _Translation]:
@@ -270,7 +270,7 @@ def _node_type(name: str) -> Callable[[_Translation], _Translation]:
 def _elements(node: Node) -> list[Element]:
     translation = NODE_TYPES.get(node.type)
     if translation is None:
-        raise UrpxError(f"node {node.type} is not known")
+        raise UrpxError(f"unknown node {node.type}")
     return translation(node)
 
 
@@ -283,15 +283,15 @@ def _children(node: Node) -> Element:
 @_node_type("ur-configuration")
 @_node_type("ur-status")
 def _without_code(node: Node) -> list[Element]:
-    """Parts that every program has, and that are empty in most."""
+    """Parts that every program has and that are usually empty."""
     if node.children:
-        raise UrpxError(f"node {node.children[0].type} in {node.type} is not known")
+        raise UrpxError(f"unknown node {node.children[0].type} in {node.type}")
     return []
 
 
 @_node_type("ur-before-start")
 def _before_start(node: Node) -> list[Element]:
-    """What is done once before the program starts."""
+    """Nodes that run once before the program starts."""
     return [make("SpecialSequence", _children(node), type="BeforeStart")] if node.children else []
 
 
@@ -304,9 +304,9 @@ def _code(node: Node) -> list[Element]:
 
 @_node_type("ur-wait")
 def _wait(node: Node) -> list[Element]:
-    """A wait for a time. What others wait for is not public."""
+    """A wait for a time. The parameters of other waits are not public."""
     if node.parameters.get("type") != "time":
-        raise UrpxError(f"node ur-wait for {node.parameters.get('type')!r} is not known")
+        raise UrpxError(f"node ur-wait for {node.parameters.get('type')!r} is not supported")
     time = _object(node.parameters.get("time"), "time of ur-wait")
     entity = _object(time.get("entity"), "time.entity of ur-wait")
     value, unit = entity.get("value"), entity.get("unit")
@@ -316,7 +316,7 @@ def _wait(node: Node) -> list[Element]:
         or isinstance(value, bool)
         or not isinstance(value, int | float)
     ):
-        raise UrpxError("node ur-wait waits for something else than a number of seconds, which is not known")
+        raise UrpxError("node ur-wait waits for something other than a number of seconds, which is not supported")
     return [make("Wait", make("waitTime", text=repr(value)), type="Sleep")]
 
 
@@ -324,7 +324,7 @@ def _wait(node: Node) -> list[Element]:
 
 
 def empty_urpx(name: str) -> bytes:
-    """A program without nodes, as bytes of a file."""
+    """The bytes of a file for a program without nodes."""
     parts = [{"children": [], "contributedNode": _part(kind), "guid": _guid(i + 2)} for i, kind in enumerate(_FRAME)]
     document = {
         "application": {

@@ -1,4 +1,4 @@
-"""The URScript of a program tree while it is being written."""
+"""The writer that collects the URScript of a program tree."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,15 +38,15 @@ PINS: Final[dict[str, tuple[str, str]]] = {
 
 
 def pin_name(pin: Element | None) -> str:
-    """The name a node gives for its pin. Raises DocumentError without one."""
+    """The name of a node's pin. Raises DocumentError without one."""
     name = "" if pin is None else pin.get("referencedName")
     if not name:
-        raise DocumentError("a node does not say which input or output it means")
+        raise DocumentError("a node does not name its input or output")
     return name
 
 
 def find_pin(name: str, names: Mapping[str, tuple[str, str]]) -> tuple[str, str] | None:
-    """Kind (a key of PINS, or modbus) and number (or signal name) of a pin; ``names``: those of the installation."""
+    """Kind (a key of PINS, or modbus) and number (or signal name) of a pin. names: those in the installation."""
     match = _NUMBERED.fullmatch(name)
     return (match[1], match[2]) if match and match[1] in PINS else names.get(name)
 
@@ -54,7 +54,7 @@ def find_pin(name: str, names: Mapping[str, tuple[str, str]]) -> tuple[str, str]
 def resolve_pin(writer: "Writer", pin: Element | None) -> tuple[str, str]:
     """Kind (a key of PINS, or modbus) and number (or signal name) of a pin.
 
-    Raises DocumentError for a name that neither PolyScope nor the installation gives.
+    Raises DocumentError for a name that is neither PolyScope's nor in the installation.
     """
     name = pin_name(pin)
     found = find_pin(name, writer.installation.pins)
@@ -64,7 +64,7 @@ def resolve_pin(writer: "Writer", pin: Element | None) -> tuple[str, str]:
 
 
 def pin_reading(writer: "Writer", pin: Element | None) -> str:
-    """URScript that reads an input, or what an output is set to."""
+    """URScript that reads an input, or the current state of an output."""
     kind, number = resolve_pin(writer, pin)
     if kind == "modbus":
         return f"modbus_get_signal_status({quoted(number)})"
@@ -82,7 +82,7 @@ def pin_writing(writer: "Writer", pin: Element | None, value: str) -> str:
     return PINS[kind][1].format(number, value)
 
 
-# what the editor shows -> what the language has; the four that files have
+# symbol in the editor -> operator of the language; the four that occur in files
 _SYMBOLS: Final = {"≟": " == ", "≠": " != ", "≤": " <= ", "≥": " >= "}
 _SYMBOL: Final = re.compile("|".join(_SYMBOLS))
 _STRING: Final = re.compile(r'("[^"]*")')
@@ -90,7 +90,7 @@ _VARIABLES: Final = ("ProgramVariable", "InstallationVariable", "GeomFeatureVari
 
 
 def expression_text(writer: "Writer", element: Element | None) -> str:
-    """URScript of an expression. Raises DocumentError for a part that is not known."""
+    """URScript of an expression. Raises DocumentError for an unknown part."""
     if element is None:
         return ""
     text = "".join(_part(writer, part) for part in element.resolved())
@@ -99,12 +99,12 @@ def expression_text(writer: "Writer", element: Element | None) -> str:
 
 
 def expression_label(writer: "Writer", element: Element | None) -> str:
-    """An expression as the program tree shows it."""
+    """An expression as shown in the program tree."""
     return "" if element is None else "".join(_part(writer, part) for part in element.resolved())
 
 
 def variable_name(element: Element | None) -> str:
-    """Name, in scripts, of a variable or of a feature used as one. Raises DocumentError when there is none."""
+    """Name in scripts of a variable, or of a feature used as one. Raises DocumentError when there is none."""
     name = "" if element is None else element.get("name") or element.get("featureName")
     if not name:
         raise DocumentError("a variable has no name")
@@ -128,7 +128,7 @@ def _part(writer: "Writer", part: Element) -> str:
         return writer.waypoint(waypoint)[0]
     if part.tag == "ExpressionGeomFeature":
         return writer.feature(part.child("feature"), variable=True)
-    raise DocumentError(f"an expression has a <{part.tag}>, which is not known")
+    raise DocumentError(f"an expression contains an unknown <{part.tag}>")
 
 
 _MAX_DEPTH: Final = 60  # as many blocks as a script may nest
@@ -142,7 +142,7 @@ SECTIONS: Final = ("preamble", "urcaps", "variables", "waypoints", "timers", "su
 
 @dataclass(frozen=True, slots=True)
 class ExternalControlCode:
-    """What a driver wants to run. ``header``: once per program; ``node``: at each External Control node."""
+    """The code provided by a driver. header: written once per program; node: at each External Control node."""
 
     header: str
     node: str
@@ -151,9 +151,9 @@ class ExternalControlCode:
 class Writer:
     """Collects the lines of a program by section, in the order PolyScope writes the sections.
 
-    labels: what the nodes are called, by their line in the program tree. timers: variables that count seconds.
+    labels: the texts of the nodes by their line in the program tree. timers: variables that count seconds.
     starting: the node at which the program begins, None for all of it.
-    problems: where a list stands for them, what is wrong with nodes is collected there, and does not end the writing.
+    problems: if this is a list, problems of nodes are added to it instead of raising an error.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class Writer:
 
     @contextmanager
     def node(self, element: Element) -> Iterator[None]:
-        """While a node is written. Raises TreeError when too many lie in each other: references can lead in circles."""
+        """Context in which a node is written. Raises TreeError for too deep nesting: references can be cyclic."""
         if len(self._nodes) >= _MAX_DEPTH:
             raise TreeError(f"nodes are nested more than {_MAX_DEPTH} deep at <{element.tag}>")
         self._nodes.append(element)
@@ -202,23 +202,23 @@ class Writer:
         self._authors[self._section].append(self._nodes[-1] if self._nodes else None)
 
     def line(self, text: str) -> None:
-        """Write one line; further lines of a text are written as they are."""
+        """Write one line with indentation; further lines of a text are written unchanged."""
         self._write(f"{'  ' * self._levels[self._section]}{text}")
 
     def raw(self, lines: Iterable[str]) -> None:
-        """Write lines as they are."""
+        """Write lines unchanged."""
         for line in lines:
             self._write(line)
 
     def label(self, element: Element, text: str, stop: str = "") -> None:
-        """The mark by which a client sees where the program is. ``stop``: breakAfter or noBreak."""
+        """Write the label from which a client sees the position in the program. stop: breakAfter or noBreak."""
         number = self.number(element)
         self.labels.setdefault(number, text)
         self.line(f"$ {number} {quoted(text)}" + (f' "{stop}"' if stop else ""))
 
     @contextmanager
     def block(self, head: str) -> Iterator[None]:
-        """A block with its end."""
+        """Context that writes a block with its ``end``."""
         self.line(head)
         with self.indented():
             yield
@@ -226,7 +226,7 @@ class Writer:
 
     @contextmanager
     def indented(self) -> Iterator[None]:
-        """What is written belongs to a block."""
+        """Context in which lines are indented."""
         section = self._section
         self._levels[section] += 1
         try:
@@ -236,7 +236,7 @@ class Writer:
 
     @contextmanager
     def into(self, section: str) -> Iterator[None]:
-        """Write to another section."""
+        """Context in which lines go to another section."""
         before, self._section = self._section, section
         try:
             yield
@@ -244,12 +244,12 @@ class Writer:
             self._section = before
 
     def count(self, kind: str) -> int:
-        """1, 2, 3, ... for each kind of thing."""
+        """A counter for each kind: 1, 2, 3, ..."""
         self._counters[kind] = self._counters.get(kind, 0) + 1
         return self._counters[kind]
 
     def once(self, key: str) -> bool:
-        """True the first time."""
+        """True the first time it is called with a key."""
         if key in self._once:
             return False
         self._once.add(key)
@@ -260,13 +260,13 @@ class Writer:
         return self._numbers.get(id(element.resolved()), 0)
 
     def adopt(self, tree: ProgramTree) -> None:
-        """Take in a program file that is called; its lines are counted on from those before."""
+        """Add a program file that is called; its line numbers continue after those before."""
         last = max(self._numbers.values(), default=0)
         self._numbers.update({key: last + number for key, number in tree.numbers.items()})
         self._trees.append(tree)
 
     def home(self, element: Element) -> ProgramTree:
-        """The program file that a node is in."""
+        """The program file that contains a node."""
         return next((tree for tree in self._trees if id(element.resolved()) in tree.numbers), self.tree)
 
     @staticmethod
@@ -274,10 +274,10 @@ class Writer:
         """Line of a node in its program file."""
         return tree.numbers[id(element.resolved())]
 
-    # what nodes refer to
+    # objects that nodes refer to
 
     def waypoint(self, element: Element) -> tuple[str, str]:
-        """Names of the variables with pose and joints of a taught waypoint, which are written when first asked for."""
+        """Names of the variables with the pose and joints of a taught waypoint, which are written at the first use."""
         name = identifier(element.get("name") or "Waypoint")  # waypoints of the same name are the same
         if name not in self._waypoints:
             self._write_waypoint(element, name)
@@ -294,9 +294,9 @@ class Writer:
             self.line(f"global {name}_q={list_text(joints)}")
 
     def feature(self, reference: Element | None, *, variable: bool = False) -> str:
-        """URScript of a feature's pose in the base frame; of the variable that has it, if wanted and there is one.
+        """URScript of a feature's pose in the base frame. Raises DocumentError if the installation lacks the feature.
 
-        Raises DocumentError for a feature that the installation lacks.
+        variable: prefer the name of the variable with the pose, if there is one.
         """
         name = "" if reference is None else reference.get("referencedName") or reference.get("featureName")
         if variable and name == BASE and BASE_VARIABLE in self.installation.feature_variables:
@@ -312,7 +312,7 @@ class Writer:
         return pose_text(self.installation.features[name])
 
     def condition(self, part: Element, chain: Sequence[Element] = ()) -> str:
-        """URScript of the expression of a branch or loop. chain: all branches beside it."""
+        """URScript of the expression of a branch or loop. chain: all branches of the If."""
         text = expression_text(self, part.child("expression"))
         return text if self.starting is None else self.starting.condition(part, chain, text)
 
@@ -326,14 +326,14 @@ class Writer:
         return f"set_payload({mass}, {cog})"
 
     def tcp(self, reference: Element | None) -> str:
-        """URScript of a TCP offset. Raises DocumentError for one the installation lacks."""
+        """URScript of a TCP offset. Raises DocumentError if the installation lacks the TCP."""
         name = "" if reference is None else reference.get("referencedName")
         if name not in self.installation.tcps:
             raise DocumentError(f"the installation {self.installation.name} has no TCP called {name!r}")
         return pose_text(self.installation.tcps[name])
 
     def write_timers(self) -> None:
-        """One thread counts for all timers, as PolyScope has it."""
+        """Write the one thread that counts for all timers, as in PolyScope."""
         if not self.timers:
             return
         with self.into("timers"):
@@ -341,18 +341,18 @@ class Writer:
                 self.line(f"global {name}=0")
                 self.line(f"global {name}_is_counting=False")
             with self.block("thread Timer_Thread():"), self.block("while (True):"):
-                for name in reversed(self.timers):  # as PolyScope has them
+                for name in reversed(self.timers):  # PolyScope's order
                     with self.block(f"if ({name}_is_counting):"):
                         self.line(f"{name} = {name} + get_steptime()")
                 self.line("sync()")
             self.line("run Timer_Thread()")
 
     def text(self) -> str:
-        """The whole program."""
+        """The complete program."""
         return "\n".join([*(line for line, _ in self.lines()), ""])
 
     def lines(self) -> list[tuple[str, Element | None]]:
-        """The whole program line by line, with the nodes that wrote them."""
+        """The lines of the complete program, each with the node that wrote it."""
         program = [
             written for name in SECTIONS[1:] for written in zip(self._sections[name], self._authors[name], strict=True)
         ]

@@ -1,4 +1,4 @@
-"""Moving in a direction until something happens."""
+"""Direction and Until nodes: move in a direction until a condition is met."""
 
 from typing import Final
 
@@ -31,11 +31,11 @@ _AXES: Final = {
     "ZMinus": ("Z-", "[0.0, 0.0, -1.0]"),
 }
 _EXPRESSION: Final = "expression"
-_FAR: Final = "1000.0"  # m; without a distance PolyScope moves that far
+_FAR: Final = "1000.0"  # m; PolyScope moves this far when there is no distance
 _NO_RETRACTION: Final = "NONE"
 _BLEND: Final = "BLEND"
 _RETREAT_SPEED: Final = "0.1"  # m/s
-_FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name: other lines of programs call it
+_FUNCTION: Final = "calculate_point_to_move_towards"  # PolyScope's name, because other lines of programs call it
 
 
 def _by_expression(element: Element) -> bool:
@@ -43,7 +43,7 @@ def _by_expression(element: Element) -> bool:
 
 
 def _choose_direction(element: Element, value: str, program: Surroundings) -> None:
-    """An axis of the feature, or an expression that gives the vector."""
+    """Choose an axis of the feature, or an expression for the vector."""
     by_expression = value == _EXPRESSION
     program.set_attribute(element, "selectedDirection", None if by_expression else value)
     if by_expression != _by_expression(element):
@@ -51,7 +51,7 @@ def _choose_direction(element: Element, value: str, program: Surroundings) -> No
 
 
 def _direction_shown(element: Element) -> str:
-    """The feature, which is the Move's without one of its own, and the axis."""
+    """The feature (that of the Move, unless the node has its own) and the axis, as shown in the tree."""
     around: Element | None = element
     while around is not None and around.child("feature") is None:
         around = around.parent
@@ -82,7 +82,7 @@ DIRECTION_KIND: Final = Kind(
             choices=(*((key, shown) for key, (shown, _) in _AXES.items()), (_EXPRESSION, "An expression")),
         ),
         expression_field("expression", "Vector", shown=_by_expression),
-        feature_field("feature", "Feature", optional=True, help="without one the Move's"),
+        feature_field("feature", "Feature", optional=True, help="empty: the feature of the Move"),
     ),
 )
 
@@ -91,7 +91,7 @@ DIRECTION_KIND: Final = Kind(
 def direction(writer: Writer, element: Element) -> Steps[None]:
     """Move along an axis or a vector until a distance, a contact, an input or an expression ends it."""
     untils = [child for child in element.child("children") or () if child.tag == "Until"]
-    untils.sort(key=lambda until: until.get("type") == "DISTANCE")  # PolyScope looks at the distance last
+    untils.sort(key=lambda until: until.get("type") == "DISTANCE")  # PolyScope checks the distance last
     distance = untils[-1] if untils and untils[-1].get("type") == "DISTANCE" else None
     shown, vector = _direction(writer, element)
     number = writer.number(element)
@@ -107,18 +107,18 @@ def direction(writer: Writer, element: Element) -> Steps[None]:
 
 
 def _direction(writer: Writer, element: Element) -> tuple[str, str]:
-    """How the direction is shown, and URScript of its vector."""
+    """The direction as shown in the tree, and the URScript for its vector."""
     expression = element.child("expression")
     if expression is not None:
         return expression_label(writer, expression), expression_text(writer, expression)
     axis = _AXES.get(element.get("selectedDirection"))
     if axis is None:
-        raise DocumentError(f"a Direction along {element.get('selectedDirection')!r}, which is not known")
+        raise DocumentError(f"a Direction along an unknown axis {element.get('selectedDirection')!r}")
     return axis
 
 
 def write_direction_function(writer: Writer) -> None:
-    """The pose that lies in a direction of a feature, seen from where the arm is."""
+    """Write the function that computes the pose at a distance from the arm in a direction of a feature."""
     if not writer.once("direction function"):
         return
     with writer.into("waypoints"), writer.block(f"def {_FUNCTION}(feature, direction, distance):"):
@@ -131,7 +131,7 @@ def write_direction_function(writer: Writer) -> None:
 
 
 def _write_thread(writer: Writer, element: Element, number: int, vector: str, distance: Element | None) -> None:
-    """The movement is a thread, so that it can be ended. Without a distance it goes on as long as nothing ends it."""
+    """Write the motion as a thread, so that it can be ended. Without a distance, it continues until it is ended."""
     way = move_of(element)
     call = "movep" if way.kind == "MoveP" else "movel"  # also under MoveJ
     far = _FAR if distance is None else child_text(distance, "Distance")
@@ -187,11 +187,11 @@ def _condition(writer: Writer, until: Element, kind: str) -> str:
         return f"{pin_reading(writer, until.child('pin'))} == {truth(until.get('digitalValue'))}"
     if kind == "IO":
         return analog_condition(writer, until)
-    raise DocumentError(f"an Until of type {kind!r}, which is not known")
+    raise DocumentError(f"an Until of unknown type {kind!r}")
 
 
 def _deceleration(writer: Writer, until: Element) -> str:
-    """Of the stop [m/s2]: a number or an expression of the Until's (its element is a guess), else the Move's."""
+    """Deceleration [m/s2]: a number or an expression of the Until (its element is a guess), else that of the Move."""
     for child in until:
         if "eceleration" in child.tag and child.children:
             return expression_text(writer, child)
@@ -200,7 +200,7 @@ def _deceleration(writer: Writer, until: Element) -> str:
 
 
 def _contact(writer: Writer, until: Element, number: int) -> Steps[None]:
-    """Stop at a contact, go back to where it happened and a little further, or stay."""
+    """Stop at a contact, and either stay or move back to where it happened and a little further."""
     stop = _deceleration(writer, until)
     back = until.get("retraction") or "0.0"
     writer.line("local contact_direction=get_target_tcp_speed()")
@@ -245,7 +245,7 @@ def _new_until(_: Surroundings) -> Element:
 
 
 def _choose_until(element: Element, value: str, program: Surroundings) -> None:
-    """Another thing that ends the movement, with what files have for it."""
+    """Choose another end condition, with the attributes and children that files have for it."""
     kept = ("type", "allowActions")
     for name in [name for name in element.resolved().attributes if name not in kept]:
         program.set_attribute(element, name, None)
@@ -329,5 +329,5 @@ UNTIL: Final = Kind(
     children="Distance motionParameters pin expression children",
 )
 def until_node(writer: Writer, element: Element) -> None:
-    """What ends a Direction, which writes it."""
+    """End condition of a Direction, which writes it."""
     raise DocumentError("an Until outside a Direction")

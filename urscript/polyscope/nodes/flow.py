@@ -59,15 +59,15 @@ def _branch(key: str, title: str, kind: str) -> Kind:
     children="expression removedSiblings children",
 )
 def branch(writer: Writer, element: Element) -> Steps[None]:
-    """If with the ElseIf and Else nodes behind it; the expression may be checked continuously."""
+    """If with the ElseIf and Else nodes that follow it; the expression may be checked continuously."""
     if element.get("type") != "If":
         return  # written with its If
     yield from _branches(writer, [element, *_others(element)])
 
 
 def _branches(writer: Writer, chain: list[Element]) -> Steps[None]:
-    """Branches in their order. One that is left as soon as its expression is false leads on to the next, so those
-    behind it lie in a branch of their own."""
+    """Write the branches in their order. A branch that is left as soon as its expression becomes false continues with
+    the next one, so the branches after it are nested in a separate branch."""
     if _is_continuous(chain[0]):
         yield from _watched(writer, chain[0], chain[1:])
         return
@@ -111,7 +111,7 @@ def _others(element: Element) -> list[Element]:
 
 
 def _watched(writer: Writer, part: Element, rest: list[Element]) -> Steps[None]:
-    """The body is a thread, which is killed when the expression is false; its flag says how it ended."""
+    """Write the body as a thread, which is killed when the expression becomes false; a flag tells how it ended."""
     expression = expression_text(writer, part.child("expression"))
     number = writer.number(part)
     writer.label(part, f"{part.get('type')} {expression_label(writer, part.child('expression'))}")
@@ -144,7 +144,7 @@ _LOOPS: Final = {"Forever": "Always", "Counting": "A number of times", "While": 
 
 
 def _choose_loop(element: Element, value: str, program: Surroundings) -> None:
-    """Another type of loop, with the attributes and children that files have for it."""
+    """Choose another type of loop, with the attributes and children that files have for it."""
     program.set_attribute(element, "type", value)
     program.set_attribute(element, "count", "3" if value == "Counting" else None)
     program.set_attribute(element, "checkContinuously", "false" if value == "While" else None)
@@ -193,7 +193,7 @@ LOOP: Final = Kind(
 
 @node("Loop", LOOP, attributes="type checkContinuously count", children="loopVariable expression children")
 def loop(writer: Writer, element: Element) -> Steps[None]:
-    """Repeat a number of times, for ever, or while an expression holds, which may be checked continuously."""
+    """Repeat a number of times, forever, or while an expression is true, which may be checked continuously."""
     kind = element.get("type")
     if kind == "Counting":
         yield from _counting(writer, element)
@@ -204,7 +204,7 @@ def loop(writer: Writer, element: Element) -> Steps[None]:
     elif kind == "While":
         yield from _while(writer, element)
     else:
-        raise DocumentError(f"a Loop of type {kind!r}, which is not known")
+        raise DocumentError(f"a Loop of unknown type {kind!r}")
 
 
 def _counting(writer: Writer, element: Element) -> Steps[None]:
@@ -278,7 +278,7 @@ DEFAULT: Final = Kind(
 
 @node("Switch", SWITCH, children="expression children")
 def switch(writer: Writer, element: Element) -> Steps[None]:
-    """The case whose number the expression has."""
+    """Run the case whose number equals the expression."""
     cases = [child for child in element.child("children") or () if child.tag == "Case"]
     name = f"switch_{writer.count('switch')}"
     writer.label(element, f"Switch {expression_label(writer, element.child('expression'))}")
@@ -307,7 +307,7 @@ def _default_case(writer: Writer, case: Element) -> Steps[None]:
 
 @node("Case", CASE, DEFAULT)
 def case(writer: Writer, element: Element) -> None:
-    """A branch of a Switch, which writes it."""
+    """Branch of a Switch, which writes it."""
     raise DocumentError("a Case outside a Switch")
 
 
@@ -344,7 +344,7 @@ def timer(writer: Writer, element: Element) -> None:
 
 
 def count_time(writer: Writer, element: Element) -> str:
-    """See to it that the thread of all timers counts a Timer's variable, whose name is returned."""
+    """Make the thread of all timers count a Timer's variable; returns its name."""
     name = variable_name(element.child("variable"))
     if name not in writer.timers:
         writer.timers.append(name)

@@ -1,7 +1,8 @@
-"""Force: nodes during which the arm yields to forces, or presses.
+"""Force nodes: the arm is compliant, or applies a force, while the nodes inside run.
 
-As PolyScope 5 writes it, seen in a public program and the script beside it: which axes of a feature yield, forces and
-torques along them, how fast yielding axes may move and how far the others may deviate from the path.
+As written by PolyScope 5, seen in a public program and the script saved with it: the compliant axes of a feature,
+forces and torques along them, the maximum speed of compliant axes, and the maximum deviation of the others from the
+path.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,7 +20,7 @@ _TYPES: Final = {"Simple": 2, "Frame": 2, "Point": 1, "Motion": 3}  # Script Man
 _STOP: Final = "5.0"  # m/s2
 _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _ALONG: Final = 2  # the axis of Simple: z of the feature
-_MOST: Final = {"N": 500.0, "Nm": 50.0}  # guess: more than any arm can press
+_MOST: Final = {"N": 500.0, "Nm": 50.0}  # guess: more than any arm can apply
 _DEFAULTS: Final = {
     "selection": "0, 0, 1, 0, 0, 0",
     "wrench": "0.0, 0.0, 0.0, 0.0, 0.0, 0.0",
@@ -61,14 +62,14 @@ def _compliant(axis: int) -> Field:
     def shown(element: Element) -> bool:
         return element.get("type") != "Simple"  # there it is always z
 
-    key, title = f"{_AXES[axis].lower()}_yields", f"{_AXES[axis]} yields"
+    key, title = f"{_AXES[axis].lower()}_yields", f"{_AXES[axis]} compliant"
     return Field(key, title, "boolean", lambda e, _: _part(e, "selection", axis) == "1", write, shown=shown)
 
 
 def _number(
     axis: int, what: str, title: str, tag: str, units: tuple[str, str], when: Literal["yields", "stiff"]
 ) -> Field:
-    """units: along an axis, and about one. when: the axis has to yield, or not, for it to have a meaning."""
+    """units: along and about an axis. when: whether the field applies to compliant or to stiff axes."""
     unit = units[axis > _ALONG]
     factor = {"mm": MILLI, "mm/s": MILLI, "°": DEGREES, "°/s": DEGREES}.get(unit, 1.0)
     high = _MOST.get(unit)
@@ -92,8 +93,8 @@ def _fields() -> Iterator[Field]:
     for axis in range(6):
         yield _compliant(axis)
         yield _number(axis, "force", "force", "wrench", ("N", "Nm"), "yields")
-        yield _number(axis, "speed", "highest speed", "limitsForce", ("mm/s", "°/s"), "yields")
-        yield _number(axis, "deviation", "largest deviation", "limitsMotion", ("mm", "°"), "stiff")
+        yield _number(axis, "speed", "maximum speed", "limitsForce", ("mm/s", "°/s"), "yields")
+        yield _number(axis, "deviation", "maximum deviation", "limitsMotion", ("mm", "°"), "stiff")
 
 
 def _new(program: Surroundings) -> Element:
@@ -114,10 +115,10 @@ FORCE: Final = Kind(
 
 @node("Force", FORCE, attributes="type", children="feature selection wrench limitsForce limitsMotion children")
 def force(writer: Writer, element: Element) -> Steps[None]:
-    """Nodes during which the arm yields to forces, or presses."""
+    """Run nodes while the arm is compliant or applies a force."""
     kind = _TYPES.get(element.get("type"))
     if kind is None:
-        raise DocumentError(f"a Force of type {element.get('type')!r}, which is not known")
+        raise DocumentError(f"a Force of unknown type {element.get('type')!r}")
     selection, wrench, by_force, by_motion = (
         _six_parts(element, tag) for tag in ("selection", "wrench", "limitsForce", "limitsMotion")
     )

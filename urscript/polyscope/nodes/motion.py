@@ -1,4 +1,4 @@
-"""What a Move says for all that lies in it, and the speeds that several nodes have."""
+"""The settings of a Move for the nodes inside it, and the speed fields that several nodes share."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _NO_TCP: Final = ZERO6
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """What a Move node says for the waypoints in it. kind: MoveJ, MoveL or MoveP."""
+    """The settings of a Move node for the waypoints inside it. kind: MoveJ, MoveL or MoveP."""
 
     element: Element
     kind: str
@@ -24,16 +24,16 @@ class Move:
 
     @property
     def of_flange(self) -> bool:
-        """Whether the flange is moved, and not the TCP."""
+        """Whether poses are for the flange instead of the TCP."""
         return self.element.get("useActiveTCP") == "false" and self.element.child("tcp") is None
 
     @property
     def call(self) -> str:
-        """The built-in that moves."""
+        """The built-in for the motion."""
         return ("opti" if self.optimove else "") + self.kind.lower()
 
     def speeds(self, waypoint: Element | None) -> tuple[str, str]:
-        """Acceleration and speed, the waypoint's own if it has them."""
+        """Acceleration and speed: those of the waypoint if it has its own, else those of the Move."""
         space = "joint" if self.kind == "MoveJ" else "cartesian"
         own = waypoint.child("motionParameters") if waypoint is not None else None
         if own is not None and own.get(f"{space}Speed"):
@@ -44,16 +44,16 @@ class Move:
 
 
 def move_of(element: Element) -> Move:
-    """The Move node around a node. Raises DocumentError without one."""
+    """The Move node that contains a node. Raises DocumentError without one."""
     around: Element | None = element
     while around is not None and not around.attributes.get("motionType"):
         around = around.parent
     if around is None:
-        raise DocumentError(f"<{element.tag}> {element.get('name')} is in no Move node")
+        raise DocumentError(f"<{element.tag}> {element.get('name')} is not inside a Move node")
     return Move(around, around.get("motionType"), around.get("optimoveEnabled") == "true")
 
 
-# what a new Move has, as PolyScope makes it: 60 degrees/s and 80 degrees/s2, or 250 mm/s and 1200 mm/s2
+# defaults of a new Move, as in PolyScope: 60 degrees/s and 80 degrees/s2, or 250 mm/s and 1200 mm/s2
 JOINT_DEFAULTS: Final = {"speed": "1.0471975511965976", "acceleration": "1.3962634015954636"}
 TOOL_DEFAULTS: Final = {"speed": "0.25", "acceleration": "1.2"}
 _SPEED_LIMIT, _ACCELERATION_LIMIT = 360.0, 2292.0  # guess [degrees/s, degrees/s2]: what the largest joints can do
@@ -63,7 +63,7 @@ _TOOL_SPEED_LIMIT, _TOOL_ACCELERATION_LIMIT = 5000.0, 150000.0  # guess [mm/s, m
 def speed_fields(
     prefix: str, title: str, names: tuple[str, str], shown: Callable[[Element], bool]
 ) -> tuple[Field, ...]:
-    """Speed and acceleration of joints or of the tool. names: the attributes."""
+    """Fields for speed and acceleration of the joints or of the tool. names: the attributes."""
     joint = prefix == "joint"
     factor, unit = (DEGREES, "°/s") if joint else (MILLI, "mm/s")
     speed, acceleration = (

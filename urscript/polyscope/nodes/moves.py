@@ -1,4 +1,4 @@
-"""Moves, and the way home."""
+"""Move nodes, and the move to the home position."""
 
 from collections.abc import Callable
 from typing import Final
@@ -25,7 +25,7 @@ def _is_joint(element: Element) -> bool:
 
 
 def _choose_motion(element: Element, value: str, program: Surroundings) -> None:
-    """Another motion has other units, so speeds begin anew."""
+    """Choose another motion type. Its speeds have other units, so they are reset to the defaults."""
     if (value == "MoveJ") != _is_joint(element):
         for name, default in (JOINT_DEFAULTS if value == "MoveJ" else TOOL_DEFAULTS).items():
             program.set_attribute(element, name, default)
@@ -135,12 +135,12 @@ MOVE: Final = Kind(
     children="tcp feature children",
 )
 def move(writer: Writer, element: Element) -> Steps[None]:
-    """A way through waypoints: MoveJ, MoveL or MoveP, with an own TCP or feature."""
+    """Move through waypoints with MoveJ, MoveL or MoveP; it may have its own TCP or feature."""
     writer.label(element, element.get("motionType"))
     yield from translate_children(writer, element)
 
 
-_BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # guess: the second, which no public file has
+_BY_SPEED, _BY_TIME = "SPEED_AND_ACCELERATION", "TIME"  # the second is a guess: no public file has it
 
 
 def _by(option: str) -> Callable[[Element], bool]:

@@ -1,4 +1,4 @@
-"""Dialogues with the operator, and the program's end."""
+"""Dialogs with the operator, Halt and Assignment."""
 
 from typing import Final
 
@@ -30,7 +30,7 @@ def _asks_for_variable(element: Element) -> bool:
 
 
 def _choose_input(element: Element, value: str, program: Surroundings) -> None:
-    """A popup shows a text or a variable; the other one goes."""
+    """Choose whether a popup shows a text or a variable; removes the other one."""
     program.set_attribute(element, "inputType", value)
     if value == "Text":
         program.set_child(element, "variable", None)
@@ -69,10 +69,10 @@ POPUP: Final = Kind(
 
 @node("Popup", POPUP, attributes="type haltProgram message inputType")
 def popup(writer: Writer, element: Element) -> None:
-    """A text on the screen, which may end the program."""
+    """Show a message on the screen; it may end the program."""
     kind = element.get("type")
     if kind not in _FLAGS:
-        raise DocumentError(f"a Popup of type {kind!r}, which is not known")
+        raise DocumentError(f"a Popup of unknown type {kind!r}")
     variable = element.child("variable")
     shown = f'str_cat("", {variable_name(variable)})' if variable else quoted(element.get("message"))
     ends = element.get("haltProgram") == "true"
@@ -84,7 +84,7 @@ def popup(writer: Writer, element: Element) -> None:
 
 @node("Halt", Kind("halt", "Halt", "Basic", lambda _: "Halt", new=lambda _: make("Halt")))
 def halt(writer: Writer, element: Element) -> None:
-    """The program ends here."""
+    """End the program."""
     writer.label(element, "Halt")
     writer.line("halt")
 
@@ -147,12 +147,12 @@ ASSIGNMENT: Final = Kind(
 
 @node("Assignment", ASSIGNMENT, attributes="valueSource message valueType", children="variable expression")
 def assignment(writer: Writer, element: Element) -> None:
-    """A variable gets the value of an expression, or what the operator answers."""
+    """Assign the value of an expression, or the operator's answer, to a variable."""
     name = variable_name(element.child("variable"))
     if element.get("valueSource") == "Operator":
         kind = element.get("valueType").lower()
         if kind not in ("boolean", "integer", "float", "string"):
-            raise DocumentError(f"an operator cannot be asked for a {kind!r}")
+            raise DocumentError(f"the operator cannot be asked for a {kind!r}")
         writer.label(element, f"{name}≔{element.get('message')}")
         writer.line(f"global {name}=request_{kind}_from_primary_client({quoted(element.get('message'))})")
         return

@@ -22,7 +22,7 @@ from urscript.polyscope.surroundings import ANALOG_OUTPUTS, DIGITAL_OUTPUTS, OUT
 from urscript.polyscope.writer import Writer, expression_text, pin_name, pin_writing, resolve_pin
 
 _PULSE: Final = "SingleDigitalPulseActionState"
-_VOLTS: Final = 10.0  # what an analogue output gives at most
+_VOLTS: Final = 10.0  # maximum voltage of an analog output
 _MILLIAMPERES: Final = (4.0, 20.0)
 
 
@@ -33,7 +33,7 @@ _ACTIONS: Final = {
     "ExpressionOutput": "An output to an expression",
     _PULSE: "A single pulse",
 }
-_PARTS: Final = {  # the children that files have for each
+_PARTS: Final = {  # the children that files have for each type
     "DigitalOutput": ("pin", "digitalValue"),
     "AnalogOutput": ("pin", "analogValue"),
     "ExpressionOutput": ("pin", "expression"),
@@ -58,7 +58,7 @@ def _choose(element: Element, value: str, program: Surroundings) -> None:
 
 
 def _of_pulse(field: Field) -> Field:
-    """A field of the pulse that lies in a Set."""
+    """A field of the pulse inside a Set."""
 
     def read(element: Element, program: Surroundings) -> Any:
         pulse = element.child(_PULSE)
@@ -67,7 +67,7 @@ def _of_pulse(field: Field) -> Field:
     def write(element: Element, value: Any, program: Surroundings) -> None:
         pulse = element.child(_PULSE)
         if pulse is None:
-            raise FieldError("the node sets no single pulse")
+            raise FieldError("the node does not output a single pulse")
         field.write(pulse, value, program)
 
     return replace(field, read=read, write=write, shown=of_type(_PULSE))
@@ -122,7 +122,7 @@ SET: Final = Kind(
         level_field(shown=of_type("DigitalOutput")),
         pin_field("analog_output", "Output", ANALOG_OUTPUTS, shown=of_type("AnalogOutput")),
         child_number(
-            "value", "Value", "analogValue", shown=of_type("AnalogOutput"), help="V or mA, as the installation has it"
+            "value", "Value", "analogValue", shown=of_type("AnalogOutput"), help="V or mA, as set in the installation"
         ),
         pin_field("any_output", "Output", OUTPUTS, shown=of_type("ExpressionOutput")),
         expression_field("expression", "Expression", shown=of_type("ExpressionOutput")),
@@ -141,12 +141,12 @@ SET: Final = Kind(
     "Set",
     SET,
     status="partial",
-    note="no single pulses from high to low: how files describe them is not known",
+    note="no single pulses from high to low, because their file format is not known",
     attributes="type payload tcpAsCog centerOfGravity",
     children=f"tcp pin digitalValue analogValue expression {_PULSE}",
 )
 def set_node(writer: Writer, element: Element) -> None:
-    """Set an output, for a time or for good, the TCP or the payload."""
+    """Set an output, permanently or as a pulse, the TCP or the payload."""
     _set_output(writer, element)
     if element.child("tcp"):
         writer.line(f"set_tcp({writer.tcp(element.child('tcp'))})")
@@ -170,13 +170,14 @@ def _set_output(writer: Writer, element: Element) -> None:
     elif kind == "ExpressionOutput":
         shown = value = expression_text(writer, element.child("expression"))
     else:
-        raise DocumentError(f"a Set of type {kind!r}, which is not known")
+        raise DocumentError(f"a Set of unknown type {kind!r}")
     writer.label(element, f"Set {pin_name(pin)}={shown}")
     writer.line(pin_writing(writer, pin, value))
 
 
 def _share_of_range(writer: Writer, pin: Element | None, value: float) -> str:
-    """What the built-in takes: files have volts (seen) or milliamperes (guess), as the installation has it."""
+    """The argument of the built-in, as a fraction of the range. Files contain volts (seen) or milliamperes (guess),
+    depending on the installation."""
     kind, port = resolve_pin(writer, pin)
     if kind != "analog_out":
         return repr(value)
@@ -185,7 +186,7 @@ def _share_of_range(writer: Writer, pin: Element | None, value: float) -> str:
 
 
 def _pulse(writer: Writer, element: Element) -> None:
-    """High for a time, and the program goes on meanwhile."""
+    """Set an output high for a time, while the program continues."""
     pulse = element.child(_PULSE)
     seconds = pulse.get("hiPulseInSeconds") if pulse else ""
     if pulse is None or not seconds:
@@ -229,7 +230,7 @@ def _choose_payload(element: Element, value: str, program: Surroundings) -> None
 
 @node("SetPayload", SET_PAYLOAD)
 def set_payload(writer: Writer, element: Element) -> None:
-    """Set a payload that the installation has under a name (PolyScope 5.10 and later)."""
+    """Set a payload of the installation by its name (PolyScope 5.10 and later)."""
     name = element.get("workpieceName")
     payload = writer.installation.payloads.get(name)
     if payload is None:

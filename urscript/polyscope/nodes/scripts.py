@@ -1,4 +1,4 @@
-"""URScript written by the user, and subprograms."""
+"""Script, Subprogram and Call nodes."""
 
 from typing import Final
 
@@ -24,7 +24,7 @@ def _choose_type(element: Element, value: str, program: Surroundings) -> None:
 
 
 def _choose_file(element: Element, value: str, program: Surroundings) -> None:
-    """Name a file; its text goes into the program too, as PolyScope keeps it there."""
+    """Set the script file; like PolyScope, this also copies its text into the program."""
     program.set_text(element, "file", value)
     text = program.folder.text(value)
     program.set_text(element, "cachedContents", text if text is not None else "")
@@ -75,7 +75,7 @@ SCRIPT: Final = Kind(
 
 @node("Script", SCRIPT, children="cachedContents file expression")
 def script(writer: Writer, element: Element) -> None:
-    """A line of URScript, or a file of it, taken from the folder and else from the copy in the program."""
+    """A line of URScript, or a script file, read from the programs folder or else from the copy in the program."""
     if element.get("type") != "File":
         text = expression_text(writer, element.child("expression"))
         writer.label(element, expression_label(writer, element.child("expression")))
@@ -90,7 +90,7 @@ def script(writer: Writer, element: Element) -> None:
 
 
 def _file_text(writer: Writer, element: Element, name: str) -> str:
-    """The file's text, unless PolyScope has written that program over it when it saved one of that name."""
+    """The text of the file, unless PolyScope has overwritten it when it saved a program of the same name."""
     copy = element.child("cachedContents")
     folder = writer.tree.folder
     overwritten = copy is not None and folder.find(f"{name.removesuffix('.script')}.urp") is not None
@@ -119,19 +119,19 @@ SUBPROGRAM: Final = Kind(
     fields=(
         node_name(what="subprogram"),
         attribute_boolean("hidden", "Hide subprogram tree", "keepHidden"),
-        attribute_boolean("synchronized", "Keep in step with the file", "keepSynchronizedWithDisk"),
+        attribute_boolean("synchronized", "Keep in sync with the file", "keepSynchronizedWithDisk"),
     ),
 )
 
 
 @node("SubProgram", SUBPROGRAM)
 def subprogram(writer: Writer, element: Element) -> Steps[None]:
-    """A part of the program that others call; a function of the script."""
+    """A part of the program that Call nodes run; it becomes a function of the script."""
     yield from _write_subprogram(writer, element)
 
 
 def _write_subprogram(writer: Writer, element: Element) -> Steps[None]:
-    """Once, also when it is called before the tree comes to it."""
+    """Write a subprogram once, even when it is called before its place in the tree."""
     name = _declared(writer, element)
     if not writer.once(f"subprogram {name}"):
         return
@@ -142,7 +142,7 @@ def _write_subprogram(writer: Writer, element: Element) -> Steps[None]:
 
 
 def _subprograms(program: Surroundings) -> dict[str, Element]:
-    """The subprograms that stand in the program, by their names."""
+    """The subprograms of the program by name."""
     children = program.root.child("children")
     return {
         place.get("name"): place.resolved()
@@ -186,10 +186,10 @@ CALL: Final = Kind(
 
 @node("CallSubProgram", CALL)
 def call(writer: Writer, element: Element) -> Steps[None]:
-    """Call a subprogram, which may be a program file of its own."""
+    """Call a subprogram, which may be a separate program file."""
     called = element.child("subprogram")
     if called is None:
-        raise DocumentError("a Call names no subprogram")
+        raise DocumentError("a Call does not name a subprogram")
     writer.label(element, f"Call {called.get('name')}")
     writer.line(f"{_declared(writer, called)}()")
     yield from _write_subprogram(writer, called)
@@ -200,9 +200,9 @@ def _declared(writer: Writer, element: Element) -> str:
 
 
 def _body(writer: Writer, element: Element) -> Steps[Element]:
-    """Where the subprogram's nodes are: here, or in its own file.
+    """The element with the subprogram's nodes: here or in its own file.
 
-    The file counts if the subprogram is kept in step with it, or has no copy here.
+    The file is used if the subprogram is kept in sync with it, or has no copy here.
     """
     own = element.child("children")
     name = child_text(element, "programFile")

@@ -1,4 +1,4 @@
-"""The program itself and what only orders it."""
+"""Nodes for the structure of a program: the program itself, threads, events, folders and comments."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ from urscript.work import Steps
 
 
 def _loops_field(title: str) -> Field:
-    """That it begins anew when it is at its end, which files have the other way round."""
+    """Whether the node restarts at its end; files store the opposite (``runOnlyOnce``)."""
 
     def write(element: Element, value: bool, program: Surroundings) -> None:
         program.set_attribute(element, "runOnlyOnce", "false" if value else "true")
@@ -35,7 +35,7 @@ ROBOT_PROGRAM: Final = Kind(
 
 @node("MainProgram", ROBOT_PROGRAM, attributes="runOnlyOnce InitVariablesNode")
 def main_program(writer: Writer, element: Element) -> Steps[None]:
-    """The robot program, for ever unless it runs only once."""
+    """The robot program, which repeats forever unless it runs only once."""
     if element.get("runOnlyOnce") == "true":
         writer.label(element, "Robot Program")
         yield from translate_children(writer, element)
@@ -57,7 +57,7 @@ VARIABLES_SETUP: Final = Kind(
 
 @node("InitVariablesNode", VARIABLES_SETUP)
 def init_variables(writer: Writer, element: Element) -> None:
-    """First values of variables."""
+    """Initial values of variables."""
     with writer.into("variables"):
         for variable in element.child("variables") or ():
             text = expression_text(writer, variable.child("expression", "initializeExpression"))
@@ -79,12 +79,12 @@ BEFORE_START: Final = Kind(
 
 @node("SpecialSequence", BEFORE_START, status="partial", note="BeforeStart, and the CircleMove of old files")
 def special_sequence(writer: Writer, element: Element) -> Steps[None]:
-    """What is done once before the program starts."""
+    """Nodes that run once before the program starts."""
     if element.get("type") == "CircleMove":
         circle_move(writer, element)
         return
     if element.get("type") != "BeforeStart":
-        raise DocumentError(f"a special sequence {element.get('type')!r}, which is not known")
+        raise DocumentError(f"an unknown special sequence {element.get('type')!r}")
     with writer.into("before"):
         writer.label(element, element.get("type"))
         yield from translate_children(writer, element)
@@ -106,7 +106,7 @@ THREAD: Final = Kind(
 
 @node("Thread", THREAD)
 def thread(writer: Writer, element: Element) -> Steps[None]:
-    """Runs beside the robot program, for ever unless it runs only once."""
+    """Runs alongside the robot program, forever unless it runs only once."""
     name = identifier(element.get("name"))
     with writer.into("threads"):
         writer.label(element, element.get("name"))
@@ -134,7 +134,7 @@ EVENT: Final = Kind(
 
 @node("Event", EVENT, children="expression children")
 def event(writer: Writer, element: Element) -> Steps[None]:
-    """Done whenever its expression is true, beside the robot program; one thread looks for the first that is due."""
+    """Runs alongside the robot program whenever its expression is true; one thread runs the first that is due."""
     if not writer.once("events"):
         return
     events = [
@@ -169,19 +169,19 @@ FOLDER: Final = Kind(
 
 @node("Folder", FOLDER)
 def folder(writer: Writer, element: Element) -> Steps[None]:
-    """Nodes under a name."""
+    """Groups nodes under a name."""
     writer.label(element, element.get("name") or "Folder")
     yield from translate_children(writer, element)
 
 
 @node("SuppressedNode")
 def suppressed(writer: Writer, element: Element) -> None:
-    """Left out."""
+    """Nodes that are not executed."""
 
 
 @node(
     "Placeholder",
-    Kind("empty", "<empty>", "Program", lambda _: "<empty>", undefined=lambda _: "what is done here"),
+    Kind("empty", "<empty>", "Program", lambda _: "<empty>", undefined=lambda _: "the node to execute here"),
 )
 def placeholder(writer: Writer, element: Element) -> None:
     """An empty line of the tree."""
@@ -199,6 +199,6 @@ COMMENT: Final = Kind(
 
 @node("Comment", COMMENT)
 def comment(writer: Writer, element: Element) -> None:
-    """A remark: a label that clients see."""
+    """A remark, written as a label that clients see."""
     text = element.get("comment")
     writer.label(element, f"'{text}'" if text else "Comment")

@@ -1,4 +1,4 @@
-"""Nodes that URCaps contribute."""
+"""Program nodes contributed by URCaps."""
 
 from typing import Final
 
@@ -12,11 +12,11 @@ from urscript.polyscope.registry import Kind, node
 from urscript.polyscope.tree import EXTERNAL_CONTROL, TreeError, is_external_control
 from urscript.polyscope.writer import Writer
 
-_UNNAMED: Final = "192.168.56.1"  # what the URCap calls a driver without a name
+_UNNAMED: Final = "192.168.56.1"  # the URCap's name for a driver that has none
 
 
 def new_external_control(_: object = None) -> Element:
-    """The node as the URCap saves it: host and port are the installation's."""
+    """A new node as the URCap saves it; host and port are in the installation."""
     return make(
         "Contributed",
         make("dataModel"),
@@ -55,10 +55,10 @@ OTHER_URCAP: Final = Kind(
     EXTERNAL_CONTROL_KIND,
     OTHER_URCAP,
     status="partial",
-    note="External Control; others if the .script that PolyScope saved beside the program holds their code",
+    note="External Control; others if the .script that PolyScope saved with the program contains their code",
 )
 def contributed(writer: Writer, element: Element) -> None:
-    """A node of a URCap."""
+    """Program node of a URCap."""
     if is_external_control(element):
         _external_control(writer, element)
         return
@@ -67,20 +67,20 @@ def contributed(writer: Writer, element: Element) -> None:
     lines = tree.saved_script.code(writer.line_in(tree, element), urcap, kind)
     if lines is None:
         raise TreeError(
-            f"the node {kind!r} is one of the URCap {urcap!r}, which is not installed here; "
-            f"save the program with PolyScope and put {tree.name}.script, which holds its code, beside it"
+            f"the node {kind!r} belongs to the URCap {urcap!r}, which is not installed here: "
+            f"save the program with PolyScope and put {tree.name}.script, which contains its code, next to it"
         )
     if tree.changed_since_saved:
         raise TreeError(
-            f"the node {kind!r} is one of the URCap {urcap!r}, whose code would come from {tree.name}.script; that was "
-            f"not saved with the program as it is now: {tree.changed_since_saved}. Save it with PolyScope again"
+            f"the node {kind!r} belongs to the URCap {urcap!r}, whose code comes from {tree.name}.script, but the "
+            f"program has changed since that was saved: {tree.changed_since_saved}: save it with PolyScope again"
         )
     writer.raw(lines)
     _prepare(writer, element)
 
 
 def _prepare(writer: Writer, element: Element) -> None:
-    """What the code of the nodes below uses, which PolyScope writes elsewhere into the script."""
+    """Write the functions and variables that the code of the nodes below uses, and that PolyScope writes elsewhere."""
     for inner in (child.resolved() for child in element.child("children") or ()):
         if inner.tag == "SuppressedNode":
             continue
@@ -94,10 +94,10 @@ def _prepare(writer: Writer, element: Element) -> None:
 
 
 def _external_control(writer: Writer, element: Element) -> None:
-    """The header once, where the first node stands, and the rest at every node (seen in saved scripts)."""
+    """Write the header once, at the first node, and the rest at every node (seen in saved scripts)."""
     code = writer.external_control
     if code is None:
-        raise TreeError("the program has External Control nodes, and no driver has given their code")
+        raise TreeError("the program has External Control nodes, but no driver has provided their code")
     writer.label(element, _shown(writer.installation))
     if writer.once("external control header"):
         writer.raw(lines(code.header))

@@ -17,7 +17,7 @@ _LEVELS: Final = {"1": "On", "0": "Off"}
 
 
 def level_field(key: str = "level", title: str = "Level", tag: str = "digitalValue", **more: Any) -> Field:
-    """High or low, as the text of a child."""
+    """Field for high or low, stored as the text of a child."""
 
     def write(element: Element, value: str, program: Surroundings) -> None:
         program.set_text(element, tag, value)
@@ -38,14 +38,14 @@ _SHORT: Final = re.compile(r"(digital|tool|analog|config)_(in|out)\[")
 
 
 def pin_shown(element: Element) -> str:
-    """The name of a node's pin as the tree has it, DO[0] for digital_out[0] (seen; the others alike: a guess)."""
+    """The name of a node's pin as shown in the tree: DO[0] for digital_out[0] (seen; the same for others: a guess)."""
     pin = element.child("pin")
     name = (pin.get("referencedName") if pin else "") or "?"
     return _SHORT.sub(lambda match: f"{match[1][0]}{match[2][0]}[".upper(), name)
 
 
 def _choose(element: Element, value: str, program: Surroundings) -> None:
-    """Another type of wait, with the children that files have for it."""
+    """Choose another type of wait, with the children that files have for it."""
     wanted = {"Sleep": ["waitTime"], "DigitalInput": ["pin", "digitalValue"], "Condition": ["expression"]}
     wanted["AnalogInput"] = ["pin", "analogComparison", "analogValue"]
     keep = wanted.get(value, [])
@@ -123,7 +123,7 @@ WAIT: Final = Kind(
     "Wait",
     WAIT,
     status="partial",
-    note="which of < and > an analogue condition means is a guess",
+    note="it is a guess which of < and > an analog condition means",
     children="waitTime pin digitalValue analogComparison analogValue expression",
 )
 def wait(writer: Writer, element: Element) -> None:
@@ -142,7 +142,7 @@ def wait(writer: Writer, element: Element) -> None:
 
 
 def _condition(writer: Writer, element: Element, kind: str) -> tuple[str, str]:
-    """How it is shown, and URScript that is true until it is met."""
+    """The condition as shown in the tree, and URScript that is true until it is met."""
     if kind == "Condition":
         expression = element.child("expression")
         return expression_label(writer, expression), f"not({expression_text(writer, expression)})"
@@ -154,14 +154,14 @@ def _condition(writer: Writer, element: Element, kind: str) -> tuple[str, str]:
     if kind == "AnalogInput":
         condition = analog_condition(writer, element)
         return condition, f"not({condition})"
-    raise DocumentError(f"a Wait of type {kind!r}, which is not known")
+    raise DocumentError(f"a Wait of unknown type {kind!r}")
 
 
 def analog_condition(writer: Writer, element: Element) -> str:
-    """An analogue input above or below a value."""
+    """URScript that compares an analog input with a value."""
     operator = _COMPARISONS.get(child_text(element, "analogComparison") or element.get("analogComparison"))
     if operator is None:
-        raise DocumentError(f"how {pin_name(element.child('pin'))} is compared with a value is not known")
+        raise DocumentError(f"the comparison of {pin_name(element.child('pin'))} with a value is not known")
     return f"{pin_reading(writer, element.child('pin'))} {operator} {child_text(element, 'analogValue')}"
 
 

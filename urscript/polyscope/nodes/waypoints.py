@@ -1,4 +1,4 @@
-"""Waypoints, fixed, relative and variable: taught, moved to, and the arcs through two of them."""
+"""Fixed, relative and variable waypoints: teaching, moving to them, and circle moves through two of them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -36,7 +36,7 @@ from urscript.polyscope.surroundings import FieldError, Surroundings
 from urscript.polyscope.writer import BASE, NO_POSE, TOOL, Writer, variable_name
 
 _TAUGHT: Final = ("relativeFromPosition", "position", "poseInFeatureCoordinates", "outputFlangePose", "BaseToFeature")
-_UNKNOWN_FLAGS: Final = "-1"  # configuration of the arm at a waypoint that is no fixed one
+_UNKNOWN_FLAGS: Final = "-1"  # configuration of the arm at a waypoint that is not fixed
 _OWN_SPEEDS: Final = ("jointSpeed", "jointAcceleration", "cartesianSpeed", "cartesianAcceleration")
 
 
@@ -46,7 +46,7 @@ def new_waypoint(program: Surroundings) -> Element:
 
 
 def _choose_type(element: Element, value: str, program: Surroundings) -> None:
-    """What was taught, or the variable, goes with the type."""
+    """Choose the type of waypoint; removes taught positions or the variable that do not belong to it."""
     for tag in (*_TAUGHT, "variable"):
         if value != "Relative" or tag not in ("position", "BaseToFeature"):
             program.set_child(element, tag, None)
@@ -55,7 +55,7 @@ def _choose_type(element: Element, value: str, program: Surroundings) -> None:
 
 
 def _parameter(field: Field) -> Field:
-    """A field of the waypoint's own motion, which lies in a child."""
+    """A field of the waypoint's own motion, which is stored in a child."""
 
     def read(element: Element, program: Surroundings) -> Any:
         own = element.child("motionParameters")
@@ -104,7 +104,7 @@ def _has_motion(value: str) -> Callable[[Element], bool]:
 
 def _position_read(tag: str) -> Callable[[Element, Surroundings], Any]:
     def read(element: Element, _: Surroundings) -> Any:
-        """Joints [rad] and TCP pose in the base frame, None before it is taught."""
+        """Joint angles [rad] and TCP pose in the base frame; None before it is taught."""
         position = element.child(tag)
         if position is None:
             return None
@@ -115,7 +115,7 @@ def _position_read(tag: str) -> Callable[[Element, Surroundings], Any]:
 
 
 def _position_write(element: Element, value: Any, _: Surroundings) -> None:
-    raise FieldError("a position is taught, with joints, pose and TCP")
+    raise FieldError("a position cannot be typed in: teach it with joints, pose and TCP")
 
 
 def _position_field(key: str, title: str, tag: str, *types: str) -> Field:
@@ -184,16 +184,16 @@ def teach(
     *,
     start: bool = False,
 ) -> None:
-    """Give a waypoint the position where the arm is.
+    """Set a waypoint to the current position of the arm.
 
-    joints [rad]; pose: TCP in the base frame, and tcp: TCP in the flange frame [m, rad]. start: the first of the two
-    positions of a relative waypoint. Raises FieldError for a waypoint whose pose is in a variable, or without an arm.
+    joints [rad]; pose: TCP in the base frame; tcp: TCP in the flange frame [m, rad]. start: set the first of the two
+    positions of a relative waypoint. Raises FieldError if the pose is in a variable, or if the arm is not known.
     """
     kind = element.get("type")
     if kind == "Variable":
-        raise FieldError("its pose is in a variable, and is not taught")
+        raise FieldError("its pose is in a variable and cannot be taught")
     if start and kind != "Relative":
-        raise FieldError("only a relative waypoint has a position it starts from")
+        raise FieldError("only a relative waypoint has a starting position")
     tag = "relativeFromPosition" if start else "position"
     feature = _taught_feature(element, program)
     if program.cb3:
@@ -218,12 +218,12 @@ def teach(
 
 def _six_text(values: Sequence[float]) -> str:
     if len(values) != 6 or not all(math.isfinite(value) for value in values):
-        raise FieldError(f"{list(values)} is not six numbers")
+        raise FieldError(f"expected six numbers, not {list(values)}")
     return ", ".join(java_number(value) for value in values)
 
 
 def _taught_feature(element: Element, program: Surroundings) -> Sequence[float]:
-    """Pose of the feature that the Move around a waypoint has, in the base frame."""
+    """Pose of the feature of the Move that contains a waypoint, in the base frame."""
     try:
         reference = move_of(element).element.child("feature")
     except DocumentError:
@@ -233,19 +233,19 @@ def _taught_feature(element: Element, program: Surroundings) -> Sequence[float]:
 
 
 def _arm(program: Surroundings) -> Element:
-    """The dimensions of the arm that teaches: those the program was saved with, or of the model."""
+    """The dimensions of the arm used for teaching: those saved with the program, or those of the model."""
     saved = program.root.child("kinematics")
     if saved is not None:
         arm = make("Kinematics", *(make(child.tag, **child.attributes) for child in saved.children))
         arm.attributes = dict(saved.attributes)
         return arm
     if program.model is None:
-        raise FieldError("which arm teaches is not known: the program does not say it")
+        raise FieldError("the program does not say which arm it is for, so positions cannot be taught")
     return kinematics_element("Kinematics", program.model)
 
 
 def kinematics_element(tag: str, model: RobotModel) -> Element:
-    """The dimensions of an arm as PolyScope saves those of one that is not calibrated."""
+    """The dimensions of an arm as PolyScope saves them for an arm without calibration."""
     rows = {"deltaTheta": model.dh.theta, "a": model.dh.a, "d": model.dh.d, "alpha": model.dh.alpha}
     return make(
         tag,
@@ -257,10 +257,10 @@ def kinematics_element(tag: str, model: RobotModel) -> Element:
 
 
 def configuration(joints: Sequence[float], program: Surroundings) -> int:
-    """``kinematicsFlags``: which of its eight postures the arm has.
+    """``kinematicsFlags``: which of the eight inverse kinematics solutions the arm is in.
 
-    Bit 1: wrist 2 is turned below zero; bit 2: the elbow bends below zero; bit 0: it does not. So it is in 97 % of 6600
-    taught waypoints; what tells bits 0 and 2 apart in the others is not known.
+    Bit 1: wrist 2 is negative; bit 2: the elbow is negative; bit 0: the elbow is not negative. This matches 97 % of
+    6600 taught waypoints; the rule for bits 0 and 2 in the others is not known.
     """
     elbow, wrist = (math.remainder(joints[index], 2 * math.pi) for index in (2, 4))
     return (1 if elbow >= 0 else 0) | (2 if wrist < 0 else 0) | (4 if elbow < 0 else 0)
@@ -274,7 +274,7 @@ def configuration(joints: Sequence[float], program: Surroundings) -> int:
     "BaseToFeature",
 )
 def waypoint(writer: Writer, element: Element) -> None:
-    """A place to move to: fixed, relative or in a variable, with its own speed, time or blend."""
+    """Move to a fixed, relative or variable position; it may have its own speed, time or blend."""
     way = move_of(element)
     writer.label(element, _shown_name(element), "breakAfter")
     if not (way.kind == "MoveJ" and way.element.get("positionType") == JOINTS):  # joints need no TCP
@@ -290,7 +290,7 @@ def waypoint(writer: Writer, element: Element) -> None:
 
 
 def _set_tcp(writer: Writer, way: Move) -> None:
-    """PolyScope sets the TCP of a Move before each of its waypoints."""
+    """Set the TCP of the Move, as PolyScope does before each of its waypoints."""
     tcp = way.element.child("tcp")
     if way.element.get("useActiveTCP") == "false" and tcp:
         writer.line(f"set_tcp({writer.tcp(tcp)})")
@@ -311,8 +311,11 @@ def _blend(writer: Writer, element: Element, way: Move) -> str:
 
 
 def _path_blend(writer: Writer, point: Element, way: Move, own: str) -> str:
-    """A path's blend. It ends, without one, where the next line of the tree is a Move of another kind; not if that
-    begins with a Direction, and not if anything else is between (seen in 700 MoveP of public pairs)."""
+    """The blend radius of a MoveP waypoint.
+
+    It is 0 at the end of the path, where the next line of the tree is a Move of another kind; not if that Move begins
+    with a Direction, and not if anything else is in between (seen in 700 MoveP of public pairs).
+    """
     tree = writer.home(point)
     after = [line.element for line in tree.lines[writer.line_in(tree, point) :][:2]]
     moves_on = bool(after) and after[0].tag == "Move" and after[0].get("motionType") != "MoveP"
@@ -322,14 +325,14 @@ def _path_blend(writer: Writer, point: Element, way: Move, own: str) -> str:
 
 
 def _target(writer: Writer, element: Element, way: Move) -> str:
-    """What the move's first argument is."""
+    """The first argument of the move."""
     kind = element.get("type")
     if kind == "Variable":
         return _of_flange(way, _in_feature(writer, way, variable_name(element.child("variable"))))
     if kind == "Relative":
         return _relative(writer, element)
     if kind and kind != "Fixed":
-        raise DocumentError(f"a waypoint of type {kind!r}, which is not known")
+        raise DocumentError(f"a waypoint of unknown type {kind!r}")
     pose, joints = writer.waypoint(element)
     if way.kind != "MoveJ":
         return _of_flange(way, _followed(writer, element, way, pose))
@@ -344,18 +347,18 @@ def _target(writer: Writer, element: Element, way: Move) -> str:
 
 
 def _of_flange(way: Move, pose: str) -> str:
-    """Where the TCP has to be when the pose is one for the flange (seen with MoveJ; with variables it is a guess)."""
+    """The TCP pose for a pose of the flange (seen with MoveJ; with variables it is a guess)."""
     return f"pose_trans({pose}, get_tcp_offset())" if way.of_flange else pose
 
 
 def _in_feature(writer: Writer, way: Move, pose: str) -> str:
-    """A pose that is relative to the move's feature, as it is by then if it is a variable."""
+    """The base-frame pose of a pose relative to the Move's feature; a variable feature is read when the move starts."""
     feature = writer.feature(way.element.child("feature"), variable=True)
     return pose if feature == NO_POSE else f"pose_trans({feature}, {pose})"
 
 
 def _followed(writer: Writer, element: Element, way: Move, pose: str) -> str:
-    """A taught pose, which follows its feature when that is a variable and has been moved."""
+    """A taught pose; it follows its feature when that is a variable and has been moved."""
     reference = way.element.child("feature")
     name = reference.get("referencedName") or reference.get("featureName") if reference else ""
     taught = element.child("BaseToFeature")
