@@ -79,7 +79,7 @@ def test_a_file_that_has_no_poses_is_told_and_not_overwritten(path: Path, conten
     path.parent.mkdir()
     path.write_bytes(content)
     poses = Poses(path)
-    with pytest.raises(FileError, match="not poses"):
+    with pytest.raises(FileError, match="does not contain poses"):
         poses.of("ur5e")
     with pytest.raises(FileError):
         poses.save("ur5e", "box", BOX)

@@ -190,6 +190,6 @@ def test_a_file_of_something_else_is_left_alone(tmp_path: Path, content: str) ->
     path.write_text(content)
     tools = Tools(path)
     assert tools.known == {}
-    with pytest.raises(FileError, match="not TCPs"):
+    with pytest.raises(FileError, match="does not contain TCPs"):
         tools.save("a", (0.0,) * 6)
     assert path.read_text() == content
