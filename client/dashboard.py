@@ -188,14 +188,14 @@ class DashboardClient(AsyncConnection):
         super().__init__(host, port, timeout_s)
         self._robot_api_port = _robot_api_port(port) if robot_api_port is None else robot_api_port
         self._core: DashboardCore | DashboardOnX = DashboardCore()
-        self._one_at_a_time = asyncio.Lock()
+        self._lock = asyncio.Lock()
 
     async def ask(self, operation: Operation[Answer], timeout_s: float | None = None) -> Answer:
         """Carry out one operation and return its answer. Raises RobotRefused if the robot refuses.
 
         timeout_s: how long the answer may take [s]; None for the operation's own limit.
         """
-        async with self._one_at_a_time:
+        async with self._lock:
             return await self.run(self._core.ask(operation), timeout_s or operation.timeout_s)
 
     async def __aenter__(self) -> Self:

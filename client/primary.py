@@ -161,7 +161,7 @@ class PrimaryCore:
         run = ScriptRun(Script("", text))
         yield from self.send_script(text)
         for _ in range(_STATES_OF_A_SECONDARY):
-            yield from self._last_words(run)
+            yield from self._read_end_messages(run)
 
     def run_script(self, text: str) -> Flow[str]:
         """Send a ``def`` program, wait until it runs, and return its name.
@@ -216,7 +216,7 @@ class PrimaryCore:
     def finish(self, run: ScriptRun, *, timeout_s: float = float("inf")) -> Flow[ScriptResult]:
         """The second half of ``execute``: wait until the program has ended."""
         yield from self._within(timeout_s, self._until(run, PROGRAM_STOPPED), run, "it is still running after")
-        yield from self._last_words(run)
+        yield from self._read_end_messages(run)
         if self.state and self.state.mode and self.state.mode.robot_mode != RobotMode.RUNNING:
             raise run.failed(f"it ended because the arm was switched off; {self._condition}")
         return run.result()
@@ -289,7 +289,7 @@ class PrimaryCore:
             if isinstance(message, KeyMessage) and (message.title, message.text) == (title, run.script.name):
                 return
 
-    def _last_words(self, run: ScriptRun) -> Flow[None]:
+    def _read_end_messages(self, run: ScriptRun) -> Flow[None]:
         """Read until the next state: messages about a program's end may come after it, but before the next state."""
         while True:
             message = yield from self.next_message()

@@ -315,11 +315,11 @@ class RobotAPIClient(AsyncConnection):
     def __init__(self, host: str, port: int = PORT, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         super().__init__(host, port, timeout_s)
         self.core = RobotApiCore(host, port)
-        self._one_at_a_time = asyncio.Lock()
+        self._lock = asyncio.Lock()
 
     async def ask(self, request: ApiRequest[Answer]) -> Answer:
         """Send one request and return its answer. Raises RobotRefused if the robot refuses."""
-        async with self._one_at_a_time:
+        async with self._lock:
             return await self.run(self.core.ask(request))
 
     def _opening(self) -> Flow[None]:

@@ -17,7 +17,7 @@ PLUGIN: Final = "ur_robot_driver/URPositionHardwareInterface"
 """Plugin name of a UR arm's hardware component in ROS 2."""
 
 _TRIES: Final = 10
-_AGAIN_S: Final = 1.0  # between them; guess
+_AGAIN_S: Final = 1.0  # between attempts to start the program; guess
 
 _logger = logging.getLogger(__name__)
 

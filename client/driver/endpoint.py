@@ -63,10 +63,10 @@ def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int
     return max(1, round(1000.0 * min(max(timeout_s, period_s), longest)))
 
 
-_MOST_UNSENT: Final = 8192  # bytes of a trajectory, in addition to the system's buffers; guess
+_MAX_UNSENT: Final = 8192  # bytes of a trajectory, in addition to the system's buffers; guess
 _HINT: Final = "start the program on the robot and wait for it"
-_MOST_WAITING: Final = 8  # connections that have not proved themselves yet, per port; guess
-_PATIENCE_S: Final = 10.0  # how long such a connection may wait; guess
+_MAX_WAITING: Final = 8  # connections that have not proved themselves yet, per port; guess
+_PROOF_TIMEOUT_S: Final = 10.0  # how long such a connection may wait; guess
 _ACCEPTING: Final = 3  # rounds of the event loop from accepting a connection to connection_made: a task, and a call
 
 _logger = logging.getLogger(__name__)
@@ -130,7 +130,7 @@ class Peer(asyncio.Protocol):
         self._socket = socket.socket(fileno=os.dup(transport.get_extra_info("socket").fileno()))
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.transport.set_write_buffer_limits(_MOST_UNSENT)
+        self.transport.set_write_buffer_limits(_MAX_UNSENT)
         self._endpoint._arrived(self)
 
     def data_received(self, data: bytes) -> None:
@@ -149,7 +149,7 @@ class Peer(asyncio.Protocol):
         self._endpoint._left(self)
 
 
-async def _let_in(server: asyncio.Server) -> None:
+async def _finish_accepting(server: asyncio.Server) -> None:
     """Stop accepting, and finish connections that were just accepted: otherwise asyncio would leave them open."""
     loop = asyncio.get_running_loop()
     with suppress(NotImplementedError, RuntimeError):  # other event loops accept differently
@@ -199,7 +199,7 @@ class Endpoint:
         """Stop listening and close every connection; may be called more than once."""
         if self._server is not None:
             server, self._server = self._server, None
-            await _let_in(server)
+            await _finish_accepting(server)
             server.close()
         while self._peers:
             peer = next(iter(self._peers))
@@ -260,12 +260,12 @@ class Endpoint:
         if robot is None and not self.token:
             self.admit(peer)
         elif robot is not None and robot.address != peer.address and (robot.proven or not self.token):
-            self._send_away(peer, f"this port serves {robot.address}")
+            self._reject(peer, f"this port serves {robot.address}")
         else:
-            if len(self.waiting) >= _MOST_WAITING:  # reject the oldest: this driver's program proves itself immediately
-                self._send_away(self.waiting[0], f"{_MOST_WAITING} other connections are waiting")
+            if len(self.waiting) >= _MAX_WAITING:  # reject the oldest: this driver's program proves itself immediately
+                self._reject(self.waiting[0], f"{_MAX_WAITING} other connections are waiting")
             self.waiting.append(peer)
-            asyncio.get_running_loop().call_later(_PATIENCE_S, self._lose_patience, peer)
+            asyncio.get_running_loop().call_later(_PROOF_TIMEOUT_S, self._reject_unproven, peer)
 
     def admit(self, peer: Peer) -> None:
         """Take this connection for the robot's from now on; the previous one is closed."""
@@ -293,22 +293,22 @@ class Endpoint:
         peer.unread = None
         token, rest = greeting
         if token is None and peer is not self._peer:
-            self._send_away(peer, f"it is not a control program, it sent {data[:40]!r}")
+            self._reject(peer, f"it is not a control program, it sent {data[:40]!r}")
         elif token and token == self.token:
             peer.proven = True
             if peer is not self._peer:
                 self.admit(peer)
         return rest
 
-    def _send_away(self, peer: Peer, why: str) -> None:
+    def _reject(self, peer: Peer, why: str) -> None:
         _logger.warning("connection from %s to port %d rejected: %s", peer.address, self.port, why)
         if peer in self.waiting:
             self.waiting.remove(peer)
         peer.abort()
 
-    def _lose_patience(self, peer: Peer) -> None:
+    def _reject_unproven(self, peer: Peer) -> None:
         if peer in self.waiting:
-            self._send_away(peer, f"it did not identify itself as the robot's program within {_PATIENCE_S:g} s")
+            self._reject(peer, f"it did not identify itself as the robot's program within {_PROOF_TIMEOUT_S:g} s")
 
     def _left(self, peer: Peer) -> None:
         self._peers.discard(peer)
@@ -346,7 +346,7 @@ def tell(listeners: Sequence[Callable[..., object]], *news: object) -> None:
 
 
 SENDER_PORT: Final = 50002
-_LONGEST_REQUEST: Final = 1024  # bytes without a line end (guess)
+_MAX_REQUEST: Final = 1024  # bytes without a line end (guess)
 
 
 class ScriptSender(Endpoint):
@@ -374,7 +374,7 @@ class ScriptSender(Endpoint):
         self._unread[peer] = rest
         for line in lines:
             self._answer(peer, line)
-        if len(rest) > _LONGEST_REQUEST:
+        if len(rest) > _MAX_REQUEST:
             _logger.warning("%s sent %d bytes without a request: disconnected", peer.address, len(rest))
             peer.abort()
 

@@ -188,9 +188,9 @@ class ProgramSupervisor:
                 endpoint.host = self._own_address if self._config.listen_on is None else self._config.listen_on
                 await opening.enter_async_context(endpoint)
             self._robot.on_silence.append(self._robot_is_silent)
-            self._robot.on_text.append(self._heard)
-            self._robot.on_modes.append(self._look_for_end)
-            self._look_for_end(self._robot.state)
+            self._robot.on_text.append(self._on_text)
+            self._robot.on_modes.append(self._track_end)
+            self._track_end(self._robot.state)
             opening.enter_context(self.pulse)
             opening.push_async_callback(cancel, asyncio.create_task(self._breathe()))
             self._open = opening.pop_all()
@@ -254,7 +254,7 @@ class ProgramSupervisor:
     async def start(self) -> None:
         """Start or restart the program, and wait until it is connected; see `URDriver.start_program`."""
         was_running = self.running
-        await self._give_up_restart()
+        await self._cancel_restart()
         async with self._one_at_a_time:
             if self.running and not was_running:
                 return  # another task has started it meanwhile
@@ -279,7 +279,7 @@ class ProgramSupervisor:
 
     async def stop(self) -> None:
         """End the program, which stops the arm; does nothing if it is not running."""
-        await self._give_up_restart()
+        await self._cancel_restart()
         async with self._one_at_a_time:
             if self.reverse.connected:
                 self.reverse.stop()
@@ -327,13 +327,13 @@ class ProgramSupervisor:
                 raise failed.result()
             await connected
         except ProgramNotRunningError:
-            raise ProgramNotRunningError(self.reverse.port, await self._why_not()) from None
+            raise ProgramNotRunningError(self.reverse.port, await self._connection_hint()) from None
         finally:
             for task in (connected, failed):
                 task.cancel()
             await asyncio.gather(connected, failed, return_exceptions=True)
 
-    async def _why_not(self) -> str:
+    async def _connection_hint(self) -> str:
         where = f"{self._own_address}, ports {', '.join(str(endpoint.port) for endpoint in self._endpoints)}"
         remote = "the robot must be in remote control"
         if not self._config.headless and not self.sender.requests:
@@ -363,7 +363,7 @@ class ProgramSupervisor:
             if peer is None:
                 self._partners[endpoint] = endpoint.current_peer  # accepted after the reverse connection
             elif not connected and peer is not endpoint.current_peer:
-                self._end_crippled(endpoint)
+                self._end_incomplete(endpoint)
                 return
 
     def _expect_partners(self, reverse: Peer | None) -> None:
@@ -372,16 +372,16 @@ class ProgramSupervisor:
             return
         for endpoint, peer in self._partners.items():
             if peer is None:
-                self._end_crippled(endpoint)
+                self._end_incomplete(endpoint)
                 return
 
-    def _end_crippled(self, endpoint: Endpoint) -> None:
+    def _end_incomplete(self, endpoint: Endpoint) -> None:
         _logger.error("the robot is not connected to port %d: its program is stopped", endpoint.port)
         if self.reverse.connected:
             self.reverse.stop()
             asyncio.get_running_loop().call_later(_END_TIMEOUT_S, self.reverse.peer.abort)  # in case it does not stop
 
-    def _look_for_end(self, state: Mapping[str, Any]) -> None:
+    def _track_end(self, state: Mapping[str, Any]) -> None:
         if state["runtime_state"] in _ENDED:
             self._seen_ended, self._played_since_s = True, None
         elif self._played_since_s is None:
@@ -420,7 +420,7 @@ class ProgramSupervisor:
 
     # late setpoints and lost programs
 
-    def _heard(self, text: str) -> None:
+    def _on_text(self, text: str) -> None:
         """Handle the control program's messages about its driver."""
         if text == LATE_TEXT:
             self.reverse.note_late("the robot waited too long for the next setpoint")
@@ -452,7 +452,7 @@ class ProgramSupervisor:
         finally:
             self._restart = None
 
-    async def _give_up_restart(self) -> None:
+    async def _cancel_restart(self) -> None:
         restart, self._restart = self._restart, None
         if restart is not None and restart is not asyncio.current_task():
             await cancel(restart)

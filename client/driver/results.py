@@ -106,7 +106,7 @@ class ScriptCommandEndpoint(ResultEndpoint):
         super().__init__(port, host)
         self._replies = ReplyDecoder()
         self._answers: asyncio.Queue[Answer | None] = asyncio.Queue()
-        self._one_asks = asyncio.Lock()
+        self._ask_lock = asyncio.Lock()
 
     async def ask(
         self, question: Question, arguments: Sequence[Sequence[float] | None] = (), number: int = 0
@@ -116,7 +116,7 @@ class ScriptCommandEndpoint(ResultEndpoint):
         arguments: up to three (6,); None lets the robot use its present value. Raises ProgramEndedError if the program
         ends before it answers, and NoAnswerError if it does not answer, for example because it is paused.
         """
-        async with self._one_asks:
+        async with self._ask_lock:
             while not self._answers.empty():  # left by a caller that did not wait for it
                 self._answers.get_nowait()
             for index, values in enumerate(arguments):

@@ -27,12 +27,12 @@ from urproto.primary.state import ConfigurationData, KinematicsInfo, RobotStateD
 from urproto.versions import PolyscopeVersion
 
 _NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
-_KEPT: Final = 100  # error reports and popups, each
-_AGAIN_S: Final = 1.0  # between attempts to reconnect
+_MAX_KEPT: Final = 100  # error reports and popups, each
+_RECONNECT_S: Final = 1.0  # between attempts to reconnect
 MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 """Safety modes in which the arm may move."""
 _LOCKED_S: Final = 5.0  # dashboard manual: a protective stop cannot be unlocked for 5 s after it occurred
-_SPARE_S: Final = 0.2  # guess: the state that showed the stop may have been late
+_MARGIN_S: Final = 0.2  # guess: the state that showed the stop may have been late
 _UNLOCK_LINE: Final = "set unlock protective stop"
 _UNLOCK_TIMEOUT_S: Final = 5.0
 
@@ -66,8 +66,8 @@ class RobotLink:
 
     def __init__(self, config: DriverConfig) -> None:
         self.config = config
-        self.reports = deque(maxlen=_KEPT)
-        self.popups = deque(maxlen=_KEPT)
+        self.reports = deque(maxlen=_MAX_KEPT)
+        self.popups = deque(maxlen=_MAX_KEPT)
         self.on_state = []
         self.on_modes = []
         self.on_silence = []
@@ -77,16 +77,16 @@ class RobotLink:
         self.feed = StateFeed(self._rtde, self._arrived, self._fell_silent, config.silence_s, config.realtime)
         self._inputs: RTDEClient | None = None
         self._recipes: list[tuple[str, ...]] = []
-        self._one_writes = asyncio.Lock()
+        self._write_lock = asyncio.Lock()
         self._primary = PrimaryClient(config.robot, config.robot_ports["primary"])
         self._kinematics: asyncio.Future[KinematicsInfo]
         self._exceptions: asyncio.Queue[ScriptFailedError] = asyncio.Queue()
         self._connections = AsyncExitStack()
         self._loop: asyncio.AbstractEventLoop
-        self._untold: deque[Mapping[str, Any]] = deque()  # states to be passed to the event loop
+        self._undelivered: deque[Mapping[str, Any]] = deque()  # states to be passed to the event loop
         self._reported_modes: tuple[int, ...] = ()  # as seen by the thread
         self._last_modes: tuple[int, ...] = ()  # as seen by the event loop
-        self._telling = False  # their delivery to the event loop is scheduled
+        self._delivery_scheduled = False  # their delivery to the event loop is scheduled
         self._awaited = False  # a task waits for the next state
         self._news = asyncio.Event()
         self._stopped_at_s: float | None = None  # since when a protective stop has been in effect
@@ -200,7 +200,7 @@ class RobotLink:
     async def unlock_protective_stop(self) -> None:
         """Unlock a protective stop, 5 s after it occurred. Raises RobotRefused if the stop recurs immediately."""
         since = self._stopped_at_s if self._stopped_at_s is not None else self.state["timestamp"]
-        while self.state["timestamp"] < since + _LOCKED_S + _SPARE_S:
+        while self.state["timestamp"] < since + _LOCKED_S + _MARGIN_S:
             await self.next_state()
         if self.dashboard is not None:
             await self.dashboard.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
@@ -232,19 +232,19 @@ class RobotLink:
 
         Raises RobotRefused for an input that another client writes, or that this version does not have.
         """
-        async with self._one_writes:
+        async with self._write_lock:
             names = tuple(values)
             try:
-                await self._offer(names)
+                await self._ensure_recipe(names)
                 assert self._inputs is not None
                 await self._inputs.write(**values)
             except ConnectionLostError:  # the robot may have restarted: try once more
                 await self._close_inputs()
-                await self._offer(names)
+                await self._ensure_recipe(names)
                 assert self._inputs is not None
                 await self._inputs.write(**values)
 
-    async def _offer(self, names: tuple[str, ...]) -> None:
+    async def _ensure_recipe(self, names: tuple[str, ...]) -> None:
         """Make sure that these inputs are part of a recipe."""
         known = names in self._recipes or any(set(names) <= set(recipe) for recipe in self._recipes)
         if self._inputs is not None and known:
@@ -305,22 +305,22 @@ class RobotLink:
         if not (self.on_state or self._awaited or modes != self._reported_modes):
             return
         self._reported_modes = modes
-        self._untold.append(state)
-        if not self._telling:
-            self._telling = True
-            self._in_loop(self._tell)
+        self._undelivered.append(state)
+        if not self._delivery_scheduled:
+            self._delivery_scheduled = True
+            self._in_loop(self._deliver)
 
     def _fell_silent(self) -> None:
-        self._in_loop(self._tell_silence)
+        self._in_loop(self._deliver_silence)
 
     def _in_loop(self, do: Callable[[], object]) -> None:
         with suppress(RuntimeError):  # the loop has ended
             self._loop.call_soon_threadsafe(do)
 
-    def _tell(self) -> None:
-        self._telling = False
-        while self._untold:
-            state = self._untold.popleft()
+    def _deliver(self) -> None:
+        self._delivery_scheduled = False
+        while self._undelivered:
+            state = self._undelivered.popleft()
             tell(self.on_state, state)
             modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
             if modes != self._last_modes:
@@ -336,7 +336,7 @@ class RobotLink:
             self._stopped_at_s = state["timestamp"]
             _logger.warning("protective stop")
 
-    def _tell_silence(self) -> None:
+    def _deliver_silence(self) -> None:
         tell(self.on_silence)
         self._wake()
 
@@ -349,7 +349,7 @@ class RobotLink:
         while True:
             primary = self._primary  # replaced by each reconnection
             try:
-                self._judge(await primary.run(primary.core.next_message(), float("inf")))
+                self._handle_message(await primary.run(primary.core.next_message(), float("inf")))
             except (ClientError, RemoteProtocolError) as error:
                 _logger.error("no messages from the robot: %s", error)
                 await self._reconnect_primary()
@@ -357,7 +357,7 @@ class RobotLink:
     async def _reconnect_primary(self) -> None:
         await self._primary.close()
         while True:
-            await asyncio.sleep(_AGAIN_S)
+            await asyncio.sleep(_RECONNECT_S)
             client = PrimaryClient(self.config.robot, self.config.robot_ports["primary"])
             try:
                 self._primary = await client.__aenter__()
@@ -366,7 +366,7 @@ class RobotLink:
             except ClientError as error:
                 _logger.info("still no messages from the robot: %s", error)
 
-    def _judge(self, message: object) -> None:
+    def _handle_message(self, message: object) -> None:
         if isinstance(message, RobotStateData):
             if message.kinematics is not None and not self._kinematics.done():
                 self._kinematics.set_result(message.kinematics)

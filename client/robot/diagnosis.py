@@ -22,8 +22,10 @@ from urproto.errors import URError
 from urproto.modes import ReportLevel, RobotMode, RuntimeState, SafetyMode
 from urproto.primary.messages import ErrorCodeMessage
 
-_WORDS_S: Final = 0.3  # guess: what explains an end arrives within this; the primary interface sends 10 times a second
-_LISTEN_EVERY_S: Final = 0.01
+_MESSAGE_DELAY_S: Final = (
+    0.3  # guess: what explains an end arrives within this; the primary interface sends 10 times a second
+)
+_POLL_INTERVAL_S: Final = 0.01
 _LOCAL_CONTROL_CODE: Final = 210  # error code of a script port while the robot is in local control
 
 _ADVICE: Final = {
@@ -45,7 +47,7 @@ class Diagnosis:
     def __init__(self, driver: URDriver) -> None:
         self.driver = driver
         self.alarm = asyncio.Event()
-        self._last_words: object = None  # the state after which the robot fell silent
+        self._state_at_silence: object = None  # the state after which the robot fell silent
 
     def watch(self) -> None:
         """Start watching; the driver must be connected."""
@@ -55,7 +57,7 @@ class Diagnosis:
     @property
     def silent(self) -> bool:
         """True if the robot stopped sending states and has not sent one since."""
-        return self.driver.state is self._last_words
+        return self.driver.state is self._state_at_silence
 
     @property
     def paused(self) -> bool:
@@ -107,9 +109,9 @@ class Diagnosis:
     async def hear(self, heard: Callable[[], bool]) -> None:
         """Wait until ``heard`` returns True, for as long as messages on another connection may be delayed."""
         with suppress(TimeoutError):
-            async with timeout(_WORDS_S):
+            async with timeout(_MESSAGE_DELAY_S):
                 while not heard():
-                    await asyncio.sleep(_LISTEN_EVERY_S)
+                    await asyncio.sleep(_POLL_INTERVAL_S)
 
     async def in_local_control(self) -> bool:
         """Whether the robot refuses scripts because it is in local control, as far as it reports that.
@@ -165,7 +167,7 @@ class Diagnosis:
             self.alarm.set()
 
     def _fell_silent(self) -> None:
-        self._last_words = self.driver.state
+        self._state_at_silence = self.driver.state
         self.alarm.set()
 
 

@@ -31,7 +31,7 @@ class Settings:
     async def set_digital_out(self, number: int, on: bool) -> None:
         """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
         group, index = digital_signal(check_signal(number))
-        await self._say(group.statement(index, on))
+        await self._send_statement(group.statement(index, on))
         await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
 
     async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
@@ -41,10 +41,10 @@ class Settings:
         to_words(pose_flange_tcp)
         if len(pose_flange_tcp) != 6:
             raise LocalProtocolError(f"a pose has 6 numbers, not {len(pose_flange_tcp)}")
-        if self._driver.program_running and self._obeys:
+        if self._driver.program_running and self._accepts_commands:
             self._driver.set_tcp(pose_flange_tcp)
         else:
-            await self._say(f"set_tcp(p[{', '.join(str(float(value)) for value in pose_flange_tcp)}])")
+            await self._send_statement(f"set_tcp(p[{', '.join(str(float(value)) for value in pose_flange_tcp)}])")
         await self._take_effect("set_tcp", lambda _: self._tcp_is(pose_flange_tcp))
 
     async def set_speed_slider(self, fraction: float) -> None:
@@ -54,10 +54,10 @@ class Settings:
 
     async def trigger_protective_stop(self) -> None:
         """Put the robot into a protective stop, as after a collision, from any motion."""
-        await self._say("protective_stop()")
+        await self._send_statement("protective_stop()")
         await self._take_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
 
-    async def _say(self, statement: str) -> None:
+    async def _send_statement(self, statement: str) -> None:
         await self._driver.robot.send_script(f"sec setting():\n  {statement}\nend")
 
     async def _take_effect(self, what: str, done: Callable[[RobotState], bool]) -> None:
@@ -68,7 +68,7 @@ class Settings:
             raise RobotRefused(what, *await self._why_no_effect()) from None
 
     @property
-    def _obeys(self) -> bool:
+    def _accepts_commands(self) -> bool:
         """True if the control program executes commands, that is, no pause or stop is in effect."""
         return not self._diagnosis.paused and self._driver.robot.safety_mode in MOVABLE
 

@@ -127,7 +127,7 @@ REFUSED = [
     (dashboard.load("gone.urp"), "exists on CB3 since 1.4"),  # the table does not know the line
     (dashboard.USER_ROLE, "CB3 since 3.1 only"),
     (dashboard.set_user_role(UserRole.OPERATOR), "only: update the controller"),
-    (dashboard.add_to_log(""), "not empty"),
+    (dashboard.add_to_log(""), "must not be empty"),
     (Operation("in local", dashboard.POWER_ON.read), "then connect again"),
 ]
 

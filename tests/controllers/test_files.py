@@ -90,8 +90,8 @@ def test_a_controllers_file(tmp_path, key):
         ("- 1", "no sections"),
         ("x: {ros__parameters: {}}", "no section controller_manager"),
         ("controller_manager: {a: 1}", "no ros__parameters"),
-        ("controller_manager: {ros__parameters: {a: $(find pkg)/x}}", r"\$\(find pkg\) cannot be filled in"),
-        ("controller_manager: {ros__parameters: {a: $(var speed)}}", r"\$\(var speed\) cannot be filled in"),
+        ("controller_manager: {ros__parameters: {a: $(find pkg)/x}}", r"\$\(find pkg\) cannot be substituted"),
+        ("controller_manager: {ros__parameters: {a: $(var speed)}}", r"\$\(var speed\) cannot be substituted"),
     ],
 )
 def test_files_that_are_none(tmp_path, text, words):

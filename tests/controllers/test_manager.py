@@ -128,7 +128,7 @@ def test_names_that_nobody_knows():
     with pytest.raises(ControllerError, match="did you mean joint_trajectory_controller/JointTrajectoryController"):
         manager.load("x", "joint_trajectory_controller/TrajectoryController")
     manager.load("jtc")
-    with pytest.raises(ControllerError, match="loaded already"):
+    with pytest.raises(ControllerError, match="already loaded"):
         manager.load("jtc")
 
 

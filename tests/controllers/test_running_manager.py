@@ -234,7 +234,7 @@ HELLO = b'{"protocol":1}\n'
     [
         (b"GET / HTTP/1.1\r\n", "not a JSON message"),
         (b"\x00\xff\n", "not a JSON message"),
-        (b"[1]\n", "is an object"),
+        (b"[1]\n", "must be a JSON object"),
         (b'{"protocol":2}\n', "speaks protocol 1, not 2"),
         (HELLO + b"[" * 100_000 + b"\n", "not a JSON message"),
         (HELLO + b'{"id":' + b"9" * 5000 + b"}\n", "not a JSON message"),
@@ -338,7 +338,7 @@ async def test_without_a_manager_one_is_told_how_to_start_it(manager):
     async with served(manager) as place:
         with pytest.raises(ManagerError, match="one control program at a time: end the manager first"):
             await check_no_manager(ROBOT, PORT)
-        with pytest.raises(ManagerError, match=f"running already \\(process {os.getpid()}\\)"), claim(ROBOT, PORT):
+        with pytest.raises(ManagerError, match=f"already running \\(process {os.getpid()}\\)"), claim(ROBOT, PORT):
             pass
         with pytest.raises(NoManagerError):  # of another robot at that address
             async with RemoteManager(ROBOT, PORT + 1):

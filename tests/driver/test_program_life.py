@@ -86,7 +86,7 @@ async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect)
         pair.driver.on_program_state(told.append)
         starting = asyncio.create_task(pair.driver.start_program())
         await asyncio.sleep(0)
-        pair.driver.program._heard(GONE_TEXT)
+        pair.driver.program._on_text(GONE_TEXT)
         await starting
         await pair.periods(20)
         assert told == [True]

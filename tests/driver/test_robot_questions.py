@@ -133,7 +133,7 @@ async def test_moving_until_contact(lab):
     assert begin - 0.1 < touched < begin - 0.02
     await lab.periods(50)
     assert arm.tcp_pose[2] == pytest.approx(touched, abs=1e-6)  # nothing that was on its way moves it on
-    with pytest.raises(MotionError, match="met nothing within"):
+    with pytest.raises(MotionError, match="touched nothing within"):
         await arm.move_until_contact((0, 0, 0.02, 0, 0, 0), timeout_s=0.2)
     await arm.move_j(HOME)
 
