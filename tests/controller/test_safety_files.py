@@ -184,11 +184,11 @@ def test_the_checksum_follows_every_change(write):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("speed: 1", "unknown entry 'speed'"),
+        ("speed: 1", "unknown key 'speed'"),
         ("normal: {tcp_speed: fast}", "normal: tcp_speed must be a number"),
         ("normal: {tcp_speed: -1}", "normal: tcp_speed must be positive"),
         ("normal: {tcp_speed: .nan}", "normal: tcp_speed must be a number"),
-        ("normal: {joint_max: [1, 2]}", "normal: joint_max must be 6 numbers"),
+        ("normal: {joint_max: [1, 2]}", "normal: joint_max must be a list of 6 numbers"),
         ("normal: {joint_min: [7, 7, 7, 7, 7, 7]}", "joint_min must be below joint_max"),
         ("normal: {joint_speed: [0, 1, 1, 1, 1, 1]}", "joint_speed must be positive"),
         ("normal: {elbow_speed: 1}", "UR5 has no limit elbow_speed"),
@@ -199,10 +199,10 @@ def test_the_checksum_follows_every_change(write):
         ("tool_orientation: {direction: [0, 0, 1], deviation: 4}", "less than pi"),
         ("inputs: {emergency_stop: [0, 8]}", "configurable pins from 0 to 7"),
         ("inputs: {emergency_stop: [0, 1], reduced_mode: [1, 2]}", "share pin 1"),
-        ("outputs: {bell: [0, 1]}", "unknown entry 'bell'"),
+        ("outputs: {bell: [0, 1]}", "unknown key 'bell'"),
         ("manual_high_speed: 1", "must be true or false"),
         ("- 1", "the file must be a mapping"),
-        ("normal: [", "it is not YAML"),
+        ("normal: [", "not YAML"),
     ],
 )
 def test_mistakes_are_named(write, text, message):

@@ -164,7 +164,7 @@ def test_a_conveyor_that_is_too_fast_stops_the_arm(rig):
 
 def test_only_one_conveyor_at_a_time(rig):
     belt = along_y(rig, 0.1)
-    with pytest.raises(ValueError, match="tracked already"):
+    with pytest.raises(ValueError, match="already being tracked"):
         rig.motion.superposition.track(LinearConveyor(belt, (1.0, 0.0, 0.0), TICKS))
 
 

@@ -314,7 +314,7 @@ def test_frames_beyond_all_bounds_lose_nothing(rig, far):
 
 def test_only_one_frame_at_a_time(rig):
     Part(rig)
-    with pytest.raises(ValueError, match="tracked already"):
+    with pytest.raises(ValueError, match="already being tracked"):
         Part(rig)
 
 

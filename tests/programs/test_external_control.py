@@ -418,7 +418,7 @@ def test_addresses_as_an_option(text, address):
 
 @pytest.mark.parametrize("text", ["", ":", "host:", "host:0", "host:65536", "host:x", "::1", "two words", "a:1:2"])
 def test_what_is_no_address(text):
-    with pytest.raises(ValueError, match="write HOST:PORT"):
+    with pytest.raises(ValueError, match="use HOST:PORT"):
         DriverAddress.parse(text)
 
 
