@@ -1,11 +1,11 @@
-"""Running a file of scripts from beginning to end: what is submitted when, what is said, how it ends.
+"""Runs a file of URScript programs to its end: submits the programs, reports messages, and determines the result.
 
     batch = Batch(controller, file, say=print)
     while not batch.done:
         batch.tick()
 
-Nobody has to look after it: blocking popups are closed (the controller's
-``popup_auto_close_s``), and whatever would wait for an operator ends the run.
+It needs no operator: blocking popups are closed (the controller's ``popup_auto_close_s``), and the run ends if a
+program waits for anything else.
 """
 
 from collections import deque
@@ -34,7 +34,7 @@ _SECONDARY_FAILED: Final = "SECONDARY_PROGRAM_EXCEPTION_XXX"
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """Something that happens to the controller at a time [s] of the run."""
+    """An action on the controller at a time [s] of the run."""
 
     at_s: float
     apply: Callable[[Controller], None]
@@ -43,11 +43,11 @@ class Stimulus:
 class Batch:
     """One run. The programs of the file must compile for the controller's version.
 
-    say: called with every line of the report. trace: also report every statement that is executed.
-    timeout_s: most robot time [s]. answers: to the questions of the programs, in their order, as an
-    operator would type them. stimuli: what happens from outside meanwhile.
+    say: called with every line of the report. trace: also report every executed statement.
+    timeout_s: maximum robot time [s]. answers: answers to the questions of the programs, in order, as an operator would
+    type them. stimuli: actions on the controller during the run.
 
-    ``done``: nothing more happens. ``failure``: why the run did not end well, empty when it did.
+    ``done``: whether the run is over. ``failure``: why the run failed; empty if it succeeded.
     ``time_s``: robot time since the beginning [s].
     """
 
@@ -72,7 +72,7 @@ class Batch:
         self._answers = deque(answers)
         self._stimuli = deque(sorted(stimuli, key=lambda stimulus: stimulus.at_s))
         self._waiting = deque(file.units)
-        self._main: FileUnit | None = None  # submitted last
+        self._main: FileUnit | None = None  # the one submitted last
         self._secondary: FileUnit | None = None  # as above
         self._reporters: dict[type, Callable[[Any], None]] = {
             TextMessage: lambda message: self._report(message.text),
@@ -93,7 +93,7 @@ class Batch:
         return self._controller.time_s - self._began_s
 
     def tick(self) -> None:
-        """One control period. Does nothing once the run is over."""
+        """Run one control period. Does nothing once the run is over."""
         if self.done:
             return
         while self._stimuli and self._stimuli[0].at_s <= self.time_s:
@@ -104,13 +104,13 @@ class Batch:
         self._judge()
 
     def stop(self, failure: str) -> None:
-        """End the run where it is."""
+        """End the run now, as failed."""
         self.failure = self.failure or failure
         self._controller.programs.stop()
         self.done = True
 
     def _submit(self) -> None:
-        """A main program when the one before has ended, a secondary one beside it."""
+        """Submit the next program: a main program once the one before has ended, a secondary program immediately."""
         programs = self._controller.programs
         if self._waiting and (self._waiting[0].secondary or not programs.busy):
             unit = self._waiting.popleft()
@@ -125,13 +125,13 @@ class Batch:
         if self.failure:
             self.stop(self.failure)
         elif programs.state is RuntimeState.PAUSED:
-            self.stop("the program was paused, and nobody is there to resume it")
+            self.stop("the program was paused, and no operator is there to resume it")
         elif not (programs.busy or self._waiting):
             self.done = True
         elif self._timeout_s is not None and self.time_s >= self._timeout_s:
             self.stop(f"not finished within {self._timeout_s:g} s")
 
-    # what is said
+    # report
 
     def _report(self, text: str) -> None:
         self._say(f"[{self.time_s:9.3f} s] {text}")
@@ -144,14 +144,14 @@ class Batch:
     def _question(self, message: RequestValueMessage) -> None:
         if not self._answers:
             self._report(f"question: {message.text}")
-            self.failure = "the program asks the operator for a value, and nobody is there to answer: --answer does"
+            self.failure = "the program asks the operator for a value: give one with --answer"
             return
         answer = self._answers.popleft()
         self._report(f"question: {message.text} (answered {answer})")
         try:
             self._controller.popups.answer_typed(answer)
         except ValueError as error:
-            self.failure = f"the answer {answer!r} was not taken: {error}"
+            self.failure = f"the answer {answer!r} was refused: {error}"
 
     def _key(self, message: KeyMessage) -> None:
         if message.title == _SECONDARY_FAILED:
@@ -174,7 +174,7 @@ class Batch:
 
     def _step(self, host: ProgramHost, line: int, _column: int, thread: ScriptThread) -> bool:
         unit = self._secondary if host.secondary else self._main
-        assert unit is not None, "only what was submitted runs"
+        assert unit is not None, "only submitted programs run"
         line += unit.lines_before
         self._report(f"{thread.name}:{line}: {self._lines[line - 1].strip()}")
         return False

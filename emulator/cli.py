@@ -54,7 +54,7 @@ def configure(
     ] = None,
     polyscope: Annotated[str | None, typer.Option(help="PolyScope version to report, for example 3.15.8.")] = None,
     host: Annotated[
-        str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 admits other machines.")
+        str, typer.Option(envvar="UR_EMULATOR_HOST", help="Address to listen on; 0.0.0.0 is open to other machines.")
     ] = "127.0.0.1",
     port_offset: Annotated[int, typer.Option(help="Number added to each of the usual ports.")] = 0,
     ephemeral_ports: Annotated[bool, typer.Option("--ephemeral-ports", help="Use any free ports instead.")] = False,
@@ -108,7 +108,7 @@ def configure(
     realtime: Annotated[
         RealTime,
         typer.Option(
-            help="Real-time priority and locked memory (Linux): auto: if the system grants them; on: or exit."
+            help="Real-time priority and locked memory (Linux). auto: if granted by the system; on: or exit; off."
         ),
     ] = RealTime.AUTO,
     encoder0_speed: Annotated[
@@ -149,11 +149,11 @@ def configure(
     ] = None,
     most_clients: Annotated[int, typer.Option(help="Maximum number of clients of each port.")] = 256,
     most_clients_per_address: Annotated[
-        int | None, typer.Option(help="Maximum number from one address (default: half of --most-clients).")
+        int | None, typer.Option(help="Maximum number of a port's clients from one address (default: half).")
     ] = None,
     no_control: Annotated[bool, typer.Option("--no-control", help="Do not serve the control API.")] = False,
     world: Annotated[
-        Path | None, typer.Option(help="Objects around the arm: a YAML file, or an MJCF or URDF scene.")
+        Path | None, typer.Option(help="Objects that the arm can touch: a YAML file, or an MJCF or URDF scene.")
     ] = None,
     physics: Annotated[
         bool, typer.Option("--physics", help="Simulate parts, joints and grippers of the world (docs/physics.md).")

@@ -1,16 +1,16 @@
-"""The only module that reads the time.
+"""The clocks that drive a controller; the only module that reads the time.
 
-A clock calls the tick once per control period. ``RealClock`` does so in real time, or in
-real time times a speed; ``StepClock`` only when told to; ``FastClock`` as fast as possible.
+A clock calls the tick once per control period: ``RealClock`` in real time, or a multiple of it; ``StepClock`` only when
+its ``step`` is called; ``FastClock`` as fast as possible.
 
-Deadlines are absolute, so lateness never adds up. A tick that comes late is followed by
-the next ones a little faster than the period, never in a burst: clients that expect a
-package every 2 ms take two packages within 1 ms for an error. After a long standstill the
-periods that passed are given up and the robot's time falls behind the wall's.
+Deadlines are absolute, so lateness does not accumulate. After a late tick, the next ones follow at slightly less than
+the control period until they have caught up, but never in a burst: clients that expect a package every 2 ms treat two
+packages within 1 ms as an error. After a long standstill the missed periods are dropped, and the robot's time falls
+behind the wall clock.
 
-On Linux a timerfd in the event loop wakes the tick. Measured on a two-core machine that is
-0.04 ms late in the median; asyncio's own timers round to the epoll millisecond (0.6 ms).
-It is armed once, and again only where the deadlines are not one period apart.
+On Linux a timerfd in the event loop triggers the tick. On a two-core machine its median lateness was 0.04 ms; asyncio's
+own timers, which round to the milliseconds of epoll, were 0.6 ms late. The timer is armed once, and again only where
+deadlines are not one period apart.
 """
 
 import asyncio
@@ -28,19 +28,19 @@ from typing import Final, Protocol
 Tick = Callable[[], object]
 
 _NS: Final = 1_000_000_000
-_LEAST_GAP: Final = 0.6  # of a period, between two ticks while catching up: 1.2 ms at 500 Hz, above the client's 1 ms
-_MOST_BEHIND_NS: Final = 250_000_000  # guess: a longer standstill is not caught up
+_LEAST_GAP: Final = 0.6  # of a period, between two ticks while catching up: 1.2 ms at 500 Hz, above the 1 ms of clients
+_MOST_BEHIND_NS: Final = 250_000_000  # guess: after a longer standstill the missed periods are dropped
 _REVIEW_EVERY_NS: Final = 10 * _NS
 _TOO_MANY_MISSED: Final = 0.01  # of all ticks, before it is worth a warning (guess)
-_BURST: Final = 50  # ticks of a clock in a hurry between two looks at the event loop
+_BURST: Final = 50  # ticks of a fast clock before the event loop runs
 _BIN_NS: Final = 10_000
-_BINS: Final = 2_000  # lateness up to 20 ms is told apart
+_BINS: Final = 2_000  # for a lateness of up to 20 ms
 
 _logger = logging.getLogger(__name__)
 
 
 class Clock(Protocol):
-    """What drives a controller."""
+    """Drives a controller."""
 
     @property
     def last_tick_s(self) -> float:
@@ -48,19 +48,19 @@ class Clock(Protocol):
         ...
 
     def start(self, tick: Tick) -> None:
-        """Call ``tick`` once per control period from now on. Needs a running event loop."""
+        """Start to call ``tick`` once per control period. Needs a running event loop."""
         ...
 
     def close(self) -> None:
-        """Stop; does nothing when it is not running."""
+        """Stop the clock; does nothing if it is not running."""
         ...
 
 
 @dataclass
 class ClockStatistics:
-    """How punctual the ticks were.
+    """Statistics of the punctuality of ticks.
 
-    missed: ticks that began a whole period late or more, and periods that were given up.
+    missed: ticks that began at least a whole period late, and periods that were dropped.
     """
 
     ticks: int = 0
@@ -77,12 +77,12 @@ class ClockStatistics:
         self.latest_ns = max(self.latest_ns, lateness_ns)
 
     def lateness_s(self, share: float) -> float:
-        """The lateness [s] that this share of the ticks (0..1) did not exceed, to 0.01 ms."""
+        """The lateness [s] that this fraction of the ticks (0..1) did not exceed, with a resolution of 0.01 ms."""
         return _percentile(self._bins, share) * _BIN_NS / _NS
 
 
 def _percentile(bins: Sequence[int], share: float) -> int:
-    """Upper edge of the bin that holds the share of all counts."""
+    """Upper edge of the bin at which this fraction of all counts is reached."""
     wanted = share * sum(bins)
     seen = 0
     for index, count in enumerate(bins):
@@ -93,7 +93,7 @@ def _percentile(bins: Sequence[int], share: float) -> int:
 
 
 class StepClock:
-    """Time goes by only in ``step``: for tests, and for running as fast as possible."""
+    """Time advances only in ``step``: for tests, and for running as fast as possible."""
 
     last_tick_s = 0.0
 
@@ -106,7 +106,7 @@ class StepClock:
     def step(self, periods: int = 1) -> None:
         """Let control periods pass. Raises RuntimeError before ``start``."""
         if self._tick is None:
-            raise RuntimeError("the clock drives nothing yet: enter the emulator's context first")
+            raise RuntimeError("the clock was not started: enter the emulator's context first")
         for _ in range(periods):
             self._tick()
 
@@ -128,10 +128,10 @@ class RealClock:
         self._tick: Tick = lambda: None
         self._timer: _Timer | None = None
         self._deadline_ns = 0
-        self._next_ns = 0  # when the timer expires if nobody arms it anew
+        self._next_ns = 0  # when the timer expires unless it is armed again
         self._reviewed_ns = 0
         self._missed_when_reviewed = 0
-        self._given_up_ns = 0  # of the wall's time, since the last review
+        self._given_up_ns = 0  # time of dropped periods since the last review
         self._drift = 0.0
         self._late_s = 0.0  # for the next tick
         self._late_for_good = False
@@ -143,7 +143,7 @@ class RealClock:
         return self._speed
 
     def set_speed(self, speed: float) -> None:
-        """Let time go faster or slower from now on. Raises ValueError unless it is positive."""
+        """Set the speed from now on. Raises ValueError unless it is positive."""
         if not speed > 0.0:
             raise ValueError(f"the speed must be a positive number, not {speed}")
         self._speed = speed
@@ -153,20 +153,20 @@ class RealClock:
         self._begin()
 
     def set_drift(self, share: float) -> None:
-        """Let the robot's clock go fast by this share of the time, or slow: a fault."""
+        """Make the robot's clock fast by this fraction, or slow if it is negative: a fault."""
         self._drift = share
         self.set_speed(self._speed)
 
     def delay_next(self, seconds: float, *, made_up: bool) -> None:
-        """Let the next tick come late [s of robot time]; made_up: the ones after it catch up. A fault."""
+        """Delay the next tick [s of robot time]; made_up: the following ones catch up. A fault."""
         self._late_s, self._late_for_good = seconds, not made_up
 
     def pause(self) -> None:
-        """No tick from now on."""
+        """Stop ticking until ``resume``."""
         self.paused = True
 
     def resume(self) -> None:
-        """Go on; the time of the pause is not made up for."""
+        """Continue; the time of the pause is not caught up."""
         if self.paused:
             self.paused = False
             self._begin()
@@ -182,7 +182,7 @@ class RealClock:
             timer.close()
 
     def _begin(self) -> None:
-        """Count from now."""
+        """Restart deadlines and review from now."""
         self._reviewed_ns = time.monotonic_ns()
         self._missed_when_reviewed, self._given_up_ns = self.statistics.missed, 0
         self._deadline_ns = self._reviewed_ns + self._period_ns
@@ -224,7 +224,7 @@ class RealClock:
             self._arm(self._timer, due_ns)
 
     def _take_lateness(self) -> int:
-        """How late the next tick is to be."""
+        """The additional delay of the next tick [ns], if a fault demands one."""
         late_ns = round(self._late_s / self._speed * _NS)
         self._late_s = 0.0
         if self._late_for_good:
@@ -247,8 +247,8 @@ class RealClock:
         missed = self.statistics.missed - self._missed_when_reviewed
         if missed > _TOO_MANY_MISSED * periods:
             _logger.warning(
-                "this machine is too slow or too busy: %d of %d control periods came late, "
-                "time went %.2f times as fast as the wall clock",
+                "this machine is too slow or too busy: %d of %d control periods were late, "
+                "time ran %.2f times as fast as the wall clock",
                 missed,
                 periods,
                 self._speed * (1.0 - self._given_up_ns / wall_ns),
@@ -257,9 +257,9 @@ class RealClock:
 
 
 class FastClock:
-    """As fast as it goes, but in real time while ``has_company()``: peers outside live in real time.
+    """As fast as possible, but in real time while ``has_company()``, because outside peers live in real time.
 
-    What the event loop has to do besides is done between two ticks in company, else every few dozen ticks.
+    The event loop gets its turn after every tick in real time, otherwise after every few dozen ticks.
     """
 
     def __init__(self, period_s: float, has_company: Callable[[], bool]) -> None:
@@ -306,7 +306,7 @@ class FastClock:
 
 class _Timer(Protocol):
     def arm(self, deadline_ns: int, period_ns: int) -> None:
-        """Expire then, and after each of these periods; with a period of 0 only then."""
+        """Expire at the deadline, and then once per period; only at the deadline if the period is 0."""
 
     def disarm(self) -> None: ...
 
@@ -316,13 +316,13 @@ class _Timer(Protocol):
 def _timer(loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> _Timer:
     if sys.platform == "linux":
         with contextlib.suppress(OSError, AttributeError, NotImplementedError):
-            # TFD_NONBLOCK and TFD_CLOEXEC are these
+            # the values of TFD_NONBLOCK and TFD_CLOEXEC
             return _TimerFd(loop, callback, time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
     return _LoopTimer(loop, callback)
 
 
 class _LoopTimer:
-    """The event loop's own timer; its clock is the monotonic one too."""
+    """A timer of the event loop, which uses the monotonic clock too."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
         self._loop = loop
@@ -349,7 +349,7 @@ class _LoopTimer:
 
 
 class _Times(ctypes.Structure):
-    """struct itimerspec: the time of expiry, and the interval after which it comes again."""
+    """struct itimerspec: the time of expiry, and the interval of further ones."""
 
     _fields_ = (
         ("interval_s", ctypes.c_long),
@@ -360,7 +360,7 @@ class _Times(ctypes.Structure):
 
 
 class _TimerFd:
-    """Linux timerfd_create(2); Python wraps it only from 3.13 on."""
+    """Linux timerfd_create(2), which Python provides only since 3.13."""
 
     _ABSOLUTE: Final = 1  # TFD_TIMER_ABSTIME
     _EXPIRATIONS: Final = 8  # bytes of the counter read from it

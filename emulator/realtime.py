@@ -1,6 +1,6 @@
-"""What makes a control loop punctual on a machine that has other work: priority, and memory that stays where it is.
+"""Real-time priority and locked memory, which keep a control loop punctual on a machine with other work.
 
-Linux only, and of this process; elsewhere nothing is granted.
+They apply to this process, on Linux only; on other systems nothing is granted.
 """
 
 import asyncio
@@ -17,22 +17,22 @@ from typing import Final
 from urproto.compat import StrEnum
 
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_ flags of mlockall(2)
-_PRIORITY: Final = 1  # the lowest above all that has none
-_DESCRIPTORS: Final = 4096  # room made for them at once (guess): more clients than any test brings
-_LOOK_S: Final = 0.5  # how often the load is looked at
-_TOO_MUCH: Final = 0.75  # of a core: more leaves too little for whoever else lives on it (guess)
+_PRIORITY: Final = 1  # the lowest real-time priority
+_DESCRIPTORS: Final = 4096  # for which room is made in advance (guess): more clients than in any test
+_CHECK_EVERY_S: Final = 0.5  # interval between checks of the load
+_TOO_MUCH: Final = 0.75  # of a core: more would leave too little for other programs on it (guess)
 _CALM: Final = 0.5  # of a core (guess)
-_CALM_FOR_S: Final = 10.0  # before the priority is taken again (guess)
+_CALM_FOR_S: Final = 10.0  # before the priority is claimed again (guess)
 _HOW: Final = (
-    "let the user have it (/etc/security/limits.d: '@realtime - rtprio 99' and '@realtime - memlock unlimited', in a "
-    "container --cap-add SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1), or leave it at --realtime auto"
+    "permit it to the user (/etc/security/limits.d: '@realtime - rtprio 99' and '@realtime - memlock unlimited', in a "
+    "container --cap-add SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1), or use --realtime auto"
 )
 
 _logger = logging.getLogger(__name__)
 
 
 class RealTime(StrEnum):
-    """Whether an emulator asks for it: what is granted, all of it or no start, or nothing."""
+    """What an emulator requests: auto: whatever is granted; on: everything, or it does not start; off: nothing."""
 
     AUTO = "auto"
     ON = "on"
@@ -44,35 +44,35 @@ class RealTimeRefused(Exception):  # noqa: N818 - as RobotRefused
 
 
 def claim_real_time(wanted: RealTime = RealTime.AUTO) -> list[str]:
-    """Ask the system for punctual wake-ups of this process; what was granted, for people.
+    """Request real-time priority and locked memory; return what was granted, as readable names.
 
-    For a process that is nothing but emulators: the scheduling class, the locked memory and the frozen heap concern
-    the whole process, or the thread that calls. Raises RealTimeRefused.
+    For processes that run nothing but emulators: the scheduling class applies to the calling thread, locked memory and
+    the frozen heap to the whole process. Raises RealTimeRefused.
     """
     freeze_heap()
     if sys.platform != "linux":
         if wanted is RealTime.ON:
-            raise RealTimeRefused("--realtime on needs Linux: leave it at auto")
+            raise RealTimeRefused("--realtime on requires Linux: use --realtime auto")
         return []
     _set_timer_slack()
-    _make_room_for_descriptors()
+    _reserve_descriptors()
     if wanted is RealTime.OFF:
         return []
     granted = {"SCHED_FIFO": _take_priority(), "memory locked": _lock_memory(everything=wanted is RealTime.ON)}
     missing = [name for name, given in granted.items() if not given]
     if missing and wanted is RealTime.ON:
-        raise RealTimeRefused(f"--realtime on: the system grants no {' and no '.join(missing)}: {_HOW}")
+        raise RealTimeRefused(f"--realtime on: the system does not grant {' and '.join(missing)}: {_HOW}")
     return [name for name, given in granted.items() if given]
 
 
 def freeze_heap() -> None:
-    """What lives now is not looked at by the garbage collector any more: a whole look takes many control periods."""
+    """Exclude all existing objects from garbage collection: a full collection takes many control periods."""
     gc.collect()
     gc.freeze()
 
 
 def _take_priority() -> bool:
-    """Run before all that has no real-time priority; threads and children of this one do not."""
+    """Get real-time priority for this thread, but not for its children."""
     if sys.platform != "linux":
         return False
     with contextlib.suppress(OSError):  # needs CAP_SYS_NICE or a limit
@@ -81,16 +81,16 @@ def _take_priority() -> bool:
     return False
 
 
-def _give_priority_up() -> None:
+def _drop_priority() -> None:
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _lock_memory(*, everything: bool) -> bool:
-    """Keep in memory what is or will be used, code of libraries too. everything: also what was never touched yet.
+    """Keep used pages in memory, including code of libraries. everything: also pages that were never touched.
 
-    Without it the kernel may drop pages of code while the machine is short of memory, and read them from the disk in
-    the middle of a control period.
+    Otherwise the kernel may drop pages of code when memory is short, and read them from the disk in the middle of a
+    control period.
     """
     if sys.platform == "win32":
         return False
@@ -98,7 +98,7 @@ def _lock_memory(*, everything: bool) -> bool:
 
     unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
     if not unlimited and os.geteuid() != 0:
-        return False  # up to the limit it would succeed, and then the process could not allocate any more
+        return False  # locking would succeed, but allocations beyond the limit would then fail
     try:
         return bool(ctypes.CDLL(None).mlockall(_CURRENT | _FUTURE | (0 if everything else _ON_FAULT)) == 0)
     except (OSError, AttributeError):
@@ -106,17 +106,17 @@ def _lock_memory(*, everything: bool) -> bool:
 
 
 def _set_timer_slack() -> None:
-    """Let timers fire when they are due instead of up to 50 us later."""
+    """Make timers fire when they are due instead of up to 50 us later."""
     set_timer_slack, slack_ns = 29, 1  # PR_SET_TIMERSLACK of prctl(2)
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(set_timer_slack, slack_ns, 0, 0, 0)
 
 
-def _make_room_for_descriptors() -> None:
-    """Let the kernel enlarge the table of open files now, which it never makes smaller again.
+def _reserve_descriptors() -> None:
+    """Make the kernel enlarge the table of open files now; it never shrinks it again.
 
-    It would do so when the 256th, the 512th, the 1024th client comes, and a process with threads waits for that: 10 to
-    27 ms each were measured.
+    Otherwise it would do so when the 256th, 512th and 1024th client connect, and a process with threads waits for that:
+    10 to 27 ms were measured each time.
     """
     if sys.platform == "win32":
         return
@@ -131,16 +131,16 @@ def _make_room_for_descriptors() -> None:
 
 @dataclass
 class Overload:
-    """Whether a loop uses so much of its core that it should have no priority over others there.
+    """Whether a loop uses so much of its core that it should have no priority over other programs.
 
-    At once when it is too much, and until it was calm for a while.
+    It begins immediately when the load is too high, and ends after the load was low for a while.
     """
 
     over: bool = False
     _calm_s: float = 0.0
 
     def see(self, share: float, seconds: float) -> bool:
-        """share: of a core that was used, for so long. True when ``over`` has changed."""
+        """Add a measurement. share: fraction of a core that was used for ``seconds``. True if ``over`` has changed."""
         self._calm_s = self._calm_s + seconds if share < _CALM else 0.0
         before = self.over
         if share > _TOO_MUCH:
@@ -151,27 +151,27 @@ class Overload:
 
 
 async def yield_under_overload() -> None:
-    """Until it is cancelled: give the priority of this thread up while its event loop is flooded with work."""
+    """Until cancelled: give up the priority of this thread while its event loop is flooded with work."""
     overload = Overload()
     used_s, now_s = time.thread_time(), time.monotonic()
     while True:
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_CHECK_EVERY_S)
         used_before_s, before_s = used_s, now_s
         used_s, now_s = time.thread_time(), time.monotonic()
         share = (used_s - used_before_s) / (now_s - before_s)
         if overload.see(share, now_s - before_s):
             if overload.over:
-                _give_priority_up()
+                _drop_priority()
                 _logger.warning(
-                    "clients keep this emulator busy (%.0f %% of a core): real-time priority is given up, so that "
-                    "others get their share. It comes back %.0f s after that ends",
+                    "clients keep this emulator busy (%.0f %% of a core): it gives up real-time priority, so that "
+                    "other programs get their share, and claims it again %.0f s after the load has dropped",
                     100.0 * share,
                     _CALM_FOR_S,
                 )
             elif _take_priority():
-                _logger.warning("real-time priority is back")
+                _logger.warning("real-time priority is in force again")
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

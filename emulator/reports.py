@@ -1,8 +1,8 @@
-"""Files for people: the log, a flight report, a support file, and what a failure of the emulator leaves behind.
+"""Report files: the log, flight reports, support files, and crash reports of the emulator.
 
-Written to the programs directory; without one, to a folder of the system's for temporary files, which the log names.
-What is in them is the emulator's own; the name of a support file, and that it holds all flight reports, is the e-Series
-dashboard manual's.
+They are written to the programs directory, or without one to a temporary folder, which the log names. Their contents
+are the emulator's own. The name of a support file, and the fact that it contains all flight reports, come from the
+e-Series dashboard manual.
 """
 
 import tempfile
@@ -15,7 +15,7 @@ from emulator.machine import Machine
 from urproto.text import READABLE, readable, strip, to_bytes
 
 _FLIGHT_REPORTS: Final = ("controller", "software", "system")
-_FLIGHT_REPORT: Final = "flightreport_"  # and its id: the beginning of a file's name
+_FLIGHT_REPORT: Final = "flightreport_"  # followed by its id: beginning of a file name
 _CRASH: Final = "crash_"  # likewise
 
 
@@ -29,14 +29,14 @@ def write_log(machine: Machine) -> Path:
 def write_flight_report(machine: Machine, kind: str) -> str:
     """Write a report and return its id. Raises ValueError for an unknown kind, OSError."""
     if kind.lower() not in _FLIGHT_REPORTS:
-        raise ValueError(f"no report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
+        raise ValueError(f"unknown report {kind!r}: choose one of {', '.join(_FLIGHT_REPORTS)}")
     report_id = f"{machine.serial_number}_{machine.step_count}_{kind.lower()}"
     (_directory(machine) / f"{_FLIGHT_REPORT}{report_id}.txt").write_text(_summary(machine), "utf-8", READABLE)
     return report_id
 
 
 def write_support_file(machine: Machine, directory: str) -> Path:
-    """Write log, state, all flight reports and failures as one zip file, after a new flight report of the system.
+    """Write log, state, all flight and crash reports to a zip file, after creating a new flight report of the system.
 
     Raises ValueError for a directory outside the programs directory, OSError.
     """
@@ -55,9 +55,9 @@ def write_support_file(machine: Machine, directory: str) -> Path:
 
 
 def write_crash(machine: Machine, source: str | None, stage: str, trace: str) -> Path:
-    """Write what a bug report needs: traceback, what the robot is, its last state, program and log. Raises OSError.
+    """Write what a bug report needs: traceback, robot, its last state, program and log. Raises OSError.
 
-    source: of the main program that ran last.
+    source: text of the main program that ran last.
     """
     config = machine.config
     arm = f"dynamic arm, seed {config.seed}" if config.dynamic else "ideal arm"
@@ -77,7 +77,7 @@ def _directory(machine: Machine) -> Path:
     directory = machine.config.programs_dir or machine.reports_dir
     if directory is None:
         directory = machine.reports_dir = Path(tempfile.mkdtemp(prefix="ur-emulator-"))
-        machine.messages.note(f"there is no programs directory: reports are written to {directory}")
+        machine.messages.note(f"no programs directory: reports are written to {directory}")
     return directory
 
 
@@ -94,7 +94,7 @@ def _summary(machine: Machine) -> str:
 
 
 def _date_and_time(seconds: int) -> str:
-    """YYYY-MM-DD_HH-MM-SS of a time since 1970. By hand: modules that know the date know the clock, too."""
+    """YYYY-MM-DD_HH-MM-SS of a time since 1970, without a module that could read the wall clock."""
     days, seconds = divmod(seconds, 86_400)
     year, month = 1970, 1
     while days >= 365 + isleap(year):

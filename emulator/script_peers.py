@@ -1,20 +1,20 @@
-"""Peers of a script that are not there: what ``urscript run --peers`` answers on its sockets and XML-RPC calls.
+"""Simulated peers of a script: what ``urscript run --peers`` answers on its sockets and XML-RPC calls.
 
-The file names each peer by its address and says what it answers:
+The file lists each peer with its address and its answers:
 
     sockets:
-      192.168.1.10:5000:              # or "*:5000", whatever the address
+      192.168.1.10:5000:              # or "*:5000" for any address
         greeting: "ready\\n"           # sent when the script connects
-        answers:                      # to what the script sends in one go; * and ? are wildcards
+        answers:                      # to what the script sends at one time; * and ? are wildcards
           "GET POS": "POS 3\\n"
           "SET *": ack
-          "*": ["1\\n", "2\\n"]         # one after the other, the last for ever
+          "*": ["1\\n", "2\\n"]         # one after the other, then the last one repeatedly
     xmlrpc:
       http://192.168.1.20:8080:
         get_pose: {x: 0.1, y: 0.2, z: 0.3, rx: 0, ry: 0, rz: 0}
         grip: true
 
-What a socket is sent that no answer fits is left unanswered; an XML-RPC method that is not named is a fault.
+Data on a socket without a matching answer is not answered; an XML-RPC method that is not listed returns a fault.
 """
 
 import re
@@ -34,11 +34,11 @@ _ANY: Final = "*"
 _HTTP_PORT: Final = 80
 
 Answer = Callable[[bytes], tuple[bytes, bytes]]
-"""Of what was sent and is unanswered: the answer, and what is left of it."""
+"""Takes data that was sent and not answered; returns the answer, and the data that remains."""
 
 
 class PeersError(ValueError):
-    """The file of peers says something that cannot be."""
+    """The file of peers is invalid."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ Peers: TypeAlias = Mapping[tuple[str, int], _Peer]
 
 
 class StubPeers:
-    """Where the connections of a script lead: to the peers that are described, and all others to `network`."""
+    """Connects a script to the peers of the file, and otherwise to `network`."""
 
     def __init__(self, peers: Peers, network: ScriptSocketBackend) -> None:
         self._peers = peers
         self._network = network
 
     def open(self, address: str, port: int) -> ScriptSocket:
-        """Begin to connect; a peer that is described takes every connection at once."""
+        """Begin to connect; a peer of the file accepts every connection immediately."""
         peer = self._peers.get((address, port)) or self._peers.get((_ANY, port))
         return self._network.open(address, port) if peer is None else _StubSocket(peer)
 
@@ -101,7 +101,7 @@ def read_peers(path: Path) -> dict[tuple[str, int], _Peer]:
     whole = _mapping(content, str(path))
     unknown = sorted(set(whole) - {"sockets", "xmlrpc"})
     if unknown:
-        raise PeersError(f"{path}: there is no '{unknown[0]}': peers are under 'sockets' and 'xmlrpc'")
+        raise PeersError(f"{path}: unknown key '{unknown[0]}': peers are listed under 'sockets' and 'xmlrpc'")
     peers: dict[tuple[str, int], _Peer] = {}
     for name, entry in _mapping(whole.get("sockets", {}), f"{path}: sockets").items():
         peers[_address(str(name), path)] = _socket_peer(entry, f"{path}: {name}")
@@ -127,7 +127,7 @@ def _address(text: str, path: Path) -> tuple[str, int]:
 def _url(text: str, path: Path) -> tuple[str, int]:
     parts = urlsplit(text)
     if parts.scheme != "http" or not parts.hostname:
-        raise PeersError(f"{path}: {text!r} is not an address of XML-RPC: give http://host:port")
+        raise PeersError(f"{path}: {text!r} is not an XML-RPC address: give http://host:port")
     return parts.hostname, parts.port or _HTTP_PORT
 
 
@@ -135,22 +135,22 @@ def _socket_peer(entry: Any, what: str) -> _Peer:
     fields = _mapping(entry, what)
     unknown = sorted(set(fields) - {"greeting", "answers"})
     if unknown:
-        raise PeersError(f"{what}: there is no '{unknown[0]}': a peer has 'greeting' and 'answers'")
+        raise PeersError(f"{what}: unknown key '{unknown[0]}': a peer has 'greeting' and 'answers'")
     answers = _mapping(fields.get("answers", {}), f"{what}: answers")
     return _Peer(
-        _bytes(fields.get("greeting", ""), what), _Lines({str(key): _row(v, what) for key, v in answers.items()})
+        _bytes(fields.get("greeting", ""), what), _Lines({str(key): _sequence(v, what) for key, v in answers.items()})
     )
 
 
-def _row(value: Any, what: str) -> Iterator[bytes]:
-    """The answers one after the other, the last for ever."""
+def _sequence(value: Any, what: str) -> Iterator[bytes]:
+    """The answers one after the other, then the last one repeatedly."""
     values = [_bytes(item, what) for item in (value if isinstance(value, list) else [value])]
     if not values:
-        raise PeersError(f"{what}: a list of answers needs one at least")
-    return _with_the_last_for_ever(values)
+        raise PeersError(f"{what}: a list of answers must not be empty")
+    return _repeat_last(values)
 
 
-def _with_the_last_for_ever(values: list[bytes]) -> Iterator[bytes]:
+def _repeat_last(values: list[bytes]) -> Iterator[bytes]:
     yield from values
     while True:
         yield values[-1]
@@ -161,15 +161,15 @@ def _bytes(value: Any, what: str) -> bytes:
         return value
     if isinstance(value, str | int | float) and not isinstance(value, bool):
         return to_bytes(str(value))
-    raise PeersError(f"{what}: an answer is a text, not {value!r}")
+    raise PeersError(f"{what}: an answer must be text, not {value!r}")
 
 
-# what they answer
+# answers
 
 
 @dataclass
 class _Lines:
-    """Answers to what is sent in one go."""
+    """Answers to what is sent at one time."""
 
     answers: Mapping[str, Iterator[bytes]]
 
@@ -194,7 +194,7 @@ class _Xmlrpc:
         if method is not None and method in self.values:
             body = dumps((self.values[method],), methodresponse=True)
         else:
-            body = dumps(Fault(1, f"the file of peers names no method {method}"))
+            body = dumps(Fault(1, f"the file of peers has no method {method}"))
         encoded = body.encode()
         answer = b"HTTP/1.1 200 OK\r\nContent-Type: text/xml\r\nContent-Length: %d\r\n\r\n" % len(encoded)
         return answer + encoded, rest[length:]

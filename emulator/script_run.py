@@ -1,4 +1,4 @@
-"""What ``urscript run`` does: a file of scripts on an arm that is ready, without servers and without waiting."""
+"""Implements ``urscript run``: runs a file of URScript programs on an arm that is ready, without servers."""
 
 import asyncio
 import math
@@ -32,7 +32,7 @@ Setter: TypeAlias = Callable[[Controller, int, float], Any]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended. status: as the command's exit status; failure: why not well, or empty; robot_s: its time [s]."""
+    """The result of a run. status: the exit status; failure: the reason, or empty; robot_s: its robot time [s]."""
 
     status: int
     failure: str = ""
@@ -40,7 +40,7 @@ class Outcome:
 
 
 def run(options: Namespace) -> int:
-    """Compile and run the file; the exit status."""
+    """Compile and run the file; return the exit status."""
     try:
         return execute(options, _say).status
     except ValueError as error:
@@ -48,7 +48,7 @@ def run(options: Namespace) -> int:
 
 
 def execute(options: Namespace, say: Callable[[str], None]) -> Outcome:
-    """Compile and run the file, each line of the report to `say`. Raises ValueError for options that cannot be."""
+    """Compile and run the file, and pass each line of the report to `say`. Raises ValueError for invalid options."""
     try:
         controller, stimuli, peers, file = _prepared(options)
     except OSError as error:
@@ -69,13 +69,13 @@ def execute(options: Namespace, say: Callable[[str], None]) -> Outcome:
         batch.stop("interrupted")
     for entry in faults.listing() if faults is not None else ():
         if entry["problem"]:
-            batch.stop(f"the fault {entry['kind']} could not happen: {entry['problem']}")
+            batch.stop(f"the fault {entry['kind']} failed: {entry['problem']}")
     say(_final_state(batch, controller))
     return Outcome(TROUBLE if batch.failure else SUCCESS, batch.failure, batch.time_s)
 
 
 def check(options: Namespace) -> None:
-    """Raise ValueError for options that cannot be, or a file that is not there. Nothing runs."""
+    """Raise ValueError for invalid options or a missing file. Nothing runs."""
     try:
         controller, *_ = _prepared(options)
     except OSError as error:
@@ -84,7 +84,7 @@ def check(options: Namespace) -> None:
 
 
 def _prepared(options: Namespace) -> tuple[Controller, list[Stimulus], Peers, ScriptFile]:
-    """What the options name. Raises ValueError or OSError."""
+    """Create what the options describe. Raises ValueError or OSError."""
     model, _ = choose_arm(options.model, options.polyscope, options.arm)
     config = controller_config(
         options.model,
@@ -106,9 +106,9 @@ def _prepared(options: Namespace) -> tuple[Controller, list[Stimulus], Peers, Sc
 
 
 def _injected(options: Namespace, controller: Controller) -> "FaultInjector | None":
-    """The faults that shall happen, if any; those without a seed get that of the run. Raises ValueError."""
+    """Inject the faults of the options, if any; those without a seed get that of the run. Raises ValueError."""
     if not options.fault:
-        return None  # nor wait for the catalogue of them, a tenth of the start
+        return None  # importing the catalogue would take a tenth of the start-up time
     from emulator.faults.catalogue import parse_fault
     from emulator.faults.fault import FaultImpossible
     from emulator.faults.injector import FaultInjector
@@ -140,29 +140,29 @@ _TRUTHS: Final = {"true": 1.0, "false": 0.0}
 
 
 def _stimulus(text: str, known: Mapping[str, tuple[int, Setter]]) -> Stimulus:
-    """An input or register of the command line, as something that happens. Raises ValueError."""
+    """An input or register from the command line as a stimulus. Raises ValueError."""
     match = _NUMBERED.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not of the form NAME=VALUE or NAME=VALUE@SECONDS")
     kind, number = match[1], int(match[2])
     if kind not in known or number >= known[kind][0]:
         names = ", ".join(f"{name}0 to {count - 1}" for name, (count, _) in known.items())
-        raise ValueError(f"there is no {kind}{number}: there are {names}")
+        raise ValueError(f"there is no {kind}{number}: choose from {names}")
     value = _TRUTHS.get(match[3].lower())
     value = _number(match[3]) if value is None else value
     set_it = known[kind][1]
     if kind == "int" and not (value.is_integer() and abs(value) < 2**31):
-        raise ValueError(f"{text!r}: an int register holds a whole number of 32 bits")
+        raise ValueError(f"{text!r}: an int register takes a 32-bit integer")
     return Stimulus(_number(match[4] or "0"), lambda controller: set_it(controller, number, value))
 
 
 def _joints(texts: Sequence[str], model: RobotModel) -> Joints:
-    """Six joint angles [rad] that the arm can have. Raises ValueError."""
+    """Six joint angles [rad] within the joint limits. Raises ValueError."""
     angles = [_number(text) for text in texts]
     lowest, highest = model.position_limits
     for number, (angle, low, high) in enumerate(zip(angles, lowest, highest, strict=True)):
         if not low <= angle <= high:
-            raise ValueError(f"joint {number} cannot be at {angle:g} rad: {low:g} to {high:g} are possible")
+            raise ValueError(f"joint {number} cannot be at {angle:g} rad: give {low:g} to {high:g}")
     a, b, c, d, e, f = angles
     return a, b, c, d, e, f
 
@@ -180,7 +180,7 @@ def _number(text: str) -> float:
 async def _drive(
     batch: Batch, controller: Controller, speed: float | None, network: ScriptNetwork, peers: Peers
 ) -> None:
-    """Tick until the run is over. Raises what a tick raises."""
+    """Run control periods until the run is over. Raises what a period raises."""
     sockets = NetworkSockets(network, controller.messages.note, port=ScriptPort(lambda: controller.snapshot.timestamp))
     controller.programs.socket_backend = StubPeers(peers, sockets)
     period_s = controller.period_s

@@ -1,7 +1,7 @@
-"""A Ray cluster that carries out runs (extra ``cluster``).
+"""Executes runs on a Ray cluster (extra ``cluster``).
 
-Ray brings the campaign's folder to each node, hands out the jobs, and gives a job whose node or process is gone to
-another one. What it has given up on after some tries is lost, as the death of a process on one machine is.
+Ray copies the campaign's folder to each node, distributes the jobs, and moves a job whose node or process has died to
+another node. A job that Ray gives up after some attempts is lost, like that of a dead process on one machine.
 """
 
 import logging
@@ -12,14 +12,14 @@ from typing import Any, Final
 from emulator.campaign.jobs import Finished, Lost
 from emulator.config import ConfigError
 
-_TRIES: Final = 3  # guess: of a job whose node or process is gone, before its runs are tried one by one
-_QUEUED: Final = 2  # jobs per core that Ray knows of: none waits for the campaign to hand it the next one
+_TRIES: Final = 3  # guess: attempts at a job whose node or process died, before its runs are tried one by one
+_QUEUED: Final = 2  # jobs per core submitted to Ray, so that no core waits for its next job
 
 
 class RayWorkers:
     """The cluster at an address; "auto" finds one that runs on this machine, "local" starts one here.
 
-    folder: of the campaign, with the files that runs need. Raises ConfigError.
+    folder: the campaign's folder, with the files that runs need. Raises ConfigError.
     """
 
     folder = "."  # Ray starts its processes in its copy of the campaign's folder
@@ -28,9 +28,9 @@ class RayWorkers:
         try:
             import ray
         except ImportError as error:
-            raise ConfigError("a cluster needs Ray: pip install 'ur-emulator[cluster]'") from error
+            raise ConfigError("--ray needs Ray: pip install 'ur-emulator[cluster]'") from error
         self._ray: Any = ray
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a cluster that starts here reports to nobody
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a cluster started here sends no usage statistics
         try:
             ray.init(
                 address=address, runtime_env={"working_dir": folder}, log_to_driver=False, logging_level=logging.ERROR
@@ -43,22 +43,22 @@ class RayWorkers:
 
     @property
     def size(self) -> int:
-        """Cores of the nodes that are there now."""
+        """Number of cores of the current nodes."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 0)))
 
     @property
     def room(self) -> int:
-        """How many more jobs may be submitted now."""
+        """Number of further jobs that may be submitted now."""
         return _QUEUED * self.size - len(self._jobs)
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Let a node call a function of a module that is installed there; the number of this job."""
+        """Have a node call a function of a module that is installed there; return the number of this job."""
         self._next += 1
         self._jobs[self._call.remote(function, arguments)] = self._next
         return self._next
 
     def finished(self, patience_s: float) -> list[Finished]:
-        """What came of jobs that are done, waiting for the first of them for a while."""
+        """The results of completed jobs; waits up to ``patience_s`` for the first one."""
         waiting = list(self._jobs)
         if not waiting:
             return []
@@ -68,7 +68,7 @@ class RayWorkers:
         return [Finished(self._jobs.pop(job), self._value(job)) for job in done]
 
     def close(self) -> None:
-        """Give up what is not done and leave the cluster; one that was started here ends."""
+        """Cancel jobs that are not completed, and leave the cluster; stop it if it was started here."""
         for job in self._jobs:
             self._ray.cancel(job, force=True)
         self._jobs = {}
@@ -79,7 +79,7 @@ class RayWorkers:
         try:
             return self._ray.get(job)
         except errors.RuntimeEnvSetupError as error:
-            raise ConfigError(f"Ray cannot bring the campaign's folder to its nodes: {error}") from error
+            raise ConfigError(f"Ray cannot copy the campaign's folder to its nodes: {error}") from error
         except errors.RayError as error:
             return Lost(type(error).__name__)
 
@@ -87,5 +87,5 @@ class RayWorkers:
 def _call(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     try:
         return function(*arguments)
-    except Exception as error:  # told to whoever waits for the job
+    except Exception as error:  # becomes the result of the job
         return error

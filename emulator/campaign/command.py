@@ -48,7 +48,9 @@ def _campaign(
         int, typer.Option(min=0, help="Number of kinds of failures for which a failed run is simplified.")
     ] = 10,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard existing results.")] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="List the runs instead of running them.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print the number of runs and the first commands, and run nothing.")
+    ] = False,
 ) -> None:
     """Run programs or tests many times in virtual time, with every combination of options."""
     with errors_in_one_line():

@@ -1,8 +1,8 @@
-"""Handing out the runs of a campaign until each has a result: nothing is lost, and nothing counts twice.
+"""Distributes the runs of a campaign until each has a result: no run is lost, and none counts twice.
 
-Runs are handed out in portions of some seconds, so that what handing out costs does not matter, and smaller ones in
-the end, so that no core waits for another. A portion that is lost is tried again run by run; a run that is lost each
-time has that as its result.
+Runs are distributed in portions of some seconds, so that the cost of distribution does not matter; towards the end
+they are smaller, so that no core waits for another. A portion that is lost is tried again run by run. A run that is
+lost each time has that as its result.
 """
 
 from collections import Counter, deque
@@ -16,17 +16,17 @@ from emulator.campaign.minimise import kind_of
 from emulator.campaign.plan import Plan, Run
 from emulator.campaign.work import Result, Status, carry_out, simplify
 
-_PORTION_S: Final = 2.0  # of work; handing one out takes milliseconds
-_LARGEST: Final = 500  # runs of a portion: what is done again when a process dies
-_TRIES: Final = 3  # of a run whose process died (guess)
-_PATIENCE_S: Final = 0.5  # between two looks at the progress
+_PORTION_S: Final = 2.0  # of work; distributing one takes milliseconds
+_LARGEST: Final = 500  # runs in a portion, which are repeated when a process dies
+_TRIES: Final = 3  # attempts at a run whose process dies (guess)
+_PATIENCE_S: Final = 0.5  # interval between reports of progress
 
 Tell = Callable[[list[Result]], None]
 
 
 @dataclass
 class Conductor:
-    """Carries out a plan's runs that have no result yet. tell: called with what is new, or with nothing meanwhile."""
+    """Executes the runs of a plan that have no result yet. tell: called with new results, or none, for progress."""
 
     plan: Plan
     workers: Workers
@@ -36,10 +36,10 @@ class Conductor:
     _pending: dict[int, tuple[int, ...]] = field(default_factory=dict)  # runs of each job
     _again: deque[tuple[int, ...]] = field(default_factory=deque)
     _losses: Counter[int] = field(default_factory=Counter)
-    _run_s: float = 0.0  # mean of the runs so far, the later ones counting more
+    _run_s: float = 0.0  # mean duration of runs so far, with more weight on later ones
 
     def run(self) -> None:
-        """Until every run has a result. Raises ConfigError when the workers cannot do it at all."""
+        """Work until every run has a result. Raises ConfigError if the workers cannot execute runs at all."""
         missing = self.journal.missing
         while True:
             self._hand_out(missing)
@@ -87,7 +87,7 @@ class Conductor:
 
 
 def failing_ones(journal: Journal, most: int) -> list[Result]:
-    """The first failed run of each kind of failure, of at most so many kinds."""
+    """The first failed run of each kind of failure, for at most this many kinds."""
     first: dict[str, Result] = {}
     for result in journal.results():
         if result.status is Status.FAILED:
@@ -101,7 +101,7 @@ def failing_ones(journal: Journal, most: int) -> list[Result]:
 
 
 def simplest(plan: Plan, workers: Workers, version: str, failed: list[Result]) -> dict[int, Run]:
-    """Of each of these failed runs a simpler one that fails alike, if there is; by the number of the run."""
+    """Simpler runs that fail in the same way as these, by the number of the original run, if there are any."""
     jobs: dict[int, int] = {}
     found: dict[int, Run] = {}
     waiting = deque(failed)

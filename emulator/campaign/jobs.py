@@ -1,4 +1,4 @@
-"""What carries out jobs for a campaign, and what comes of one: the same for processes and for a cluster."""
+"""The interface to workers that execute jobs for a campaign: processes or a cluster."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,45 +7,45 @@ from typing import Any, Protocol
 
 @dataclass(frozen=True)
 class Lost:
-    """Whoever carried the job out is gone."""
+    """The process or node that executed the job has died."""
 
     why: str
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A job by its number. value: what the function returned, the exception that it raised, or Lost."""
+    """A completed job, by its number. value: the function's return value, the exception that it raised, or Lost."""
 
     job: int
     value: Any
 
 
 class Workers(Protocol):
-    """Where jobs are carried out."""
+    """Executes jobs."""
 
     @property
     def folder(self) -> str:
-        """Where paths of the plan begin there."""
+        """The folder there to which paths of the plan are relative."""
         ...
 
     @property
     def size(self) -> int:
-        """How many jobs are carried out at a time."""
+        """Number of jobs that are executed at the same time."""
         ...
 
     @property
     def room(self) -> int:
-        """How many more jobs may be submitted now."""
+        """Number of further jobs that may be submitted now."""
         ...
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Let a function of a module be called; the number of this job."""
+        """Have a function of a module called; return the number of this job."""
         ...
 
     def finished(self, patience_s: float) -> list[Finished]:
-        """What came of jobs that are done, waiting for the first of them for a while."""
+        """The results of completed jobs; waits up to ``patience_s`` for the first one."""
         ...
 
     def close(self) -> None:
-        """Give up what is not done."""
+        """Cancel jobs that are not completed."""
         ...

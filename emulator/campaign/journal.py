@@ -1,7 +1,7 @@
-"""What came of the runs of a campaign, kept as it comes: a campaign that was ended goes on where it was.
+"""The results of the runs of a campaign, stored as they arrive, so that an interrupted campaign can be resumed.
 
-The journal is a file of JSON lines: the fingerprint of the plan, then one result a line. A line is written whole, and
-a last one that is not is none: its run is done again. When all are there they become a Parquet file.
+The journal is a file of JSON lines: the fingerprint of the plan, then one result per line. An incomplete last line is
+ignored, and its run is repeated. When all results are there, they are written to a Parquet file.
 """
 
 import os
@@ -29,7 +29,7 @@ class _Head(msgspec.Struct):
 
 
 class Journal:
-    """Results in a folder, while the context is entered. Raises ConfigError where those of another plan are."""
+    """Results in a folder, while the context is entered. Raises ConfigError if it has those of another plan."""
 
     def __init__(self, folder: Path, plan: Plan, version: str) -> None:
         self.path = folder / "journal.jsonl"
@@ -40,7 +40,7 @@ class Journal:
 
     def __enter__(self) -> Self:
         if self.path.exists() and self.path.stat().st_size:
-            self._take_up()
+            self._resume()
         self._file = self.path.open("ab")
         if not self.path.stat().st_size:
             self._write([self._head])
@@ -51,7 +51,7 @@ class Journal:
 
     @property
     def missing(self) -> Iterator[int]:
-        """The numbers of the runs without a result, in their order."""
+        """The numbers of runs without a result, in ascending order."""
         place = self._done.find(0)
         while place >= 0:
             yield place
@@ -59,11 +59,11 @@ class Journal:
 
     @property
     def left(self) -> int:
-        """How many runs are without a result."""
+        """Number of runs without a result."""
         return self._done.count(0)
 
     def add(self, results: Sequence[Result]) -> list[Result]:
-        """Keep results; those of runs that have one already are left out. Returns what was new."""
+        """Store results, except of runs that have one already; return the new ones."""
         new = []
         for result in results:
             if not self._done[result.run]:
@@ -73,7 +73,7 @@ class Journal:
         return new
 
     def results(self) -> Iterator[Result]:
-        """All results, in the order they came."""
+        """All results, in the order in which they arrived."""
         with self.path.open("rb") as lines:
             next(lines, None)
             for line in lines:
@@ -84,20 +84,20 @@ class Journal:
         self._file.flush()
         os.fsync(self._file.fileno())
 
-    def _take_up(self) -> None:
-        """Go on with what is there."""
+    def _resume(self) -> None:
+        """Continue with the results in the file."""
         self._cut_off_what_is_not_whole()
         with self.path.open("rb") as lines:
             try:
                 head = msgspec.json.decode(next(lines, b""), type=_Head)
             except msgspec.DecodeError:
-                raise ConfigError(f"{self.path} is not a campaign's: choose another --out") from None
+                raise ConfigError(f"{self.path} is not a campaign journal: choose another --out") from None
             for name, kept, now in (
                 ("the campaign, or a file that it names,", head.fingerprint, self._head.fingerprint),
                 ("the version of ur-emulator", head.version, self._head.version),
             ):
                 if kept != now:
-                    raise ConfigError(f"{self.path}: {name} has changed since: --fresh begins anew, --out elsewhere")
+                    raise ConfigError(f"{self.path}: {name} has changed: add --fresh, or choose another --out")
             for line in lines:
                 self._done[_DECODER.decode(line).run] = 1
 
@@ -113,7 +113,7 @@ class Journal:
 
 
 def write_parquet(journal: Journal, plan: Plan, target: Path) -> None:
-    """All results as a table: a column for each axis, and the command that replays the run. Raises ConfigError."""
+    """Write all results as a table, with a column per axis and the replay command of each run. Raises ConfigError."""
     import pyarrow
     import pyarrow.parquet
 
@@ -149,7 +149,7 @@ def _row(plan: Plan, result: Result) -> dict[str, Any]:
 
 
 def shown(axis: Axis, index: int) -> Any:
-    """A value of an axis as a cell of a table: itself, or text of one that is a list or a mapping."""
+    """A value of an axis as a cell of a table: the value itself, or the text of a list or a mapping."""
     value = axis.value(index)
     if _has_numbers(axis):
         return value

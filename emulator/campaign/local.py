@@ -1,7 +1,7 @@
-"""Processes of this machine that carry out runs: one job each at a time, so that it is known whose death it was.
+"""Executes runs in processes on this machine: one job at a time in each, so that a dead process identifies its job.
 
-Each has a link, a pipe, whose end it takes for the order to leave; so none outlives the campaign for longer than its
-job, however that ends.
+Each process has a link to the campaign, a pipe, and exits when the link is closed. So none outlives the campaign for
+longer than its current job, however the campaign ends.
 """
 
 import multiprocessing
@@ -15,11 +15,11 @@ from typing import Any, Final
 
 from emulator.campaign.jobs import Finished, Lost
 
-_FORKSERVER: Final = "forkserver"  # what is imported once is shared; the campaign's own process may have threads
+_FORKSERVER: Final = "forkserver"  # shares imported modules; no plain fork: the campaign's own process may have threads
 
 
 class LocalWorkers:
-    """As many processes as asked for. folder: where paths of the plan begin."""
+    """A number of worker processes. folder: the folder to which paths of the plan are relative."""
 
     def __init__(self, folder: str, processes: int) -> None:
         self.folder = folder
@@ -34,31 +34,31 @@ class LocalWorkers:
 
     @property
     def size(self) -> int:
-        """How many jobs are carried out at a time."""
+        """Number of jobs that are executed at the same time."""
         return self._processes
 
     @property
     def room(self) -> int:
-        """How many more jobs may be submitted now."""
+        """Number of further jobs that may be submitted now."""
         return self._processes - len(self._busy)
 
     @property
     def pids(self) -> list[int]:
-        """Of the processes that have a job."""
+        """Process ids of the processes that have a job."""
         return [worker.process.pid or 0 for worker in self._busy]
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
-        """Let a process call a function of a module; the number of this job."""
+        """Have a process call a function of a module; return the number of this job."""
         worker = self._idle.pop() if self._idle else self._start()
         self._next += 1
         worker.job = self._next
         self._busy.append(worker)
-        with suppress(OSError):  # it has died: waiting for it says so
+        with suppress(OSError):  # it has died, which waiting for it reports
             worker.link.send((function, arguments))
         return self._next
 
     def finished(self, patience_s: float) -> list[Finished]:
-        """What came of jobs that are done, waiting for the first of them for a while."""
+        """The results of completed jobs; waits up to ``patience_s`` for the first one."""
         links = {worker.link: worker for worker in self._busy}
         done = []
         for link in wait(list(links), patience_s):
@@ -75,7 +75,7 @@ class LocalWorkers:
         return done
 
     def close(self) -> None:
-        """End all processes, whatever they do."""
+        """End all processes, even if they have a job."""
         for worker in (*self._idle, *self._busy):
             worker.end()
         self._idle, self._busy = [], []
@@ -101,8 +101,8 @@ class _Worker:
 
 
 def _serve(link: Connection) -> None:
-    """Carry out jobs until nobody holds the other end of the link."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; the campaign decides
+    """Execute jobs until the link is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all processes; the campaign decides
     while True:
         try:
             function, arguments = link.recv()
@@ -110,7 +110,7 @@ def _serve(link: Connection) -> None:
             return
         try:
             answer = function(*arguments)
-        except Exception as error:  # told to whoever waits for the job
+        except Exception as error:  # becomes the result of the job
             answer = error
         try:
             link.send(answer)

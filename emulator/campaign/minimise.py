@@ -1,8 +1,9 @@
-"""A failing run made simpler: as few and as plain options as still make it fail in the same way.
+"""Simplifies a failing run: reduces its options as far as it still fails in the same way.
 
-One thing at a time is taken away, and the run is tried: a value of an axis for the first one of its axis, a fault of
-several, an argument of a fault. What is not needed for failing the same stays away. It goes round until nothing more
-can go. Inputs and answers stay: without them a program fails that would be right.
+It tries one simplification at a time: replacing a value of an axis by the first one of the axis, removing one of
+several faults, or removing an argument of a fault. A simplification is kept if the run still fails in the same way.
+This is repeated until no simplification is left. Inputs and answers are kept, because without them a correct program
+would fail.
 """
 
 import re
@@ -17,12 +18,12 @@ _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
 
 def kind_of(failure: str) -> str:
-    """What two failures of one cause have in common: their text without numbers."""
+    """The kind of a failure, which failures with the same cause share: its text without numbers."""
     return _NUMBER.sub("#", failure)
 
 
 def minimised(plan: Plan, number: int, failure: str, failure_of: Callable[[Run], str]) -> Run:
-    """The simplest run found. failure_of: carries a run out and says how it failed, or nothing."""
+    """The simplest run found. failure_of: executes a run and returns its failure, or an empty text."""
     wanted = kind_of(failure)
     run = plan.run(number)
     tried: list[Any] = [run.options]
@@ -41,7 +42,7 @@ def minimised(plan: Plan, number: int, failure: str, failure_of: Callable[[Run],
 
 
 def _simpler(plan: Plan, run: Run) -> Iterator[dict[str, Any]]:
-    """The options with one thing less."""
+    """Options with one simplification each."""
     options = dict(run.options)
     for axis in plan.axes:
         if axis.name != plan.kind:
@@ -59,7 +60,7 @@ def _without(options: dict[str, Any], *names: str) -> dict[str, Any]:
 
 
 def _with_the_first(axis: Axis, options: dict[str, Any]) -> dict[str, Any]:
-    """The value of an axis replaced by its first."""
+    """The options, with the value of an axis replaced by its first one."""
     first = axis.value(0)
     if not isinstance(first, dict):
         changed = {**options, axis.name: first}
@@ -71,7 +72,7 @@ def _with_the_first(axis: Axis, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _shorter_faults(text: str) -> Iterator[str]:
-    """Without one of its arguments; one that it needs makes the run a refused one, which is another failure."""
+    """The fault without one argument each. Without a required one the run is refused, which is another failure."""
     kind, *arguments = text.split(",")
     for index in range(len(arguments)):
         yield ",".join([kind, *arguments[:index], *arguments[index + 1 :]])

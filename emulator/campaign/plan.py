@@ -1,4 +1,4 @@
-"""Which runs a campaign has: the product of its axes, each run a command line that anybody can type.
+"""The runs of a campaign: the product of its axes. Each run is a command line that can be typed in a shell.
 
     script: pick.script               # or  pytest: tests/test_pick.py;  one, or a list of them
     limit_s: 120                      # of robot time for a script, of real time for a pytest
@@ -9,7 +9,7 @@
       seed: {from: 0, count: 1000}
 
 An axis is an option with its values, or any name with values that are mappings of options. Options are those of
-``urscript run``; of pytest those of a robot, which its plugin gives to robots that a test does not say otherwise of.
+``urscript run``; for pytest, those of a robot, which the plugin applies unless a test sets them itself.
 """
 
 import hashlib
@@ -28,24 +28,24 @@ from emulator.script_run import check
 from urproto.compat import StrEnum
 
 Options: TypeAlias = dict[str, Any]
-_LIMIT_S: Final = 600.0  # guess: a program that takes longer waits for something
-_MOST_RUNS: Final = 1_000_000_000  # numbers of runs fit into what is kept of them
+_LIMIT_S: Final = 600.0  # guess: a program that takes longer is waiting for something
+_MOST_RUNS: Final = 1_000_000_000  # so that numbers of runs fit into the results
 _NOT_IN_CAMPAIGNS: Final = {
-    "speed": "runs are in virtual time; the slider is speed-slider",
-    "trace": "type the replay command of a run with it",
-    "timeout": "limit_s is the same",
+    "speed": "runs are in virtual time; for the speed slider use speed-slider",
+    "trace": "add it to the replay command of a run instead",
+    "timeout": "use limit_s instead",
 }
 
 
 class Kind(StrEnum):
-    """What runs."""
+    """What a run executes."""
 
     SCRIPT = "script"
     PYTEST = "pytest"
 
 
 class Numbers(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"first": "from"}):
-    """Whole numbers as the values of an axis."""
+    """Integers as the values of an axis."""
 
     count: Annotated[int, msgspec.Meta(ge=1)]
     first: int = 0
@@ -75,7 +75,7 @@ class Axis(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Run:
-    """One run: what runs, and the options it has. number: of the campaign, from 0."""
+    """A run: its script or test, and its options. number: number within the campaign, from 0."""
 
     number: int
     target: str
@@ -83,7 +83,7 @@ class Run:
 
 
 class Plan(msgspec.Struct, frozen=True):
-    """All runs of a campaign. The last axis turns fastest. folder: what paths are relative to."""
+    """All runs of a campaign. The last axis varies fastest. folder: the folder to which paths are relative."""
 
     name: str
     folder: str
@@ -100,7 +100,7 @@ class Plan(msgspec.Struct, frozen=True):
         return self.run_at(number, self.place(number))
 
     def place(self, number: int) -> tuple[int, ...]:
-        """Which value of each axis a run has."""
+        """The index of a run's value on each axis."""
         indexes = []
         for axis in reversed(self.axes):
             number, index = divmod(number, len(axis))
@@ -122,7 +122,7 @@ class Plan(msgspec.Struct, frozen=True):
         return Run(number, target, {name: value for name, value in options.items() if value is not None})
 
     def command(self, run: Run) -> list[str]:
-        """What to type, in the campaign's folder, to have this run again."""
+        """The command that repeats this run, in the campaign's folder."""
         words = _pytest_words(run.options) if self.kind is Kind.PYTEST else _script_words(run.options)
         if self.kind is Kind.PYTEST:
             return ["pytest", run.target, *words]
@@ -130,7 +130,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     @property
     def fingerprint(self) -> str:
-        """Another one means other runs: the plan, or a file that it names, has changed. Raises ConfigError."""
+        """A hash of the plan and the files that it names, which changes if the runs would. Raises ConfigError."""
         digest = hashlib.sha256(msgspec.json.encode([self.name, self.kind, self.limit_s, self.options, self.axes]))
         for text in sorted(_texts([self.options, *(axis.values for axis in self.axes)])):
             file = Path(self.folder, text.partition("::")[0])
@@ -140,22 +140,22 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 def read_plan(path: Path) -> Plan:
-    """The campaign of a file. Raises ConfigError that says what cannot be, also for an option of any axis."""
+    """Read a campaign file. Raises ConfigError, also for an invalid option of any axis."""
     try:
         file = msgspec.convert(read_yaml(path), _File)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {error}") from error
     if (file.script is None) == (file.pytest is None):
-        raise ConfigError(f"{path}: give 'script' or 'pytest', what is to run")
+        raise ConfigError(f"{path}: give either 'script' or 'pytest'")
     kind = Kind.PYTEST if file.script is None else Kind.SCRIPT
     targets = file.script if file.pytest is None else file.pytest
     axes = [Axis(kind, targets if isinstance(targets, list) else [targets])]
     axes += [Axis(name, _values(path, name, values)) for name, values in file.matrix.items()]
     if empty := [axis.name for axis in axes if not len(axis)]:
-        raise ConfigError(f"{path}: {empty[0]} has no values, so nothing would run")
+        raise ConfigError(f"{path}: {empty[0]} has no values: nothing would run")
     plan = Plan(path.stem, str(path.parent.resolve()), kind, file.limit_s, file.options, axes)
     if len(plan) > _MOST_RUNS:
-        raise ConfigError(f"{path} has {len(plan):,} runs: at most {_MOST_RUNS:,} are possible")
+        raise ConfigError(f"{path} has {len(plan):,} runs: the maximum is {_MOST_RUNS:,}")
     _check_names(path, plan)
     _check_values(path, plan)
     return plan
@@ -173,7 +173,7 @@ def _values(path: Path, name: str, values: Any) -> Numbers | list[Any]:
 
 
 def _check_names(path: Path, plan: Plan) -> None:
-    """No option comes from two places, and none that a campaign decides itself."""
+    """Check that no option comes from two sources, and none is reserved for campaigns."""
     seen: dict[str, str] = {}
     sources = [("options", [plan.options])]
     sources += [(axis.name, axis.values) for axis in plan.axes if isinstance(axis.values, list)]
@@ -181,23 +181,23 @@ def _check_names(path: Path, plan: Plan) -> None:
     for source, values in sources:
         mappings = [value for value in values if isinstance(value, Mapping)]
         if mappings and len(mappings) < len(values):
-            raise ConfigError(f"{path}: {source}: either all of its values are mappings of options, or none")
+            raise ConfigError(f"{path}: {source}: either all of its values must be mappings of options, or none")
         for name in (
             {str(name) for value in mappings for name in value} if mappings or source == "options" else {source}
         ):
             if plan.kind is Kind.SCRIPT and name in _NOT_IN_CAMPAIGNS:
                 raise ConfigError(f"{path}: {name} is not an option of a campaign: {_NOT_IN_CAMPAIGNS[name]}")
             if name in seen:
-                raise ConfigError(f"{path}: {name} is in {seen[name]} and in {source}: leave one of them out")
+                raise ConfigError(f"{path}: {name} is in {seen[name]} and in {source}: leave out one of them")
             seen[name] = source
         for value in values:
             polyscope = value.get("polyscope") if isinstance(value, Mapping) else value if source == "polyscope" else ""
             if isinstance(polyscope, int | float):
-                raise ConfigError(f"{path}: polyscope: {polyscope}: write it in quotes, or 5.10 would be 5.1")
+                raise ConfigError(f"{path}: polyscope: {polyscope}: write it in quotes, because YAML reads 5.10 as 5.1")
 
 
 def _check_values(path: Path, plan: Plan) -> None:
-    """Every value of every axis is possible beside the first values of the others."""
+    """Check every value of every axis, together with the first values of the others."""
     if plan.kind is Kind.PYTEST:
         for target in plan.axes[0].values if isinstance(plan.axes[0].values, list) else ():
             if not Path(plan.folder, target.partition("::")[0]).exists():

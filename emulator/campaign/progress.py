@@ -1,4 +1,4 @@
-"""How far a campaign is: a line that a terminal sees change, or one now and then in a file."""
+"""Progress of a campaign: a line that is updated in a terminal, or occasional lines in a file."""
 
 import time
 from collections import deque
@@ -9,12 +9,12 @@ from emulator.campaign.work import Result, Status
 
 _TERMINAL_S: Final = 0.5  # between two lines
 _FILE_S: Final = 10.0
-_WINDOW_S: Final = 60.0  # what the rate is taken from: machines come and go
+_WINDOW_S: Final = 60.0  # over which the rate is averaged: the number of machines may change
 
 
 @dataclass
 class Progress:
-    """total: runs of the campaign; done: those that had a result before this."""
+    """Shows the progress. total: number of runs; done: runs that had a result before."""
 
     total: int
     done: int
@@ -29,7 +29,7 @@ class Progress:
         self._said = self._marks[0][0]
 
     def tell(self, results: list[Result]) -> None:
-        """Take new results in, or none, and say so when it is time to."""
+        """Add new results, if any, and update the line when it is due."""
         self.done += len(results)
         self._failed += sum(result.status is not Status.PASSED for result in results)
         self._robot_s += sum(result.robot_s or 0.0 for result in results)
@@ -39,7 +39,7 @@ class Progress:
             self._say(now)
 
     def finish(self) -> None:
-        """Leave the line."""
+        """End the line."""
         if self.out.isatty():
             self.out.write("\r\x1b[K")
             self.out.flush()
@@ -54,13 +54,13 @@ class Progress:
             left_s = (self.total - self.done) * (now - began) / (self.done - done)
             text += f", {duration(left_s)} left"
         if self._robot_s > robot_s:
-            text += f", {(self._robot_s - robot_s) / (now - began):,.0f} robot seconds a second"
+            text += f", {(self._robot_s - robot_s) / (now - began):,.0f} robot seconds per second"
         self.out.write(f"\r\x1b[K{text}" if self.out.isatty() else f"{text}\n")
         self.out.flush()
 
 
 def duration(seconds: float) -> str:
-    """A time for people."""
+    """A duration in readable form."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     minutes = seconds / 60

@@ -1,4 +1,4 @@
-"""What came of a campaign as one page of HTML that needs nothing else: what failed, and what to type to see it."""
+"""Report on a campaign as a self-contained HTML page: failures, and the commands that reproduce them."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -13,14 +13,14 @@ from emulator.campaign.minimise import kind_of
 from emulator.campaign.plan import Axis, Plan, Run
 from emulator.campaign.work import Result, Status
 
-_SHOWN: Final = 50  # runs of a kind of failure, and values of an axis: the table has all
-_KINDS: Final = 200  # of failures
+_SHOWN: Final = 50  # runs of a kind of failure, and values of an axis; the Parquet file has all
+_KINDS: Final = 200  # kinds of failures
 _STYLE: Final = Path(__file__).with_name("static") / "report.css"
 
 
 @dataclass
 class _Failures:
-    """Runs that failed in one way."""
+    """Runs with the same kind of failure."""
 
     example: Result
     count: int = 0
@@ -29,7 +29,7 @@ class _Failures:
 
 @dataclass
 class Summary:
-    """What can be said of all results without having them all in memory."""
+    """Summary of all results, which need not all be in memory."""
 
     by_status: Counter[Status] = field(default_factory=Counter)
     by_value: Counter[tuple[int, int]] = field(default_factory=Counter)  # failed runs, by axis and index of its value
@@ -40,7 +40,7 @@ class Summary:
 
     @classmethod
     def of(cls, plan: Plan, results: Iterable[Result]) -> "Summary":
-        """Of all results of a plan."""
+        """Summarise all results of a plan."""
         summary = cls()
         for result in results:
             summary._add(plan, result)
@@ -72,7 +72,7 @@ class Summary:
 
 
 def write_report(target: Path, plan: Plan, journal: Journal, simpler: Mapping[int, Run]) -> Summary:
-    """Write the page; simpler: of some failed runs one that fails alike, by the number of the run."""
+    """Write the page. simpler: simplified runs that fail in the same way, by the number of the original run."""
     summary = Summary.of(plan, journal.results())
     target.write_text(_page(plan, summary, simpler), encoding="utf-8")
     return summary
@@ -100,7 +100,7 @@ def _totals(plan: Plan, summary: Summary) -> str:
     rows.append(("robot time", f"{summary.robot_s / 3600:,.2f} h"))
     rows.append(("processor time", f"{summary.cpu_s / 3600:,.2f} h"))
     if summary.cpu_s and summary.robot_s:
-        rows.append(("robot seconds a second, per core", f"{summary.robot_s / summary.cpu_s:,.0f}"))
+        rows.append(("robot seconds per second and core", f"{summary.robot_s / summary.cpu_s:,.0f}"))
     rows.append(("run in", f"<code>{escape(plan.folder)}</code>"))
     return "<table>" + "".join(f"<tr><th>{name}<td>{value}" for name, value in rows) + "</table>"
 
@@ -109,19 +109,19 @@ def _failures(plan: Plan, summary: Summary, simpler: Mapping[int, Run]) -> Itera
     if not summary.kinds:
         yield "<p class=good>Nothing failed.</p>"
         return
-    yield "<h2>What failed</h2>"
+    yield "<h2>Failures</h2>"
     for (status, _), failures in sorted(summary.kinds.items(), key=lambda entry: -entry[1].count):
         runs = sorted(failures.runs, key=lambda result: result.run)
         yield f"<h3 class=bad>{escape(status)}: {escape(failures.example.failure)}</h3>"
         for run in (simpler[result.run] for result in runs if result.run in simpler):
-            yield f"<p>Simplest run found that fails so, from run {run.number}:<br><code>{_command(plan, run)}</code>"
+            yield f"<p>Simplest run with this failure, from run {run.number}:<br><code>{_command(plan, run)}</code>"
         names = "".join(f"<th>{escape(axis.name)}" for axis in plan.axes)
         rows = "".join(_run_row(plan, result) for result in runs)
         more = f" (the first {len(runs)} of them)" if len(runs) < failures.count else ""
         yield f"<details {'open' if failures.count <= 10 else ''}><summary>{_counted(failures.count)}{more}</summary>"
         yield f"<table><tr><th>run{names}<th>failure and replay command{rows}</table></details>"
     if summary.left_out:
-        yield f"<p>{_counted(summary.left_out)} more failed in other ways: results.parquet has them.</p>"
+        yield f"<p>{_counted(summary.left_out)} more failed in other ways; results.parquet lists them.</p>"
 
 
 def _run_row(plan: Plan, result: Result) -> str:

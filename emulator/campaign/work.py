@@ -1,4 +1,4 @@
-"""Carrying out runs of a campaign, in whatever process this is: the same for all ways to have many processes."""
+"""Executes runs of a campaign in the current process, for local processes and clusters."""
 
 import os
 import platform
@@ -23,7 +23,7 @@ from urproto.compat import StrEnum
 from urproto.text import readable
 from urscript.commands import SUCCESS
 
-_LONGEST: Final = 400  # characters of a failure: the replay command shows all of it
+_LONGEST: Final = 400  # characters of a failure; the replay command shows the rest
 _PYTEST_FAILED: Final = 1
 _NOT_COLLECTED: Final = 5
 
@@ -33,12 +33,12 @@ class Status(StrEnum):
 
     PASSED = "passed"
     FAILED = "failed"
-    REFUSED = "refused"  # these options cannot be together
-    LOST = "lost"  # its process died, each time
+    REFUSED = "refused"  # an invalid combination of options
+    LOST = "lost"  # its process died in every attempt
 
 
 class Result(msgspec.Struct, frozen=True):
-    """What came of a run. robot_s: robot time it took; cpu_s: processor time; wall_s: time; node: the machine."""
+    """The result of a run. robot_s: robot time; cpu_s: processor time; wall_s: elapsed time; node: the machine."""
 
     run: int
     status: Status
@@ -50,21 +50,21 @@ class Result(msgspec.Struct, frozen=True):
 
 
 def installed_version() -> str:
-    """Of this project, where this process runs."""
+    """The version of this project on this machine."""
     return version("ur-emulator")
 
 
 def carry_out(plan: Plan, numbers: Sequence[int], wanted_version: str, folder: str) -> list[Result]:
-    """Some runs, one after the other; folder: what the plan's paths are relative to here.
+    """Execute some runs, one after the other. folder: the folder here to which the plan's paths are relative.
 
-    Raises ConfigError when this machine has another version of the project.
+    Raises ConfigError if this machine has another version of the project.
     """
     _enter(wanted_version, folder)
     return [_timed(plan, plan.run(number)) for number in numbers]
 
 
 def simplify(plan: Plan, number: int, failure: str, wanted_version: str, folder: str) -> Run:
-    """The simplest run found that fails as this one did. Raises ConfigError, as above."""
+    """The simplest run found that fails like this one. Raises ConfigError like `carry_out`."""
     _enter(wanted_version, folder)
     return minimised(plan, number, failure, lambda run: _timed(plan, run).failure)
 
@@ -81,7 +81,7 @@ def _timed(plan: Plan, run: Run) -> Result:
     began, used = time.perf_counter(), _processor_s()
     try:
         result = _pytest(plan, run) if plan.kind is Kind.PYTEST else _script(plan, run)
-    except Exception as error:  # the emulator's own: a campaign goes on, and says so
+    except Exception as error:  # an error in the emulator: the campaign reports it and continues
         result = Result(run.number, Status.FAILED, f"the emulator failed: {type(error).__name__}: {error}")
     return msgspec.structs.replace(
         result,
@@ -93,7 +93,7 @@ def _timed(plan: Plan, run: Run) -> Result:
 
 
 def _processor_s() -> float:
-    """Of this process and of those that it has waited for."""
+    """Processor time of this process, and of children that it has waited for."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
@@ -107,7 +107,7 @@ def _script(plan: Plan, run: Run) -> Result:
     return Result(run.number, status, outcome.failure, outcome.robot_s)
 
 
-# pytest: a process for each run, since a test may leave anything behind in its own
+# pytest: one process per run, because tests may leave anything behind in their process
 
 
 def _pytest(plan: Plan, run: Run) -> Result:
@@ -136,7 +136,7 @@ def _judged(run: Run, status: int, report: Path, output: str) -> Result:
         return Result(run.number, Status.REFUSED, f"pytest finds no test in {run.target}")
     said = [line for line in output.splitlines() if line.startswith(("ERROR", "E  ", "INTERNALERROR"))]
     why = (said or output.splitlines() or [""])[-1].strip()
-    return Result(run.number, Status.REFUSED, f"pytest ended with status {status}: {why}")
+    return Result(run.number, Status.REFUSED, f"pytest exited with status {status}: {why}")
 
 
 def _first_failure(tests: "ElementTree.ElementTree[ElementTree.Element]") -> str:
@@ -147,6 +147,6 @@ def _first_failure(tests: "ElementTree.ElementTree[ElementTree.Element]") -> str
 
 
 def _robot_s(tests: "ElementTree.ElementTree[ElementTree.Element]") -> float | None:
-    """Of the robots in virtual time, whose fixture says it; None without any."""
+    """Robot time of the robots in virtual time, as reported by their fixture; None without any."""
     spent = [float(one.get("value", 0)) for one in tests.iter("property") if one.get("name") == "ur_robot_s"]
     return sum(spent) if spent else None

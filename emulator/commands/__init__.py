@@ -1,1 +1,1 @@
-"""What can be asked of a controller from outside: each command is posted and applied at the next tick."""
+"""Commands to a controller from outside: each is posted, and applied in the next control period."""

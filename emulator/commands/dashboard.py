@@ -1,14 +1,13 @@
 """The dashboard server's commands: one decorated function each.
 
-What a command is called, since when there is one and what needs remote control is in
-``urproto.dashboard.COMMANDS``. Here is what it does: the function's docstring is the command's
-help, its argument the rest of the line, verbatim. It returns the reply, or yields once for
-every control period until the reply is known. Reply texts: the vendor's dashboard manuals
-and the reply patterns of the official C++ client; where those differ, the client's pattern is
-answered, since simulators satisfy it in the vendor's own tests.
+``urproto.dashboard.COMMANDS`` lists the names of the commands, with the version that introduced each, and whether it
+needs remote control. The functions here implement them: the docstring is the command's help, the argument the rest of
+the line, verbatim. A function returns the reply, or yields once per control period until the reply is known. Reply
+texts come from the vendor's dashboard manuals and the reply patterns of the official C++ client. Where those differ,
+the reply matches the client's pattern, since simulators satisfy it in the vendor's own tests.
 
-A command answers as the manual says even when there is nothing to do: drivers send
-"close popup", "stop", "unlock protective stop" blindly.
+A command answers as the manual says even if there is nothing to do, because drivers send "close popup", "stop" and
+"unlock protective stop" blindly.
 """
 
 import inspect
@@ -36,17 +35,17 @@ _Answer = str | _Waiting
 
 _MODES_TO_SET: Final = (replies.OperationalMode.MANUAL.name, replies.OperationalMode.AUTOMATIC.name)
 _SHOWN_ROOT: Final = "/programs"
-_RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions show the same, which is a guess
+_RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions report the same, which is a guess
 # PolyScope answers when program and installation are loaded. Drivers wait 1 s for that, which simulators keep to unless
 # the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
 _LOAD_S: Final = 0.6
 _MOST_WORDS: Final = 4  # of a command's name
-_START_WITHIN_S: Final = 0.1  # a program shorter than a period is never seen playing (guess)
+_START_WITHIN_S: Final = 0.1  # then it counts as started: one shorter than a period never seems to play (guess)
 
 
 @dataclass(frozen=True, slots=True)
 class DashboardCommand:
-    """One command of the protocol and the function that does it."""
+    """A command of the protocol, and the function that implements it."""
 
     form: replies.Command
     function: Callable[..., _Answer]
@@ -61,17 +60,17 @@ COMMANDS: Final[dict[str, DashboardCommand]] = {}  # by lower-case words
 
 
 def available_commands(version: PolyscopeVersion) -> list[DashboardCommand]:
-    """The commands a controller of this version understands."""
+    """The commands that a controller of this version supports."""
     return [command for command in COMMANDS.values() if command.form.available.covers(version)]
 
 
 def execute(
     controller: Controller, line: str, *, restricted: bool = False, any_version: bool = False
 ) -> str | _Waiting | None:
-    """The reply to one line, a generator that returns it, or None for an empty line.
+    """Execute a line; return the reply, a generator that returns it, or None for an empty line.
 
-    ``restricted``: what needs remote control is refused. ``any_version``: PolyScope X, which has no dashboard, takes
-    the lines of other e-Series arms.
+    ``restricted``: commands that need remote control are refused. ``any_version``: PolyScope X, which has no dashboard,
+    accepts the commands of other e-Series arms.
     """
     text = strip(line)
     if not text:
@@ -89,7 +88,7 @@ def execute(
 
 
 def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] | None:
-    """The command with the most words that begins the line, and the rest of the line."""
+    """The longest command that begins the line, and the rest of the line."""
     words = text.split(" ", _MOST_WORDS)
     for count in range(min(len(words), _MOST_WORDS), 0, -1):
         entry = COMMANDS.get(lower(" ".join(words[:count])))
@@ -100,7 +99,7 @@ def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] 
 
 
 def command(words: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register what does the command of these words; KeyError where `urproto.dashboard.COMMANDS` has none."""
+    """Register the function for a command. Raises KeyError if it is not in `urproto.dashboard.COMMANDS`."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         COMMANDS[words.lower()] = DashboardCommand(replies.COMMANDS[words.lower()], function)
@@ -114,7 +113,7 @@ def command(words: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 
 @command("load")
 def load(controller: Controller, name: str) -> _Waiting:
-    """Load a program of the programs directory; a running one is stopped."""
+    """Load a program from the programs directory; a running program is stopped."""
     path = _existing(controller, name)
     if path is None:
         return f"File not found: {name}"
@@ -128,7 +127,7 @@ def load(controller: Controller, name: str) -> _Waiting:
 
 
 def loading(controller: Controller, path: Path) -> Generator[None, None, None]:
-    """Load a file, in the time that it takes. Raises OSError or ValueError; then what was loaded remains."""
+    """Load a file; yields while it takes time. Raises OSError or ValueError, and then keeps the loaded program."""
     controller.programs.stop("another program is loaded")
     yield from _until(controller, RuntimeState.STOPPED)
     for _ in range(round(_LOAD_S / controller.period_s)):
@@ -138,7 +137,7 @@ def loading(controller: Controller, path: Path) -> Generator[None, None, None]:
 
 @command("play")
 def play(controller: Controller) -> _Waiting:
-    """Start the loaded program, or let a paused one go on. Needs a running arm."""
+    """Start the loaded program, or resume a paused one. The brakes must be released."""
     programs = controller.programs
     if not controller.may_play or is_running(programs.state):
         return replies.failed("play")
@@ -157,7 +156,7 @@ def play(controller: Controller) -> _Waiting:
 
 @command("stop")
 def stop(controller: Controller) -> _Waiting:
-    """Stop the running program; also answered when none runs."""
+    """Stop the running program; the reply is the same if none runs."""
     controller.programs.stop("dashboard")
     controller.startup.allow_start(False)
     yield from _until(controller, RuntimeState.STOPPED)
@@ -182,14 +181,14 @@ def running(controller: Controller) -> str:
 
 @command("get loaded program")
 def get_loaded_program(controller: Controller) -> str:
-    """Path of the loaded program."""
+    """The path of the loaded program."""
     loaded = controller.programs.loaded
     return f"Loaded program: {_shown(controller, loaded.path)}" if loaded else replies.NO_PROGRAM_LOADED
 
 
 @command("isProgramSaved")
 def is_program_saved(controller: Controller) -> str:
-    """Whether the loaded program has no unsaved changes: always, since there is no editor."""
+    """Whether the loaded program has no unsaved changes: always true, since there is no editor."""
     loaded = controller.programs.loaded
     return f"true {loaded.path.name if loaded else _no_program(controller)}"
 
@@ -201,7 +200,7 @@ def program_state(controller: Controller) -> str:
 
 
 def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", "PAUSED"]:
-    """What the program is doing, in one of three words."""
+    """The state of the program, in one of three words."""
     state = controller.programs.state
     if state in (RuntimeState.STOPPED, RuntimeState.STOPPING):
         return "STOPPED"
@@ -210,7 +209,7 @@ def program_state_word(controller: Controller) -> Literal["STOPPED", "PLAYING", 
 
 @command("load installation")
 def load_installation(controller: Controller, name: str) -> str:
-    """Load TCP and payload of an installation of the programs directory."""
+    """Load TCP and payload from an installation file in the programs directory."""
     path = _existing(controller, name)
     if path is None:
         return f"File not found: {name}"
@@ -227,7 +226,7 @@ def load_installation(controller: Controller, name: str) -> str:
 
 @command("power on")
 def power_on(controller: Controller) -> str:
-    """Switch the arm on; the robot mode goes to IDLE in its own time."""
+    """Switch the arm on; the robot mode becomes IDLE later."""
     return replies.POWERING_ON if controller.power_event(PowerEvent.POWER_ON) else replies.failed("power on")
 
 
@@ -247,7 +246,7 @@ def brake_release(controller: Controller) -> str:
 
 @command("unlock protective stop")
 def unlock_protective_stop(controller: Controller) -> str:
-    """Leave a protective stop, no earlier than 5 s after it happened."""
+    """Unlock a protective stop, at the earliest 5 s after it occurred."""
     if not controller.safety.may_unlock_remotely:
         return replies.UNLOCK_TOO_EARLY
     controller.safety_event(SafetyEvent.UNLOCK)
@@ -256,7 +255,7 @@ def unlock_protective_stop(controller: Controller) -> str:
 
 @command("restart safety")
 def restart_safety(controller: Controller) -> str:
-    """Restart the safety system after a violation or fault; the arm ends switched off."""
+    """Restart the safety system after a violation or fault; the arm is then switched off."""
     if controller.safety.mode in (SafetyMode.VIOLATION, SafetyMode.FAULT):
         controller.power_event(PowerEvent.POWER_OFF)
         controller.safety_event(SafetyEvent.RESTART)
@@ -277,7 +276,7 @@ def safetymode(controller: Controller) -> str:
 
 @command("safetystatus")
 def safetystatus(controller: Controller) -> str:
-    """The safety status: finer than the safety mode on e-Series."""
+    """The safety status, which is more detailed than the safety mode on e-Series arms."""
     return f"Safetystatus: {controller.safety.status.name}"
 
 
@@ -300,7 +299,7 @@ def popup(controller: Controller, text: str) -> str:
 
 @command("close popup")
 def close_popup(controller: Controller) -> str:
-    """Close the popups; a program that waits for one goes on."""
+    """Close all popups; a program that waits for one continues."""
     controller.popups.close_all()
     return replies.CLOSING_POPUP
 
@@ -316,7 +315,7 @@ def add_to_log(controller: Controller, text: str) -> str:
 
 @command("setUserRole")
 def set_user_role(controller: Controller, role: str) -> str:
-    """Set what the pendant's user may do: programmer, operator, none, locked, restricted."""
+    """Set the role of the pendant's user: programmer, operator, none, locked, restricted."""
     if lower(role).upper() not in replies.UserRole.__members__:
         return f"Failed setting user role: {role}"
     controller.user_role = role.upper()
@@ -331,7 +330,7 @@ def get_user_role(controller: Controller) -> str:
 
 @command("set operational mode")
 def set_operational_mode(controller: Controller, mode: str) -> str:
-    """Let the dashboard control the operational mode: manual or automatic."""
+    """Set the operational mode, manual or automatic; from then on the dashboard controls it."""
     if lower(mode).upper() not in _MODES_TO_SET:
         return f"Failed setting operational mode: {mode}"
     controller.operational_mode = mode.upper()
@@ -340,13 +339,13 @@ def set_operational_mode(controller: Controller, mode: str) -> str:
 
 @command("get operational mode")
 def get_operational_mode(controller: Controller) -> str:
-    """MANUAL, AUTOMATIC, or NONE when nothing controls it."""
+    """MANUAL, AUTOMATIC, or NONE if nothing controls it."""
     return controller.operational_mode
 
 
 @command("clear operational mode")
 def clear_operational_mode(controller: Controller) -> str:
-    """Give the control of the operational mode back to the pendant."""
+    """Return control of the operational mode to the pendant."""
     controller.operational_mode = "NONE"
     return replies.NOT_CONTROLLING_MODE
 
@@ -386,7 +385,7 @@ def get_robot_model(controller: Controller) -> str:
 
 @command("generate flight report")
 def generate_flight_report(controller: Controller, kind: str) -> str:
-    """Write a report (controller, software or system; system when not given) to the programs directory."""
+    """Write a flight report (controller, software or system, the default) to the programs directory."""
     return _written(
         "generate flight report",
         lambda: f"Flight Report generated with id: {reports.write_flight_report(controller, kind or 'system')}",
@@ -395,7 +394,7 @@ def generate_flight_report(controller: Controller, kind: str) -> str:
 
 @command("generate support file")
 def generate_support_file(controller: Controller, directory: str) -> str:
-    """Write log, state and all flight reports, a new one among them, as a zip file below the programs directory."""
+    """Write log, state and all flight reports, including a new one, to a zip file in the programs directory."""
     return _written(
         "generate support file",
         lambda: f"Completed successfully: {reports.write_support_file(controller, directory).name}",
@@ -415,7 +414,7 @@ def save_log(controller: Controller) -> str:
 
 @command("shutdown")
 def shutdown(controller: Controller) -> str:
-    """Switch the arm off and end the controller."""
+    """Switch the arm off and shut the controller down."""
     controller.power_event(PowerEvent.POWER_OFF)
     controller.shutdown_requested = True
     return replies.SHUTTING_DOWN
@@ -423,7 +422,7 @@ def shutdown(controller: Controller) -> str:
 
 @command("quit")
 def disconnect(controller: Controller) -> str:
-    """Close this connection (the server does, after the reply)."""
+    """Close this connection; the server closes it after the reply."""
     return replies.DISCONNECTED
 
 
@@ -431,7 +430,7 @@ def disconnect(controller: Controller) -> str:
 
 
 def _written(doing: str, write: Callable[[], str]) -> str:
-    """The answer of what writes a file, or that it failed and why."""
+    """The reply of a function that writes a file, or why it failed."""
     try:
         return write()
     except (OSError, ValueError) as error:
@@ -439,7 +438,7 @@ def _written(doing: str, write: Callable[[], str]) -> str:
 
 
 def _until(controller: Controller, state: RuntimeState) -> Generator[None, None, None]:
-    """Wait until the program is in the state, or is over."""
+    """Wait until the program is in this state, or is over."""
     while controller.programs.state not in (state, RuntimeState.STOPPED):
         yield
 
@@ -447,29 +446,29 @@ def _until(controller: Controller, state: RuntimeState) -> Generator[None, None,
 def _program_name(controller: Controller) -> str:
     """Name of the loaded file (asserted by the official client's tests), else of the running program.
 
-    A program sent by a client leaves the loaded file's name where it is (guess).
+    A program sent by a client does not change the name of the loaded file (guess).
     """
     programs = controller.programs
     return programs.loaded.path.name if programs.loaded else programs.name or _no_program(controller)
 
 
 def _no_program(controller: Controller) -> str:
-    """What stands for the name when there is none, as captured from 3.15.8 and 5.11.9."""
+    """The text in place of the name if there is none, as captured from 3.15.8 and 5.11.9."""
     return "null" if controller.version.series is Series.CB3 else replies.UNNAMED_PROGRAM
 
 
 def _existing(controller: Controller, name: str) -> Path | None:
-    """The file of the programs directory that a client means, None when there is none."""
+    """The file in the programs directory that a client names; None if it does not exist."""
     return ProgramsFolder(_programs(controller)).find(name)
 
 
 def _programs(controller: Controller) -> Path:
-    """The programs directory; one with an ``external_control.urp`` where none was given, as drivers' users have it."""
+    """The programs directory; by default one with an ``external_control.urp``, as users of drivers have it."""
     return controller.config.programs_dir or DRIVER_PROGRAMS
 
 
 def _installation(controller: Controller) -> str:
-    """Path of the installation in use, that of the loaded program where it has one."""
+    """Path of the installation in use: that of the loaded program, if it has one."""
     loaded = controller.programs.loaded
     if loaded is not None and loaded.installation is not None:
         return _shown(controller, loaded.installation[0])
@@ -477,7 +476,7 @@ def _installation(controller: Controller) -> str:
 
 
 def _as_named(controller: Controller, path: Path, name: str) -> str:
-    """A full path is answered as the client gave it, for clients look for it in the reply."""
+    """Return a full path as the client gave it, because clients search the reply for it."""
     return name if PurePosixPath(name).is_absolute() else _shown(controller, path)
 
 

@@ -1,9 +1,9 @@
-"""The controller's own text commands on the script ports. They are no URScript.
+"""The controller's own text commands on the script ports, which are not URScript.
 
-One decorated function a command; case and spacing do not matter. Which exist: the public
-client libraries use the first five; ``pause program``, ``resume program`` and ``set speed``
-are habits of older clients. ``answer question`` and ``cancel question`` are the emulator's
-own: how the pendant's software answers a program's question is not public.
+There is one decorated function per command; case and spacing do not matter. Sources: public client libraries use the
+first five; older clients use ``pause program``, ``resume program`` and ``set speed``. ``answer question`` and
+``cancel question`` are the emulator's own, because it is not public how the pendant's software answers a program's
+question.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ _MOST_WORDS: Final = 4  # of a command's name
 
 
 def execute(controller: Controller, line: str) -> bool:
-    """Carry out a line if it is a text command; False when it is not (then it is URScript)."""
+    """Execute a line if it is a text command; return False if it is not, and therefore URScript."""
     said = words(line.split("#", 1)[0])
     for count in range(min(len(said), _MOST_WORDS), 0, -1):
         command = lower(" ".join(said[:count]))
@@ -48,7 +48,7 @@ def _text_command(name: str, *, argument: bool = False) -> Callable[[_Handler], 
 
 @_text_command("power on")
 def _power_on(controller: Controller, _: str) -> None:
-    """Switch the arm on; ends in IDLE."""
+    """Switch the arm on; the robot mode becomes IDLE."""
     controller.power_event(PowerEvent.POWER_ON)
 
 
@@ -60,13 +60,13 @@ def _power_off(controller: Controller, _: str) -> None:
 
 @_text_command("set robotmode run")
 def _run(controller: Controller, _: str) -> None:
-    """Release the brakes, switching the arm on first if need be."""
+    """Release the brakes, switching the arm on first if necessary."""
     controller.power_event(PowerEvent.BRAKE_RELEASE)
 
 
 @_text_command("set unlock protective stop")
 def _unlock(controller: Controller, _: str) -> None:
-    """Leave a protective stop at once; the 5 s of the dashboard do not apply here."""
+    """Unlock a protective stop immediately; the 5 s of the dashboard do not apply here."""
     controller.safety_event(SafetyEvent.UNLOCK)
 
 
@@ -84,20 +84,20 @@ def _pause(controller: Controller, _: str) -> None:
 
 @_text_command("resume program")
 def _resume(controller: Controller, _: str) -> None:
-    """Let a paused program go on, unless the safety system holds the arm."""
+    """Resume a paused program, unless the safety system holds the arm."""
     if controller.may_run:
         controller.programs.resume()
 
 
 @_text_command("run program")
 def _run_program(controller: Controller, _: str) -> None:
-    """Left from controllers that ran a program only on request: it already runs."""
+    """Do nothing: old controllers ran a program only on this command; here it already runs."""
     controller.messages.note("'run program' ignored: programs start when their text is complete")
 
 
 @_text_command("set speed", argument=True)
 def _set_speed(controller: Controller, argument: str) -> None:
-    """Speed slider, 0 to 1."""
+    """Set the speed slider, 0 to 1."""
     try:
         controller.speed.set_slider(number(argument))
     except ValueError:
@@ -106,13 +106,13 @@ def _set_speed(controller: Controller, argument: str) -> None:
 
 @_text_command("set sim")
 def _set_sim(controller: Controller, _: str) -> None:
-    """Simulation: programs move a simulated arm, and the real one stands; refused while anything moves."""
+    """Switch to simulation: programs move a simulated arm, the real one stands still. Refused while anything moves."""
     _simulate(controller, on=True)
 
 
 @_text_command("set real")
 def _set_real(controller: Controller, _: str) -> None:
-    """Back to the real robot, which is where it was; refused while anything moves."""
+    """Switch back to the real robot, which is where it was. Refused while anything moves."""
     _simulate(controller, on=False)
 
 
@@ -125,7 +125,7 @@ def _simulate(controller: Controller, *, on: bool) -> None:
 
 @_text_command("answer question", argument=True)
 def _answer(controller: Controller, argument: str) -> None:
-    """Answer the question a program asks the operator: a number, a text, or true, yes, false, no."""
+    """Answer a program's question to the operator: a number, a text, or true, yes, false, no."""
     try:
         controller.popups.answer_typed(argument)
     except ValueError as error:
@@ -134,7 +134,7 @@ def _answer(controller: Controller, argument: str) -> None:
 
 @_text_command("cancel question")
 def _cancel(controller: Controller, _: str) -> None:
-    """Close the question without an answer, as with the dialogue's Cancel: the program that asked ends."""
+    """Close the question without an answer, like Cancel in the dialogue: the program that asked ends."""
     try:
         controller.popups.answer(controller.popups.question.request_id, None)
     except ValueError as error:

@@ -106,12 +106,12 @@ class ModeVerbs(Verbs):
 
     @verb
     def power_on(self) -> None:
-        """Switch the arm on; the mode becomes IDLE."""
+        """Switch the arm on; the robot mode becomes IDLE."""
         self._power(PowerEvent.POWER_ON)
 
     @verb
     def release_brakes(self) -> None:
-        """Release the brakes, switching the arm on first if necessary; the mode becomes RUNNING."""
+        """Release the brakes, switching the arm on first if necessary; the robot mode becomes RUNNING."""
         self._power(PowerEvent.BRAKE_RELEASE)
 
     @verb
@@ -150,9 +150,9 @@ class ModeVerbs(Verbs):
 
     @verb
     def close_safeguard(self) -> None:
-        """Close the safeguard gate. The program resumes, or waits for ``reset_safeguard`` if it has an input.
+        """Close the safeguard gate. The program resumes, or waits for ``reset_safeguard`` if there is a reset input.
 
-        As delivered, a robot has such an input.
+        As delivered, a robot has one.
         """
         self._set(SafetyDevice.SAFEGUARD, False)
 

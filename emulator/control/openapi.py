@@ -34,7 +34,7 @@ def openapi(verbs: Mapping[str, Verb], version: str) -> dict[str, Any]:
 
 
 def listing(verbs: Mapping[str, Verb]) -> list[dict[str, Any]]:
-    """Name, documentation and arguments of each verb, and whether it takes others too, for a command line."""
+    """Name, documentation and arguments of each verb, and whether it takes further ones, for a command line."""
     return [
         {"name": verb.name, "text": verb.text, "arguments": _arguments(verb), "open": verb.open}
         for verb in verbs.values()

@@ -1,9 +1,9 @@
-"""The verbs of an emulator elsewhere, over its control API.
+"""The verbs of a running emulator, over its control API.
 
     robot = RemoteControl("127.0.0.1")
     robot.press_emergency_stop()
 
-Each verb is a method with the arguments and results of `LiveControl`; nothing of the emulator itself is loaded.
+Each verb is a method with the arguments and results of `LiveControl`. The emulator itself is not imported.
 """
 
 import http.client
@@ -18,11 +18,11 @@ _BAD_ARGUMENTS, _CONFLICT, _NOT_FOUND = 400, 409, 404
 
 
 class NoControlError(ConnectionError):
-    """The control API cannot be reached, or does not let this client in."""
+    """The control API cannot be reached, or refuses this client."""
 
 
 class ControlClient:
-    """Calls verbs by name. ``timeout_s``: how long an answer may take; None waits."""
+    """Calls verbs by name. ``timeout_s``: time limit for an answer; None for no limit."""
 
     def __init__(
         self, host: str = "127.0.0.1", port: int = CONTROL_API_PORT, token: str = "", timeout_s: float | None = 60.0
@@ -34,16 +34,16 @@ class ControlClient:
             self._headers["Authorization"] = f"Bearer {token}"
 
     def close(self) -> None:
-        """End the connection; the next call opens another."""
+        """Close the connection; the next call opens a new one."""
         self._http.close()
 
     def verbs(self) -> list[dict[str, Any]]:
-        """What verbs there are: name, text and arguments of each. Raises NoControlError."""
+        """List the verbs: name, text and arguments of each. Raises NoControlError."""
         listed: list[dict[str, Any]] = self._ask("GET", "/verbs", None)
         return listed
 
     def call(self, verb: str, arguments: Mapping[str, Any]) -> Any:
-        """The result of a verb. Raises BadArguments, NotPossible, AttributeError for an unknown one, NoControlError."""
+        """The result of a verb. Raises BadArguments, NotPossible, AttributeError if it is unknown, NoControlError."""
         return self._ask("POST", f"/verbs/{verb}", arguments)["result"]
 
     def _ask(self, method: str, path: str, arguments: Mapping[str, Any] | None) -> Any:
@@ -84,14 +84,14 @@ if TYPE_CHECKING:
 else:
 
     class RemoteControl:
-        """The verbs of an emulator as methods. Arguments as in ControlClient."""
+        """The verbs of an emulator as methods. Arguments as for ControlClient."""
 
         def __init__(self, *place: Any, **options: Any) -> None:
             self._client = ControlClient(*place, **options)
             self._arguments = {verb["name"]: [a["name"] for a in verb["arguments"]] for verb in self._client.verbs()}
 
         def close(self) -> None:
-            """End the connection."""
+            """Close the connection."""
             self._client.close()
 
         def __getattr__(self, name: str) -> Callable[..., Any]:

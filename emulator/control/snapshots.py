@@ -1,6 +1,6 @@
-"""The state of a robot at rest as a document of plain values, and back.
+"""Saves the state of a robot at rest as a document of plain values, and restores it.
 
-A running program cannot be saved: it is a stack of Python frames. Everything that outlives a program is.
+A running program cannot be saved, because it is a stack of Python frames. Everything that outlives a program is saved.
 """
 
 from collections.abc import Callable, Mapping
@@ -49,7 +49,7 @@ _SECTIONS: Final[dict[str, tuple[Callable[["Controller"], Any], tuple[str, ...]]
 
 
 def save_state(controller: "Controller") -> dict[str, Any]:
-    """The document. Raises NotPossible while a program runs or the arm moves."""
+    """The state as a document. Raises NotPossible while a program runs or the arm moves."""
     _check_rest(controller)
     payload = controller.installation.payload
     return {
@@ -66,7 +66,7 @@ def save_state(controller: "Controller") -> dict[str, Any]:
 
 
 def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None:
-    """Take the state over. Raises NotPossible, or BadArguments for another robot's document; then nothing changed."""
+    """Restore a state. Raises NotPossible, or BadArguments for another robot's document, without changing anything."""
     _check_rest(controller)
     for name, own in (
         ("format", _FORMAT),
@@ -74,7 +74,7 @@ def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None
         ("series", controller.version.series.value),
     ):
         if document.get(name) != own:
-            raise BadArguments(f"the document's {name} is {document.get(name)!r}, this robot's {own!r}")
+            raise BadArguments(f"the document's {name} is {document.get(name)!r}, that of this robot {own!r}")
     before = save_state(controller)
     try:
         _apply(controller, document)
@@ -85,11 +85,11 @@ def restore_state(controller: "Controller", document: Mapping[str, Any]) -> None
 
 def _check_rest(controller: "Controller") -> None:
     if controller.programs.state is not RuntimeState.STOPPED or controller.programs.busy:
-        raise NotPossible("a program runs: stop it first, its state cannot be kept")
+        raise NotPossible("a program is running, whose state cannot be saved: stop it first")
     if controller.simulation.on:
         raise NotPossible("the robot is in simulation: switch to the real robot first")
     if not controller.motion.idle:
-        raise NotPossible("the arm moves: wait until it stands")
+        raise NotPossible("the arm is moving: wait until it stands still")
     if controller.power.state not in _AT_REST:
         raise NotPossible(f"the arm is {controller.power.state.name}: wait until it is off, idle or running")
     if controller.safety.stopped:
@@ -111,7 +111,7 @@ def _apply(controller: "Controller", document: Mapping[str, Any]) -> None:
             setattr(target, name, _like(getattr(target, name), document[section][name]))
     if (scene := document.get("world")) is not None:
         if controller.world is None:
-            raise ValueError("it has a world with things that move, this robot has none")
+            raise ValueError("it has a world with moving objects, this robot has none")
         controller.world.restore(scene)
     controller.power.put(power)
 
@@ -129,10 +129,10 @@ def _plain(value: Any) -> Any:
 
 
 def _like(present: Any, value: Any) -> Any:
-    """The value in the types of the present one."""
+    """Convert a value to the type of the present one."""
     if isinstance(present, list | tuple):
         if len(value) != len(present):
-            raise ValueError(f"{len(value)} values where {len(present)} belong")
+            raise ValueError(f"expected {len(present)} values, found {len(value)}")
         values = [_like(own, new) for own, new in zip(present, value, strict=True)]
         return values if isinstance(present, list) else tuple(values)
     kind = type(present)
@@ -143,5 +143,5 @@ def _like(present: Any, value: Any) -> Any:
 
 def _numbers(values: Any, count: int) -> Any:
     if len(values) != count:
-        raise ValueError(f"{len(values)} numbers where {count} belong")
+        raise ValueError(f"expected {count} numbers, found {len(values)}")
     return tuple(map(float, values))

@@ -162,7 +162,7 @@ def _reset(connections: set[Connection]) -> None:
 class KickSlowReaders(ClientFault):
     """Clients that read too slowly are reset: when more than ``buffer_bytes`` wait for them for ``patience_s``.
 
-    In addition to ``buffer_bytes``, bytes fit into the buffers of the client's own system.
+    The buffers of the client's own system take further bytes before that.
     """
 
     occasion: ClassVar[str] = "each client that reads too slowly"

@@ -1,6 +1,6 @@
-"""Which robots a fleet has, and where each of them listens.
+"""The robots of a fleet, and the address of each.
 
-A fleet file is YAML; a robot's keys are the options of ``ur-emulator``, with ``count`` besides:
+A fleet file is YAML; the keys of a robot are the options of ``ur-emulator`` and ``count``:
 
     robots:
       - {model: ur3, count: 3, running: true}
@@ -18,7 +18,7 @@ import msgspec
 from emulator.config import ConfigError, EmulatorConfig, read_yaml
 
 FIRST_HOST: Final = "127.0.0.1"
-MOST_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine gets tired sooner)
+MOST_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine reaches its limit earlier)
 
 Options = Mapping[str, Any]
 
@@ -33,7 +33,7 @@ class FleetFile:
         self._file = msgspec.defstruct("Fleet", [("robots", list[dict[str, Any]])], forbid_unknown_fields=True)
 
     def read(self, path: Path) -> list[Options]:
-        """What the file says of each robot, and nothing else. Raises ConfigError."""
+        """The options that the file gives for each robot, without defaults. Raises ConfigError."""
         content = _convert(read_yaml(path), self._file, path.parent, str(path))
         robots: list[Options] = []
         for number, entry in enumerate(content.robots, 1):
@@ -43,7 +43,7 @@ class FleetFile:
         return robots
 
     def _expand(self, entry: dict[str, Any], folder: Path, where: str) -> list[Options]:
-        """An entry once for each of its robots."""
+        """Repeat an entry for each of its robots."""
         entry = {str(name).replace("-", "_"): value for name, value in entry.items()}
         robot = _convert(entry, self._robot, folder, where)
         if "host" in entry and robot.count > 1:
@@ -52,10 +52,10 @@ class FleetFile:
 
 
 def _convert(content: Any, kind: Any, folder: Path, where: str) -> Any:
-    def path(wanted: type, text: Any) -> Any:
-        if wanted is Path and isinstance(text, str):
+    def path(expected: type, text: Any) -> Any:
+        if expected is Path and isinstance(text, str):
             return folder / text
-        raise TypeError(f"Expected `{wanted.__name__}`, got `{text!r}`")
+        raise TypeError(f"Expected `{expected.__name__}`, got `{text!r}`")
 
     try:
         return msgspec.convert(content, kind, dec_hook=path)
@@ -66,9 +66,9 @@ def _convert(content: Any, kind: Any, folder: Path, where: str) -> Any:
 def place(
     robots: Sequence[Options], configure: Callable[..., EmulatorConfig], first_host: str = FIRST_HOST
 ) -> list[EmulatorConfig]:
-    """A configuration for each robot; those without a host get the addresses from first_host on that nobody named.
+    """Create a configuration for each robot. Robots without a host get free addresses, from first_host on.
 
-    Raises ConfigError that says which robot, also when two want the same port.
+    Raises ConfigError, which names the robot, also if two robots use the same port.
     """
     named = {robot["host"] for robot in robots if "host" in robot}
     addresses = (address for address in _successive(first_host) if address not in named)
@@ -90,7 +90,7 @@ def _successive(first: str) -> Iterator[str]:
             yield str(address + step)
     except ValueError as error:
         raise ConfigError(
-            f"the first host must be an address that others follow, such as {FIRST_HOST}: {error}"
+            f"--first-host must be an address with enough addresses after it, such as {FIRST_HOST}: {error}"
         ) from None
 
 
@@ -102,4 +102,4 @@ def _check_ports(configs: Sequence[EmulatorConfig]) -> None:
                 continue
             other = taken.setdefault((config.host, port), number)
             if other != number:
-                raise ConfigError(f"robots {other} and {number} both want {name} port {port} on {config.host}")
+                raise ConfigError(f"robots {other} and {number} both use {name} port {port} on {config.host}")

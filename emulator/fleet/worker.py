@@ -1,7 +1,7 @@
 """A process that runs several robots in one event loop.
 
-One loop for many was measured against a process for each: half the processor time and a quarter of the memory a
-robot, and no period later (docs/fleet.md).
+Compared with one process per robot, this takes half the processor time and a quarter of the memory per robot, and no
+control period is later (docs/fleet.md).
 """
 
 import asyncio
@@ -31,14 +31,14 @@ class Ready:
 
 @dataclass(frozen=True)
 class Failed:
-    """The robots cannot be there."""
+    """The robots could not be started, or have failed."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A client shut the controller of this robot down, counted within the process."""
+    """A client shut down the controller of this robot. index: its number within the process."""
 
     index: int
 
@@ -47,20 +47,20 @@ Report = Ready | Failed | Ended
 
 
 def run(configs: Sequence[EmulatorConfig], link: Connection, inherited: Sequence[Connection]) -> None:
-    """Run the robots until all have ended or nobody holds the other end of the link; tell over it what happens.
+    """Run the robots until all have ended or the link is closed, and report events over it.
 
-    inherited: ends of links that a fork brought along. They are closed, or no link would ever seem abandoned.
+    inherited: ends of links that the fork inherited. They are closed here; otherwise no link would ever appear closed.
     """
     for other in inherited:
         other.close()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all; the supervisor decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends Ctrl-C to all processes; the supervisor decides
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with ERROR.in_background():
         asyncio.run(_Worker(configs, link).run())
 
 
 def _claim(configs: Sequence[EmulatorConfig]) -> bool:
-    """What all robots of this process want. Raises RealTimeRefused."""
+    """Claim real time as far as all robots of this process request it. Raises RealTimeRefused."""
     wanted = {config.realtime for config in configs}
     if RealTime.OFF in wanted or any(config.speed != 1.0 for config in configs):
         return bool(claim_real_time(RealTime.OFF))
@@ -75,7 +75,7 @@ class _Worker:
         self._configs = configs
         self._emulators = [
             Emulator(replace(config, faults=())) for config in configs
-        ]  # until it has proven to be ready
+        ]  # faults begin once the robot has proven to be ready
         self._starting = len(configs)
         self._leaving = False
 
@@ -88,18 +88,18 @@ class _Worker:
             robots = [asyncio.create_task(self._live(index, each)) for index, each in enumerate(self._emulators)]
             try:
                 await asyncio.gather(*robots)
-            finally:  # one that fails takes the others along
+            finally:  # if one robot fails, end the others too
                 for robot in robots:
                     robot.cancel()
                 await asyncio.gather(*robots, return_exceptions=True)
         except (OSError, NotReady, ConfigError, RealTimeRefused) as error:
-            self._tell(Failed(getattr(error, "strerror", None) or str(error)))
+            self._report(Failed(getattr(error, "strerror", None) or str(error)))
         finally:
             if watching is not None:
                 watching.cancel()
 
     def _leave(self) -> None:
-        """The supervisor says nothing: the link is readable because it ended."""
+        """Stop all robots: the supervisor never sends, so a readable link has been closed."""
         asyncio.get_running_loop().remove_reader(self._link.fileno())
         self._leaving = True
         for emulator in self._emulators:
@@ -112,11 +112,11 @@ class _Worker:
             emulator.inject(self._configs[index].faults)
             self._starting -= 1
             if not self._starting:
-                self._tell(Ready(tuple(other.ports for other in self._emulators)))
+                self._report(Ready(tuple(other.ports for other in self._emulators)))
             await emulator.stopped.wait()
         if not self._leaving:
-            self._tell(Ended(index))
+            self._report(Ended(index))
 
-    def _tell(self, report: Report) -> None:
-        with suppress(OSError):  # nobody listens any more
+    def _report(self, report: Report) -> None:
+        with suppress(OSError):  # the supervisor is gone
             self._link.send(report)

@@ -1,7 +1,7 @@
 """Tasks for robot learning: an emulated robot and its scene as a Gymnasium environment (the extra ``learning``).
 
-Importing this registers ``ur_emulator/PickAndPlace-v0``; `RobotEnv` is the base of tasks of one's own. Gymnasium 1.0
-took away the plug-ins by which packages registered without being imported, so one of these is needed:
+Importing this registers ``ur_emulator/PickAndPlace-v0``; `RobotEnv` is the base class for your own tasks. Gymnasium
+1.0 removed the plug-ins by which packages registered environments without being imported, so use one of these:
 
     import emulator.learning
     gymnasium.make("ur_emulator/PickAndPlace-v0")

@@ -1,7 +1,8 @@
-"""The base of tasks: one robot in virtual time, its program, and a scene that begins each episode alike.
+"""The base class of tasks: a robot in virtual time, its program, and a scene, in the same state for each episode.
 
-What a policy decides reaches the robot as it would a real one: by input registers, which a program that runs all the
-time reads. So the same program and the same registers, written by RTDE, make a policy act on an arm of metal.
+The actions of a policy reach the robot as they would reach a real one: through input registers, which a permanently
+running program reads. So the same program, with the same registers written through RTDE, lets a policy act on a real
+arm.
 """
 
 from abc import abstractmethod
@@ -28,27 +29,27 @@ Observation = TypeVar("Observation")
 Action = TypeVar("Action")
 
 FIRST_REGISTER: Final = 24
-"""Of the double registers that RTDE clients write; 0 to 23 are for fieldbuses."""
+"""First double register for RTDE clients; 0 to 23 are for fieldbuses."""
 FIRST_BIT: Final = 64
-"""Of the bit registers that RTDE clients write."""
-_SETTLING_S: Final = 0.5  # in which things come to rest on each other before the first episode
-_STOPPING_S: Final = 2.0  # in which an arm stands after its program was stopped; else a new robot takes its place
+"""First bit register for RTDE clients."""
+_SETTLING_S: Final = 0.5  # in which objects come to rest before the first episode
+_STOPPING_S: Final = 2.0  # for an arm to stand still after its program was stopped; then a new robot replaces it
 
 
 class TaskError(Exception):
-    """A task that cannot be: its program does not start, or its robot cannot be put to its beginning."""
+    """The task is invalid: its program does not start, or its robot cannot be put into the initial state."""
 
 
 class RobotEnv(gymnasium.Env[Observation, Action]):
-    """A robot and its scene. A step is ``step_s`` of the robot's time, however long it takes.
+    """A robot and its scene. A step takes ``step_s`` of robot time, regardless of its real duration.
 
-    A task gives `world` and `program`, sets ``observation_space`` and ``action_space`` in its constructor, and says
-    what `arrange`, `act`, `observe` and `judge` do. An episode ends when the robot stops, whatever stopped it: ``info``
-    has the reason as ``stopped``.
+    A task defines `world` and `program`, sets ``observation_space`` and ``action_space`` in its constructor, and
+    implements `arrange`, `act`, `observe` and `judge`. An episode ends when the robot stops for any reason, which
+    ``info`` contains as ``stopped``.
 
-    model: an arm; step_s: in whole control periods, 8 ms with a CB3 arm. camera: of the scene, for ``rgb_array``.
-    options: as of ``virtual_robot``, say ``fault`` or ``arm="dynamic"``. Raises TaskError, and what ``virtual_robot``
-    raises.
+    model: name of the arm. step_s: a multiple of the control period, which is 8 ms for a CB3 arm. camera: name of a
+    camera of the scene, for ``rgb_array``. options: those of ``virtual_robot``, for example ``fault`` or
+    ``arm="dynamic"``. Raises TaskError, and whatever ``virtual_robot`` raises.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 25}  # type: ignore[misc]
@@ -67,7 +68,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         **options: Any,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise TaskError(f"render_mode is rgb_array or None, not {render_mode!r}")
+            raise TaskError(f"render_mode must be rgb_array or None, not {render_mode!r}")
         self.render_mode = render_mode
         self._camera = camera
         self._cameras: Cameras | None = None
@@ -81,47 +82,47 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         self._script = self.program.replace("{step_s}", f"{self.step_s:.6f}")
         self._prepare()
 
-    # what a task says
+    # implemented by a task
 
     @abstractmethod
     def arrange(self, options: dict[str, Any]) -> None:
-        """Make an episode's beginning differ from others, with ``np_random``; options: those of ``reset``."""
+        """Vary the initial state of an episode, with ``np_random``. options: those of ``reset``."""
 
     @abstractmethod
     def act(self, action: Action) -> None:
-        """Let the robot do something for one step, as with `write` and `switch`."""
+        """Command the robot for one step, for example with `write` and `switch`."""
 
     @abstractmethod
     def observe(self) -> Observation:
-        """What is seen now."""
+        """The current observation."""
 
     @abstractmethod
     def judge(self) -> tuple[float, bool, dict[str, Any]]:
-        """The reward of the last step, whether the episode is over, and what else there is to know."""
+        """The reward of the last step, whether the episode is over, and further information."""
 
-    # what a task has for that
+    # available to a task
 
     @property
     def state(self) -> "Snapshot":
-        """What the controller says of itself, with the names of RTDE's fields."""
+        """The state of the controller, with the names of RTDE fields."""
         return self.robot.controller.snapshot
 
     @property
     def scene(self) -> "World":
-        """What stands around the arm: ``pose()``, ``poses()``, ``move()``."""
+        """The objects around the arm: ``pose()``, ``poses()``, ``move()``."""
         world = self.robot.controller.world
         assert world is not None
         return world
 
     @property
     def stopped(self) -> str:
-        """Why the robot does not go on: the safety mode or the program's end; "" while it does."""
+        """Why the robot has stopped: the safety mode, or the end of the program; "" while it runs."""
         if self.state.safety_mode not in (SafetyMode.NORMAL, SafetyMode.REDUCED):
             return SafetyMode(self.state.safety_mode).name
         return "" if self.state.runtime_state == RuntimeState.PLAYING else "the program ended"
 
     def write(self, *values: float) -> None:
-        """Write double input registers, from `FIRST_REGISTER` on. Raises ValueError for what is not a number."""
+        """Write double input registers, from `FIRST_REGISTER` on. Raises ValueError for values that are not finite."""
         if not all_finite(values):
             raise ValueError(f"an action must be finite numbers, not {list(values)}")
         registers = self.robot.controller.registers.input
@@ -134,12 +135,12 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         for i, level in enumerate(levels):
             registers.set_bit(FIRST_BIT + i, bool(level))
 
-    # what Gymnasium asks
+    # the interface of Gymnasium
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode: robot and scene are as they were at first, but for what `arrange` does."""
+        """Begin an episode: robot and scene return to their initial state, which `arrange` varies."""
         super().reset(seed=seed)
         self._return()
         self.arrange(options or {})
@@ -147,7 +148,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         return self.observe(), {}
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Act, let ``step_s`` of the robot's time go by, and look."""
+        """Act, advance robot time by ``step_s``, and observe."""
         self.act(action)
         self.robot.step(self._periods)
         reward, terminated, info = self.judge()
@@ -156,7 +157,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         return self.observe(), float(reward), terminated, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The picture of the camera (height, width, 3). Raises CameraError where nothing draws."""
+        """The image of the camera (height, width, 3). Raises CameraError if rendering is not available."""
         if self.render_mode is None:
             return None
         if self._cameras is None:
@@ -164,7 +165,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
         return self._cameras.rgb(self._camera)
 
     def close(self) -> None:
-        """Give the graphics memory back."""
+        """Release graphics memory."""
         if self._cameras is not None:
             self._cameras.close()
             self._cameras = None
@@ -172,7 +173,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
     # episodes
 
     def _prepare(self) -> None:
-        """Keep what every episode begins with. The program has run once by then: it is compiled the first time only."""
+        """Save the initial state of episodes, after the program has run once, because that compiles it."""
         self._wait(_SETTLING_S)
         self._begin()
         if not self._rest():
@@ -198,7 +199,7 @@ class RobotEnv(gymnasium.Env[Observation, Action]):
             raise TaskError(f"{type(self).__name__}: {error}") from error
 
     def _rest(self) -> bool:
-        """Stop everything, so that the state can be taken; False when that takes too long."""
+        """Stop everything, so that the state can be saved; False if that takes too long."""
         controller = self.robot.controller
         controller.programs.stop("the episode ended")
         self.write(*[0.0] * 6)

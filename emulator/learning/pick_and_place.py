@@ -1,4 +1,4 @@
-"""Pick a part up and put it down elsewhere: ``ur_emulator/PickAndPlace-v0``."""
+"""Pick up a part and place it at a goal: ``ur_emulator/PickAndPlace-v0``."""
 
 from math import dist, hypot, pi
 from pathlib import Path
@@ -11,40 +11,40 @@ from numpy.typing import NDArray
 from emulator.learning.environment import RobotEnv, TaskError
 
 LONGEST: Final = 250
-"""Steps of an episode: 10 s of the robot's time."""
+"""Steps of an episode: 10 s of robot time."""
 PART: Final = "part"
 HOLDING: Final = 1  # the input of the gripper, see pick_and_place.yaml
 HOME: Final = (0.0, -1.5, 1.5, -pi / 2, -pi / 2, 0.0)  # rad: tool straight down
 SPEED_M_S: Final = 0.25  # of the tool along each axis, for an action of 1
 LOW: Final = (-0.65, -0.4, 0.015)
-"""Where the tool may go, and `HIGH`: corners of a box in the base frame [m]."""
+"""With `HIGH`, corners of the box in which the tool may move, in the base frame [m]."""
 HIGH: Final = (-0.25, 0.1, 0.35)
 _TABLE: Final = ((-0.55, -0.35), (-0.3, 0.0))  # x and y of part and goal
 _RESTING_M: Final = 0.02  # height of the part's middle, lying
-_APART_M: Final = 0.1  # part and goal at the beginning
-_NEAR_M: Final = 0.03  # of the goal: it is there
+_APART_M: Final = 0.1  # minimum distance of part and goal at the beginning
+_NEAR_M: Final = 0.03  # distance from the goal that counts as reached
 _LIFTED_M: Final = 0.005  # off the table
 _FALLEN_M: Final = -0.05
-_BRAKING_S: Final = 0.2  # before a side of the box the tool is slower than the way left in this time
+_BRAKING_S: Final = 0.2  # the speed towards a side of the box is limited to the remaining distance in this time
 _GRASP_REWARD: Final = 0.5
 _DONE_REWARD: Final = 10.0
 _FAR: Final = 5.0  # bounds of what is observed
 
 
 class PickAndPlaceEnv(RobotEnv[NDArray[np.float32], NDArray[np.float32]]):
-    """A part of 40 mm and 0.1 kg lies somewhere on a table, and is to lie somewhere else.
+    """Move a part of 40 mm and 0.1 kg on a table from a random place to another.
 
     action (4,): speeds of the tool along x, y, z of the base frame, -1 to 1 for -0.25 to 0.25 m/s, and the gripper: it
     closes above 0. The tool stays vertical, and in a box above the table.
 
-    observation (14,): where the tool is (3) [m], how fast (3) [m/s], whether the gripper was told to close, whether it
-    holds something, where the part is (3) and is to be (3) [m].
+    observation (14,): position (3) [m] and velocity (3) [m/s] of the tool, whether the gripper was commanded to close,
+    whether it holds something, position of the part (3) and of the goal (3) [m].
 
-    reward: after each step, dense: less what the tool is away from the part and the part from the goal [m], and 0.5
-    while the gripper holds something; sparse: nothing. In both cases 10 when the part lies at the goal, let go.
+    reward: dense: after each step minus the distances from tool to part and from part to goal [m], plus 0.5 while the
+    gripper holds something; sparse: none. In both cases 10 when the part lies at the goal, released.
 
-    It ends then (``info["success"]``), when the part falls off the table, or when the robot stops. Options of
-    ``reset``: ``part`` and ``goal``, x and y [m], instead of chance.
+    The episode ends then (``info["success"]``), when the part falls off the table, or when the robot stops. Options of
+    ``reset``: ``part`` and ``goal``, x and y [m], instead of random places.
     """
 
     world = Path(__file__).with_name("pick_and_place.yaml")
@@ -61,7 +61,7 @@ end
 
     def __init__(self, *, reward: str = "dense", **options: Any) -> None:
         if reward not in ("dense", "sparse"):
-            raise TaskError(f"reward is dense or sparse, not {reward!r}")
+            raise TaskError(f"reward must be dense or sparse, not {reward!r}")
         self.observation_space = spaces.Box(-_FAR, _FAR, (14,), np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
         self._dense = reward == "dense"
@@ -71,7 +71,7 @@ end
 
     def arrange(self, options: dict[str, Any]) -> None:
         if unknown := set(options) - {PART, "goal"}:
-            raise ValueError(f"reset has no option {min(unknown)!r}: it has part and goal")
+            raise ValueError(f"reset has no option {min(unknown)!r}: choose part or goal")
         part = _place(options, PART)
         goal = _place(options, "goal")
         if part is None:
@@ -127,7 +127,7 @@ def _within(low: float, value: float, high: float) -> float:
 
 
 def _place(options: dict[str, Any], name: str) -> NDArray[np.float64] | None:
-    """Where a caller of ``reset`` wants a thing. Raises ValueError."""
+    """The place of an object from the options of ``reset``. Raises ValueError."""
     if options.get(name) is None:
         return None
     place = np.asarray(options[name], float)

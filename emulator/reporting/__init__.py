@@ -1,1 +1,1 @@
-"""What the controller tells people: messages and dialogues."""
+"""Messages and dialogues of the controller."""

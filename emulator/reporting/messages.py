@@ -1,4 +1,4 @@
-"""What happened in this control period: the messages for the primary interface and the log."""
+"""The messages of a control period, for the primary interface and the log."""
 
 import logging
 from collections import deque
@@ -27,7 +27,7 @@ _logger = logging.getLogger(__name__)
 class MessageLog:
     """Collects messages during a control period and stamps them with the controller's time.
 
-    ``time_us`` tells the controller's uptime. ``history`` is the text log that the
+    ``time_us`` returns the controller's uptime. ``history`` is the text log that the
     dashboard's ``saveLog`` writes. ``on_note`` is called with lines that go to this log only.
     """
 
@@ -38,7 +38,7 @@ class MessageLog:
         self.history: deque[str] = deque(maxlen=_HISTORY_LINES)
 
     def emit(self, message: RobotMessage | VariableMessage) -> None:
-        """Send a message out with this period's snapshot; a missing time stamp is filled in."""
+        """Send a message with this period's snapshot; a missing timestamp is filled in."""
         if not message.timestamp_us:
             message = replace(message, timestamp_us=self._time_us())
         self._pending.append(message)
@@ -51,9 +51,9 @@ class MessageLog:
         self._log(text)
 
     def trace(self, text: str, *values: object) -> None:
-        """A line that ``--log-level debug`` shows and nothing else: why something happened, with robot time.
+        """Log why something happened, with robot time, for ``--log-level debug`` only.
 
-        text: a format of `logging` for the values, which are made into text only when somebody looks.
+        text: a `logging` format for the values, which are formatted only if that level is active.
         """
         if _logger.isEnabledFor(logging.DEBUG):
             _logger.debug("%.3f s: " + text, self._time_us() / 1e6, *values)
@@ -63,31 +63,31 @@ class MessageLog:
         self.history.append(f"{self._time_us() / 1e6:.3f} {text}")
 
     def text(self, text: str) -> None:
-        """What ``textmsg()`` sends."""
+        """Send the message of ``textmsg()``."""
         self.emit(TextMessage(text=text))
 
     def variable(self, name: str, text: str) -> None:
-        """What ``varmsg()`` sends."""
+        """Send the message of ``varmsg()``."""
         self.emit(VariableMessage(title=name, text=text))
 
     def key(self, title: str, text: str) -> None:
-        """A fixed title with a free text, such as PROGRAM_XXX_STARTED with the program's name."""
+        """Send a key message: a fixed title and a text, such as PROGRAM_XXX_STARTED and the program's name."""
         self.emit(KeyMessage(title=title, text=text))
 
     def safety_mode(self, mode: SafetyMode) -> None:
-        """The safety mode changed."""
+        """Report a change of the safety mode."""
         self.emit(SafetyModeMessage(safety_mode=mode))
 
     def error(self, code: int, argument: int = 0, level: ReportLevel = ReportLevel.WARNING, text: str = "") -> None:
-        """An entry C<code>A<argument> of the error log; the text comes from the table unless given."""
+        """Add an entry C<code>A<argument> to the error log; the text is that of the table unless given."""
         self.emit(ErrorCodeMessage(code=code, argument=argument, level=level, text=text or error_text(code, argument)))
 
     def compile_error(self, line: int, column: int, text: str) -> None:
-        """A script did not compile; line and column count from 1. It belongs to no control cycle, and to no time."""
+        """Report a script that does not compile; line and column count from 1. The message has no timestamp."""
         self.emit(RuntimeExceptionMessage(timestamp_us=NO_TIMESTAMP_US, line=line, column=column, text=text))
 
     def runtime_exception(self, line: int, column: int, text: str) -> None:
-        """A script failed; line and column count from 1."""
+        """Report a runtime exception of a script; line and column count from 1."""
         self.emit(RuntimeExceptionMessage(line=line, column=column, text=text))
 
     def take(self) -> tuple[RobotMessage | VariableMessage, ...]:

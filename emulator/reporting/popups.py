@@ -1,4 +1,4 @@
-"""Dialogues on the teach pendant: popups, and requests that want an answer."""
+"""Dialogues on the teach pendant: popups, and requests for an answer."""
 
 import sys
 from collections.abc import Callable
@@ -12,12 +12,12 @@ from urproto.text import lower, number, strip, to_bytes, whole_number
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING
 
 _MOST_OPEN: Final = 100
-"""Most dialogues open at a time; one more closes the oldest (a guess: a program can open them in a loop)."""
+"""Maximum number of open dialogues; another one closes the oldest (a guess: a program can open them in a loop)."""
 
 
 @dataclass(eq=False, kw_only=True)
 class Popup:
-    """One dialogue. A blocking script waits while ``open``; ``answer`` is None until given, and when cancelled."""
+    """One dialogue. A blocking script waits while it is ``open``; ``answer`` is None until given, or if cancelled."""
 
     request_id: int
     text: str
@@ -32,9 +32,9 @@ class Popup:
 
 
 class Popups:
-    """The dialogues that are open, oldest first.
+    """The open dialogues, oldest first.
 
-    ``time_s`` tells the controller's uptime. ``auto_close_s``: close plain popups after
+    ``time_s`` returns the controller's uptime. ``auto_close_s``: close plain popups after
     this time as an operator would (None: never).
     """
 
@@ -48,7 +48,7 @@ class Popups:
     def show(
         self, text: str, *, title: str = "Popup", warning: bool = False, error: bool = False, blocking: bool = False
     ) -> Popup:
-        """Open a popup and tell the primary clients."""
+        """Open a popup and report it to the primary clients."""
         popup = self._open(Popup(request_id=0, text=text, title=title, warning=warning, error=error, blocking=blocking))
         self._messages.emit(
             PopupMessage(

@@ -1,5 +1,5 @@
-"""The Robot API of PolyScope X (HTTP, port 80): what a dashboard is to older software.
+"""The Robot API of PolyScope X (HTTP, port 80), the successor of the dashboard server.
 
-`endpoints` has what each request does, on the controller's side of the mailbox; `server` takes requests from the port
-and hands them over; `openapi` describes both in the document that clients look for first.
+`endpoints` implements each request, on the controller's side of the mailbox; `server` receives requests at the port
+and hands them over; `openapi` describes both in the document that clients fetch first.
 """

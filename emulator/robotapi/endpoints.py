@@ -1,13 +1,14 @@
-"""What each request of the Robot API does: one decorated function each.
+"""The requests of the Robot API: one decorated function each.
 
-Which requests there are, since when and what needs remote control is in ``urproto.robotapi.ENDPOINTS``; here is what
-they do, the docstring being their description in the OpenAPI document. A function takes the controller and what its
-annotations say of the request: the body, a program's name in the path, an uploaded file. It returns the answer, or
-yields once for every control period until it is known. Refusals are `Refused`.
+``urproto.robotapi.ENDPOINTS`` lists the requests, with the version that introduced each, and whether it needs remote
+control. The functions here implement them; their docstrings are the descriptions in the OpenAPI document. A function
+takes the controller, and the parts of the request that its annotations name: the body, a program's name in the path, an
+uploaded file. It returns the answer, or yields once per control period until the answer is known. It refuses a request
+by raising `Refused`.
 
-Statuses: 400, 403, 404, 409, 422, 500 and 504 are those of the API's own documentation, as users quote it. That a
-program that cannot be played or loaded is 409 and 404 is a guess: the documentation has 500 for both, which here means
-a fault of the emulator.
+Statuses 400, 403, 404, 409, 422, 500 and 504 are from the API's own documentation, as quoted by users. It is a guess
+that a program that cannot be played gives 409, and one that cannot be loaded 404: the documentation has 500 for both,
+which here means a fault of the emulator.
 """
 
 import inspect
@@ -55,7 +56,7 @@ class Upload(bytes):
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """A request and the function that does it. body: what its JSON has to be; upload, named: what else it takes."""
+    """A request and the function that implements it. body: type of its JSON; upload, named: whether it takes these."""
 
     endpoint: Endpoint
     function: Callable[..., Any]
@@ -66,7 +67,7 @@ class Operation:
 
     @property
     def help(self) -> str:
-        """What the request does."""
+        """Description of the request."""
         return inspect.getdoc(self.function) or ""
 
 
@@ -74,14 +75,14 @@ OPERATIONS: Final[list[Operation]] = []
 
 
 def endpoint(place: Endpoint) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Register what does a request."""
+    """Register the function for a request."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         hints = get_type_hints(function)
         answer = hints.pop("return")
         taken = [hints[name] for name in list(inspect.signature(function).parameters)[1:]]
         body = next((kind for kind in taken if isinstance(kind, type) and issubclass(kind, msgspec.Struct)), None)
-        result = answer.__args__[2] if hasattr(answer, "__args__") else answer  # of a generator: what it returns
+        result = answer.__args__[2] if hasattr(answer, "__args__") else answer  # of a generator: its return type
         OPERATIONS.append(Operation(place, function, body, Upload in taken, str in taken, result))
         return function
 
@@ -93,9 +94,9 @@ def endpoint(place: Endpoint) -> Callable[[Callable[..., Any]], Callable[..., An
 
 @endpoint(robotapi.PUT_STATE)
 def put_state(controller: Controller, change: StateChange) -> Generator[None, None, Done]:
-    """Switch the arm on or off, release its brakes, leave a protective stop, restart the safety system.
+    """Switch the arm on or off, release the brakes, unlock a protective stop, or restart the safety system.
 
-    Answered when it is done; what is the case already is done at once.
+    The answer comes when it is done; immediately if the arm is in the requested state already.
     """
     yield from _CHANGES[change.action](controller)
     return Done(_OK)
@@ -119,7 +120,7 @@ def _power_off(controller: Controller) -> _Waiting:
 
 
 def _reached(controller: Controller, *states: PowerState) -> Generator[None, None, None]:
-    """Until the arm is in one of these states. Raises Refused when it is switched off again, or nothing happens."""
+    """Wait until the arm is in one of these states. Raises Refused if it is switched off again or takes too long."""
     for period in range(round(_SWITCHING_S / controller.period_s)):
         if controller.power.state in states:
             return
@@ -130,12 +131,12 @@ def _reached(controller: Controller, *states: PowerState) -> Generator[None, Non
 
 
 def _unlock(controller: Controller) -> _Waiting:
-    """At once: the vendor's tests unlock within the second, which the dashboard of older software refuses for five."""
+    """Unlock immediately: the vendor's tests unlock within a second, which the dashboard would refuse for 5 s."""
     yield from ()
     if controller.safety.mode is not SafetyMode.PROTECTIVE_STOP:
         raise Refused(CONFLICT, f"there is no protective stop: the safety mode is {controller.safety.mode.name}")
     if not controller.safety_event(SafetyEvent.UNLOCK):
-        raise Refused(CONFLICT, "the protective stop cannot be unlocked as long as its cause is there")
+        raise Refused(CONFLICT, "the protective stop cannot be unlocked while its cause persists")
 
 
 def _restart_safety(controller: Controller) -> _Waiting:
@@ -166,7 +167,7 @@ def get_safety_mode(controller: Controller) -> SafetyModeAnswer:
 
 @endpoint(robotapi.GET_CONTROL_MODE)
 def get_control_mode(controller: Controller) -> ControlModeAnswer:
-    """Whether the robot obeys its pendant (LOCAL) or others (REMOTE). Nothing but the pendant changes it."""
+    """Whether the robot is in local (LOCAL) or remote control (REMOTE). Only the pendant can change this."""
     return ControlModeAnswer("REMOTE" if controller.remote_control else "LOCAL", _OK)
 
 
@@ -181,14 +182,14 @@ def get_operational_mode(controller: Controller) -> OperationalModeAnswer:
 
 @endpoint(robotapi.PUT_LOAD)
 def put_load(controller: Controller, program: LoadProgram) -> Generator[None, None, Done]:
-    """Load a stored program. From API 3.1.4 on, PUT /program/v1/loaded does this."""
+    """Load a stored program. Since API 3.1.4, use PUT /program/v1/loaded."""
     yield from _load(controller, program.programName)
     return Done(_OK)
 
 
 @endpoint(robotapi.PUT_LOADED)
 def put_loaded(controller: Controller, program: LoadedProgram) -> Generator[None, None, Done]:
-    """Load a stored program; one that runs is stopped."""
+    """Load a stored program; a running program is stopped."""
     yield from _load(controller, program.name)
     return Done(_OK)
 
@@ -211,7 +212,7 @@ def get_loaded(controller: Controller) -> LoadedProgramAnswer:
 
 @endpoint(robotapi.PUT_PROGRAM_STATE)
 def put_program_state(controller: Controller, change: ProgramStateChange) -> Generator[None, None, Done]:
-    """Start the loaded program, pause it, let it go on, end it. Answered when it is so."""
+    """Play, pause, resume or stop the loaded program. The answer comes when it is done."""
     paused = controller.programs.state is RuntimeState.PAUSED
     if change.action is ProgramAction.RESUME and not paused:
         raise Refused(CONFLICT, "there is no paused program to resume")
@@ -233,7 +234,7 @@ _ACTIONS: Final[dict[ProgramAction, tuple[Callable[[Controller], Any], str]]] = 
 
 @endpoint(robotapi.GET_PROGRAM_STATE)
 def get_program_state(controller: Controller) -> ProgramStateAnswer:
-    """What the program is doing."""
+    """The state of the program."""
     return ProgramStateAnswer(dashboard.program_state_word(controller), _OK)
 
 
@@ -242,14 +243,14 @@ def get_program_state(controller: Controller) -> ProgramStateAnswer:
 
 @endpoint(robotapi.GET_PROGRAMS)
 def get_programs(controller: Controller) -> Generator[None, None, Programs]:
-    """The stored programs."""
+    """List the stored programs."""
     stored = yield from stored_programs(controller)
     return Programs([msgspec.convert(information.as_object(), Program) for _, information in stored], _OK)
 
 
 @endpoint(robotapi.GET_PROGRAM)
 def get_program(controller: Controller, name: str) -> Generator[None, None, bytes]:
-    """A stored program, as a .urpx file."""
+    """Download a stored program as a .urpx file."""
     path = yield from find_program(controller, name)
     try:
         return path.read_bytes()
@@ -259,13 +260,13 @@ def get_program(controller: Controller, name: str) -> Generator[None, None, byte
 
 @endpoint(robotapi.POST_PROGRAM)
 def post_program(controller: Controller, file: Upload) -> Generator[None, None, StoredProgram]:
-    """Store a new program, by the name in its file."""
+    """Store a new program under the name in its file."""
     name = yield from store_program(controller, file, new=True)
     return StoredProgram(name, _OK)
 
 
 @endpoint(robotapi.PUT_PROGRAM)
 def put_program(controller: Controller, file: Upload) -> Generator[None, None, StoredProgram]:
-    """Replace a stored program, by the name in its file. What is loaded stays as it was until it is loaded again."""
+    """Replace the stored program with the name in the file. A loaded program stays unchanged until loaded again."""
     name = yield from store_program(controller, file, new=False)
     return StoredProgram(name, _OK)

@@ -1,4 +1,4 @@
-"""What requests and answers of the Robot API hold: checked, and described in its OpenAPI document."""
+"""Requests and answers of the Robot API: they are validated, and described in its OpenAPI document."""
 
 from typing import Annotated, Literal
 
@@ -10,19 +10,19 @@ Name = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
 
 
 class StateChange(msgspec.Struct):
-    """What is to become of the arm."""
+    """The requested action on the arm."""
 
     action: StateAction
 
 
 class ProgramStateChange(msgspec.Struct):
-    """What is to become of the loaded program."""
+    """The requested action on the loaded program."""
 
     action: ProgramAction
 
 
 class LoadProgram(msgspec.Struct):
-    """The program to load, as before API 3.1.4."""
+    """The program to load, in the form used before API 3.1.4."""
 
     programName: Name
 
@@ -34,34 +34,34 @@ class LoadedProgram(msgspec.Struct):
 
 
 class Done(msgspec.Struct):
-    """It is done."""
+    """The request is completed."""
 
     message: str
 
 
 class RobotModeAnswer(msgspec.Struct):
-    """What the arm is doing."""
+    """The robot mode."""
 
     mode: Literal[ROBOT_MODES]  # type: ignore[valid-type]
     message: str
 
 
 class SafetyModeAnswer(msgspec.Struct):
-    """What the safety system says."""
+    """The safety mode."""
 
     mode: Literal[SAFETY_MODES]  # type: ignore[valid-type]
     message: str
 
 
 class ControlModeAnswer(msgspec.Struct):
-    """Who the robot obeys."""
+    """Whether the robot is in local or remote control."""
 
     mode: Literal["LOCAL", "REMOTE"]
     message: str
 
 
 class OperationalModeAnswer(msgspec.Struct):
-    """Which operational mode it is in."""
+    """The operational mode."""
 
     mode: Literal["MANUAL", "AUTOMATIC"]
     message: str
@@ -75,14 +75,14 @@ class LoadedProgramAnswer(msgspec.Struct):
 
 
 class ProgramStateAnswer(msgspec.Struct):
-    """What the program is doing."""
+    """The state of the program."""
 
     state: Literal["PLAYING", "PAUSED", "STOPPED"]
     message: str
 
 
 class Program(msgspec.Struct, rename="camel"):
-    """A stored program. Dates: milliseconds since 1970."""
+    """A stored program. Dates are in milliseconds since 1970."""
 
     name: str
     description: str
@@ -100,7 +100,7 @@ class Programs(msgspec.Struct):
 
 
 class StoredProgram(msgspec.Struct, rename="camel"):
-    """What a program that was uploaded is called."""
+    """The name of an uploaded program."""
 
     program_name: str
     message: str
@@ -113,7 +113,7 @@ class ApiError(msgspec.Struct):
 
 
 class InvalidPart(msgspec.Struct):
-    """A part of a request, and what is wrong with it."""
+    """An invalid part of a request, and the reason."""
 
     loc: list[str | int]
     msg: str
@@ -121,6 +121,6 @@ class InvalidPart(msgspec.Struct):
 
 
 class ValidationError(msgspec.Struct):
-    """What is wrong with a request."""
+    """The invalid parts of a request."""
 
     detail: list[InvalidPart]

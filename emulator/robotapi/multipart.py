@@ -9,7 +9,7 @@ _LINE_END: Final = b"\r\n"
 
 
 def parts(content_type: str, body: bytes) -> dict[str, bytes]:
-    """The contents of a form by their names, of several of a name the last. Raises ValueError."""
+    """The parts of a form by name; the last one if a name occurs several times. Raises ValueError."""
     match = _BOUNDARY.search(content_type)
     if match is None:
         raise ValueError("the content type names no boundary")
@@ -21,7 +21,7 @@ def parts(content_type: str, body: bytes) -> dict[str, bytes]:
     for piece in pieces[1:-1]:
         head, separator, content = piece.lstrip(b" \t").removeprefix(_LINE_END).partition(_LINE_END * 2)
         if not separator:
-            raise ValueError("a part of the form has no end of its headers")
+            raise ValueError("the headers of a part of the form are not terminated")
         found[_name(head)] = content
     return found
 

@@ -1,4 +1,4 @@
-"""The OpenAPI document of the Robot API: clients read its version first."""
+"""The OpenAPI document of the Robot API, whose version clients read first."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -13,19 +13,19 @@ from urproto.versions import PolyscopeVersion
 _SCHEMAS: Final = "#/components/schemas/{name}"
 _JSON: Final = "application/json"
 _REFUSALS: Final = {
-    "400": "The program is there already.",
-    "403": "The robot is in local control, or whoever asks is a web page of somebody else.",
+    "400": "The program exists already.",
+    "403": "The robot is in local control, or the request comes from another site's web page.",
     "404": "There is no such program.",
     "409": "The robot cannot do that in the state it is in.",
     "413": "The request is too large.",
-    "415": "The content is of another type.",
+    "415": "The content type is not supported.",
     "500": "The emulator failed.",
     "504": "The robot takes too long.",
 }
 
 
 def openapi(operations: Sequence[Operation], version: PolyscopeVersion) -> dict[str, Any]:
-    """OpenAPI 3.1, of what a controller of this version has."""
+    """OpenAPI 3.1, with the requests that a controller of this version supports."""
     kinds = [kind for operation in operations for kind in (operation.body, operation.answer) if _is_struct(kind)]
     schemas, components = msgspec.json.schema_components([*kinds, ApiError, ValidationError], ref_template=_SCHEMAS)
     schema_of = dict(zip([*kinds, ApiError, ValidationError], schemas, strict=True))
@@ -38,7 +38,7 @@ def openapi(operations: Sequence[Operation], version: PolyscopeVersion) -> dict[
         "info": {
             "title": "Robot API, emulated",
             "version": api_version(version),
-            "description": f"As PolyScope {version.short} has it. What a request does is the emulator's wording.",
+            "description": f"As in PolyScope {version.short}. The descriptions of the requests are the emulator's own.",
         },
         "servers": [{"url": BASE}],
         "paths": paths,
@@ -59,9 +59,7 @@ def _operation(operation: Operation, schema_of: dict[Any, Any]) -> dict[str, Any
         "responses": {
             "200": {"description": "Done.", "content": {_JSON: {"schema": schema_of.get(operation.answer, {})}}},
             **{status: _refusal(text, schema_of[ApiError]) for status, text in _REFUSALS.items()},
-            "422": _refusal(
-                "The request makes no sense.", {"anyOf": [schema_of[ValidationError], schema_of[ApiError]]}
-            ),
+            "422": _refusal("The request is invalid.", {"anyOf": [schema_of[ValidationError], schema_of[ApiError]]}),
         },
     }
     if operation.body is not None:

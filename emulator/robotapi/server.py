@@ -1,8 +1,8 @@
-"""The port of the Robot API (HTTP 80): requests are checked here, and carried out in the next control period.
+"""The port of the Robot API (HTTP 80): checks requests, which are executed in the next control period.
 
-Beside the API the port answers what start scripts ask until a robot is up. Pages in a browser cannot use it: see
-`emulator.servers.http`; names without a dot and names of the local network, as containers and robots have them, are as
-good as addresses.
+In addition, the port answers the requests with which start scripts wait for a robot. Web pages cannot use it: see
+`emulator.servers.http`. As a host, names without a dot and names of the local network, as containers and robots have
+them, are accepted like addresses.
 """
 
 import re
@@ -49,7 +49,7 @@ _LOCAL_CONTROL: Final = "the robot is in local control: switch it to Remote Cont
 
 
 class RobotApiServer(PortServer):
-    """What there is depends on the controller's version."""
+    """Serves the requests that the controller's version supports."""
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("robot api", controller)
@@ -79,7 +79,7 @@ class RobotApiCall(Command):
 
     @property
     def failure(self) -> tuple[int, Any]:
-        return FAILED, ApiError("the request failed, which is a fault of the emulator: its log says more")
+        return FAILED, ApiError("the request failed because of an error in the emulator: see its log")
 
 
 class _RobotApiConnection(HttpConnection):
@@ -114,7 +114,7 @@ class _RobotApiConnection(HttpConnection):
             self.reply(Response(*answer))
 
     def _operation(self, request: Request) -> tuple[Operation, str]:
-        """What is asked for, and the name in its path. Raises Refused."""
+        """The requested operation, and the name in its path. Raises Refused."""
         if not request.path.startswith(f"{BASE}/"):
             raise Refused(NOT_FOUND, f"there is nothing at {request.path[:100]}: see {OPENAPI}")
         path = request.path.removeprefix(BASE)
@@ -124,7 +124,7 @@ class _RobotApiConnection(HttpConnection):
             return found
         if here:
             allowed = ", ".join(sorted(each.endpoint.method for each, _ in here))
-            raise Refused(NOT_ALLOWED, f"{request.method} is not possible here, {allowed} is", {"Allow": allowed})
+            raise Refused(NOT_ALLOWED, f"{request.method} is not allowed here: use {allowed}", {"Allow": allowed})
         for other in (f"{path}/", path.rstrip("/")):
             if any(each.endpoint.path == other for each in self.server.operations):
                 query = f"?{request.query}" if request.query else ""
@@ -133,7 +133,7 @@ class _RobotApiConnection(HttpConnection):
 
 
 def _matched(operation: Operation, path: str) -> str | None:
-    """The name in a path that is an operation's, "" for a path without one; None for another path."""
+    """The name in a path of this operation, "" if it has none; None for another path."""
     if not operation.named:
         return "" if path == operation.endpoint.path else None
     before, _, behind = operation.endpoint.path.partition("{name}")
@@ -142,7 +142,7 @@ def _matched(operation: Operation, path: str) -> str | None:
 
 
 class _InvalidRequestError(ValueError):
-    """A part of a request makes no sense."""
+    """A part of a request is invalid."""
 
     def __init__(self, where: list[str | int], text: str) -> None:
         super().__init__(text)
@@ -150,7 +150,7 @@ class _InvalidRequestError(ValueError):
 
 
 def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, ...]:
-    """What the operation's function takes. Raises _InvalidRequestError or Refused."""
+    """The arguments of the operation's function. Raises _InvalidRequestError or Refused."""
     if operation.named:
         return (name,)
     if operation.upload:
@@ -160,7 +160,7 @@ def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, 
         except ValueError as error:
             raise _InvalidRequestError(["body"], str(error)) from error
         if _FILE not in found:
-            raise _InvalidRequestError(["body", _FILE], "the form has no part of this name")
+            raise _InvalidRequestError(["body", _FILE], "the form has no part with this name")
         return (Upload(found[_FILE]),)
     if operation.body is None:
         return ()
@@ -177,7 +177,7 @@ def _arguments(operation: Operation, name: str, request: Request) -> tuple[Any, 
 
 
 def _urcaps(request: Request) -> Response:
-    """Of the service that keeps URCaps: there are none, and none can be installed."""
+    """The answer of the service for URCaps: none are installed, and none can be."""
     if request.method != "GET":
         raise Refused(_NOT_IMPLEMENTED, "URCaps of PolyScope X are not emulated")
     return Response(OK, [])
@@ -185,11 +185,11 @@ def _urcaps(request: Request) -> Response:
 
 def _check_method(request: Request, method: str) -> None:
     if request.method != method:
-        raise Refused(NOT_ALLOWED, f"{request.method} is not possible here, {method} is", {"Allow": method})
+        raise Refused(NOT_ALLOWED, f"{request.method} is not allowed here: use {method}", {"Allow": method})
 
 
 def _check_origin(request: Request) -> None:
-    """A page names itself when it sends something: browsers send forms with files without asking first."""
+    """Refuse web pages by their Origin header: browsers send forms with files without a preflight request."""
     origin = request.headers.get("origin")
     if origin is not None and urlsplit(origin).netloc != request.headers.get("host", ""):
         raise Refused(FORBIDDEN, f"web pages of {origin[:100]} may not use the robot")

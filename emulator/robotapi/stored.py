@@ -1,4 +1,4 @@
-"""The programs of PolyScope X that are stored: ``.urpx`` files of the programs folder, known by the names in them."""
+"""The stored programs of PolyScope X: ``.urpx`` files of the programs folder, identified by the names in them."""
 
 import os
 from collections.abc import Generator
@@ -19,16 +19,16 @@ _LONGEST_NAME: Final = 200  # letters; guess, and files cannot have much longer 
 
 
 def stored_programs(controller: Controller) -> Generator[None, None, list[_Stored]]:
-    """Files and what they say of themselves, by name; yields once a control period, for each file is read.
+    """The stored programs by name; yields once per control period, since each file must be read.
 
-    Files that are not programs are left out, and the log says why.
+    Files that are not programs are omitted, with a note in the log.
     """
     found: dict[str, _Stored] = {}
     for path in [DEFAULT_URPX, *_files(controller)]:
         try:
             information = read_information(path.read_bytes())
         except (OSError, UrpxError) as error:
-            controller.messages.note(f"{path.name} is left out of the programs: {error}")
+            controller.messages.note(f"{path.name} is omitted from the programs: {error}")
         else:
             found[information.name] = path, information
         yield
@@ -44,7 +44,7 @@ def _files(controller: Controller) -> list[Path]:
 
 
 def find_program(controller: Controller, name: str) -> Generator[None, None, Path]:
-    """The file of a program, by its name, else by that of the file. Raises Refused."""
+    """Find the file of a program, by the name of the program, otherwise of the file. Raises Refused."""
     stored = yield from stored_programs(controller)
     for names in ({information.name: path for path, information in stored}, {path.stem: path for path, _ in stored}):
         if name in names:
@@ -53,21 +53,21 @@ def find_program(controller: Controller, name: str) -> Generator[None, None, Pat
 
 
 def store_program(controller: Controller, data: bytes, *, new: bool) -> Generator[None, None, str]:
-    """Write a program, whole or not at all; returns its name. Raises Refused.
+    """Write a program, completely or not at all, and return its name. Raises Refused.
 
-    new: it must not be there yet; otherwise it replaces the one that is.
+    new: whether the program must not exist yet; otherwise it replaces an existing one.
     """
     try:
         name = read_urpx(data).name
     except UrpxError as error:
-        raise Refused(INVALID, f"the file is not a program of PolyScope X: {error}") from error
+        raise Refused(INVALID, f"the file is not a PolyScope X program: {error}") from error
     stored = {information.name: path for path, information in (yield from stored_programs(controller))}
     if new and name in stored:
-        raise Refused(BAD, f"there is a program {name!r} already")
+        raise Refused(BAD, f"the program {name!r} exists already")
     if not new and name not in stored:
         raise Refused(NOT_FOUND, f"there is no program {name!r}")
     if name == DEFAULT_PROGRAM and stored[name] == DEFAULT_URPX:
-        raise Refused(INVALID, f"{name!r} belongs to the robot: give the program another name")
+        raise Refused(INVALID, f"{name!r} is reserved for the robot: give the program another name")
     _write(_place(controller, name) if new else stored[name], data)
     return name
 
@@ -76,8 +76,8 @@ def _place(controller: Controller, name: str) -> Path:
     if len(name) > _LONGEST_NAME or "/" in name or "\\" in name:
         raise Refused(INVALID, f"{name[:40]!r} cannot be the name of a program: no / or \\, and at most 200 letters")
     place = ProgramsFolder(ensure_programs_folder(controller)).place(f"{name}{SUFFIX}")
-    if place is None or place.exists():  # a file of this name with another program in it is nobody's to overwrite
-        raise Refused(INVALID, f"{name!r} cannot be the name of a program: a file of it has no place in the folder")
+    if place is None or place.exists():  # a file of this name that contains another program must not be overwritten
+        raise Refused(INVALID, f"{name!r} cannot be the name of a program: another program uses its file name")
     return place
 
 

@@ -1,8 +1,8 @@
-"""One client of one port: what it sends, and what is sent to it.
+"""The connection to one client of a port, in both directions.
 
-A client that reads too slowly harms nobody else. State, which the next package supersedes,
-is skipped while earlier bytes still wait for it. Everything else must be delivered: when
-too much of that waits, the connection ends.
+A client that reads too slowly does not affect others. State packages, which the next one supersedes, are skipped while
+earlier bytes still wait for the client. Everything else must be delivered; if too much of it waits, the connection is
+closed.
 """
 
 import asyncio
@@ -22,22 +22,22 @@ from urproto.compat_asyncio import pause_reading
 from urproto.errors import RemoteProtocolError
 
 SEND_BUFFER: Final = 256 * 1024
-"""Bytes the system keeps for a client that does not read: what a late reader finds is no older (guess)."""
+"""Size of the system's buffer for a client that does not read, which limits the age of what it reads later (guess)."""
 
-_READ_BYTES: Final = 1024  # at once: a message a byte takes some ms then (guess)
+_READ_BYTES: Final = 1024  # at a time: parsing them takes some ms even if each byte is a message (guess)
 _MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
-_LINGER_S: Final = 1.0  # for a client that talks on after it was told why nobody listens (guess)
+_LINGER_S: Final = 1.0  # for a client that keeps sending after its final answer (guess)
 _RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends RST
 _WRONG_PORT: Final = {
     Visitor.HTTP: (
         Reason.HTTP,
-        "sent an HTTP request and was disconnected; nothing of it was carried out. This is not a web server: close the "
-        "web page that did it, or mend the port in your program. HTTP is for the control API",
+        "sent an HTTP request and was disconnected; nothing of it was executed. This is not a web server: close the "
+        "web page that sent it, or correct the port in your program. HTTP is for the control API",
     ),
     Visitor.TLS: (
         Reason.TLS,
-        "began with TLS and was disconnected. A robot's connections are not encrypted: close the web page that did it, "
-        "or connect without TLS",
+        "began with TLS and was disconnected. A robot's connections are not encrypted: close the web page that sent "
+        "it, or connect without TLS",
     ),
 }
 
@@ -45,7 +45,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Port(Protocol):
-    """What a connection sees of the port it came by."""
+    """The part of a port that its connections use."""
 
     name: str
     hooks: "Hooks[Connection]"
@@ -62,10 +62,11 @@ class Port(Protocol):
 
 
 class Connection(asyncio.BufferedProtocol):
-    """One client of one port. This base takes no notice of what the client sends.
+    """One client of one port. This base class ignores what the client sends.
 
-    most_undelivered: bytes that may wait for a client that does not read. for_browsers: whether the first bytes may
-    be a web browser's, who is disconnected elsewhere. patient: whether bytes may be kept back until that is known.
+    most_undelivered: bytes that may wait for a client that does not read. for_browsers: whether web browsers may use
+    the port; on others they are disconnected. patient: whether first bytes may be held back until it is known who sent
+    them.
     """
 
     most_undelivered = _MOST_UNDELIVERED
@@ -77,33 +78,33 @@ class Connection(asyncio.BufferedProtocol):
         self._transport: asyncio.Transport | None = None
         self._read_buffer = bytearray(_READ_BYTES)
         self.peer = "?"
-        self._kept = {Direction.SENT: 0, Direction.RECEIVED: 0}  # bytes that hooks keep back
-        self._late = 0  # of them, those that wait for the client
-        self._skipped = 0  # states, since the client last read what it was sent
+        self._kept = {Direction.SENT: 0, Direction.RECEIVED: 0}  # bytes that hooks hold back
+        self._late = 0  # of these, those on their way to the client
+        self._skipped = 0  # states that were skipped since the client last read everything
         self._wants_reading = True
-        self._stalls: set[object] = set()  # who keeps it from being read
-        self._closing = self._ended = False  # once what is kept back has passed
-        self._deaf = False  # what the client still says is thrown away
+        self._stalls: set[object] = set()  # reasons for not reading from it
+        self._closing = self._ended = False  # once the bytes held back have passed
+        self._discarding = False  # whether further data from the client is discarded
         self._lingering: asyncio.TimerHandle | None = None
         self._opening = None if self.for_browsers else Opening(patient=self.patient)
 
-    # for the kinds of connection
+    # for subclasses
 
     def opened(self) -> None:
-        """The client is connected; the place for a greeting."""
+        """Called when the client is connected, for example to send a greeting."""
 
     def received(self, data: bytes) -> None:
-        """Bytes from the client, in any split. RemoteProtocolError ends the connection."""
+        """Called with bytes from the client, split anywhere. RemoteProtocolError closes the connection."""
 
     def at_end(self) -> bool:
-        """The client will send no more; True keeps the connection open for answers."""
+        """Called when the client has closed its side; True keeps the connection open for answers."""
         return False
 
     def lost(self) -> None:
-        """The connection is gone."""
+        """Called when the connection is closed."""
 
     def send(self, data: bytes) -> None:
-        """Send bytes the client must get; a client that lets too many wait is dropped."""
+        """Send bytes that must be delivered; a client that lets too many wait is disconnected."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return
@@ -112,7 +113,7 @@ class Connection(asyncio.BufferedProtocol):
         self._write(transport, data)
 
     def send_state(self, data: bytes) -> None:
-        """Send bytes that the next ones supersede: skipped when earlier ones still wait."""
+        """Send bytes that the next ones supersede; they are skipped while earlier bytes still wait."""
         if not self.takes_state:
             self.skip_state()
             return
@@ -122,42 +123,42 @@ class Connection(asyncio.BufferedProtocol):
         self.send(data)
 
     def skip_state(self) -> None:
-        """Leave a state out, because the client has not read what was sent before."""
+        """Skip a state, because the client has not read what was sent before."""
         if not self._skipped and self.is_open:
             self._trace("lags: states are skipped until it reads the %d bytes that wait for it", self.undelivered)
         self._skipped += 1
 
     @property
     def takes_state(self) -> bool:
-        """Whether nothing waits that was sent before."""
+        """Whether nothing that was sent before still waits."""
         transport = self._transport
         return transport is not None and self._late < SEND_BUFFER and not transport.get_write_buffer_size()
 
     def close(self) -> None:
-        """Deliver what was sent, then end the connection."""
+        """Deliver what was sent, then close the connection."""
         if self._late:
             self._closing = True
         elif self._transport is not None:
             self._transport.close()
 
     def hang_up(self) -> None:
-        """Deliver what was sent, and end the connection once the client has done so, or soon.
+        """Deliver what was sent, and close the connection when the client closes its side, or after 1 s.
 
-        A connection that is closed while bytes of the client are unread is reset, and the client may lose the answer.
+        A connection that is closed while bytes from the client are unread is reset, and the client may lose the answer.
         """
         transport = self._transport
-        if transport is None or self._deaf:
+        if transport is None or self._discarding:
             return
         if self._late:
             self.close()
             return
-        self._deaf = True
+        self._discarding = True
         transport.write_eof()
         if self.is_open:
             self._lingering = asyncio.get_running_loop().call_later(_LINGER_S, self.close_now)
 
     def close_now(self) -> None:
-        """End the connection, without waiting for a client that does not read."""
+        """Close the connection, without waiting for a client that does not read."""
         transport = self._transport
         if transport is not None and (self._late or transport.get_write_buffer_size()):
             transport.abort()
@@ -165,7 +166,7 @@ class Connection(asyncio.BufferedProtocol):
             self.close()
 
     def read_on(self, going: bool) -> None:
-        """Read the client's bytes, or leave them with the system for now."""
+        """Read from the client, or leave its bytes in the system's buffer for now."""
         self._wants_reading = going
         self._read()
 
@@ -173,49 +174,49 @@ class Connection(asyncio.BufferedProtocol):
 
     @property
     def is_open(self) -> bool:
-        """False once it ends."""
+        """False once the connection is closing."""
         return self._transport is not None and not self._transport.is_closing()
 
     @property
     def unsent(self) -> int:
-        """Bytes that the system does not take, because the client does not read."""
+        """Number of bytes beyond the system's buffer, because the client does not read."""
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     @property
     def undelivered(self) -> int:
-        """Those, and what hooks keep back."""
+        """Number of unsent bytes, and of those that hooks hold back."""
         return self.unsent + self._late
 
     def stall(self, reason: object) -> None:
-        """Leave the client's bytes with the system until ``unstall`` for the same reason."""
+        """Do not read from the client until ``unstall`` for the same reason."""
         self._stalls.add(reason)
         self._read()
 
     def unstall(self, reason: object) -> None:
-        """Read again, unless there are other reasons."""
+        """Read from the client again, unless another reason remains."""
         self._stalls.discard(reason)
         self._read()
 
     def reset(self) -> None:
-        """End the connection at once, so that the client gets a reset (RST) instead of an end (FIN)."""
+        """Abort the connection, so that the client receives a reset (RST) instead of a regular end (FIN)."""
         transport = self._transport
         if transport is not None:
             self._set_option(socket.SO_LINGER, _RESET)
             transport.abort()
 
     def set_send_buffer(self, size: int | None) -> None:
-        """Let the system keep so many unread bytes; None for as many as usual."""
+        """Set the size of the system's send buffer; None for the usual size."""
         self._set_option(socket.SO_SNDBUF, SEND_BUFFER if size is None else size)
 
     def keep(self, direction: Direction, count: int) -> None:
-        """A hook keeps this number of bytes back, and will pass them on."""
+        """Register that a hook holds back this number of bytes, which it will pass on."""
         self._kept[direction] += count
         self._late = self._kept[Direction.SENT]
 
     def pass_on(
         self, direction: Direction, data: bytes, after: "BytesHook[Connection]", count: int | None = None
     ) -> None:
-        """Pass on bytes that a hook kept back; ``count``: of those it kept, if not as many as it passes on."""
+        """Pass on bytes that a hook held back; ``count``: how many it held back, if it passes on another number."""
         self.keep(direction, -(len(data) if count is None else count))
         transport = self._transport
         if transport is None or transport.is_closing():
@@ -233,7 +234,7 @@ class Connection(asyncio.BufferedProtocol):
     # both sides
 
     def _trace(self, text: str, *values: object) -> None:
-        """A line that ``--log-level debug`` shows: what becomes of a client, with robot time."""
+        """Log an event of the client, with robot time, for ``--log-level debug``."""
         if _logger.isEnabledFor(logging.DEBUG):
             server = self.server
             _logger.debug("%.3f s: %s: %s " + text, server.robot_time_s, server.name, self.peer, *values)
@@ -246,7 +247,7 @@ class Connection(asyncio.BufferedProtocol):
             transport.write(data)
 
     def _receive(self, data: bytes) -> None:
-        if self._deaf:
+        if self._discarding:
             return
         try:
             if self._opening is not None:
@@ -257,12 +258,12 @@ class Connection(asyncio.BufferedProtocol):
             _logger.warning("%s: %s is disconnected: %s", self.server.name, self.peer, error)
             self.close()
         except MemoryError:
-            _logger.warning("%s: %s is disconnected: no memory for what it sends", self.server.name, self.peer)
+            _logger.warning("%s: %s is disconnected: no memory for the data it sent", self.server.name, self.peer)
             if self._transport is not None:
                 self._transport.abort()
 
     def _judge(self, opening: Opening, data: bytes) -> bytes:
-        """What may be read of a connection that has just begun; a web browser's ends."""
+        """The bytes to read of a new connection; that of a web browser is aborted."""
         passed = opening.feed(data)
         if isinstance(opening.verdict, Visitor):
             reason, text = _WRONG_PORT[opening.verdict]
@@ -274,7 +275,7 @@ class Connection(asyncio.BufferedProtocol):
         return passed
 
     def _at_end(self) -> bool:
-        """What began like a browser's request and did not go on was none."""
+        """Read held-back first bytes, which were not a browser's request after all; then whether to stay open."""
         opening, self._opening = self._opening, None
         if opening is not None and not isinstance(opening.verdict, Visitor):
             self._receive(opening.rest())
@@ -323,12 +324,12 @@ class Connection(asyncio.BufferedProtocol):
 
     def eof_received(self) -> bool:
         self._ended = bool(self._kept[Direction.RECEIVED])
-        return not self._deaf and (self._ended or self._at_end())
+        return not self._discarding and (self._ended or self._at_end())
 
     def _read_rest(self) -> None:
-        """What the client sent before it reset the connection: asyncio drops that when a write notices the reset first.
+        """Read what the client sent before it reset the connection: asyncio drops it if a write sees the reset first.
 
-        Clients that close with states unread reset it, right behind their last command.
+        Clients that close the connection with unread states reset it, right after their last command.
         """
         own = self._transport.get_extra_info("socket") if self._transport is not None else None
         if own is None or self._stalls or not self._wants_reading:

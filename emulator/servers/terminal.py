@@ -1,4 +1,4 @@
-"""Terminals of this machine as the device on the tool's serial line: a pseudo terminal, or a serial port. Unix only."""
+"""Terminals of this machine as the device on the tool's serial line: a pseudo terminal or serial port. Unix only."""
 
 import asyncio
 import logging
@@ -20,7 +20,7 @@ _logger = logging.getLogger(__name__)
 
 
 def pseudo_terminal() -> tuple[list[int], str]:
-    """Both ends: as long as one holds the far end, it can be opened and closed by others without an error here."""
+    """Open both ends: while the far end stays open, other programs can open and close it without an error here."""
     near, far = os.openpty()
     tty.setraw(far)
     os.set_blocking(near, False)
@@ -40,7 +40,7 @@ def serial_port(path: str) -> tuple[list[int], str]:
 
 
 class TerminalDevice:
-    """A terminal's descriptor, read by the running event loop; the line looks at it once per control period."""
+    """A terminal's descriptor, read by the running event loop; the line polls it once per control period."""
 
     def __init__(self, descriptor: int, name: str) -> None:
         self._descriptor = descriptor
@@ -51,18 +51,18 @@ class TerminalDevice:
         self._loop.add_reader(descriptor, self._readable)
 
     def close(self) -> None:
-        """Read no longer."""
+        """Stop reading."""
         self._loop.remove_reader(self._descriptor)
 
     def configure(self, settings: SerialSettings) -> None:
-        """Baud rate, parity and stop bits of the port; a pseudo terminal takes note of them."""
+        """Set baud rate, parity and stop bits of the port; a pseudo terminal only stores them."""
         try:
             termios.tcsetattr(self._descriptor, termios.TCSANOW, _attributes(self._descriptor, settings))
         except (AttributeError, termios.error) as error:
-            _logger.warning("the tool device %s cannot do %d baud: %s", self._name, settings.baud_rate, error)
+            _logger.warning("the tool device %s does not support %d baud: %s", self._name, settings.baud_rate, error)
 
     def write(self, data: bytes) -> None:
-        """What the device does not take, because nobody reads it, is lost."""
+        """Write; bytes that the device does not accept, because nobody reads them, are lost."""
         with suppress(BlockingIOError, OSError):
             os.write(self._descriptor, data)
 
@@ -79,11 +79,11 @@ class TerminalDevice:
             data = os.read(self._descriptor, _READ_BYTES)
         except BlockingIOError:
             return
-        except OSError:  # as some systems say it
+        except OSError:  # as reported on some systems
             data = b""
         self._inbox += data
         if not data:
-            _logger.warning("the tool device %s is gone", self._name)
+            _logger.warning("the tool device %s was disconnected", self._name)
             self._loop.remove_reader(self._descriptor)
         elif len(self._inbox) >= _MOST_UNREAD:
             self._reading = False

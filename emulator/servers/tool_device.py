@@ -1,9 +1,9 @@
-"""The device on the tool's serial line, when it is not inside the emulator: a pseudo terminal or a serial port.
+"""The device on the tool's serial line if it is outside the emulator: a pseudo terminal or a serial port.
 
     with open_tool_device("pty") as (device, name):  # in a running event loop
         print(name)
 
-Needs a Unix: elsewhere only the echo is there.
+Requires Unix; on other systems only the echo is available.
 """
 
 import os
@@ -22,7 +22,7 @@ from emulator.snapshot import Snapshot
 
 
 class ToolCommunicationServer(PortServer):
-    """Bytes both ways, whatever they mean."""
+    """Forwards bytes in both directions, without interpreting them."""
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("tool line", controller)
@@ -36,7 +36,7 @@ class ToolCommunicationServer(PortServer):
 
 
 class _ToolConnection(Connection):
-    patient = False  # a device may answer to a single letter
+    patient = False  # a device may answer a single letter
 
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
@@ -55,7 +55,7 @@ class _ToolConnection(Connection):
             self.server.connections[0].read_on(True)
 
     def _read_on(self, going: bool) -> None:
-        """Only the owner of the line is read."""
+        """Read only from the owner of the line."""
         self.read_on(going and self.server.connections[:1] == [self])
 
 
@@ -65,7 +65,7 @@ PTY: Final = "pty"
 
 @contextmanager
 def open_tool_device(choice: str) -> Iterator[tuple[SerialDevice, str]]:
-    """The device and what to call it: ``echo``, a new pseudo terminal for ``pty``, else a serial port by its path.
+    """The device and its name: ``echo``, a new pseudo terminal for ``pty``, otherwise the serial port at this path.
 
     Raises OSError for a path that cannot be opened or is not a terminal.
     """
@@ -73,7 +73,7 @@ def open_tool_device(choice: str) -> Iterator[tuple[SerialDevice, str]]:
         yield EchoDevice(), "an echo"
         return
     if sys.platform == "win32":
-        raise OSError(None, f"the tool device {choice} needs Linux or macOS: here there is only {ECHO}")
+        raise OSError(None, f"the tool device {choice} requires Linux or macOS: use {ECHO}")
     from emulator.servers import terminal  # not on every system
 
     descriptors, name = terminal.pseudo_terminal() if choice == PTY else terminal.serial_port(choice)

@@ -1,9 +1,9 @@
-"""What a web browser says first, to a port that is not for it.
+"""Recognises web browsers on ports that are not for them.
 
 A page of any site can make a browser send requests to this machine and its network: a POST whose body is a script or
-lines for the dashboard, one to the RTDE port whose body begins where a package would, a TLS handshake with text of the
-page's choice in its session ticket. So the first bytes of a connection are looked at before anybody reads them. What
-browsers send is known by its first line or its first nine bytes, and no client of a robot begins like that:
+dashboard commands, one to the RTDE port whose body begins where a package would, a TLS handshake with text of the
+page's choice in its session ticket. So the first bytes of a connection are checked before they are processed. Browsers
+are recognised by their first line or first nine bytes, with which no client of a robot begins:
 
 - an HTTP request line, ``METHOD target HTTP/1.1``: the method in upper case, the target a path, a URL or ``*``.
 - a TLS record that holds nothing but a ClientHello: its two lengths agree.
@@ -15,23 +15,23 @@ from typing import Final
 from urproto.compat import StrEnum
 
 _METHOD: Final = re.compile(rb"[A-Z][A-Z0-9_-]{0,31}")
-_CONNECT: Final = b"CONNECT"  # the one method whose target is host and port
+_CONNECT: Final = b"CONNECT"  # the only method whose target is host and port
 _TARGETS: Final = (b"/", b"*", b"http://", b"https://")
 _VERSION: Final = b"HTTP/"
-_LONGEST_TARGET: Final = 2048  # bytes: what still looks like a request then is one (guess)
+_LONGEST_TARGET: Final = 2048  # bytes: whatever still looks like a request then is one (guess)
 _HANDSHAKE: Final = b"\x16\x03"
 _CLIENT_HELLO: Final = 1
 
 
 class Visitor(StrEnum):
-    """Who has come to the wrong port."""
+    """A kind of client that is at the wrong port."""
 
     HTTP = "http"
     TLS = "tls"
 
 
 def visitor(start: bytes) -> Visitor | bool:
-    """Who a connection comes from that begins like this; False: none of them; True: any of them, more has to come."""
+    """The kind of client whose connection begins like this; False: none of them; True: undecided, more is needed."""
     if not start:
         return True
     return _tls(start) if start[0] == _HANDSHAKE[0] else _http(start)
@@ -70,7 +70,7 @@ def _tls(start: bytes) -> Visitor | bool:
 class Opening:
     """The first bytes of a connection, until it is known whether a browser sent them.
 
-    patient: keep them back so long. Otherwise they pass at once, for clients that wait for what a single byte does.
+    patient: hold them back until then. Otherwise they pass immediately, for clients that send single bytes and wait.
     """
 
     def __init__(self, *, patient: bool) -> None:
@@ -80,7 +80,7 @@ class Opening:
         self.verdict: Visitor | bool = True
 
     def feed(self, data: bytes) -> bytes:
-        """What may be read now. Look at ``verdict`` first: of a visitor's bytes there is none."""
+        """The bytes that may be read now; none if ``verdict``, which must be checked first, is a visitor."""
         self._start += data
         self.verdict = visitor(self._start)
         if isinstance(self.verdict, Visitor) or (self.verdict and self._patient):
@@ -88,6 +88,6 @@ class Opening:
         return self.rest()
 
     def rest(self) -> bytes:
-        """What was kept back: nothing more comes."""
+        """The bytes held back, at the end of the connection."""
         rest, self._passed = self._start[self._passed :], len(self._start)
         return rest

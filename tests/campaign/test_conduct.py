@@ -78,10 +78,10 @@ def test_a_campaign_that_was_interrupted_goes_on(tmp_path: Path) -> None:
 
 def test_results_of_another_campaign_are_not_gone_on_with(tmp_path: Path) -> None:
     conducted(read_plan(write(tmp_path, "script: work.script")), tmp_path / "out")
-    with pytest.raises(ConfigError, match="has changed since"):
+    with pytest.raises(ConfigError, match="has changed: add --fresh"):
         conducted(read_plan(write(tmp_path, "script: work.script", "sync()\n")), tmp_path / "out")
     (tmp_path / "out" / "journal.jsonl").write_text("what is this\n")
-    with pytest.raises(ConfigError, match="is not a campaign's"):
+    with pytest.raises(ConfigError, match="is not a campaign journal"):
         conducted(read_plan(write(tmp_path)), tmp_path / "out")
 
 

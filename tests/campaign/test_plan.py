@@ -61,7 +61,7 @@ def test_a_million_runs_take_no_room(tmp_path: Path) -> None:
         ("{script: work.script, matrix: {polyscope: [5.10]}}", "write it in quotes"),
         ("{script: work.script, matrix: {speed: [2]}}", "speed is not an option of a campaign"),
         ("{script: work.script, options: {seed: 1}, matrix: {seed: [2]}}", "seed is in options and in seed"),
-        ("{script: work.script, matrix: {r: [{model: ur3}, ur5]}}", "either all of its values are mappings"),
+        ("{script: work.script, matrix: {r: [{model: ur3}, ur5]}}", "either all of its values must be mappings"),
         ("{script: nowhere.script}", "nowhere.script"),
         ("{pytest: nowhere.py}", "nowhere.py is not there"),
         ("{script: work.script, limit_s: 0}", "limit_s"),

@@ -94,7 +94,7 @@ async def test_on_the_command_line(emulator: Emulator) -> None:
     status, output = await run("clear_fault", "1")
     assert (status, "no fault 1" in output) == (1, True)
     status, output = await run("inject_fault", "drop_connection", "wen=7")
-    assert (status, "has no wen" in output, output.count("\n")) == (2, True, 1)
+    assert (status, "has no argument wen" in output, output.count("\n")) == (2, True, 1)
     status, output = await run()
     assert "inject_fault kind [name=value ...]" in output
 

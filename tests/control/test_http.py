@@ -222,7 +222,7 @@ async def test_it_can_be_left_out() -> None:
 async def test_time_that_a_test_drives_is_not_driven_by_others() -> None:
     async with Emulator(config(), StepClock()) as emulator:
         status, answer = await beside(lambda: request(emulator, "/verbs/set_speed", b'{"speed": 2}'))
-        assert (status, "step by step" in answer["error"]) == (409, True)
+        assert (status, "virtual time" in answer["error"]) == (409, True)
 
 
 class TestCommand:

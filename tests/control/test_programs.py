@@ -138,7 +138,7 @@ def test_no_file_is_saved_elsewhere_or_as_something_else(robot: VirtualRobot, tm
 
 
 def test_what_cannot_be_saved_is_refused_with_its_reason(robot: VirtualRobot, tmp_path: Path) -> None:
-    with pytest.raises(BadArguments, match="at most 2 MiB"):
+    with pytest.raises(BadArguments, match="must not exceed 2 MiB"):
         robot.save_program("big.script", encoded("#" * (2 << 20) + "\n"))
     with pytest.raises(BadArguments, match="not base64"):
         robot.save_program("x.script", "?")

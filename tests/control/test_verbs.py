@@ -135,7 +135,7 @@ def test_inputs_outputs_and_registers(robot: VirtualRobot) -> None:
         ("set_speed_slider", {"fraction": 1.5}, "0 to 1"),
         ("set_encoder_speed", {"index": 2, "ticks_per_s": 1.0}, "encoder 2"),
         ("set_speed", {"speed": -1.0}, "-1"),
-        ("step", {"periods": 0}, "1 or more"),
+        ("step", {"periods": 0}, "at least 1"),
         ("state", {"names": ["actual_Q"]}, "actual_q"),
     ],
 )

@@ -146,10 +146,10 @@ def test_a_covered_camera_gives_black_pictures_until_it_is_free(robot):
 @pytest.mark.parametrize(
     ("kind", "arguments", "complaint"),
     [
-        ("missing_part", {"part": "table"}, "there is no part 'table'; there are: part"),
+        ("missing_part", {"part": "table"}, "there is no part 'table': choose from part"),
         ("slippery_part", {"part": "none"}, "there is no part 'none'"),
-        ("jammed_conveyor", {"conveyor": "part"}, "there is no conveyor 'part'; there are: belt"),
-        ("covered_camera", {"camera": "wrist"}, "there is no camera 'wrist'; there are: above"),
+        ("jammed_conveyor", {"conveyor": "part"}, "there is no conveyor 'part': choose from belt"),
+        ("covered_camera", {"camera": "wrist"}, "there is no camera 'wrist': choose from above"),
     ],
 )
 def test_what_is_not_in_the_scene_has_no_faults(robot, kind, arguments, complaint):
@@ -159,7 +159,7 @@ def test_what_is_not_in_the_scene_has_no_faults(robot, kind, arguments, complain
 
 def test_faults_of_a_scene_contradict_each_other_and_have_bounds(robot):
     robot.inject_fault("missing_part", part="part")
-    with pytest.raises(BadArguments, match="has the part part"):
+    with pytest.raises(BadArguments, match="occupies the part part"):
         robot.inject_fault("slippery_part", part="part")
     with pytest.raises(BadArguments, match="<= 1"):
         robot.inject_fault("slippery_part", part="part", friction=2.0)

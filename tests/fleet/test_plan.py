@@ -54,7 +54,7 @@ def test_every_option_of_a_robot_may_stand_in_a_file(tmp_path) -> None:
         ("robots: [{script-network: some}]", "entry 1: Invalid enum value 'some' - at `$.script_network`"),
         ("robots: [{count: 0}]", "entry 1: Expected `int` >= 1 - at `$.count`"),
         ("robots: [{count: 2, host: 127.0.0.9}]", "entry 1: 2 robots cannot share the host 127.0.0.9"),
-        ("robots: [{host: 127.0.0.9}, {host: 127.0.0.9}]", "robots 1 and 2 both want dashboard port 29999"),
+        ("robots: [{host: 127.0.0.9}, {host: 127.0.0.9}]", "robots 1 and 2 both use dashboard port 29999"),
         ("robots: [{count: 200}, {count: 200}]", "has 400 robots: a fleet has 1 to 250"),
         ("robots: []", "has 0 robots: a fleet has 1 to 250"),
         ("robots: {model: ur3}", "Expected `array`, got `object` - at `$.robots`"),
@@ -83,8 +83,8 @@ def test_mistakes_in_a_file_are_one_clear_line(tmp_path, text: str, problem: str
         (["--model", "ur4"], "robot 1, 127.0.0.1: unknown robot model 'ur4'"),
         (["--fleet", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--fleet", "missing.yaml", "--count", "3"], "leave out --count"),
-        (["--first-host", "here"], "the first host must be an address"),
-        (["--first-host", "255.255.255.255", "--count", "2"], "the first host must be an address"),
+        (["--first-host", "here"], "--first-host must be an address"),
+        (["--first-host", "255.255.255.255", "--count", "2"], "--first-host must be an address"),
     ],
 )
 def test_mistakes_on_the_command_line_are_one_clear_line(arguments: list[str], problem: str) -> None:
@@ -109,5 +109,5 @@ def test_processes_get_as_many_control_periods_each() -> None:
 
 
 def test_a_host_on_its_own_is_checked(tmp_path) -> None:
-    with pytest.raises(ConfigError, match="both want"):
+    with pytest.raises(ConfigError, match="both use"):
         plan(tmp_path / "fleet.yaml", "robots: [{host: 127.0.0.1, port_offset: 1}, {host: 127.0.0.1, port_offset: 2}]")

@@ -158,7 +158,7 @@ def test_an_action_that_is_not_a_number_is_refused(env):
 
 
 def test_bad_tasks_are_one_line():
-    with pytest.raises(TaskError, match="reward is dense or sparse"):
+    with pytest.raises(TaskError, match="reward must be dense or sparse"):
         PickAndPlaceEnv(reward="much")
     with pytest.raises(TaskError, match="render_mode"):
         PickAndPlaceEnv(render_mode="human")

@@ -56,7 +56,7 @@ async def test_a_flooded_loop_gives_its_priority_up(
     asked: list[int] = []
     used_s = time.monotonic  # as if this process had a core of its own
     monkeypatch.setattr(time, "thread_time", lambda: used_s())
-    monkeypatch.setattr(realtime, "_LOOK_S", 0.05)
+    monkeypatch.setattr(realtime, "_CHECK_EVERY_S", 0.05)
     monkeypatch.setattr(realtime, "_CALM_FOR_S", 0.1)
     monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, parameters: asked.append(policy))
     watching = asyncio.create_task(realtime.yield_under_overload())
@@ -64,7 +64,7 @@ async def test_a_flooded_loop_gives_its_priority_up(
     while not asked and time.monotonic() < deadline:  # nothing but work
         await asyncio.sleep(0)
     assert asked == [os.SCHED_OTHER]
-    assert "real-time priority is given up" in caplog.text
+    assert "it gives up real-time priority" in caplog.text
     used_s = lambda: 0.0  # noqa: E731
     while len(asked) < 2 and time.monotonic() < deadline:
         await asyncio.sleep(0.02)
@@ -105,7 +105,7 @@ def test_what_is_demanded_and_not_granted_is_an_error(monkeypatch: pytest.Monkey
     monkeypatch.setattr(realtime, "_set_timer_slack", lambda: None)
     monkeypatch.setattr(realtime.gc, "freeze", lambda: None)
     assert realtime.claim_real_time(realtime.RealTime.AUTO) == ["memory locked"]
-    with pytest.raises(realtime.RealTimeRefused, match="grants no SCHED_FIFO: let the user have it"):
+    with pytest.raises(realtime.RealTimeRefused, match="does not grant SCHED_FIFO: permit it to the user"):
         realtime.claim_real_time(realtime.RealTime.ON)
 
 

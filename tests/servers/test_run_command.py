@@ -173,7 +173,7 @@ def test_nobody_answers_questions_or_resumes_a_program(go: Go) -> None:
     status, out = go('def f():\n  x = request_integer_from_primary_client("how many?")\nend')
     assert status == 1
     assert "question: how many?" in out
-    assert "nobody is there to answer" in out
+    assert "give one with --answer" in out
 
 
 def test_an_endless_program_is_stopped(go: Go) -> None:
@@ -340,7 +340,7 @@ def test_questions_get_the_answers_in_their_order(go: Go) -> None:
     assert "--answer does" in out
     status, out = go(program, "--answer", "many")
     assert status == 1
-    assert "the answer 'many' was not taken" in out
+    assert "the answer 'many' was refused" in out
 
 
 def test_peers_that_are_not_there_answer(go: Go, tmp_path: Path) -> None:
@@ -386,7 +386,7 @@ def test_peers_that_are_not_there_answer(go: Go, tmp_path: Path) -> None:
         "elsewhere False",
     ]
     assert status == 1
-    assert "names no method unheard_of" in out
+    assert "has no method unheard_of" in out
 
 
 @pytest.mark.parametrize(
@@ -394,7 +394,7 @@ def test_peers_that_are_not_there_answer(go: Go, tmp_path: Path) -> None:
     [
         (["--joints", *"000009", "--model", "ur5"], "joint 5 cannot be at 9 rad"),
         (["--joints", *"00000x"], "'x' is not a number"),
-        (["--input", "digital9=1"], "there is no digital9: there are digital0 to 7"),
+        (["--input", "digital9=1"], "there is no digital9: choose from digital0 to 7"),
         (["--input", "digital1"], "not of the form NAME=VALUE"),
         (["--register", "int3=0.5"], "whole number"),
         (["--register", "float3=nan"], "'nan' is not a number"),
@@ -417,9 +417,9 @@ def test_what_a_run_cannot_be_told(
         ("ftp: {}", "there is no 'ftp'"),
         ("sockets: {10.0.0.1: {}}", "is not an address"),
         ("sockets: {'a:1': {says: b}}", "there is no 'says'"),
-        ("sockets: {'a:1': {answers: {x: []}}}", "needs one at least"),
-        ("sockets: {'a:1': {answers: {x: [[1]]}}}", "an answer is a text"),
-        ("xmlrpc: {'a:1': {}}", "is not an address of XML-RPC"),
+        ("sockets: {'a:1': {answers: {x: []}}}", "must not be empty"),
+        ("sockets: {'a:1': {answers: {x: [[1]]}}}", "an answer must be text"),
+        ("xmlrpc: {'a:1': {}}", "is not an XML-RPC address"),
         ("[", "is not YAML"),
     ],
 )
