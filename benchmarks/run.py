@@ -13,25 +13,10 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Final
 
-import campaign
-import crowd
-import fleet
-import idle
-import jitter
-import latency
-import pendant
-import physics
-import planning
-import ros2_driver
-import rtde_codec
-import startup
-import streaming
-import tick_rate
-import urscript_speed
 from table import Table
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
@@ -44,55 +29,55 @@ Machine: {machine}
 """
 
 
-MEASUREMENTS: Final[tuple[Callable[[], Table], ...]] = (
-    startup.measure,
-    startup.measure_imports,
-    idle.measure,
-    idle.measure_stages,
-    jitter.measure,
-    crowd.measure,
-    fleet.measure,
-    fleet.measure_growth,
-    fleet.measure_virtual,
-    latency.measure,
-    streaming.measure,
-    pendant.measure,
-    planning.measure,
-    ros2_driver.measure,
-    ros2_driver.latency,
-    tick_rate.measure,
-    tick_rate.measure_dynamics,
-    physics.measure,
-    physics.measure_learning,
-    physics.measure_real_time,
-    rtde_codec.measure,
-    urscript_speed.measure_compiling,
-    urscript_speed.measure,
-    campaign.measure,
+MEASUREMENTS: Final = (
+    "startup.measure",
+    "startup.measure_imports",
+    "idle.measure",
+    "idle.measure_stages",
+    "jitter.measure",
+    "crowd.measure",
+    "fleet.measure",
+    "fleet.measure_growth",
+    "fleet.measure_virtual",
+    "latency.measure",
+    "streaming.measure",
+    "pendant.measure",
+    "planning.measure",
+    "ros2_driver.measure",
+    "ros2_driver.latency",
+    "tick_rate.measure",
+    "tick_rate.measure_dynamics",
+    "physics.measure",
+    "physics.measure_learning",
+    "physics.measure_real_time",
+    "rtde_codec.measure",
+    "urscript_speed.measure_compiling",
+    "urscript_speed.measure",
+    "campaign.measure",
 )
+"""Modules of this folder and the functions in them that measure a table, in the order of the page."""
 _SECTION: Final = re.compile(r"^<!-- ([\w.]+) -->\n(.*?)(?=^<!-- [\w.]+ -->\n|\Z)", re.MULTILINE | re.DOTALL)
 
 
 def main() -> int:
     """Measure and write; 1 when something could not be measured."""
-    modules = sorted({measurement.__module__ for measurement in MEASUREMENTS})
+    modules = sorted({name.partition(".")[0] for name in MEASUREMENTS})
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("only", nargs="*", metavar="module", help=f"measure these alone: {', '.join(modules)}")
-    parser.add_argument("--seconds", type=float, default=jitter.SECONDS, help="of each control period measurement")
+    parser.add_argument("--seconds", type=float, help="of each measurement of the control period (default: 60)")
     arguments = parser.parse_args()
     if unknown := sorted(set(arguments.only) - set(modules)):
         parser.error(f"no benchmark is called {', '.join(unknown)}: there are {', '.join(modules)}")
     page = TARGET.read_text() if TARGET.exists() else ""
     sections = dict(_SECTION.findall(page)) if arguments.only else {}
     failures = 0
-    for measurement in MEASUREMENTS:
-        name = f"{measurement.__module__}.{measurement.__name__}"
-        if arguments.only and measurement.__module__ not in arguments.only:
+    for name in MEASUREMENTS:
+        if arguments.only and name.partition(".")[0] not in arguments.only:
             continue
-        began = time.monotonic()
-        measure = partial(measurement, arguments.seconds) if measurement is jitter.measure else measurement
+        began, load = time.monotonic(), _load()
+        options = [arguments.seconds] if name == "jitter.measure" and arguments.seconds else []
         try:
-            sections[name] = measure().markdown()
+            sections[name] = f"{_measurement(name)(*options).markdown()}\n{load}"
         except Exception as error:  # one that fails must not cost the page the results of the others
             traceback.print_exc()
             failures += 1
@@ -104,9 +89,22 @@ def main() -> int:
     return 1 if failures else 0
 
 
+def _measurement(name: str) -> Callable[..., Table]:
+    """The function of that name; its module is imported here, since some need packages that not everybody has."""
+    module, _, function = name.partition(".")
+    found: Callable[..., Table] = getattr(import_module(module), function)
+    return found
+
+
+def _load() -> str:
+    """How busy the machine was before: figures of a busy one are to be compared within a table only."""
+    if not hasattr(os, "getloadavg"):
+        return ""
+    return f"Load average of the machine when this began: {os.getloadavg()[0]:.1f}.\n"
+
+
 def _write(sections: dict[str, str]) -> None:
-    names = (f"{measurement.__module__}.{measurement.__name__}" for measurement in MEASUREMENTS)
-    parts = (f"<!-- {name} -->\n{sections[name].strip()}\n" for name in names if name in sections)
+    parts = (f"<!-- {name} -->\n{sections[name].strip()}\n" for name in MEASUREMENTS if name in sections)
     TARGET.write_text("\n".join([HEAD.format(machine=_machine()), *parts]))
 
 
