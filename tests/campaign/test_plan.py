@@ -50,8 +50,8 @@ def test_a_million_runs_take_no_room(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("matrix: {}", "give 'script' or 'pytest'"),
-        ("{script: work.script, pytest: a.py}", "give 'script' or 'pytest'"),
+        ("matrix: {}", "give either 'script' or 'pytest'"),
+        ("{script: work.script, pytest: a.py}", "give either 'script' or 'pytest'"),
         ("{script: work.script, matrix: {model: [ur3, ur4]}}", "unknown robot model 'ur4'"),
         ("{script: work.script, matrix: {model: []}}", "model has no values"),
         ("{script: work.script, matrix: {seed: {from: 1}}}", "seed: write a list"),

@@ -185,7 +185,7 @@ async def test_a_device_that_is_pulled_out(caplog: pytest.LogCaptureFixture) -> 
         os.close(port)
         os.close(wire)
         async with timeout(20):
-            while "is gone" not in caplog.text:
+            while "was disconnected" not in caplog.text:
                 await asyncio.sleep(0)
         client = await Client.connect(emulator)
         client.writer.write(b"anyone?")
