@@ -115,7 +115,7 @@ def test_parameters_that_contain_themselves():
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 10**400, "1", True, None])
 def test_a_parameter_that_is_no_number_is_refused_by_name(number):
-    with pytest.raises(ControllerError, match=r"x: p is a (finite )?number, not"):
+    with pytest.raises(ControllerError, match=r"x: p must be a (finite )?number, not"):
         read_parameters(Gains, {"p": number}, "x", Reading())
 
 
@@ -193,12 +193,12 @@ def test_the_example_is_read():
     ("old", "new", "words"),
     [
         ("[0.785, -1.57]", "[0.785]", "pos1.positions has 1 numbers for 2 joints"),
-        ("[0.785, -1.57]", "[0.785, high]", "pos1.positions is a list of numbers"),
-        ("positions:", "places:", "the goal pos1 has places"),
+        ("[0.785, -1.57]", "[0.785, high]", "pos1.positions must be a list of numbers"),
+        ("positions:", "places:", "unknown field places"),
         ('["pos1", "pos2"]', '["pos1", "home"]', "the goal home has none of positions"),
         ('["pos1", "pos2"]', "[]", "goal_names is empty"),
-        ("[-0.1, 0.1]", "[0.1]", "starting_point_limits.shoulder_pan_joint is the lowest"),
-        ("publish: 6", "publish: soon", "wait_sec_between_publish is a number"),
+        ("[-0.1, 0.1]", "[0.1]", "starting_point_limits.shoulder_pan_joint must be the lowest"),
+        ("publish: 6", "publish: soon", "wait_sec_between_publish must be a number"),
         ('controller_name: "joint_trajectory_controller"', "speed: 1", "neither a controller_name"),
     ],
 )
@@ -222,7 +222,7 @@ def test_the_shell_lists_what_there_is(tmp_path):
     )
     broken = run(app, ["controllers", "list", "--controllers", str(bad)])
     assert broken.exit_code == 1
-    assert "joints is a list" in broken.output
+    assert "joints must be a list" in broken.output
     assert "hurry is not a controller" in broken.output
 
 

@@ -422,8 +422,8 @@ def test_an_inactive_controller_takes_no_goals_and_deactivation_aborts():
             "the state interface velocity",
         ),
         ({"constraints": {"wrist_joint": {"goal": 0.1}}}, "wrist_joint"),
-        ({"constraints": {"goal_time": "soon"}}, "constraints.goal_time is a number"),
-        ({"joints": "elbow_joint"}, "joints is a list"),
+        ({"constraints": {"goal_time": "soon"}}, "constraints.goal_time must be a number"),
+        ({"joints": "elbow_joint"}, "joints must be a list"),
     ],
 )
 def test_parameters_that_make_no_sense(parameters, words):

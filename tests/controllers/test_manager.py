@@ -69,12 +69,12 @@ def test_two_controllers_cannot_have_one_interface():
     bench.manager.load("forward")
     bench.manager.configure("forward")
     handle = jtc.send_goal(trajectory(point(1.0, 1.0, 1.0)))
-    with pytest.raises(ControllerError, match="forward: jtc has shoulder_joint/position"):
+    with pytest.raises(ControllerError, match="forward: jtc has claimed shoulder_joint/position"):
         bench.manager.activate("forward")
     assert state_of(bench, "forward") is LifecycleState.INACTIVE
     assert bench.until(handle).error_code is ErrorCode.SUCCESSFUL
     bench.manager.deactivate("jtc")
-    with pytest.raises(ControllerError, match="has shoulder_joint/position"):
+    with pytest.raises(ControllerError, match="has claimed shoulder_joint/position"):
         bench.manager.switch(activate=["jtc", "forward"])
     assert not bench.manager.active()
 

@@ -91,7 +91,7 @@ async def test_controllers_go_through_their_lives(manager):
         done = await shell.ask("switch_controller", activate=["jtc"])
         assert done == {"activated": ["jtc"], "deactivated": []}
         with pytest.raises(
-            ControllerError, match="forward: jtc has shoulder_joint/position: deactivate it in the same"
+            ControllerError, match="forward: jtc has claimed shoulder_joint/position: deactivate it in the same"
         ):
             await shell.ask("switch_controller", activate=["forward"])
         with pytest.raises(ControllerError, match="nonsense: it is not loaded"):
@@ -129,7 +129,7 @@ async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
     for values, words in (
         ({"constraints.goal_time": 1.0, "hurry": 1}, "it has no parameter"),
         ({"constraints.goal_time": 1.0, "joints": ["x"]}, "joints is read-only"),
-        ({"constraints.goal_time": "soon"}, "constraints.goal_time is a number"),
+        ({"constraints.goal_time": "soon"}, "constraints.goal_time must be a number"),
         ({"constraints.goal_time": 1.0, "interpolation_method": "x"}, "read-only"),
     ):
         with pytest.raises(ControllerError, match=words):
