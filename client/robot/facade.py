@@ -66,18 +66,6 @@ class AsyncRobot:
     **Settings** work with and without the control program, and during a motion. They raise LocalProtocolError for
     invalid values, and RobotRefused if no effect is seen.
 
-    In the order of this file:
-
-    - state: `state`, `q`, `tcp_pose`, `digital_in`, `digital_out`, `tcp_pose_at`
-    - readiness: `make_ready`, `recover`
-    - motions: `move_j`, `move_l`, `move_p`, `move_c`, `sequence`, `plan_to`, `speed_j`, `speed_l`, `jog`,
-      `move_until_contact`
-    - the motion under way: `progress`, `moving`, `wait_done`, `wait_for`, `stop`
-    - contexts: `servo_j` to `force_mode`; `stream`
-    - settings: `set_digital_out`, `set_payload`, `set_tcp`, `set_speed_slider`, `set_watchdog` and others
-    - queries: `tcp_offset`, `history`, `is_steady`, `step_time`, `target_waypoint`
-    - for custom control programs: `need_program`, `ask`, `free`, `start_again`
-
     Kinematics, dynamics, contact, force, planning, I/O, other programs and the dashboard are components, listed below.
     """
 
@@ -521,10 +509,7 @@ class AsyncRobot:
         await self._settings.set_digital_out(number, on)
 
     async def set_payload(self, mass_kg: float, cog_m: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame.
-
-        It takes effect within a few control periods.
-        """
+        """Set the payload's mass and its centre of gravity (3,) [m] in the flange frame, within a few periods."""
         await self.driver.set_payload(mass_kg, cog_m)
 
     async def set_target_payload(
@@ -595,11 +580,7 @@ class AsyncRobot:
     # for custom control programs
 
     async def need_program(self, doing: str) -> None:
-        """Make sure that the control program is running and accepts commands, or raise the error that says why not.
-
-        It is started under the same conditions as by a motion: for the first time, or after it ended because this
-        machine was late.
-        """
+        """Make sure that the control program runs, starting it as a motion would; raises the error that says why not."""
         await self._readiness.need_program(doing)
 
     async def ask(
@@ -614,10 +595,7 @@ class AsyncRobot:
         return await self._readiness.ask(doing, question, *arguments, number=number, gate=gate)
 
     async def free(self, doing: str) -> None:
-        """Make sure that no motion or context is using the arm.
-
-        Raises LocalProtocolError, or the failure of a motion that has not been reported to a caller yet.
-        """
+        """Raise LocalProtocolError while a motion or context uses the arm, or the unreported failure of a motion."""
         await self._motion.check_free(doing)
 
     async def start_again(self, doing: str) -> None:
