@@ -56,12 +56,9 @@ class AsyncRobot:
 
     Moves and contexts start the control program if it has not been started, and restart it if it ended because this
     machine was late. If it ended for any other reason, only `make_ready` starts it again: it may have been stopped on
-    purpose. They raise
-
-    - OutOfReachError before anything moves, for the first target that is out of reach;
-    - ProtectiveStopError and SafetyStopError, with the cause that the robot reports;
-    - MotionStoppedError when the motion was stopped, and ProgramEndedError when the control program ended;
-    - RobotRefused in a mode in which the arm cannot move, and RobotUnreachableError.
+    purpose. They raise OutOfReachError before anything moves, for the first target out of reach; ProtectiveStopError and
+    SafetyStopError with the cause that the robot reports; MotionStoppedError and ProgramEndedError; RobotRefused in a
+    mode in which the arm cannot move; RobotUnreachableError.
 
     **Settings** work with and without the control program, and during a motion. They raise LocalProtocolError for
     invalid values, and RobotRefused if no effect is seen.
@@ -580,7 +577,7 @@ class AsyncRobot:
     # for custom control programs
 
     async def need_program(self, doing: str) -> None:
-        """Make sure that the control program runs, starting it as a motion would; raises the error that says why not."""
+        """Make sure that the control program runs, starting it as a motion would; raises why it does not."""
         await self._readiness.need_program(doing)
 
     async def ask(
