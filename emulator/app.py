@@ -39,8 +39,8 @@ from emulator.servers.program_state import ProgramReporter
 from emulator.servers.read_budget import ReadBudget
 from emulator.servers.rtde import RTDEServer
 from emulator.servers.script_sockets import NetworkSockets, OwnPorts, ScriptPort
+from emulator.servers.send_scheduler import STATES_PER_SECOND, SendScheduler
 from emulator.servers.tool_device import ToolCommunicationServer, open_tool_device
-from emulator.servers.turns import STATES_PER_SECOND, SendScheduler
 from emulator.snapshot import Snapshot
 from urproto.compat import Self
 from urproto.dashboard import AVAILABLE as DASHBOARD

@@ -56,9 +56,9 @@ class Port(Protocol):
     @property
     def robot_time_s(self) -> float: ...
 
-    def came(self, connection: "Connection") -> None: ...
+    def client_connected(self, connection: "Connection") -> None: ...
 
-    def gone(self, connection: "Connection") -> None: ...
+    def client_disconnected(self, connection: "Connection") -> None: ...
 
 
 class Connection(asyncio.BufferedProtocol):
@@ -305,7 +305,7 @@ class Connection(asyncio.BufferedProtocol):
         if not self.server.hooks.admits(self):
             transport.abort()
             return
-        self.server.came(self)
+        self.server.client_connected(self)
         self._trace("connected")
         self.opened()
 
@@ -345,7 +345,7 @@ class Connection(asyncio.BufferedProtocol):
         self._transport = None
         if self._lingering is not None:
             self._lingering.cancel()
-        self.server.gone(self)
+        self.server.client_disconnected(self)
         if connected:
             self._trace("disconnected%s", f": {exc}" if exc else "")
             self.lost()

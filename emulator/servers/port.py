@@ -17,7 +17,7 @@ from emulator.servers.admission import Acceptor, ClientLimits, Reason, TurnedAwa
 from emulator.servers.connection import SEND_BUFFER, Connection
 from emulator.servers.hooks import Hooks
 from emulator.servers.read_budget import ReadBudget
-from emulator.servers.turns import SendScheduler
+from emulator.servers.send_scheduler import SendScheduler
 from emulator.snapshot import Snapshot
 from urproto.versions import PolyscopeVersion
 
@@ -198,15 +198,15 @@ class PortServer:
         try:
             await asyncio.get_running_loop().connect_accepted_socket(lambda: connection, client)
         except OSError as error:
-            self.gone(connection)
+            self.client_disconnected(connection)
             _logger.info("%s: a client disconnected while it was being accepted: %s", self.name, error)
 
-    def came(self, connection: Connection) -> None:
+    def client_connected(self, connection: Connection) -> None:
         """Register a client that has connected."""
         self.connections.append(connection)
         self._subscribe()
 
-    def gone(self, connection: Connection) -> None:
+    def client_disconnected(self, connection: Connection) -> None:
         """Forget a client that has disconnected."""
         self._clients.pop(connection, None)
         self.send_scheduler.forget(connection)

@@ -20,7 +20,7 @@ from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from emulator.servers.program_state import ProgramReporter
-from emulator.servers.turns import StateFeed
+from emulator.servers.send_scheduler import StateFeed
 from emulator.snapshot import Snapshot
 from urproto.primary.messages import NO_TIMESTAMP_US, SafetyModeMessage, UnknownMessage, VersionMessage
 from urproto.realtime import realtime_packer
@@ -95,12 +95,12 @@ class RealtimeServer(PortServer):
     def connect(self) -> Connection:
         return ScriptConnection(self, read_only=self._read_only)
 
-    def came(self, connection: Connection) -> None:
-        super().came(connection)
+    def client_connected(self, connection: Connection) -> None:
+        super().client_connected(connection)
         self._feed.up_to_date.append(connection)
 
-    def gone(self, connection: Connection) -> None:
-        super().gone(connection)
+    def client_disconnected(self, connection: Connection) -> None:
+        super().client_disconnected(connection)
         self._feed.remove(connection)
 
     def publish(self, snapshot: Snapshot) -> None:

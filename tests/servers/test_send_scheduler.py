@@ -1,10 +1,10 @@
-"""What is published in one control period has a bound, and clients take turns; few of them notice nothing."""
+"""The number of state packages sent in one control period is limited; clients take turns, and a few notice nothing."""
 
 from dataclasses import dataclass, field
 
 import pytest
 
-from emulator.servers.turns import PACKAGES_PER_SECOND, SendScheduler, StateFeed
+from emulator.servers.send_scheduler import PACKAGES_PER_SECOND, SendScheduler, StateFeed
 
 PERIOD_S = 0.002
 MOST = round(PACKAGES_PER_SECOND * PERIOD_S)
