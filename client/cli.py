@@ -10,16 +10,16 @@ from urproto.commandline import Deferred, application, load_from, version_of
 
 _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     "dashboard": ("robot:dashboard_command", "Send one dashboard command and print the answer."),
-    "state": ("robot:state_command", "Print what the robot is doing right now."),
+    "state": ("robot:state_command", "Print the robot's current state: modes, joints and TCP pose."),
     "send": ("robot:send_command", "Send a script and wait until it runs."),
     "decode": (
         "traffic:decode_command",
         "Print captured traffic of any controller port, one line per message.",
     ),
-    "watch": ("robot:watch_command", "Show values of a robot as they change, until Ctrl-C."),
+    "watch": ("robot:watch_command", "Show RTDE outputs of a robot as they change, until Ctrl-C."),
     "goal": (
         "goals:goal_command",
-        "Move the arm to joint angles and stop there; Ctrl-C brings it to rest.",
+        "Move the arm to joint angles; Ctrl-C brings it to rest.",
     ),
     "plan": (
         "planning:plan_command",
@@ -33,16 +33,19 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
         "goals:forward_app",
         "Command positions or speeds through a forward controller; Ctrl-C brings the arm to rest.",
     ),
-    "record": ("record:record_command", "Record what a robot does, until Ctrl-C."),
+    "record": ("record:record_command", "Record a robot's states, until Ctrl-C."),
     "stream": (
         "record:stream_command",
         "Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C.",
     ),
-    "convert": ("record:convert_command", "Write a recording in another format."),
-    "dataset": ("dataset:dataset_command", "Make a LeRobot dataset (v3.0) of recordings, with the pictures in them."),
+    "convert": ("record:convert_command", "Convert a recording to another format."),
+    "dataset": (
+        "dataset:dataset_command",
+        "Create a LeRobot dataset (v3.0) from recordings, with the camera images in them.",
+    ),
     "plot": (
         "record:plot_command",
-        "Draw desired and actual positions and speeds, their differences and the speed scaling of a recording.",
+        "Plot a recording: desired and actual positions and speeds, their differences, and the speed scaling.",
     ),
     "fidelity": (
         "identification:fidelity_command",
@@ -50,34 +53,37 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "identify": (
         "identification:identify_command",
-        "Find the torque constants, rotors, friction and noise of an arm in a recording of it, for ur-emulator --arm.",
+        "Identify an arm's torque constants, rotors, friction and noise from a recording of it, for ur-emulator --arm.",
     ),
     "excite": (
         "identification:excite_command",
-        "Move every joint, within bounds around where the arm is, so that identify sees everything, and record it.",
+        "Move and record every joint, within bounds around the current configuration, as data for identify.",
     ),
     "replay": (
         "record:replay_command",
-        "Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest.",
+        "Move the arm slowly to the start of a recorded path, then along it as recorded; Ctrl-C brings it to rest.",
     ),
     "calibration": (
         "robot:calibration_command",
-        "Write the robot's calibration in the format of ur_description.",
+        "Save the robot's calibration in the format of ur_description.",
     ),
     "describe": (
         "record:describe_command",
-        "Write the URDF of an arm: joints, limits, inertias, geometry and, if there is one, calibration.",
+        "Write the URDF of an arm: joints, limits, inertias, geometry and, if available, its calibration.",
     ),
     "doctor": (
         "doctor:doctor_command",
-        "Examine this machine, the network and the robot, in some seconds. Exit status 1 if something cannot work.",
+        "Examine this machine, the network and the robot within seconds. Exit status 1 if something cannot work.",
     ),
     "pendant": ("pendant:pendant_command", "Serve a teach pendant for a robot or an emulator, until Ctrl-C."),
-    "installation": ("installation:installation_app", "PolyScope installations, without PolyScope."),
-    "program": ("program:program_app", "PolyScope programs, without PolyScope."),
+    "installation": (
+        "installation:installation_app",
+        "Create, show, change and check PolyScope installations, without PolyScope.",
+    ),
+    "program": ("program:program_app", "Create, show, check and export PolyScope programs, without PolyScope."),
     "tool-comm": (
         "robot:tool_comm_command",
-        "Make the serial line at the robot's tool (e-Series) a device of this machine, until Ctrl-C.",
+        "Provide the serial line at the robot's tool (e-Series) as a device on this machine, until Ctrl-C.",
     ),
     "proxy": (
         "traffic:proxy_command",
@@ -85,19 +91,19 @@ _COMMANDS: Final[Mapping[str, tuple[str, str]]] = {
     ),
     "ros2": (
         "ros2:ros2_command",
-        "Run the ROS 2 driver: nodes, topics, services and actions as of ur_robot_driver. See docs/ros2.md.",
+        "Run the ROS 2 driver: nodes, topics, services and actions as in ur_robot_driver. See docs/ros2.md.",
     ),
     "replay-traffic": (
         "traffic:replay_traffic_command",
-        "Stand in for the robot of a recording, until Ctrl-C: states at their times, answers to their requests.",
+        "Act as the robot of a recording, until Ctrl-C: send its states at their times and its answers to requests.",
     ),
     "compare": (
         "traffic:compare_command",
-        "Show whether two recordings agree, and where they diverge; exit status 1 when they differ.",
+        "Report whether two recordings agree, and where they diverge. Exit status 1 if they differ.",
     ),
     "controllers": (
         "controllers:controllers_app",
-        "ros2_control's controllers: a manager that runs, and what other shells ask of it.",
+        "Run a ros2_control controller manager, and manage its controllers from other shells.",
     ),
 }  # name: where it is below client.commands, and the beginning of its own help: listing it does not load it
 

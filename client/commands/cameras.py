@@ -1,4 +1,4 @@
-"""Options of commands that take pictures of cameras, and what they take them with."""
+"""Options of the commands that record or show camera images, and the function that fetches the images."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -12,15 +12,15 @@ from client.cameras import CameraClient, CameraFollower, Shot
 from client.recording.pictures import DEPTH, JPEG
 from urproto.ports import CAMERA_PORT
 
-_MOST_HZ: Final = 30.0  # what an emulator draws at most
-_MOST_WAITING: Final = 100  # pictures: more come only while a robot is lost, and then they are of no use
+_MOST_HZ: Final = 30.0  # the highest rate at which an emulator renders
+_MOST_WAITING: Final = 100  # images: more pile up only while the connection to the robot is lost; they are dropped
 
 CameraNames: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option("--camera", help="Pictures of this camera too, or all. Repeat it for several."),
+    typer.Option("--camera", help="Also include images of this camera; all for every camera. Repeatable."),
 ]
-CameraRate: TypeAlias = Annotated[float, typer.Option("--camera-rate", help="Pictures per second of each camera.")]
-CameraDepth: TypeAlias = Annotated[bool, typer.Option("--depth", help="Depth of those cameras too.")]
+CameraRate: TypeAlias = Annotated[float, typer.Option("--camera-rate", help="Images per second from each camera.")]
+CameraDepth: TypeAlias = Annotated[bool, typer.Option("--depth", help="Also include depth images of those cameras.")]
 CameraPort: TypeAlias = Annotated[
     int | None, typer.Option("--camera-port", help="Port of an emulator's cameras, if not the usual one.")
 ]
@@ -29,7 +29,7 @@ USUAL_HZ: Final = 5.0
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """What was given. names: none for no pictures."""
+    """The camera options of a command line. names: empty for no images."""
 
     robot_ip: str
     port: int
@@ -47,19 +47,19 @@ class CameraOptions:
         rate_hz: float,
         depth: bool = False,
     ) -> "CameraOptions":
-        """Of a command line. Raises BadParameter."""
+        """Check and collect the options. port: None for the usual one. Raises BadParameter."""
         if not 0.0 < rate_hz <= _MOST_HZ:
-            raise typer.BadParameter(f"--camera-rate is above 0 and at most {_MOST_HZ:g}, not {rate_hz:g}")
+            raise typer.BadParameter(f"--camera-rate must be above 0 and at most {_MOST_HZ:g}, not {rate_hz:g}")
         if depth and not names:
-            raise typer.BadParameter("--depth is of cameras: say of which, --camera all or --camera NAME")
+            raise typer.BadParameter("--depth needs a camera: add --camera all or --camera NAME")
         usual = CAMERA_PORT + port_offset
         return cls(robot_ip, usual if port is None else port, tuple(names or ()), rate_hz, depth)
 
 
 def follow_cameras(opened: ExitStack, options: CameraOptions) -> Callable[[], list[Shot]]:
-    """Begin to take pictures; what is returned gives those that came since it was last called.
+    """Start fetching images. The returned function gives those that have arrived since its last call.
 
-    Raises CameraError for cameras that are not there.
+    Raises CameraError for cameras that do not exist.
     """
     if not options.names:
         return list
@@ -67,17 +67,17 @@ def follow_cameras(opened: ExitStack, options: CameraOptions) -> Callable[[], li
     opened.callback(client.close)
     cameras = client.chosen(options.names)
     forms = [JPEG, DEPTH] if options.depth else [JPEG]
-    wanted = [(camera, form) for camera in cameras for form in forms]
-    for camera, form in wanted:
-        client.shot(camera, form)  # what draws none says so now
+    subscriptions = [(camera, form) for camera in cameras for form in forms]
+    for camera, form in subscriptions:
+        client.shot(camera, form)  # raises now if the emulator cannot render it
     shots: SimpleQueue[Shot] = SimpleQueue()
 
     def take(shot: Shot) -> None:
         if shots.qsize() < _MOST_WAITING:
             shots.put(shot)
 
-    def tell(what: str) -> None:
+    def report(what: str) -> None:
         typer.echo(f"note: {what}", err=True)
 
-    opened.enter_context(CameraFollower(client, lambda: wanted, options.rate_hz, take, tell))
+    opened.enter_context(CameraFollower(client, lambda: subscriptions, options.rate_hz, take, report))
     return lambda: [shots.get() for _ in range(shots.qsize())]

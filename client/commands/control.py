@@ -1,4 +1,4 @@
-"""What the commands around controllers share: the robot, the control loop, the way to a goal."""
+"""Shared by the commands that use controllers: options, the connection to a controller manager, goal execution."""
 
 import asyncio
 import signal
@@ -32,18 +32,18 @@ from urproto.modes import SafetyMode
 
 ACTIVE: Final = str(LifecycleState.ACTIVE)
 UNCONFIGURED: Final = str(LifecycleState.UNCONFIGURED)
-_LOOK_S: Final = 0.05  # between looks at how a motion goes
+_POLL_S: Final = 0.05
 _REST_S: Final = 3.0  # guess: a ramp to rest takes less than one second
 _READY_S: Final = 120.0  # guess: an arm that boots and releases its brakes
 _SLOW: Final = ("make_ready", "set_hardware_component_state", "begin_recording", "end_recording")
 _FREE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 _INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
 _RELEASE: Final = {
-    SafetyMode.PROTECTIVE_STOP: "After 5 s, here or on the pendant: ur-client dashboard "
-    "'unlock protective stop', then ur-client dashboard play.",
-    SafetyMode.SAFEGUARD_STOP: "Close the safeguard, reset it, then: ur-client dashboard play.",
+    SafetyMode.PROTECTIVE_STOP: "After 5 s, release it on the pendant, or run ur-client dashboard "
+    "'unlock protective stop' and ur-client dashboard play.",
+    SafetyMode.SAFEGUARD_STOP: "Close the safeguard, reset it, then run ur-client dashboard play.",
 }
-_ELSEWHERE: Final = "It is released on the pendant."
+_ON_THE_PENDANT: Final = "Release it on the pendant."
 
 ControllersOption: TypeAlias = Annotated[
     Path | None,
@@ -53,15 +53,15 @@ Headless: TypeAlias = Annotated[
     bool,
     typer.Option(
         "--headless/--no-headless",
-        help="Send the control program to the robot, or wait until its External Control program is played.",
+        help="Send the control program to the robot, or wait for a program with External Control to be played there.",
     ),
 ]
 MakeReady: TypeAlias = Annotated[
     bool,
     typer.Option(
         "--make-ready",
-        help="Power the arm on and release its brakes first, if necessary; with --no-headless, play what is loaded, "
-        "or wait for it.",
+        help="Power the arm on and release its brakes first, if necessary; with --no-headless, also play the loaded "
+        "program, or wait for one.",
     ),
 ]
 
@@ -69,12 +69,17 @@ MakeReady: TypeAlias = Annotated[
 RecordOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        "--record", help="Record robot and controller into this file: .mcap (or .csv, .npz: the robot alone)."
+        "--record", help="Record the robot and the controller to this .mcap file (.csv or .npz: the robot only)."
     ),
 ]
 SpeedSlider: TypeAlias = Annotated[
     float | None,
-    typer.Option("--speed-slider", min=0.01, max=1.0, help="Set the robot's speed slider first; it stays set."),
+    typer.Option(
+        "--speed-slider",
+        min=0.01,
+        max=1.0,
+        help="Set the robot's speed slider first (0.01 to 1). It keeps that value afterwards.",
+    ),
 ]
 
 
@@ -82,7 +87,10 @@ Seen: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[None]]
 
 
 class Arm(Protocol):
-    """Who moves the arm: a running controller manager, or one of this command alone. alone: which of them."""
+    """Access to the controller manager that moves the arm.
+
+    alone: whether this command runs the manager itself; otherwise it shares one that is already running.
+    """
 
     alone: bool
 
@@ -91,13 +99,13 @@ class Arm(Protocol):
 
 
 class _Alone(Session):
-    """With a controller manager of its own, which ends with the command."""
+    """With a controller manager that this command runs; it ends with the command."""
 
     alone = True
 
 
 class _Shared(RemoteManager):
-    """With the controller manager that is running for this robot."""
+    """With the controller manager that is already running for this robot."""
 
     alone = False
 
@@ -107,7 +115,7 @@ class _Shared(RemoteManager):
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Which robot, and with what. speed_slider: 0.01 to 1, None leaves it where it is."""
+    """The robot to move, and the options to move it with. speed_slider: 0.01 to 1; None leaves it as it is."""
 
     robot_ip: str
     port_offset: int
@@ -119,30 +127,35 @@ class Target:
 
     @property
     def ports(self) -> dict[str, int]:
-        """Where the robot listens."""
+        """The robot's ports."""
         return {name: port + self.port_offset for name, port in ROBOT_PORTS.items()}
 
     def manager(self) -> _Shared:
-        """The one that is running for this robot; entering it raises NoManagerError when there is none."""
+        """The manager running for this robot; entering it raises NoManagerError if there is none."""
         return _Shared(self.robot_ip, ROBOT_PORTS["rtde"] + self.port_offset)
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[Arm]:
-        """The running manager, or else a control loop, after which the arm is at rest and its program ended."""
+        """Connect to the running manager, or else run one.
+
+        When a manager of this command ends, the arm is at rest and its program has ended.
+        """
         async with AsyncExitStack() as opened:
             try:
                 arm: Arm = await opened.enter_async_context(self.manager())
             except NoManagerError:
-                typer.echo(f"no controller manager is running for {self.robot_ip}: this command runs its own", err=True)
+                typer.echo(
+                    f"no controller manager is running for {self.robot_ip}: starting one for this command", err=True
+                )
                 arm = await opened.enter_async_context(self._open_alone())
             else:
-                typer.echo(f"through the controller manager that is running for {self.robot_ip}", err=True)
+                typer.echo(f"using the controller manager that is running for {self.robot_ip}", err=True)
                 if self.make_ready:
                     await arm.ask("make_ready")
             if self.record is not None:
                 await arm.ask("begin_recording", path=str(self.record.absolute()))
                 opened.push_async_callback(arm.ask, "end_recording")
-                typer.echo(f"recording into {self.record}", err=True)
+                typer.echo(f"recording to {self.record}", err=True)
             if self.speed_slider is not None:
                 await arm.ask("set_speed_slider", fraction=self.speed_slider)
             yield arm
@@ -166,22 +179,24 @@ class Target:
                     await session.close()
 
     async def activate(self, arm: Arm, name: str) -> None:
-        """Load and configure a controller if need be, and let it take the place of what moves the arm."""
+        """Load and configure a controller if necessary, and activate it in place of those that move the arm."""
         states = {one["name"]: one["state"] for one in await arm.ask("list_controllers")}
         if name not in states:
             await arm.ask("load_controller", name=name, **self._described(arm, name))
         elif self.controllers is not None and not arm.alone:
-            typer.echo(f"note: {name} is loaded already: it keeps the parameters it has", err=True)
+            typer.echo(
+                f"note: {name} is loaded already and keeps its parameters: --controllers has no effect on it", err=True
+            )
         if states.get(name, UNCONFIGURED) == UNCONFIGURED:
             await arm.ask("configure_controller", name=name)
         if states.get(name) != ACTIVE:
             others = await arm.ask("moving_controllers")
             await arm.ask("switch_controller", activate=[name], deactivate=others)
             if others:
-                typer.echo(f"note: {name} takes the place of {', '.join(others)}", err=True)
+                typer.echo(f"note: {name} replaces {', '.join(others)}", err=True)
 
     def _described(self, arm: Arm, name: str) -> dict[str, Any]:
-        """Type and parameters of a controller, where the manager does not have them from the same file."""
+        """Type and parameters of a controller from the file, for a manager that did not read the same file."""
         if arm.alone or self.controllers is None:
             return {}
         file = controllers_file(self.controllers, self.prefix)
@@ -189,7 +204,7 @@ class Target:
 
 
 def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
-    """The file that was named, and its oddities told; or the usual controllers."""
+    """Read a controllers file and print its notes; without a path, return the usual controllers."""
     if path is None:
         return usual_controllers(prefix)
     try:
@@ -202,7 +217,7 @@ def controllers_file(path: Path | None, prefix: str = "") -> ControllersFile:
 
 
 def run(work: Coroutine[Any, Any, None]) -> None:
-    """Do it; Ctrl-C and SIGTERM end it in order, with the arm at rest."""
+    """Run a coroutine. Ctrl-C and SIGTERM end it in an orderly way, with the arm at rest."""
     try:
         asyncio.run(_until_terminated(work))
     except (KeyboardInterrupt, asyncio.CancelledError):
@@ -211,7 +226,7 @@ def run(work: Coroutine[Any, Any, None]) -> None:
 
 
 async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:
-    """Work that SIGTERM cancels; Ctrl-C does anyway."""
+    """Let SIGTERM cancel the work, as asyncio does for Ctrl-C."""
     task = asyncio.current_task()
     assert task is not None
     with suppress(NotImplementedError, RuntimeError):  # on Windows, and outside the main thread
@@ -220,11 +235,11 @@ async def _until_terminated(work: Coroutine[Any, Any, None]) -> None:
 
 
 async def announce(running: RunningManager, options: ManagerOptions) -> None:
-    """Say that a manager is there; if it is to make the arm ready, when the control program runs, whoever plays it."""
+    """Print that the manager is ready; with make_ready, first wait until the control program runs."""
     if options.make_ready and not running.robot.driver.program_running:
         typer.echo(
             f"waiting for the control program: {options.robot_ip}, {running.summary()}. "
-            "Load a program with External Control on the robot and play it.",
+            "Load and play a program with External Control on the robot.",
             err=True,
         )
         await running.program_runs()
@@ -232,9 +247,9 @@ async def announce(running: RunningManager, options: ManagerOptions) -> None:
 
 
 async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str, seen: Seen | None = None) -> Result:
-    """Send a goal and show how it goes. When the task is cancelled, the arm is brought to rest first.
+    """Send a goal and show its progress. If the task is cancelled, the arm is brought to rest first.
 
-    seen: is given the robot's state meanwhile, now and then, as `Session.robot_state` tells it.
+    seen: called from time to time with the robot's state, as `Session.robot_state` returns it.
     """
     number = await arm.ask("send_goal", controller=name, trajectory=asdict(trajectory))
     try:
@@ -246,7 +261,7 @@ async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str, s
                     await seen(state)
                 waiting = _say_waiting(state, progress, waiting)
                 progress.update(goal["progress"], _note(state))
-                await asyncio.sleep(_LOOK_S)
+                await asyncio.sleep(_POLL_S)
             progress.update(1.0 if goal["error_code"] == 0 else goal["progress"])
     except asyncio.CancelledError:
         if arm.alone:
@@ -255,39 +270,39 @@ async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str, s
             await arm.ask("cancel_goal", goal=number)
         await rest(arm)
         raise
-    await rest(arm)  # within tolerance it may still be on the way
+    await rest(arm)  # the goal succeeds once within tolerance: the arm may still be moving
     return Result(ErrorCode(goal["error_code"]), goal["error_string"])
 
 
 async def rest(arm: Arm) -> None:
-    """Wait until the arm rests, for some seconds of the robot's at most."""
+    """Wait until the arm is at rest, at most a few seconds of robot time."""
     state = await arm.ask("robot_state")
     end_s = state["time_s"] + _REST_S
     while not state["at_rest"] and state["time_s"] < end_s:
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_POLL_S)
         state = await arm.ask("robot_state")
 
 
 async def until(arm: Arm, time_s: float) -> None:
-    """Wait for a time of the robot's."""
+    """Wait until a point in robot time."""
     while (await arm.ask("robot_state"))["time_s"] < time_s:
-        await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(_POLL_S)
 
 
 def _say_waiting(state: Mapping[str, Any], progress: MotionProgress, before: bool) -> bool:
-    """Whether a stop holds the arm; what to do about it is told when it begins."""
+    """Whether a safety stop holds the arm. Prints what to do about it when the stop begins."""
     mode = SafetyMode[state["safety_mode"]]
     waiting = mode not in _FREE
     if waiting and not before:
         progress.say(
-            f"the arm waits: its safety mode is {mode.name}. Find the cause. {_RELEASE.get(mode, _ELSEWHERE)} "
-            "The goal goes on then; Ctrl-C gives up."
+            f"the arm waits: its safety mode is {mode.name}. Find the cause. {_RELEASE.get(mode, _ON_THE_PENDANT)} "
+            "The goal then continues; Ctrl-C aborts it."
         )
     return waiting
 
 
 def _note(state: Mapping[str, Any]) -> str:
-    """Why the motion is slower than planned."""
+    """Why the motion is slower than planned; empty if it is not."""
     if (mode := SafetyMode[state["safety_mode"]]) not in _FREE:
         return mode.name.replace("_", " ").lower()
     slider = state["target_speed_fraction"]
@@ -295,7 +310,7 @@ def _note(state: Mapping[str, Any]) -> str:
 
 
 def say_result(title: str, result: Result, *, err: bool = False) -> None:
-    """One line; exit status 1 for a goal that was not reached. err: standard output has something else."""
+    """Print the result as one line; exit with status 1 if the goal was not reached. err: print to standard error."""
     typer.echo(f"{title}: {result.error_code.name}: {result.error_string}", err=err)
     if result.error_code is not ErrorCode.SUCCESSFUL:
         raise typer.Exit(1)

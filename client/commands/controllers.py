@@ -1,4 +1,4 @@
-"""``ur-client controllers``: a controller manager that runs, and what other shells ask of it."""
+"""``ur-client controllers``: run a controller manager, and manage its controllers from other shells."""
 
 import asyncio
 import json
@@ -34,14 +34,14 @@ from urproto.yamltext import NotYaml, load_yaml
 
 
 class SetState(Enum):
-    """Of a controller that is loaded, as `ros2 control load_controller --set-state` has it."""
+    """State to take a loaded controller to, as in `ros2 control load_controller --set-state`."""
 
     INACTIVE = "inactive"
     ACTIVE = "active"
 
 
 controllers_app = application(
-    "ros2_control's controllers: a manager that runs, and what other shells ask of it.",
+    "Run a ros2_control controller manager, and manage its controllers from other shells.",
     completion=False,
     no_args_is_help=True,
 )
@@ -54,14 +54,14 @@ _Name: TypeAlias = Annotated[str, typer.Argument(help="Name of a controller.")]
 def serve_command(
     controllers: ControllersOption = None,
     controller: Annotated[
-        str, typer.Option(help="The controller that is active at first, once the arm can be moved; empty for none.")
+        str, typer.Option(help="Controller to activate once the arm can be moved; empty for none.")
     ] = DEFAULT_CONTROLLER,
     headless: Headless = True,
     make_ready: MakeReady = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Run a controller manager that other shells and the pendant talk to, until Ctrl-C."""
+    """Run a controller manager for other shells and the pendant, until Ctrl-C."""
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
     file = controllers_file(controllers)
     run(
@@ -79,7 +79,7 @@ def serve_command(
 
 
 async def serve(options: ManagerOptions) -> None:
-    """Until it is cancelled."""
+    """Run the manager until cancelled."""
     with claim(options.robot_ip, options.rtde_port) as place:
         async with reached(options) as robot:
             running = RunningManager(robot, headless=options.headless)
@@ -93,7 +93,7 @@ async def serve(options: ManagerOptions) -> None:
 
 
 def _ask(robot_ip: str, port_offset: int, do: str, **arguments: Any) -> Any:
-    """One request to the running manager. Raises NoManagerError, ControllerError."""
+    """Send one request to the running manager. Raises NoManagerError, ControllerError."""
 
     async def work() -> Any:
         async with Target(robot_ip, port_offset).manager() as manager:
@@ -103,7 +103,7 @@ def _ask(robot_ip: str, port_offset: int, do: str, **arguments: Any) -> Any:
 
 
 def _each(robot_ip: str, port_offset: int, do: str, names: Sequence[str], done: str) -> None:
-    """The same request for one controller after the other."""
+    """Send the same request for one controller after the other."""
     for name in names:
         _ask(robot_ip, port_offset, do, name=name)
         typer.echo(f"Successfully {done} {name}")
@@ -111,7 +111,7 @@ def _each(robot_ip: str, port_offset: int, do: str, names: Sequence[str], done: 
 
 @controllers_app.command("types")
 def types_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0, as_json: AsJson = False) -> None:
-    """List the available controller types: of the running manager, or those of this program."""
+    """List the controller types of the running manager or, without one, of this program."""
     try:
         found = _ask(robot_ip, port_offset, "list_controller_types")
     except NoManagerError:
@@ -128,14 +128,14 @@ def types_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0, 
 @controllers_app.command("list")
 def list_command(
     controllers: Annotated[
-        Path | None, typer.Option("--controllers", help="Check this controllers file, without any manager.")
+        Path | None, typer.Option("--controllers", help="List and check this controllers file; needs no manager.")
     ] = None,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="With the interfaces they need.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also list the interfaces they need.")] = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
 ) -> None:
-    """List the controllers of the running manager; or those of a file, with exit status 1 if any cannot be loaded."""
+    """List the running manager's controllers, or those of a file. Exit status 1 if one in the file cannot be loaded."""
     if controllers is not None:
         _list_file(controllers, as_json)
         return
@@ -174,10 +174,11 @@ def load_command(
     names: _Names,
     controllers: Annotated[
         Path | None,
-        typer.Option("--controllers", help="The file that describes them, if it is not that of the manager."),
+        typer.Option("--controllers", help="File with their types and parameters, if it is not the manager's."),
     ] = None,
     set_state: Annotated[
-        SetState | None, typer.Option("--set-state", help="Configure them too, or configure and activate them.")
+        SetState | None,
+        typer.Option("--set-state", help="Also configure them (inactive), or configure and activate them (active)."),
     ] = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
@@ -198,7 +199,7 @@ def load_command(
 
 @controllers_app.command("configure")
 def configure_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
-    """Configure loaded controllers: from unconfigured, or from inactive once more, to inactive."""
+    """Configure loaded controllers: from unconfigured to inactive, or inactive ones once more."""
     _each(robot_ip, port_offset, "configure_controller", names, "configured")
 
 
@@ -210,20 +211,20 @@ def cleanup_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset:
 
 @controllers_app.command("unload")
 def unload_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
-    """Forget controllers that are not active."""
+    """Unload controllers that are not active."""
     _each(robot_ip, port_offset, "unload_controller", names, "unloaded")
 
 
 @controllers_app.command("activate")
 def activate_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
-    """Activate inactive controllers together, or none of them."""
+    """Activate inactive controllers: all of them in the same cycle, or none."""
     _ask(robot_ip, port_offset, "switch_controller", activate=names)
     typer.echo(f"Successfully activated {', '.join(names)}")
 
 
 @controllers_app.command("deactivate")
 def deactivate_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
-    """Deactivate active controllers together, or none of them."""
+    """Deactivate active controllers: all of them in the same cycle, or none."""
     _ask(robot_ip, port_offset, "switch_controller", deactivate=names)
     typer.echo(f"Successfully deactivated {', '.join(names)}")
 
@@ -231,25 +232,27 @@ def deactivate_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offs
 @controllers_app.command("switch")
 def switch_command(
     activate: Annotated[
-        list[str] | None, typer.Option("--activate", help="Names, with commas between them or one an option.")
+        list[str] | None, typer.Option("--activate", help="Names of controllers, comma-separated or repeated.")
     ] = None,
-    deactivate: Annotated[list[str] | None, typer.Option("--deactivate", help="Names, in the same way.")] = None,
+    deactivate: Annotated[
+        list[str] | None, typer.Option("--deactivate", help="Names of controllers, likewise.")
+    ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="All of it or nothing; else those in another state are left out.")
+        bool, typer.Option("--strict", help="Switch all or none; without it, controllers in another state are skipped.")
     ] = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Deactivate some controllers and activate others, in one control cycle."""
+    """Activate some controllers and deactivate others in the same control cycle."""
     start, stop = _split(activate), _split(deactivate)
     if not start and not stop:
-        raise typer.BadParameter("say what to --activate or --deactivate")
+        raise typer.BadParameter("nothing to switch: give --activate or --deactivate, or both")
     strictness = STRICT if strict else BEST_EFFORT
     done = _ask(robot_ip, port_offset, "switch_controller", activate=start, deactivate=stop, strictness=strictness)
-    wanted = {**dict.fromkeys(start, "activated"), **dict.fromkeys(set(stop) - set(start), "deactivated")}
-    for name, word in wanted.items():
+    requested = {**dict.fromkeys(start, "activated"), **dict.fromkeys(set(stop) - set(start), "deactivated")}
+    for name, word in requested.items():
         if name not in done[word]:
-            typer.echo(f"note: {name} was not {word}: it is not in a state for it", err=True)
+            typer.echo(f"note: {name} was not {word}: its state does not allow it", err=True)
     typer.echo("Successfully switched controllers")
 
 
@@ -275,11 +278,16 @@ def parameters_command(
 @controllers_app.command("set-parameters")
 def set_parameters_command(
     name: _Name,
-    assignments: Annotated[list[str], typer.Argument(metavar="NAME=VALUE...", help="constraints.goal_time=0.5")],
+    assignments: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME=VALUE...", help="Parameters and their new values, for example constraints.goal_time=0.5."
+        ),
+    ],
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Set parameters of a loaded controller, all of them or none; they take effect at once."""
+    """Set parameters of a loaded controller, all of them or none; they take effect immediately."""
     values = {}
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
@@ -288,7 +296,7 @@ def set_parameters_command(
         try:
             values[key] = load_yaml(text)
         except NotYaml as error:
-            raise typer.BadParameter(f"{text!r} is not a value: {error}") from None
+            raise typer.BadParameter(f"{key}: {text!r} is not a YAML value: {error}") from None
     _ask(robot_ip, port_offset, "set_parameters", name=name, parameters=values)
     typer.echo(f"Successfully set {', '.join(values)} of {name}")
 
@@ -296,13 +304,13 @@ def set_parameters_command(
 @controllers_app.command("hardware")
 def hardware_command(
     set_state: Annotated[
-        str | None, typer.Option("--set-state", help="Take the arm to active, inactive or unconfigured first.")
+        str | None, typer.Option("--set-state", help="First set the arm's state: active, inactive or unconfigured.")
     ] = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
 ) -> None:
-    """List the running manager's hardware components: the arm."""
+    """List the running manager's hardware components, which is the arm alone."""
 
     async def work() -> Any:
         async with Target(robot_ip, port_offset).manager() as manager:
@@ -330,7 +338,7 @@ def interfaces_command(
     make_ready: MakeReady = False,
     as_json: AsJson = False,
 ) -> None:
-    """List the interfaces of a robot with their present values, and who claims them."""
+    """List the interfaces of a robot, their current values and the controllers that claim them."""
 
     async def work() -> Any:
         async with Target(robot_ip, port_offset, make_ready=make_ready).open() as arm:
@@ -357,5 +365,5 @@ def _notes(name: str, kind: str, parameters: object) -> tuple[list[str], bool]:
         found(name, read, 1.0).on_configure()
     except ControllerError as error:
         return [error.reason], False
-    unknown = [f"{key} is not known: it is ignored" for key in reading.unknown]
+    unknown = [f"{key} is unknown and ignored" for key in reading.unknown]
     return [*unknown, *(f"{key} has no effect" for key in reading.without_effect)], True

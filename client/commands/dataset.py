@@ -1,4 +1,4 @@
-"""``ur-client dataset``: recordings as what policies are trained on."""
+"""``ur-client dataset``: recordings as a dataset for training policies."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,29 +10,33 @@ from client.lerobot import DEFAULT_ACTION, DEFAULT_STATE, write_dataset
 
 
 def dataset_command(
-    folder: Annotated[Path, typer.Argument(help="Folder to make.")],
+    folder: Annotated[Path, typer.Argument(help="Folder to create.")],
     recordings: Annotated[
         list[Path],
-        typer.Argument(help="Recordings, .mcap, .csv or .npz: an episode each.", exists=True, dir_okay=False),
+        typer.Argument(help="Recordings (.mcap, .csv or .npz); each becomes one episode.", exists=True, dir_okay=False),
     ],
     task: Annotated[
-        list[str], typer.Option("--task", help="What was done, in words: once for all recordings, or once for each.")
+        list[str], typer.Option("--task", help="Description of the task: one for all recordings, or one for each.")
     ],
     fps: Annotated[
         int | None,
-        typer.Option("--fps", min=1, help="Frames per second (default: as there are pictures, else 10)."),
+        typer.Option("--fps", min=1, help="Frames per second (default: the rate of the images, else 10)."),
     ] = None,
     state: Annotated[
         list[str] | None,
-        typer.Option("--state", help="RTDE outputs of an observation, or parts: actual_q, actual_TCP_pose[2], ..."),
+        typer.Option(
+            "--state", help="RTDE outputs of an observation, or elements of them: actual_q, actual_TCP_pose[2], ..."
+        ),
     ] = None,
     action: Annotated[
         list[str] | None,
-        typer.Option("--action", help="RTDE outputs of an action: target_q, actual_digital_output_bits[0], ..."),
+        typer.Option(
+            "--action", help="RTDE outputs of an action, likewise: target_q, actual_digital_output_bits[0], ..."
+        ),
     ] = None,
     robot_type: Annotated[str, typer.Option("--robot-type", help="Name of the robot in the dataset.")] = "ur",
 ) -> None:
-    """Make a LeRobot dataset (v3.0) of recordings, with the pictures in them."""
+    """Create a LeRobot dataset (v3.0) from recordings, with the camera images in them."""
     made = write_dataset(
         folder,
         recordings,
@@ -43,9 +47,9 @@ def dataset_command(
         robot_type=robot_type,
     )
     cameras = f", cameras: {', '.join(made.cameras)}" if made.cameras else ""
-    typer.echo(f"{folder}: {made.episodes} episodes, {made.frames} frames at {made.fps} a second{cameras}")
+    typer.echo(f"{folder}: {made.episodes} episodes, {made.frames} frames at {made.fps} fps{cameras}")
     if made.cameras:
-        typer.echo(f"pictures are at most {made.late_s:.3f} s from the time of their frame")
+        typer.echo(f"largest time between an image and its frame: {made.late_s:.3f} s")
     for note in made.notes:
         typer.echo(f"note: {note}", err=True)
 

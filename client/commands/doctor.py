@@ -1,4 +1,4 @@
-"""``ur-client doctor``: what stands in the way of a good connection, and the command that mends it."""
+"""``ur-client doctor``: find what prevents a good connection, and suggest the command that fixes it."""
 
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -28,16 +28,18 @@ _STYLES = {Grade.GOOD: "green", Grade.UNKNOWN: "dim", Grade.WEAK: "yellow", Grad
 
 def doctor_command(
     robot: Annotated[
-        str | None, typer.Argument(metavar="ROBOT_IP", help="Address of the robot, if there is one.")
+        str | None,
+        typer.Argument(metavar="ROBOT_IP", help="Address of the robot (default: examine this machine only)."),
     ] = None,
     robot_ip: Annotated[
-        str | None, typer.Option("--robot-ip", envvar=ROBOT_IP_VARIABLE, help="The same, as in other commands.")
+        str | None,
+        typer.Option("--robot-ip", envvar=ROBOT_IP_VARIABLE, help="The same, as an option like in other commands."),
     ] = None,
     port_offset: PortOffset = 0,
-    calibration: Annotated[Path | None, typer.Option(help="Calibration file that should be this robot's.")] = None,
+    calibration: Annotated[Path | None, typer.Option(help="Calibration file to compare with the robot's.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Examine this machine, the network and the robot, in some seconds. Exit status 1 if something cannot work."""
+    """Examine this machine, the network and the robot within seconds. Exit status 1 if something cannot work."""
     screen = console()
     findings = []
     for finding in _examine(robot or robot_ip, port_offset, calibration):
@@ -57,7 +59,7 @@ def _examine(robot: str | None, port_offset: int, calibration: Path | None) -> I
         return
     ports = list(examine_ports(robot, port_offset))
     yield from ports
-    if exit_status(ports):  # the rest would only say so again
+    if exit_status(ports):  # the other checks would only report the same
         return
     yield from examine_replies(robot, port_offset)
     yield from examine_stream(robot, port_offset)

@@ -1,4 +1,4 @@
-"""A robot's states, one after the other, until somebody has seen enough."""
+"""Follow a robot's states until Ctrl-C; options and progress bar shared by the commands."""
 
 import signal
 import threading
@@ -16,19 +16,22 @@ from client import rtde
 from client.errors import ClientError
 from urproto.compat import Self
 
-ROBOT_IP_VARIABLE: Final = "UR_ROBOT_IP"  # for a shell in which one works with one robot
+ROBOT_IP_VARIABLE: Final = "UR_ROBOT_IP"  # saves typing --robot-ip in a shell used for one robot
 
 RobotIP: TypeAlias = Annotated[str, typer.Option("--robot-ip", envvar=ROBOT_IP_VARIABLE, help="Address of the robot.")]
 PortOffset: TypeAlias = Annotated[
-    int, typer.Option("--port-offset", help="Added to each port, as given to the emulator.")
+    int, typer.Option("--port-offset", help="Offset added to each port, as given to the emulator.")
 ]
 
 
-_LINE_S: Final = 5.0  # between two lines: a log of a long motion stays short
+_LINE_S: Final = 5.0  # between two lines, to keep the log of a long motion short
 
 
 class MotionProgress:
-    """Of one motion; use it with ``with``, and `update` it now and then. Standard output stays free."""
+    """Progress bar of one motion: a context manager to `update` now and then.
+
+    Writes to standard error: a bar on a terminal, otherwise a line every few seconds.
+    """
 
     def __init__(self, title: str, console: Console | None = None, now_s: Callable[[], float] = time.monotonic) -> None:
         self._title = title
@@ -55,7 +58,7 @@ class MotionProgress:
         self._bar.stop()
 
     def update(self, share: float, note: str = "") -> None:
-        """share: 0 to 1. note: what else there is to say about it, in a few words."""
+        """Show the progress. share: 0 to 1. note: a few words to show next to it."""
         now_s = self._now_s()
         text = f"{now_s - self._began_s:.0f} s, {note}" if note else f"{now_s - self._began_s:.0f} s"
         self._bar.update(self._task, completed=share, note=text)
@@ -64,20 +67,20 @@ class MotionProgress:
             self.say(f"{self._title}: {100.0 * share:.0f} % after {text}")
 
     def say(self, text: str) -> None:
-        """A line of its own, above the bar."""
+        """Print a separate line above the bar."""
         self._console.print(text, markup=False, soft_wrap=not self._console.is_terminal)
 
 
-_RECONNECT_S: Final = 5.0  # how long one attempt to come back takes
+_RECONNECT_S: Final = 5.0  # time limit of one attempt
 _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
 
 Sink = Callable[[Mapping[str, Any]], object]
 
 
 class Interrupts:
-    """Ctrl-C and SIGTERM are a KeyboardInterrupt while one waits, and never while something is being written.
+    """Turn Ctrl-C and SIGTERM into KeyboardInterrupt inside `wait` only, so that no write is ever interrupted.
 
-    Enter it before the files it is to protect: closing them is not interrupted either.
+    Enter it before opening the files it protects: then closing them is not interrupted either.
     """
 
     def __init__(self) -> None:
@@ -86,7 +89,7 @@ class Interrupts:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        if threading.current_thread() is threading.main_thread():  # no other gets signals
+        if threading.current_thread() is threading.main_thread():  # only the main thread receives signals
             self._before = {number: signal.signal(number, self._take) for number in _SIGNALS}
         return self
 
@@ -97,7 +100,7 @@ class Interrupts:
             signal.signal(number, handler)
 
     def wait(self, what: Callable[[], Any]) -> Any:
-        """Do something that may be interrupted. Raises KeyboardInterrupt."""
+        """Call a function that may be interrupted, and return its result. Raises KeyboardInterrupt."""
         self._waiting = True
         try:
             if self._came:
@@ -109,7 +112,7 @@ class Interrupts:
     def _take(self, number: int, frame: FrameType | None) -> None:
         self._came = True
         if self._waiting:
-            self._waiting = False  # here and not only where it is caught: a second one may come before that
+            self._waiting = False  # already here: a second signal may arrive before `wait` resets it
             raise KeyboardInterrupt
 
 
@@ -119,9 +122,9 @@ def follow(
     interrupts: Interrupts,
     duration_s: float | None = None,
 ) -> None:
-    """Hand every state to the sinks, until Ctrl-C or for so long by the robot's clock.
+    """Pass every state to the sinks, until Ctrl-C or until duration_s has passed by the robot's clock.
 
-    A lost connection is told and opened again. duration_s needs ``timestamp`` among the variables.
+    A lost connection is reported and reopened. duration_s needs ``timestamp`` among the variables.
     """
     sinks = tuple(sinks)
     clock = _Clock(duration_s)
@@ -130,8 +133,8 @@ def follow(
             try:
                 state = interrupts.wait(robot.receive)
             except ClientError as error:
-                typer.echo(f"{error} (tried until it works; Ctrl-C ends)", err=True)
-                interrupts.wait(lambda: _come_back(robot))
+                typer.echo(f"{error} (reconnecting; Ctrl-C ends it)", err=True)
+                interrupts.wait(lambda: _reconnect(robot))
                 continue
             clock.see(state)
             for sink in sinks:
@@ -141,7 +144,7 @@ def follow(
 
 
 class _Clock:
-    """How long it has been by the robot's clock, which begins anew when the robot does."""
+    """Elapsed time by the robot's clock. That clock starts again at zero when the robot reboots."""
 
     def __init__(self, duration_s: float | None) -> None:
         self._duration_s = duration_s
@@ -161,11 +164,11 @@ class _Clock:
         self._last_s = now_s
 
 
-def _come_back(robot: rtde.BlockingRTDEClient) -> None:
+def _reconnect(robot: rtde.BlockingRTDEClient) -> None:
     while True:
         try:
             robot.reconnect(_RECONNECT_S)
         except ClientError:
             continue
-        typer.echo("connected again", err=True)
+        typer.echo("reconnected", err=True)
         return

@@ -1,4 +1,4 @@
-"""``ur-client goal``, ``publish-goals`` and ``forward``: the arm moved through a controller of a manager."""
+"""``ur-client goal``, ``publish-goals`` and ``forward``: move the arm through a controller of a controller manager."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,9 +30,9 @@ from client.controllers.running import DEFAULT_CONTROLLER
 from client.errors import MotionError
 from urproto.commandline import application, with_options_of
 
-_THERE_RAD: Final = 0.005  # guess: the lag of an arm that has all but arrived
-_STANDS_S: Final = 2.0  # guess: longer than an arm takes to begin
-_LOOK_S: Final = 0.05
+_ARRIVED_RAD: Final = 0.005  # guess: the lag of an arm that has all but arrived
+_STANDSTILL_S: Final = 2.0  # guess: longer than an arm takes to start moving
+_POLL_S: Final = 0.05
 
 
 class ForwardKind(Enum):
@@ -64,7 +64,7 @@ def goal_command(
     degrees: Annotated[bool, typer.Option("--degrees", help="The angles are in degrees.")] = False,
     controller: Annotated[str, typer.Option(help="Trajectory controller to use.")] = DEFAULT_CONTROLLER,
 ) -> None:
-    """Move the arm to joint angles and stop there; Ctrl-C brings it to rest."""
+    """Move the arm to joint angles; Ctrl-C brings it to rest."""
     q = tuple(radians(angle) for angle in _angles(positions)) if degrees else _angles(positions)
     _check_time(time)
     target = _target(**robot)
@@ -75,11 +75,13 @@ def goal_command(
 @with_options_of(_target, last=True)
 def publish_goals_command(
     robot: Mapping[str, Any],
-    file: Annotated[Path, typer.Argument(help="Goals as publisher_joint_trajectory_controller reads them.")],
-    node: Annotated[str | None, typer.Option(help="Section of the file, if it has several.")] = None,
+    file: Annotated[Path, typer.Argument(help="Goals in the format of publisher_joint_trajectory_controller (YAML).")],
+    node: Annotated[str | None, typer.Option(help="Section of the file to use, if it has several.")] = None,
     time: Annotated[float, typer.Option(help="How long each motion takes at full speed [s].")] = GOAL_TIME_S,
     rounds: Annotated[int, typer.Option(min=0, help="How many times to send all goals; 0 repeats until Ctrl-C.")] = 1,
-    controller: Annotated[str | None, typer.Option(help="Controller to use instead of the file's.")] = None,
+    controller: Annotated[
+        str | None, typer.Option(help="Controller to use instead of the one named in the file.")
+    ] = None,
 ) -> None:
     """Send the goals of a file, each once the previous one is reached; Ctrl-C brings the arm to rest."""
     _check_time(time)
@@ -97,21 +99,21 @@ def publish_goals_command(
 
 def _check_time(time_s: float) -> None:
     if not time_s > 0.0:
-        raise typer.BadParameter(f"--time has to be above 0 s, not {time_s}")
+        raise typer.BadParameter(f"--time must be above 0 s, not {time_s}")
 
 
 def _angles(text: str) -> tuple[float, ...]:
     try:
         angles = tuple(float(part) for part in text.replace(",", " ").replace("[", " ").replace("]", " ").split())
     except ValueError:
-        raise typer.BadParameter(f"--positions takes numbers with commas between them, not {text!r}") from None
+        raise typer.BadParameter(f"--positions takes numbers separated by commas, not {text!r}") from None
     if len(angles) != len(JOINT_NAMES):
         raise typer.BadParameter(f"--positions takes {len(JOINT_NAMES)} joint angles, not {len(angles)}")
     return angles
 
 
 async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
-    """Let one controller of the target follow one trajectory."""
+    """Execute one trajectory with one controller of the target."""
     async with target.open() as arm:
         await target.activate(arm, name)
         result = await follow(arm, name, trajectory, "goal")
@@ -119,7 +121,7 @@ async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
 
 
 async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -> None:
-    """Send all goals of a file, as often as ``rounds`` says; 0 is without end. Raises ControllerError."""
+    """Send all goals of a file ``rounds`` times; 0 repeats them without end. Raises ControllerError."""
     async with target.open() as arm:
         goals.check_start((await arm.ask("robot_state"))["positions"])
         await target.activate(arm, goals.controller)
@@ -148,17 +150,17 @@ async def _one(arm: Arm, goals: GoalFile, goal: NamedGoal, title: str, time_s: f
 forward_app = application(completion=False)
 
 
-@forward_app.command(context_settings={"ignore_unknown_options": True})  # which negative numbers would be
+@forward_app.command(context_settings={"ignore_unknown_options": True})  # negative numbers look like options
 @with_options_of(_target, last=True)
 def forward_command(
     robot: Mapping[str, Any],
-    kind: Annotated[ForwardKind, typer.Argument(help="What to command.")],
-    values: Annotated[list[float], typer.Argument(help="One for each joint, base to wrist 3 [rad, rad/s].")],
+    kind: Annotated[ForwardKind, typer.Argument(help="Whether to command positions or speeds.")],
+    values: Annotated[list[float], typer.Argument(help="One value for each joint, base to wrist 3 [rad or rad/s].")],
     time: Annotated[
-        float, typer.Option(help="How long the way to positions takes at full speed, or speeds last [s].")
+        float, typer.Option(help="How long to take to the positions at full speed, or to command the speeds [s].")
     ] = 4.0,
     at_once: Annotated[
-        bool, typer.Option("--at-once", help="Command positions as they are, as a publisher would: the arm jerks.")
+        bool, typer.Option("--at-once", help="Command the positions as a step, as a publisher would: the arm jerks.")
     ] = False,
     degrees: Annotated[bool, typer.Option("--degrees", help="The values are in degrees.")] = False,
     controller: Annotated[str | None, typer.Option(help="Forward controller to use.")] = None,
@@ -172,7 +174,7 @@ def forward_command(
 async def forward(
     target: Target, name: str, kind: ForwardKind, values: Sequence[float], time_s: float, at_once: bool
 ) -> None:
-    """Positions until the arm is there, or speeds for so long. Raises ControllerError."""
+    """Command positions until the arm has reached them, or speeds for time_s. Raises ControllerError."""
     position = kind is ForwardKind.POSITION
     async with target.open() as arm:
         await target.activate(arm, name)
@@ -193,18 +195,18 @@ async def forward(
 
 
 async def _arrival(arm: Arm, values: Sequence[float]) -> None:
-    """Wait until the joints are there. Raises MotionError when they stand elsewhere."""
+    """Wait until the joints have reached the values. Raises MotionError if they stop elsewhere."""
     stood_s: float | None = None
     while True:
         state = await arm.ask("robot_state")
         away = max(abs(q - value) for q, value in zip(state["positions"].values(), values, strict=True))
-        if away < _THERE_RAD:
+        if away < _ARRIVED_RAD:
             return
         waits = state["safety_mode"] not in ("NORMAL", "REDUCED") or not state["at_rest"]
         stood_s = None if waits else stood_s or state["time_s"]
-        if stood_s is not None and state["time_s"] > stood_s + _STANDS_S:
-            raise MotionError("forward position", f"the arm stands {away:.3f} rad away: look at the robot's log")
-        await until(arm, state["time_s"] + _LOOK_S)
+        if stood_s is not None and state["time_s"] > stood_s + _STANDSTILL_S:
+            raise MotionError("forward position", f"the arm stopped {away:.3f} rad away: check the robot's log")
+        await until(arm, state["time_s"] + _POLL_S)
 
 
 def _listed(values: Sequence[float]) -> str:

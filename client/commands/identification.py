@@ -1,4 +1,4 @@
-"""``ur-client fidelity``, ``identify`` and ``excite``: a real arm against the emulator's model of it."""
+"""``ur-client fidelity``, ``identify`` and ``excite``: a real arm compared with the emulator's model of it."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -13,9 +13,9 @@ from client.commands.record import (
     Overwrite,
     check_and_ask,
     check_free,
+    exclusive_motion,
     move_along,
-    read_telling,
-    taking_over,
+    read_with_remarks,
 )
 from client.commands.scene_drawing import model_named, model_of_robot
 from client.driver import points
@@ -36,28 +36,28 @@ Columns: TypeAlias = Annotated[
     str | None,
     typer.Option(
         "--columns",
-        help="RTDE variables of a .csv file without a first line, such as timestamp,actual_q,actual_current.",
+        help="RTDE variables of a .csv file without a header line, such as timestamp,actual_q,actual_current.",
     ),
 ]
-Told: TypeAlias = Annotated[
+SetPayload: TypeAlias = Annotated[
     str | None,
     typer.Option(
-        "--payload", metavar="KG,X,Y,Z", help="Payload that the controller was told (default: as recorded, else none)."
+        "--payload", metavar="KG,X,Y,Z", help="Payload set on the controller (default: as recorded, else none)."
     ),
 ]
 Mounted: TypeAlias = Annotated[
     str | None,
-    typer.Option("--mounted", metavar="KG,X,Y,Z", help="Payload that really hung on the arm (default: as told)."),
+    typer.Option("--mounted", metavar="KG,X,Y,Z", help="Payload actually mounted on the arm (default: as set)."),
 ]
 
 
 def fidelity_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
     model: Model,
-    payload: Told = None,
+    payload: SetPayload = None,
     mounted: Mounted = None,
     columns: Columns = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Picture to write: .png, .svg or .pdf.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Plot to write: .png, .svg or .pdf.")] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
@@ -79,35 +79,36 @@ def fidelity_command(
 def identify_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
     model: Model,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The arm's file to write, YAML.")] = Path("arm.yaml"),
+    output: Annotated[Path, typer.Option("-o", "--output", help="Arm file to write (YAML).")] = Path("arm.yaml"),
     plot: Annotated[
-        Path | None, typer.Option("--plot", help="Picture of measured against predicted: .png, .svg or .pdf.")
+        Path | None, typer.Option("--plot", help="Plot of measured and predicted values to write: .png, .svg or .pdf.")
     ] = None,
-    payload: Told = None,
+    payload: SetPayload = None,
     columns: Columns = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Find the torque constants, rotors, friction and noise of an arm in a recording of it, for ur-emulator --arm."""
+    """Identify an arm's torque constants, rotors, friction and noise from a recording of it, for ur-emulator --arm."""
     arm = model_named(model)
     check_free(output, overwrite)
     if plot is not None:
         check_free(plot, overwrite)
-    recording, told = _read(file, columns), _payload("--payload", payload)
-    found = identify(recording, arm, told)
+    recording, set_payload = _read(file, columns), _payload("--payload", payload)
+    found = identify(recording, arm, set_payload)
     write_arm(output, found)
     if plot is not None:
-        draw(fidelity(recording, found.arm, told, found.mounted), plot, f"{file.name}: {arm.title}, {output.name}")
+        result = fidelity(recording, found.arm, set_payload, found.mounted)
+        draw(result, plot, f"{file.name}: {arm.title}, {output.name}")
     for note in (*found.samples.notes, *found.kept):
         typer.echo(f"note: {note}", err=True)
     console().print(_identified_table(found))
     if found.payload is not None:
         cog = ", ".join(f"{part:.3f}" for part in found.payload.cog_m)
-        typer.echo(f"the arm carried {found.payload.mass_kg:.2f} kg at [{cog}] m that its controller was not told of")
-    typer.echo(f"{output}: ur-emulator --arm {output} is this arm")
+        typer.echo(f"the arm carried {found.payload.mass_kg:.2f} kg at [{cog}] m that was not set on its controller")
+    typer.echo(f"{output}: to emulate this arm, run ur-emulator --arm {output}")
 
 
 def _identified_table(found: Identified) -> Table:
-    table = Table("number", box=None, pad_edge=False)
+    table = Table("parameter", box=None, pad_edge=False)
     for joint in JOINT_LABELS:
         table.add_column(joint, justify="right")
     for name, values in found.drives.to_mapping().items():
@@ -117,30 +118,32 @@ def _identified_table(found: Identified) -> Table:
 
 
 _FIELDS: Final = (*DEFAULT_FIELDS, "target_moment", "target_current", "payload", "payload_cog")
-_REST_S: Final = 1.0  # before and after the motion: torque constants and noise show there
+_REST_S: Final = 1.0  # before and after the motion: states at rest show the torque constants and the noise
 
 
 def excite_command(
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .mcap, .csv or .npz.")] = Path(
         "excitation.csv"
     ),
-    angle: Annotated[float, typer.Option(help="How far each joint may go from where it is [rad].", min=0.05)] = 0.5,
+    angle: Annotated[
+        float, typer.Option(help="How far each joint may move from its current position [rad].", min=0.05)
+    ] = 0.5,
     speed: Annotated[float, typer.Option(help="Highest speed of a joint [rad/s].", min=0.05)] = 1.0,
-    acceleration: Annotated[float, typer.Option(help="Highest acceleration [rad/s2].", min=0.1)] = 3.0,
-    floor: Annotated[float, typer.Option(help="No link comes below this height of the base frame [m].")] = 0.05,
-    duration: Annotated[float, typer.Option(help="How long to move [s].", min=10.0, max=600.0)] = 40.0,
+    acceleration: Annotated[float, typer.Option(help="Highest acceleration of a joint [rad/s2].", min=0.1)] = 3.0,
+    floor: Annotated[float, typer.Option(help="Lowest height of any link in the base frame [m].")] = 0.05,
+    duration: Annotated[float, typer.Option(help="Duration of the motion [s].", min=10.0, max=600.0)] = 40.0,
     seed: Annotated[int, typer.Option(help="The same seed gives the same motion.", min=0)] = 0,
-    yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking for confirmation.")] = False,
     make_ready: MakeReady = False,
     overwrite: Overwrite = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Move every joint, within bounds around where the arm is, so that identify sees everything, and record it."""
+    """Move and record every joint, within bounds around the current configuration, as data for identify."""
     check_free(output, overwrite)
     bounds = Bounds(angle, speed, acceleration, floor)
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
-    with taking_over(robot_ip, ports), Robot(robot_ip, robot_ports=ports, outputs=_FIELDS) as robot:
+    with exclusive_motion(robot_ip, ports), Robot(robot_ip, robot_ports=ports, outputs=_FIELDS) as robot:
         path = excitation(model_of_robot(robot_ip, port_offset), robot.q, duration, bounds, seed)
         check_and_ask(robot_ip, robot, path, yes=yes)
         if make_ready:
@@ -151,7 +154,7 @@ def excite_command(
             move_along(robot, path, "excitation")
             _rest(robot)
             robot.inner.driver.robot.on_state.remove(recorder.write)
-    typer.echo(f"{output}: {recorder.count} states. ur-client identify {output} finds the arm in it")
+    typer.echo(f"{output}: {recorder.count} states. To identify the arm, run ur-client identify {output}")
 
 
 def _rest(robot: Robot) -> None:
@@ -159,7 +162,7 @@ def _rest(robot: Robot) -> None:
 
 
 def _read(file: Path, columns: str | None) -> Recording:
-    return read_telling(file, None if columns is None else [name.strip() for name in columns.split(",")])
+    return read_with_remarks(file, None if columns is None else [name.strip() for name in columns.split(",")])
 
 
 def _payload(option: str, text: str | None) -> Payload | None:
@@ -168,9 +171,11 @@ def _payload(option: str, text: str | None) -> Payload | None:
     try:
         mass, x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"{option} is mass [kg] and centre of gravity [m], KG,X,Y,Z, not {text!r}") from None
+        raise typer.BadParameter(
+            f"{option} takes mass [kg] and centre of gravity [m] as KG,X,Y,Z, not {text!r}"
+        ) from None
     if not 0.0 <= mass < 100.0:
-        raise typer.BadParameter(f"{option} begins with a mass from 0 to 100 kg, not {mass:g}")
+        raise typer.BadParameter(f"{option} starts with a mass from 0 to 100 kg, not {mass:g}")
     return Payload(mass, (x, y, z))
 
 

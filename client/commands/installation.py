@@ -1,4 +1,4 @@
-"""``ur-client installation``: PolyScope installations made, shown, changed and checked in the shell."""
+"""``ur-client installation``: create, show, change and check PolyScope installations in the shell."""
 
 import json
 from pathlib import Path
@@ -25,9 +25,11 @@ from urscript.polyscope.safety_settings import add_safety
 
 _SUFFIX = ".installation"
 
-installation_app = application("PolyScope installations, without PolyScope.", completion=False, no_args_is_help=True)
+installation_app = application(
+    "Create, show, change and check PolyScope installations, without PolyScope.", completion=False, no_args_is_help=True
+)
 
-_Installation = Annotated[Path, typer.Argument(help="The installation.", metavar="NAME.installation")]
+_Installation = Annotated[Path, typer.Argument(help="The installation file.", metavar="NAME.installation")]
 _Section = Annotated[str, typer.Argument(help=f"One of {', '.join(SECTIONS)}.")]
 
 
@@ -38,11 +40,11 @@ def new_command(
     port: DriverPort = DRIVER_PORT,
     model: Model = None,
     polyscope: Polyscope = None,
-    force: Annotated[bool, typer.Option("--force", help="Write over an installation that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the installation if it exists.")] = False,
 ) -> None:
-    """Make an installation of an arm as it is delivered: a TCP at the flange, no payload, the factory's safety limits.
+    """Create the installation of an arm as delivered: TCP at the flange, no payload, factory safety limits.
 
-    It is for the emulator. A robot has one of its own, with a checksum that only a controller computes.
+    It is for the emulator. A robot comes with its own installation, with a checksum that only a controller computes.
     """
     check_new(path, "an installation", _SUFFIX, force)
     arm, version = controller(model, polyscope)
@@ -60,12 +62,12 @@ def new_command(
 @installation_app.command("show")
 def show_command(
     path: _Installation,
-    section: Annotated[str | None, typer.Option(help="Only this section.")] = None,
+    section: Annotated[str | None, typer.Option(help="Print only this section.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Print what an installation says, section by section; as JSON in SI units."""
+    """Print the settings of an installation, section by section; with --json, in SI units."""
     if section is not None and section not in SECTIONS:
-        raise ClientError(f"there is no section {section!r}: there are {', '.join(SECTIONS)}")
+        raise ClientError(f"there is no section {section!r}: choose one of {', '.join(SECTIONS)}")
     rows = read_settings(open_installation(path))
     chosen = {name: rows[name] for name in SECTIONS if section in (None, name)}
     if as_json:
@@ -73,7 +75,7 @@ def show_command(
         return
     for name, found in chosen.items():
         typer.echo(f"{SECTIONS[name].title} ({name}){'' if found else ': none'}")
-        for row in _told(name, found):
+        for row in _rows_set(name, found):
             fields = SECTIONS[name].fields
             typer.echo("  " + ", ".join(f"{field.title}: {_shown(field, row[field.name])}" for field in fields))
 
@@ -83,11 +85,11 @@ def set_command(
     path: _Installation,
     section: _Section,
     values: Annotated[
-        list[str], typer.Argument(help="FIELD=VALUE, in SI units; lists as JSON.", metavar="FIELD=VALUE")
+        list[str], typer.Argument(help="New values as FIELD=VALUE, in SI units; lists as JSON.", metavar="FIELD=VALUE")
     ],
-    row: Annotated[str, typer.Option(help="The row, by its first field, where the section is a list.")] = "",
+    row: Annotated[str, typer.Option(help="The row to change, by its first field, if the section is a list.")] = "",
 ) -> None:
-    """Change values of one row; what is not changed stays in the file byte for byte.
+    """Change values of one row; everything else in the file stays the same, byte for byte.
 
     For example: set cell.installation tcps 'pose=[0,0,0.15,0,0,0]' --row TCP
     """
@@ -101,9 +103,9 @@ def set_command(
 
 @installation_app.command("check")
 def check_command(path: _Installation) -> None:
-    """Show what in an installation cannot be: settings that name what is not there, or that cannot be read.
+    """Report invalid settings of an installation: unreadable ones, and references to something that does not exist.
 
-    Exit status 1 for anything found.
+    Exit status 1 if a problem is found.
     """
     problems = list(problems_of(open_installation(path), path.absolute().parent))
     for problem in problems:
@@ -123,8 +125,8 @@ def _assigned(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def _told(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The rows that say something: most signals have neither a name nor an action."""
+def _rows_set(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The rows worth printing: most I/O signals have neither a name nor an action."""
     return rows if name != "io" else [row for row in rows if row["name"] or row["action"] not in ("", "NONE")]
 
 

@@ -18,9 +18,9 @@ def pendant_command(
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
     host: Annotated[
-        str, typer.Option(help="Address to serve on; 0.0.0.0 lets other machines move the robot.")
+        str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines move the robot.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to serve on, for browsers.")] = PENDANT_PORT,
+    port: Annotated[int, typer.Option(help="Port to listen on, for browsers.")] = PENDANT_PORT,
     control_port: Annotated[
         int | None, typer.Option(help="Port of an emulator's control API, if not the usual one.")
     ] = None,
@@ -36,18 +36,18 @@ def pendant_command(
         typer.Option(help="Folder of the arm's meshes (STL, GLB), laid out as for describe (default: simple shapes)."),
     ] = None,
     poses: Annotated[
-        Path | None, typer.Option(help="File of the saved poses, if it is not poses.json in your configuration folder.")
+        Path | None, typer.Option(help="File of the saved poses (default: poses.json in your configuration folder).")
     ] = None,
     tools: Annotated[
-        Path | None, typer.Option(help="File of the saved TCPs, if it is not tools.json in your configuration folder.")
+        Path | None, typer.Option(help="File of the saved TCPs (default: tools.json in your configuration folder).")
     ] = None,
     drafts: Annotated[
         Path | None,
-        typer.Option(help="Folder that keeps programs being made, if it is not drafts in your configuration folder."),
+        typer.Option(help="Folder of unsaved programs (default: drafts in your configuration folder)."),
     ] = None,
     scene: Annotated[
         Path | None,
-        typer.Option(help="What stands around the arm, for planning: a world file (default: what an emulator says)."),
+        typer.Option(help="World file of the objects around the arm, for planning (default: an emulator's world)."),
     ] = None,
     with_parent: Annotated[
         bool, typer.Option("--with-parent", hidden=True, help="Exit when standard input closes.")
@@ -63,7 +63,7 @@ def pendant_command(
     if scene is not None:
         _check_scene(scene)
     if with_parent:
-        threading.Thread(target=_end_with_standard_input, name="parent watch", daemon=True).start()
+        threading.Thread(target=_exit_with_standard_input, name="parent watch", daemon=True).start()
     station = Station(
         robot_ip,
         port_offset,
@@ -82,11 +82,11 @@ def pendant_command(
 
 
 def _check_scene(path: Path) -> None:
-    """What is wrong with the file is said now, and not when somebody looks at the Move screen."""
+    """Report errors in the scene file now, rather than when the Move screen is opened."""
     from client.planning import CollisionChecker, PlanningScene
 
     try:
-        CollisionChecker(PlanningScene.read(MODELS[0], path))  # things are the same around every arm
+        CollisionChecker(PlanningScene.read(MODELS[0], path))  # any arm does: the objects are the same
     except OSError as error:
         raise typer.BadParameter(f"cannot read {path}: {error.strerror}", param_hint="--scene") from error
 
@@ -95,8 +95,8 @@ def _own_file(name: str) -> Path:
     return Path(typer.get_app_dir("ur-client")) / f"{name}.json"
 
 
-def _end_with_standard_input() -> None:
-    """It is a pipe that nobody writes to: it ends when the process that started this one is gone."""
+def _exit_with_standard_input() -> None:
+    """Exit at the end of standard input: a pipe that closes when the process that started this one is gone."""
     while os.read(0, 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""``ur-client program``: PolyScope programs made, shown, checked and exported in the shell."""
+"""``ur-client program``: create, show, check and export PolyScope programs in the shell."""
 
 import json
 from pathlib import Path
@@ -15,23 +15,25 @@ from urscript.polyscope.files import PROGRAM_SUFFIX, export, new_program, save_p
 from urscript.polyscope.folder import ProgramsFolder
 from urscript.polyscope.tree import TreeError
 
-DRIVER_PORT = 50002  # what the URCap asks without being told
+DRIVER_PORT = 50002  # the URCap's default
 
-program_app = application("PolyScope programs, without PolyScope.", completion=False, no_args_is_help=True)
+program_app = application(
+    "Create, show, check and export PolyScope programs, without PolyScope.", completion=False, no_args_is_help=True
+)
 
 _Program = Annotated[Path, typer.Argument(help="The program, a .urp file.", metavar="NAME.urp")]
 Model = Annotated[str | None, typer.Option(help="The arm, for example ur3 or ur5e.")]
-Polyscope = Annotated[str | None, typer.Option(help="The PolyScope version it is for, for example 3.15.")]
+Polyscope = Annotated[str | None, typer.Option(help="The PolyScope version to write it for, for example 3.15.")]
 DriverHost = Annotated[str | None, typer.Option(help="Address of the driver's machine, as the robot sees it.")]
-DriverPort = Annotated[int, typer.Option(help="Port of the driver's program.", min=1, max=65535)]
+DriverPort = Annotated[int, typer.Option(help="Port on which the driver serves its program.", min=1, max=65535)]
 
 
 def check_new(path: Path, kind: str, suffix: str, force: bool) -> None:
-    """Raises FileError where a file of this kind cannot be made. force: one that is there may be written over."""
+    """Raise FileError if no file of this kind can be created at the path. force: an existing one may be overwritten."""
     if path.suffix != suffix:
-        raise FileError(path, f"{kind}'s name ends in {suffix}")
+        raise FileError(path, f"the name of {kind} must end in {suffix}")
     if path.exists() and not force:
-        raise FileError(path, "is there already; --force writes over it")
+        raise FileError(path, "exists: pass --force to overwrite it")
 
 
 @program_app.command("new")
@@ -42,27 +44,29 @@ def new_command(
     model: Model = None,
     polyscope: Polyscope = None,
     installation: Annotated[
-        str, typer.Option(help="The installation it belongs to: a path relative to it, without .installation.")
+        str, typer.Option(help="The program's installation: a path relative to the program, without .installation.")
     ] = "default",
-    empty: Annotated[bool, typer.Option("--empty", help="Without a node in it.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Write over a program that is there.")] = False,
+    empty: Annotated[bool, typer.Option("--empty", help="Create it without the External Control node.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the program if it exists.")] = False,
 ) -> None:
-    """Make a program with an External Control node.
+    """Create a program with an External Control node.
 
-    The address of the driver belongs to the installation, where the URCap keeps it: with --host it is set in the
-    installation beside the program, and nothing else of that. Where none is, a small one is made, enough for the
-    emulator; on a robot, set the address on the URCap's page of the installation.
+    The address of the driver belongs to the installation, where the URCap keeps it. --host sets it in the installation
+    next to the program and changes nothing else there. If there is none, a small one is created, which is enough for
+    the emulator. On a robot, set the address on the URCap's page of the installation.
     """
     check_new(path, "a program", PROGRAM_SUFFIX, force)
     if empty and host is not None:
-        raise ClientError("--host is of an External Control node, which --empty leaves out")
+        raise ClientError(
+            "--host sets the driver of an External Control node, which --empty leaves out: drop one of them"
+        )
     arm, version = controller(model, polyscope)
     root = new_program(path.stem, version, arm, installation=installation, external_control=not empty)
     folder, notes = ProgramsFolder(path.absolute().parent), []
     if host is not None:
         settings = path.parent / f"{installation}.installation"
         made = set_driver(settings, host, port, version)
-        notes.append(f"{settings}: {'made; ' if made else ''}the driver is at {host}:{port}")
+        notes.append(f"{settings}: {'created; ' if made else ''}the driver is at {host}:{port}")
     _save(ProgramEditor(root, path.stem, find_installation(root, folder), version, arm, folder=folder), path)
     typer.echo(f"{path}: for {arm.title}, PolyScope {version}")
     for note in notes:
@@ -72,7 +76,7 @@ def new_command(
 @program_app.command("show")
 def show_command(
     path: _Program,
-    forms: Annotated[bool, typer.Option("--forms", help="With what is set at each node.")] = False,
+    forms: Annotated[bool, typer.Option("--forms", help="Also print the settings of each node.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Print the tree of a program, with PolyScope's line numbers."""
@@ -92,7 +96,7 @@ def show_command(
 
 @program_app.command("check")
 def check_command(path: _Program, model: Model = None, polyscope: Polyscope = None) -> None:
-    """Show what keeps a program from running: at its nodes, then in its script. Exit status 1 for anything found."""
+    """Report what keeps a program from running: in its nodes, then in its script. Exit status 1 for any problem."""
     editor = open_program(path, model, polyscope)
     problems = all_problems(editor)
     lines = {row.id: row for row in editor.rows()}
@@ -108,14 +112,15 @@ def check_command(path: _Program, model: Model = None, polyscope: Polyscope = No
 def export_command(
     path: _Program,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The .script or .txt to write; without it both, beside it.")
+        Path | None,
+        typer.Option("--output", "-o", help="The .script or .txt file to write (default: both, next to the program)."),
     ] = None,
     model: Model = None,
     polyscope: Polyscope = None,
 ) -> None:
-    """Write the URScript of a program, and its tree as text, as PolyScope puts them beside it.
+    """Write a program's URScript, and its tree as text, as PolyScope saves them next to it.
 
-    Where a driver's code would be, at External Control nodes, the script has none.
+    External Control nodes stay empty in the script: their code comes from a driver at run time.
     """
     editor = open_program(path, model, polyscope)
     wanted = [output] if output else [path.with_suffix(".script"), path.with_suffix(".txt")]

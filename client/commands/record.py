@@ -1,4 +1,4 @@
-"""``ur-client record``, ``stream`` and ``convert``: a robot's states into files and onto screens."""
+"""``ur-client record``, ``stream``, ``convert``, ``plot``, ``replay`` and ``describe``: recordings and live data."""
 
 import asyncio
 import ipaddress
@@ -53,7 +53,7 @@ from urproto.robots.meshes import MeshesMissing
 def describe_command(
     model: Annotated[str | None, typer.Argument(help="The arm, for example ur3 or ur5e.")] = None,
     robot_ip: Annotated[
-        str | None, typer.Option("--robot-ip", help="Ask this robot for its model and calibration instead.")
+        str | None, typer.Option("--robot-ip", help="Read the model and the calibration from this robot instead.")
     ] = None,
     port_offset: PortOffset = 0,
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write.")] = Path("robot.urdf"),
@@ -64,7 +64,7 @@ def describe_command(
     ] = None,
     prefix: Annotated[str, typer.Option(help="Prefix for the name of every link and joint.")] = "",
 ) -> None:
-    """Write the URDF of an arm: joints, limits, inertias, geometry and, if there is one, calibration."""
+    """Write the URDF of an arm: joints, limits, inertias, geometry and, if available, its calibration."""
     if (model is None) == (robot_ip is None):
         raise typer.BadParameter("give either a model or --robot-ip")
     try:
@@ -86,24 +86,22 @@ def describe_command(
 def plot_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Picture to write: .png, .svg, .pdf or .html.")
+        Path | None, typer.Option("-o", "--output", help="Plot to write: .png, .svg, .pdf or .html.")
     ] = None,
-    title: Annotated[
-        str | None, typer.Option("--title", help="Title of the picture (default: the file's name).")
-    ] = None,
+    title: Annotated[str | None, typer.Option("--title", help="Title of the plot (default: the file's name).")] = None,
     controller: Annotated[
         str | None,
-        typer.Option("--controller", help='Controller whose desired motion to draw; "robot" is the robot\'s own.'),
+        typer.Option("--controller", help='Controller whose desired motion to draw; "robot": the robot\'s target.'),
     ] = None,
     limit: Annotated[
         float | None, typer.Option("--limit", min=0.0, help="Draw a line at this deviation from the path [rad].")
     ] = None,
     overwrite: "Overwrite" = False,
 ) -> None:
-    """Draw desired and actual positions and speeds, their differences and the speed scaling of a recording."""
+    """Plot a recording: desired and actual positions and speeds, their differences, and the speed scaling."""
     output = file.with_suffix(".png") if output is None else output
     check_free(output, overwrite)
-    recording = read_telling(file)
+    recording = read_with_remarks(file)
     draw(recording, output, file.name if title is None else title, controller=controller, limit_rad=limit)
     typer.echo(f"{output}: {len(recording)} states, {recording.time_s[-1]:.2f} s")
     tracking = recording.tracking(controller)
@@ -114,39 +112,43 @@ def plot_command(
         typer.echo(f"largest deviation from the path: {tracking.largest_path_deviation:.5f} rad")
 
 
-_APPROACH_RAD_S: Final = 0.3  # slow enough to press a button; guess
+_APPROACH_RAD_S: Final = 0.3  # guess: slow enough to reach the emergency stop in time
 _APPROACH_RAD_S2: Final = 0.5
-_LOOK_S: Final = 0.1
+_POLL_S: Final = 0.1
 _INTERRUPTED: Final = 130  # exit status of a program that Ctrl-C ended
 
 
 def replay_command(
     file: Annotated[Path, typer.Argument(help="A recording: .mcap, .csv or .npz.", exists=True, dir_okay=False)],
     speed: Annotated[float, typer.Option("--speed", help="Multiple of the recorded speed.")] = 1.0,
-    yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Move a real arm without asking for confirmation.")] = False,
     make_ready: Annotated[
         bool, typer.Option("--make-ready", help="Power the arm on and release its brakes first, if necessary.")
     ] = False,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Move the arm along the recorded path: slowly to its start, then as recorded; Ctrl-C brings it to rest."""
+    """Move the arm slowly to the start of a recorded path, then along it as recorded; Ctrl-C brings it to rest."""
     if not 0.0 < speed <= 10.0:
-        raise typer.BadParameter(f"--speed is above 0 and at most 10, not {speed:g}")
-    path = joint_path(read_telling(file), speed)
+        raise typer.BadParameter(f"--speed must be above 0 and at most 10, not {speed:g}")
+    path = joint_path(read_with_remarks(file), speed)
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
-    with taking_over(robot_ip, ports), Robot(robot_ip, robot_ports=ports) as robot:
+    with exclusive_motion(robot_ip, ports), Robot(robot_ip, robot_ports=ports) as robot:
         check_and_ask(robot_ip, robot, path, yes=yes)
         if make_ready:
             robot.make_ready()
         robot.move_j(path.start_rad, speed_rad_s=_APPROACH_RAD_S, acceleration_rad_s2=_APPROACH_RAD_S2)
         move_along(robot, path, "replay")
-    typer.echo(f"{file}: {path.duration_s:.2f} s replayed")
+    typer.echo(f"{file}: replayed {path.duration_s:.2f} s")
 
 
 @contextmanager
-def taking_over(robot_ip: str, ports: Mapping[str, int]) -> Iterator[None]:
-    """Around what moves a robot: nobody else controls it, and Ctrl-C ends it with a word and an exit status."""
+def exclusive_motion(robot_ip: str, ports: Mapping[str, int]) -> Iterator[None]:
+    """Guard a block that moves a robot.
+
+    Refuses to start while a controller manager is running for the robot. Ctrl-C prints "stopped" and exits with
+    status 130.
+    """
     asyncio.run(check_no_manager(robot_ip, ports["rtde"]))
     try:
         yield
@@ -156,17 +158,20 @@ def taking_over(robot_ip: str, ports: Mapping[str, int]) -> Iterator[None]:
 
 
 def check_and_ask(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool) -> None:
-    """Whether the robot can go along the path and, unless it is an emulator's, may. Raises URError."""
+    """Check the path against the limits of the robot; ask for confirmation unless it is on this machine.
+
+    Raises URError, or typer.Exit if the answer is no.
+    """
     arm = robot.inner.driver.robot.configuration
     if arm is None:
-        raise RobotRefused("replay", "it does not report its limits", "look whether its primary port (30001) answers")
+        raise RobotRefused("replay", "it does not report its limits", "check that its primary port (30001) answers")
     path.check(arm)
     if not yes and not _on_this_machine(robot_ip):
         _ask(robot_ip, robot, path)
 
 
 def _on_this_machine(address: str) -> bool:
-    """Where only emulators are."""
+    """Whether the address is this machine's own: a real robot never is."""
     try:
         return address == "localhost" or ipaddress.ip_address(address).is_loopback
     except ValueError:  # a name
@@ -176,48 +181,51 @@ def _on_this_machine(address: str) -> bool:
 def _ask(address: str, robot: Robot, path: JointPath) -> None:
     away = max(abs(a - b) for a, b in zip(robot.q, path.start_rad, strict=True))
     question = (
-        f"The arm at {address} will move by up to {away:.2f} rad to the start of the path, and then for "
-        f"{path.duration_s:.1f} s along it. Nothing looks for obstacles. Is the way free?"
+        f"The arm at {address} will move by up to {away:.2f} rad to the start of the path, and then along it for "
+        f"{path.duration_s:.1f} s. Obstacles are not checked. Is the path clear?"
     )
     if not sys.stdin.isatty():
-        raise ClientError(f"{question} Nobody can answer here: say --yes if it is")
+        raise ClientError(f"{question} There is no terminal to answer from: pass --yes if it is")
     if not typer.confirm(question):
         raise typer.Exit(1)
 
 
 def move_along(robot: Robot, path: JointPath, what: str) -> None:
-    """From its start, where the arm is, to its end. what: is shown beside the progress."""
+    """Move the arm from the start of the path, where it is now, to its end, and show the progress.
+
+    what: title of the progress bar.
+    """
     robot.sequence(path.points(), wait=False)
     with MotionProgress(what) as progress:
         done_s, last_s = 0.0, robot.state.timestamp_s
         while robot.moving:
             try:
-                robot.wait_done(_LOOK_S)
+                robot.wait_done(_POLL_S)
             except TimeoutError:
                 now_s = robot.state.timestamp_s
                 done_s += (now_s - last_s) * robot.state.speed_fraction
                 last_s = now_s
                 progress.update(min(1.0, done_s / path.duration_s))
         progress.update(1.0)
-    robot.wait_done()  # a failure between two looks
+    robot.wait_done()  # raises if the motion failed between two polls
 
 
-_STREAM_HZ: Final = 50.0  # more than a screen shows
+_STREAM_HZ: Final = 50.0  # smooth enough for any screen
 
 Fields: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option("--fields", help="RTDE outputs, comma-separated or repeated; default stands for the usual ones."),
+    typer.Option("--fields", help="RTDE outputs, comma-separated or repeated; the word default adds the usual ones."),
 ]
 Duration: TypeAlias = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="Duration by the robot's clock [s] (default: until Ctrl-C).")
 ]
 SceneOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--scene", help="World file: what it has is drawn around the arm (extra plan).", dir_okay=False),
+    typer.Option("--scene", help="World file whose objects to draw around the arm (extra plan).", dir_okay=False),
 ]
 PlanOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--plan", help="Output of `ur-client plan --json`: its way is drawn (extra plan).", dir_okay=False),
+    typer.Option("--plan", help="Output of `ur-client plan --json` whose path to draw (extra plan).", dir_okay=False),
 ]
 Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Overwrite the file if it exists.")]
 
@@ -239,14 +247,14 @@ def record_command(
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Record what a robot does, until Ctrl-C."""
+    """Record a robot's states, until Ctrl-C."""
     names = _chosen(fields)
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
     if cameras.names and file.suffix.lower() != ".mcap":
-        raise RecordingError(f"{file}: only .mcap files hold pictures of cameras")
+        raise RecordingError(f"{file}: only .mcap files can contain camera images")
     check_free(file, overwrite)
     if (scene or plan) and file.suffix.lower() != ".mcap":
-        raise typer.BadParameter(f"--scene and --plan are for .mcap files: {file} has no place for them")
+        raise typer.BadParameter(f"--scene and --plan need an .mcap file: {file} cannot contain drawings")
     drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
@@ -254,7 +262,7 @@ def record_command(
         shots = follow_cameras(opened, cameras)
         info = {"robot": robot_ip, "polyscope": str(robot.core.version), "rate_hz": f"{robot.core.rate_hz:g}"}
         recorder = opened.enter_context(Recorder(file, names, info))
-        typer.echo(f"recording {_what(robot, names)} into {file}. Ctrl-C ends it.", err=True)
+        typer.echo(f"recording {_what(robot, names)} to {file}. Ctrl-C ends it.", err=True)
         pictures = 0
 
         def write(state: Mapping[str, Any]) -> None:
@@ -268,9 +276,9 @@ def record_command(
         if drawing is not None:
             sinks.append(drawing.onto(recorder))
         follow(robot, sinks, interrupts, duration)
-    typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} pictures" if cameras.names else ""))
+    typer.echo(f"{file}: {recorder.count} states" + (f", {pictures} images" if cameras.names else ""))
     if recorder.left_out:
-        typer.echo(f"note: {recorder.left_out} states of the robot had no time (timestamp) and were left out", err=True)
+        typer.echo(f"note: {recorder.left_out} states without a timestamp were left out", err=True)
 
 
 def stream_command(
@@ -278,19 +286,19 @@ def stream_command(
         str | None,
         typer.Option(
             "--plotjuggler",
-            help=f"Its UDP server, udp://127.0.0.1:{PLOTJUGGLER_PORT}, or its WebSocket server, "
-            f"ws://127.0.0.1:{PLOTJUGGLER_WEBSOCKET_PORT}; protocol json.",
+            help=f"PlotJuggler's UDP server (udp://127.0.0.1:{PLOTJUGGLER_PORT}) or WebSocket server "
+            f"(ws://127.0.0.1:{PLOTJUGGLER_WEBSOCKET_PORT}); choose the protocol json there.",
         ),
     ] = None,
-    foxglove: Annotated[bool, typer.Option("--foxglove", help="Let Foxglove connect (see --listen).")] = False,
+    foxglove: Annotated[bool, typer.Option("--foxglove", help="Serve Foxglove (see --listen).")] = False,
     listen: Annotated[
-        str, typer.Option("--listen", help="Address that Foxglove connects to.")
+        str, typer.Option("--listen", help="Address to listen on for Foxglove.")
     ] = f"ws://127.0.0.1:{FOXGLOVE_PORT}",
     urdf: Annotated[
         Path | None,
         typer.Option(
             "--urdf",
-            help="URDF for Foxglove's 3D panel (default: made for the robot's model).",
+            help="URDF for Foxglove's 3D panel (default: generated for the robot's model).",
             exists=True,
             dir_okay=False,
         ),
@@ -309,12 +317,12 @@ def stream_command(
 ) -> None:
     """Stream a robot's live data to PlotJuggler or Foxglove, until Ctrl-C."""
     if not plotjuggler and not foxglove:
-        raise typer.BadParameter("say where to: --plotjuggler udp://127.0.0.1:9870, --foxglove, or both")
+        raise typer.BadParameter("nowhere to stream to: give --plotjuggler udp://127.0.0.1:9870, --foxglove, or both")
     if (scene or plan) and not foxglove:
-        raise typer.BadParameter("--scene and --plan are for --foxglove: PlotJuggler draws curves")
+        raise typer.BadParameter("--scene and --plan need --foxglove: PlotJuggler shows curves only")
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
     if cameras.names and not foxglove:
-        raise typer.BadParameter("PlotJuggler shows no pictures: --camera is for --foxglove")
+        raise typer.BadParameter("--camera needs --foxglove: PlotJuggler shows no images")
     names = _chosen(fields)
     drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
     with ExitStack() as opened:
@@ -341,33 +349,32 @@ def convert_command(
     target: Annotated[Path, typer.Argument(help="File to write; its suffix chooses the format.")],
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a recording in another format."""
+    """Convert a recording to another format."""
     check_free(target, overwrite)
     recording = convert(file, target)
-    _tell(file, recording)
+    _print_remarks(file, recording)
     typer.echo(f"{target}: {len(recording)} states of {len(recording.values)} variables")
     if recording.controllers:
-        typer.echo(
-            f"without what controllers reported ({', '.join(recording.controllers)}): it stays in {file}", err=True
-        )
+        names = ", ".join(recording.controllers)
+        typer.echo(f"note: the states of controllers ({names}) were not converted: they are only in {file}", err=True)
 
 
-def read_telling(path: Path, columns: Sequence[str] | None = None) -> Recording:
-    """A recording; it is told when it is damaged or has no proper end. columns: as `read`."""
+def read_with_remarks(path: Path, columns: Sequence[str] | None = None) -> Recording:
+    """Read a recording; print a note if it is damaged or incomplete. columns: as in `read`."""
     recording = read(path, columns)
-    _tell(path, recording)
+    _print_remarks(path, recording)
     return recording
 
 
-def _tell(path: Path, recording: Recording) -> None:
-    if what := remarks(recording.info):
-        typer.echo(f"note: {path}: {'; '.join(what)}; the {len(recording)} states that are left count", err=True)
+def _print_remarks(path: Path, recording: Recording) -> None:
+    if found := remarks(recording.info):
+        typer.echo(f"note: {path}: {'; '.join(found)}; using the remaining {len(recording)} states", err=True)
 
 
 def check_free(path: Path, overwrite: bool) -> None:
-    """Refuse to write over a file unless that was asked for."""
+    """Raise RecordingError if the file exists and may not be overwritten."""
     if path.exists() and not overwrite:
-        raise RecordingError(f"{path} is there already: choose another name, or --overwrite")
+        raise RecordingError(f"{path} exists: choose another name, or pass --overwrite")
 
 
 def _chosen(fields: Sequence[str] | None) -> tuple[str, ...]:
@@ -392,12 +399,12 @@ def _connect(
 
 
 def _what(robot: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
-    rate = f"{robot.core.rate_hz:g} times a second"
-    return f"{len(names)} variables of {robot.host} (PolyScope {robot.core.version}) {rate}"
+    source = f"{robot.host} (PolyScope {robot.core.version})"
+    return f"{len(names)} variables of {source} at {robot.core.rate_hz:g} Hz"
 
 
 def _stamped(writers: Sequence[Writer], pictured: FoxgloveServer | None, shots: Callable[[], list[Shot]]) -> list[Sink]:
-    """What writes each state to all, and pictures to the server that shows them, with the time of this machine."""
+    """A sink that passes each state to all writers, and images to the Foxglove server, with this machine's time."""
     stamps = Stamps()
 
     def write(values: Any) -> None:
@@ -412,7 +419,7 @@ def _stamped(writers: Sequence[Writer], pictured: FoxgloveServer | None, shots: 
 
 
 def _described(robot_ip: str, port_offset: int) -> str | None:
-    """The robot's URDF; None, and it is told why, where it cannot be had: everything else works without."""
+    """The robot's URDF; None, after printing the reason, if not available: streaming works without it."""
     try:
         return urdf_of(model_of_robot(robot_ip, port_offset))
     except URError as error:

@@ -1,4 +1,4 @@
-"""``ur-client state``: what the robot is doing, once."""
+"""``ur-client dashboard``, ``state``, ``send``, ``watch``, ``calibration`` and ``tool-comm``."""
 
 import asyncio
 import json
@@ -31,15 +31,15 @@ from urproto.text import from_bytes
 
 
 def tool_comm_command(
-    device: Annotated[Path, typer.Option(help="Path of the serial device to make.")] = Path("/tmp/ttyUR"),
+    device: Annotated[Path, typer.Option(help="Path of the serial device to create.")] = Path("/tmp/ttyUR"),
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Make the serial line at the robot's tool (e-Series) a device of this machine, until Ctrl-C."""
-    asyncio.run(_offer(ToolCommunication(robot_ip, PORT + port_offset, device, typer.echo)))
+    """Provide the serial line at the robot's tool (e-Series) as a device on this machine, until Ctrl-C."""
+    asyncio.run(_serve(ToolCommunication(robot_ip, PORT + port_offset, device, typer.echo)))
 
 
-async def _offer(line: ToolCommunication) -> None:
+async def _serve(line: ToolCommunication) -> None:
     loop = asyncio.get_running_loop()
     async with line:
         running = loop.create_task(line.run())
@@ -58,7 +58,7 @@ def calibration_command(
         "my_robot_calibration.yaml"
     ),
 ) -> None:
-    """Write the robot's calibration in the format of ur_description."""
+    """Save the robot's calibration in the format of ur_description."""
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         calibration = calibration_of(robot.run(robot.core.kinematics_info()))
         nominal = is_nominal(calibration, robot.run(robot.core.configuration_data()))
@@ -72,10 +72,10 @@ def send_command(
     port_offset: PortOffset = 0,
     wait: Annotated[bool, typer.Option("--wait", help="Wait until the program ends.")] = False,
 ) -> None:
-    """Send a script and wait until it runs. Status 1 when it is not URScript, or when an error or a stop ends it.
+    """Send a script and wait until it runs. Exit status 1 if it is not URScript, or if an error or a stop ends it.
 
-    With --wait the robot's log has a line more, by which the end of the program is told from a stop; programs that use
-    halt or return go without.
+    With --wait, the program writes one more line to the robot's log, which tells its regular end from a stop. Programs
+    that use halt or return do not get that line.
     """
     text = from_bytes(file.read_bytes())
     if "\0" in text:
@@ -83,7 +83,9 @@ def send_command(
     with primary.BlockingPrimaryClient(robot_ip, primary.PORT + port_offset) as robot:
         if is_secondary(text):
             if wait:
-                raise typer.BadParameter("a controller does not report the end of a sec program: leave --wait out")
+                raise typer.BadParameter(
+                    "a controller does not report the end of a secondary program: leave out --wait"
+                )
             robot.run(robot.core.send_secondary(text))
             typer.echo(f"sent {file}")
             return
@@ -106,7 +108,7 @@ def dashboard_command(
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Send one dashboard command and print the answer. Status 1 when the robot does not know it, refuses or fails."""
+    """Send one dashboard command and print the answer. Exit status 1 if it is unknown, refused or fails."""
     with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as robot:
         try:
             answer, done = robot.ask(judged(line)), True
@@ -122,7 +124,7 @@ def dashboard_command(
         raise typer.Exit(_REFUSED)
 
 
-_DRAWN_HZ = 10.0  # how often a table is drawn: nobody reads faster
+_DRAWN_HZ = 10.0  # redraws of the table: faster ones cannot be read
 
 
 def watch_command(
@@ -134,12 +136,12 @@ def watch_command(
     ],
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
-    rate: Annotated[float, typer.Option("--rate", help="States per second that the robot sends.")] = 10.0,
-    plain: Annotated[bool, typer.Option("--plain", help="Print lines even to a terminal.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every state.")] = False,
-    csv_file: Annotated[Path | None, typer.Option("--csv", help="Write every state to this file too.")] = None,
+    rate: Annotated[float, typer.Option("--rate", help="States per second to request from the robot.")] = 10.0,
+    plain: Annotated[bool, typer.Option("--plain", help="Print lines instead of a table, even on a terminal.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every state as a line of JSON.")] = False,
+    csv_file: Annotated[Path | None, typer.Option("--csv", help="Also write every state to this file.")] = None,
 ) -> None:
-    """Show values of a robot as they change, until Ctrl-C."""
+    """Show RTDE outputs of a robot as they change, until Ctrl-C."""
     if problem := unknown_fields(fields):
         raise typer.BadParameter(problem)
     names = list(dict.fromkeys(fields))
@@ -199,7 +201,7 @@ def _cell(name: str, value: Any) -> str:
 
 
 def _csv_sink(path: Path, names: list[str], opened: ExitStack) -> Sink:
-    from client.recording.tables import CsvWriter  # numpy: a table on the screen does without
+    from client.recording.tables import CsvWriter  # imports numpy, which a table on the screen does not need
 
     try:
         writer = CsvWriter(path, names)
@@ -217,7 +219,7 @@ _NAMES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": R
 
 
 def state_command(as_json: AsJson = False, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
-    """Print what the robot is doing right now."""
+    """Print the robot's current state: modes, joints and TCP pose."""
     with rtde.BlockingRTDEClient(robot_ip, _STATE, port=rtde.PORT + port_offset) as robot:
         state = robot.receive()
         version = robot.core.version

@@ -1,4 +1,4 @@
-"""``ur-client ros2``: a robot as the nodes of the official ROS 2 driver, on rclpy."""
+"""``ur-client ros2``: the nodes of the official ROS 2 driver for a robot, on rclpy."""
 
 import asyncio
 import sys
@@ -19,26 +19,27 @@ if TYPE_CHECKING:
 
 _CONTROLLER = "scaled_joint_trajectory_controller"
 _CAMERA_HZ = 10.0
-_SWITCH_INTERVAL_S = 0.0005  # between threads: a setpoint must not wait 5 ms for a callback that computes
+_SWITCH_INTERVAL_S = 0.0005  # between threads: with Python's 5 ms, a busy callback would delay a setpoint
 
 
 def ros2_command(
     ros_arguments: Annotated[
-        list[str] | None, typer.Argument(metavar="[-- ROS_ARGUMENTS]", help="For ROS, such as -r or --params-file.")
+        list[str] | None,
+        typer.Argument(metavar="[-- ROS_ARGUMENTS]", help="Arguments for ROS, such as -r or --params-file."),
     ] = None,
     controller: Annotated[
-        str, typer.Option(help="The controller that is active at first, once the arm can be moved; empty for none.")
+        str, typer.Option(help="Controller to activate once the arm can be moved; empty for none.")
     ] = _CONTROLLER,
     domain: Annotated[
-        int | None, typer.Option("--domain", min=0, max=232, help="Number of the domain, instead of ROS_DOMAIN_ID.")
+        int | None, typer.Option("--domain", min=0, max=232, help="ROS domain, instead of ROS_DOMAIN_ID.")
     ] = None,
-    namespace: Annotated[str, typer.Option(help="Of all nodes: left makes /left/joint_states.")] = "",
+    namespace: Annotated[str, typer.Option(help="Namespace of all nodes: left gives /left/joint_states.")] = "",
     tf_prefix: Annotated[
-        str, typer.Option("--tf-prefix", help="Put before the names of joints, frames and interfaces, as left_.")
+        str, typer.Option("--tf-prefix", help="Prefix for the names of joints, frames and interfaces, such as left_.")
     ] = "",
     headless: Headless = True,
     setup: Annotated[
-        bool, typer.Option("--setup", help="Make the message packages that ROS 2 lacks here, and leave.")
+        bool, typer.Option("--setup", help="Build the message packages missing from this ROS 2 installation, and exit.")
     ] = False,
     camera: CameraNames = None,
     camera_rate: CameraRate = _CAMERA_HZ,
@@ -48,7 +49,7 @@ def ros2_command(
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
 ) -> None:
-    """Run the ROS 2 driver: nodes, topics, services and actions as of ur_robot_driver. See docs/ros2.md."""
+    """Run the ROS 2 driver: nodes, topics, services and actions as in ur_robot_driver. See docs/ros2.md."""
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate)
     prepare()
     if setup:
@@ -75,7 +76,7 @@ def ros2_command(
 
 
 def prepare() -> None:
-    """See that rclpy and all message packages can be imported. Raises Ros2Error."""
+    """Make rclpy and all message packages importable; build those that are missing. Raises Ros2Error."""
     from client.ros2 import message_packages
 
     if not message_packages.missing():
@@ -84,18 +85,18 @@ def prepare() -> None:
         task = bar.add_task("message packages", total=1.0)
 
         def show(part: float, what: str) -> None:
-            bar.update(task, completed=part, description=f"making message packages, once: {what}")
+            bar.update(task, completed=part, description=f"building message packages, only this once: {what}")
 
         packages = message_packages.ensure(show)
     if packages.setup_file is not None:
-        typer.echo(f"other programs find the message packages by: . {packages.setup_file}", err=True)
+        typer.echo(f"to use the message packages in other programs: . {packages.setup_file}", err=True)
 
 
 async def serve(options: "DriverOptions") -> None:
-    """Until it is cancelled."""
+    """Run the driver until cancelled."""
     from client.ros2.driver import Ros2Driver
 
     async with Ros2Driver(options) as driver:
-        with real_time("auto"):  # of the event loop alone: the threads of nodes are there already
+        with real_time("auto"):  # for the event loop alone: the threads of the nodes have been started already
             await announce(driver.running, options)
             await asyncio.Event().wait()

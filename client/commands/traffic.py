@@ -1,4 +1,4 @@
-"""``ur-client proxy``: all connections of a robot, seen and recorded on their way."""
+"""``ur-client proxy``, ``decode``, ``compare`` and ``replay-traffic``: record and examine a robot's connections."""
 
 import asyncio
 import json
@@ -27,18 +27,18 @@ from urproto.commandline import AsJson, print_json
 _CHUNK = 65536  # bytes
 _UNREADABLE = 1  # exit status when something could not be decoded
 
-CodecName = Enum("CodecName", {name: name for name in CODECS}, type=str)  # type: ignore[misc] # made for the help text
+CodecName = Enum("CodecName", {name: name for name in CODECS}, type=str)  # type: ignore[misc] # an Enum, so that the help text lists the names
 
 
 def decode_command(
-    file: Annotated[str, typer.Argument(help="Captured bytes, hexadecimal text, or a pcap file; - is stdin.")],
+    file: Annotated[str, typer.Argument(help="Captured bytes, hexadecimal text or a pcap file; - for standard input.")],
     codec: Annotated[
         CodecName | None,
-        typer.Option("--as", help="Protocol of the bytes; guessed from port and content if not given."),
+        typer.Option("--as", help="Protocol of the bytes (default: guessed from port and content)."),
     ] = None,
     side: Annotated[
         Side | None,
-        typer.Option("--from", help="Sender of the bytes, when they are of one direction (a driver is a client)."),
+        typer.Option("--from", help="Sender of the bytes, if they are from one direction (a driver is a client)."),
     ] = None,
     port: Annotated[
         list[int] | None,
@@ -46,16 +46,19 @@ def decode_command(
     ] = None,
     port_offset: Annotated[int, typer.Option("--port-offset", help="Port offset of the emulator.")] = 0,
     form: Annotated[InputForm, typer.Option("--input", help="Format of the file.")] = InputForm.AUTO,
-    as_json: Annotated[bool, typer.Option("--json", help="Print a line of JSON for every message.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print every message as a line of JSON.")] = False,
 ) -> None:
-    """Print captured traffic of any controller port, one line per message. ! marks what could not be read: status 1."""
+    """Print captured traffic of any controller port, one line per message.
+
+    A line that starts with ! marks something unreadable; the exit status is then 1.
+    """
     chosen = CODECS[codec.value] if codec else None
     session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
     with ExitStack() as opened:
         source = _stdin() if file == "-" else _open(file, opened)
         try:
             _pump(source, session)
-        except KeyboardInterrupt:  # the usual end of an endless stream
+        except KeyboardInterrupt:  # how an endless stream usually ends
             _show(session.end())
     if session.problems:
         raise typer.Exit(_UNREADABLE)
@@ -85,7 +88,7 @@ def _pump(source: BufferedIOBase, session: Session) -> None:
 
 
 def _show(lines: Iterable[str]) -> None:
-    sys.stdout.write("".join(f"{line}\n" for line in lines))  # at once: Ctrl-C between lines would lose the rest
+    sys.stdout.write("".join(f"{line}\n" for line in lines))  # in one write: Ctrl-C between lines would lose the rest
     sys.stdout.flush()
 
 
@@ -103,12 +106,14 @@ def compare_command(
     ] = None,
     offset: Annotated[
         float | None,
-        typer.Option("--offset", help="Added to the robot time of the first recording [s] (default: determined)."),
+        typer.Option(
+            "--offset", help="Added to the robot time of the first recording [s] (default: found by alignment)."
+        ),
     ] = None,
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Show whether two recordings agree, and where they diverge; exit status 1 when they differ."""
+    """Report whether two recordings agree, and where they diverge. Exit status 1 if they differ."""
     from client.traffic.compare import compare_sources, read_source  # numpy: the other commands start without it
     from client.traffic.report import as_object, report
 
@@ -124,16 +129,18 @@ def compare_command(
 
 
 def replay_traffic_command(
-    file: Annotated[Path, typer.Argument(help="A recording: pcapng of `ur-client proxy`, or any pcap.")],
+    file: Annotated[Path, typer.Argument(help="A recording: a pcapng file of `ur-client proxy`, or any pcap file.")],
     listen: Annotated[str, typer.Option("--listen", help="Address to listen on for clients.")] = "127.0.0.1",
     speed: Annotated[float, typer.Option("--speed", help="Recorded seconds per second.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Start over when the states end, instead of closing.")] = False,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="Start over at the end of the recording instead of closing the connections.")
+    ] = False,
     recorded_offset: Annotated[
         int, typer.Option("--recorded-offset", help="Port offset of the robot when it was recorded.")
     ] = 0,
     port_offset: PortOffset = 0,
 ) -> None:
-    """Stand in for the robot of a recording, until Ctrl-C: states at their times, answers to their requests."""
+    """Act as the robot of a recording, until Ctrl-C: send its states at their times and its answers to requests."""
     recording = Recording.read(file, recorded_offset)
     for problem in recording.problems:
         typer.echo(f"! {problem}", err=True)
@@ -159,19 +166,21 @@ def proxy_command(
     robot_ip: RobotIP = "127.0.0.1",
     listen: Annotated[str, typer.Option("--listen", help="Address to listen on for clients.")] = "127.0.0.1",
     file: Annotated[
-        Path | None, typer.Option("--record", help="pcapng file to write everything to; Wireshark opens it.")
+        Path | None, typer.Option("--record", help="pcapng file to write everything to; Wireshark can open it.")
     ] = None,
     ports: Annotated[
         list[str] | None,
-        typer.Option("--ports", help="Names or numbers of ports (default: all of a robot's). Repeatable."),
+        typer.Option("--ports", help="Name or number of a port to relay (default: all of a robot's). Repeatable."),
     ] = None,
     driver: Annotated[
         str | None,
-        typer.Option("--driver", help="A driver's address: carry what programs connect to on 50001-50004 there too."),
+        typer.Option(
+            "--driver", help="Address of a driver: also relay the robot's connections to its ports 50001-50004."
+        ),
     ] = None,
     port_offset: PortOffset = 0,
     listen_offset: Annotated[
-        int, typer.Option("--listen-offset", help="Added to each port this machine listens on, as for an emulator.")
+        int, typer.Option("--listen-offset", help="Offset added to each port the proxy listens on, as for an emulator.")
     ] = 0,
 ) -> None:
     """Relay every connection to a robot unchanged and record it, until Ctrl-C."""
@@ -182,7 +191,7 @@ def proxy_command(
     _refuse_loop(routes)
     recorder = _recorder(file, robot_ip, port_offset) if file is not None else None
     try:
-        asyncio.run(_carry(routes, recorder))
+        asyncio.run(_relay(routes, recorder))
     except OSError as error:
         raise typer.BadParameter(str(error)) from error
     finally:
@@ -196,8 +205,8 @@ def _refuse_loop(routes: list[Route]) -> None:
     for route in routes:
         if (route.listen, route.listen_port) == (route.host, route.target):
             raise typer.BadParameter(
-                f"the proxy cannot listen where {route.name} is, on {route.host}:{route.target}: "
-                "give another --listen (127.0.0.2, say) or a --listen-offset"
+                f"the proxy cannot listen on {route.host}:{route.target}, which is the robot's own {route.name}: "
+                "give another --listen (127.0.0.2, for example) or a --listen-offset"
             )
 
 
@@ -206,17 +215,17 @@ def _recorder(file: Path, robot_ip: str, port_offset: int) -> Recorder:
     return Recorder(file, comments, problem=_warn)
 
 
-async def _carry(routes: list[Route], recorder: Recorder | None) -> None:
+async def _relay(routes: list[Route], recorder: Recorder | None) -> None:
     async with Proxy(routes, recorder, typer.echo) as proxy:
         for name, port in proxy.ports.items():
             route = proxy.routes[name]
-            typer.echo(f"{name}: {route.listen}:{port} leads to {route.host}:{route.target}")
+            typer.echo(f"{name}: {route.listen}:{port} -> {route.host}:{route.target}")
         typer.echo(f"{f'Recording to {recorder.path}. ' if recorder else ''}Ctrl-C ends it.")
         await until_interrupted()
 
 
 async def until_interrupted() -> None:
-    """Return at Ctrl-C, or when the process is asked to end."""
+    """Return at Ctrl-C or SIGTERM."""
     ended = asyncio.Event()
     stop: Callable[[], None] = ended.set
     loop = asyncio.get_running_loop()
@@ -227,4 +236,4 @@ async def until_interrupted() -> None:
 
 
 def _warn(text: str) -> None:
-    typer.echo(f"! {text}; the connections go on", err=True)
+    typer.echo(f"! {text}; the connections are still relayed", err=True)

@@ -72,7 +72,7 @@ def _hasty(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("client.commands.robot.follow", briefly)
     monkeypatch.setattr(Connection, "__init__", hasty)
-    monkeypatch.setattr("client.commands.following._come_back", give_up)
+    monkeypatch.setattr("client.commands.following._reconnect", give_up)
     monkeypatch.setattr("client.doctor._STREAM_S", 0.2)
 
 

@@ -179,7 +179,7 @@ def test_watch_prints_lines_and_comes_back(emulator, tmp_path):
         emulator.stop()
         emulator.start()
         assert "closed the connection" in next_line(process.stderr)
-        assert next_line(process.stderr) == "connected again\n"
+        assert next_line(process.stderr) == "reconnected\n"
         assert next_line(process.stdout).startswith("timestamp=")
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=PATIENCE_S)

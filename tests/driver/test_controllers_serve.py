@@ -126,7 +126,7 @@ async def test_commands_of_the_thesis_go_through_the_running_manager(robot, opti
             ["there", " SUCCESSFUL"],
             ["back", " SUCCESSFUL"],
         ]
-        assert f"through the controller manager that is running for {HOST}" in said.err
+        assert f"using the controller manager that is running for {HOST}" in said.err
         found = read(tmp_path / "run.mcap")
         assert max(found.tracking(SCALED).actual_q[:, 0]) == pytest.approx(there[0], abs=1e-2)
         assert await state_of(manager, SCALED) == "active"  # it goes on
@@ -135,7 +135,7 @@ async def test_commands_of_the_thesis_go_through_the_running_manager(robot, opti
         q = robot.controller.snapshot.actual_q
         assert q[5] == pytest.approx(HOME[5] - 0.3, abs=0.05)
         assert not any(robot.controller.snapshot.target_qd)
-        assert f"forward_velocity_controller takes the place of {SCALED}" in capsys.readouterr().err
+        assert f"forward_velocity_controller replaces {SCALED}" in capsys.readouterr().err
         await forward(target, "forward_position_controller", ForwardKind.POSITION, HOME, 0.8, False)
         assert robot.controller.snapshot.actual_q == pytest.approx(HOME, abs=0.01)
         with pytest.raises(ManagerError, match="limit"):

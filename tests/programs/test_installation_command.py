@@ -79,7 +79,7 @@ def test_what_cannot_be_is_found(path, before, after, said):
 def test_refusals_are_one_line_and_change_nothing(tmp_path, path):
     before = path.read_bytes()
     for arguments, said in (
-        (("new", path), "is there already"),
+        (("new", path), "exists: pass --force"),
         (("new", tmp_path / "x.urp"), "ends in .installation"),
         (("show", tmp_path / "none.installation"), "No such file"),
         (("show", path, "--section", "colours"), "no section 'colours'"),
