@@ -1,4 +1,4 @@
-"""Pictures of a robot's cameras, got over HTTP as from an IP camera: those of an emulator's scene (``--physics``).
+"""Camera images over HTTP, as from an IP camera: those of the cameras in an emulator's scene (``--physics``).
 
 with CameraClient("127.0.0.1") as client:
     for camera in client.cameras():

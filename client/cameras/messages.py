@@ -1,8 +1,8 @@
-"""Pictures as ROS 2 has them: names of topics and frames, and the fields of messages as plain values.
+"""Camera images in ROS 2: names of topics and frames, and the fields of messages as plain values.
 
-Topics and encodings are those of Gazebo's and RealSense's cameras: ``/NAME/image_raw`` (rgb8), ``/NAME/camera_info``,
-``/NAME/depth/image_raw`` (32FC1, m) and ``/NAME/depth/camera_info``; compressed ones those of image_transport. Frames
-are those of REP 103: ``NAME_link`` with x ahead and z up, and in it ``NAME_optical_frame`` with z ahead and y down.
+Topics and encodings follow Gazebo's and RealSense's cameras: ``/NAME/image_raw`` (rgb8), ``/NAME/camera_info``,
+``/NAME/depth/image_raw`` (32FC1, m) and ``/NAME/depth/camera_info``. Compressed images follow image_transport. Frames
+follow REP 103: ``NAME_link`` with x forward and z up, and in it ``NAME_optical_frame`` with z forward and y down.
 """
 
 import re
@@ -18,12 +18,12 @@ from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
 
 _OPTICAL_IN_LINK: Final[Pose] = (0.0, 0.0, 0.0, *matrix_to_rotvec([0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0]))
-_PARENTS: Final = {BASE: "base", FLANGE: "tool0"}  # as ur_description has the controller's frames
+_PARENTS: Final = {BASE: "base", FLANGE: "tool0"}  # ur_description's names of the controller's frames
 _NOT_IN_NAMES: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
 class Transform(NamedTuple):
-    """Where a frame is in its parent."""
+    """The pose of a frame in its parent."""
 
     parent: str
     child: str
@@ -31,18 +31,18 @@ class Transform(NamedTuple):
 
 
 def ros_name(camera: CameraDescription) -> str:
-    """Its name with nothing in it that names of ROS cannot have."""
+    """The camera's name as a valid ROS name: other characters become ``_``."""
     name = _NOT_IN_NAMES.sub("_", camera.name)
     return f"_{name}" if name[:1].isdigit() else name or "_"
 
 
 def optical_frame(camera: CameraDescription, prefix: str = "") -> str:
-    """The frame that its messages are in. prefix: of frames, as tf_prefix."""
+    """The frame of the camera's messages. prefix: for frames, like tf_prefix."""
     return f"{prefix}{ros_name(camera)}_optical_frame"
 
 
 def fixed_frames(camera: CameraDescription, prefix: str = "") -> list[Transform]:
-    """Those that never move, for ``/tf_static``."""
+    """The camera's frames that never move, for ``/tf_static``."""
     link = f"{prefix}{ros_name(camera)}_link"
     optical = Transform(link, optical_frame(camera, prefix), _OPTICAL_IN_LINK)
     if camera.frame not in _PARENTS:
@@ -51,14 +51,14 @@ def fixed_frames(camera: CameraDescription, prefix: str = "") -> list[Transform]
 
 
 def moving_frames(shot: Shot, prefix: str = "") -> list[Transform]:
-    """Those that were where they were when the picture was taken, for ``/tf``."""
+    """The camera's moving frames at the time of the image, for ``/tf``."""
     if shot.camera.frame in _PARENTS:
         return []
     return [Transform(f"{prefix}base", f"{prefix}{ros_name(shot.camera)}_link", _link(shot.pose))]
 
 
 def image(picture: NDArray[Any]) -> dict[str, Any]:
-    """A sensor_msgs/Image but for its header: rgb (height, width, 3) uint8, or depth (height, width) float32 [m]."""
+    """A sensor_msgs/Image without header: rgb (height, width, 3) uint8, or depth (height, width) float32 [m]."""
     height, width = picture.shape[:2]
     data = np.ascontiguousarray(picture.astype(picture.dtype.newbyteorder("<"), copy=False)).tobytes()
     return {
@@ -72,12 +72,12 @@ def image(picture: NDArray[Any]) -> dict[str, Any]:
 
 
 def compressed(jpeg: bytes) -> dict[str, Any]:
-    """A sensor_msgs/CompressedImage but for its header, its format as image_transport writes it."""
+    """A sensor_msgs/CompressedImage without header; its format is the one that image_transport writes."""
     return {"format": "rgb8; jpeg compressed bgr8", "data": jpeg}
 
 
 def camera_info(camera: CameraDescription) -> dict[str, Any]:
-    """A sensor_msgs/CameraInfo but for its header: no distortion."""
+    """A sensor_msgs/CameraInfo without header, of a camera without distortion."""
     k = camera.matrix
     return {
         "height": camera.height,

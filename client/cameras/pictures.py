@@ -1,4 +1,4 @@
-"""Getting pictures: one at a time, or again and again in a thread of its own."""
+"""Fetch camera images: one at a time, or periodically in a separate thread."""
 
 import http.client
 import io
@@ -23,18 +23,17 @@ from urproto.ports import CAMERA_PORT
 from urproto.robots.pose import Pose
 
 ALL_CAMERAS: Final = "all"
-"""As the name of a camera on a command line: all there are."""
+"""Name that stands for all cameras on a command line."""
 
-_TIMEOUT_S: Final = 30.0  # the first picture waits for a process to start (guess)
-_MOST_BYTES: Final = 64 * 1024 * 1024  # of an answer: colours and depth of 1920 x 1920 pixels have 26 MB
-_AGAIN_S: Final = 1.0  # after pictures were lost (guess)
+_TIMEOUT_S: Final = 30.0  # the first image waits for a process to start (guess)
+_MOST_BYTES: Final = 64 * 1024 * 1024  # of a response: colours and depth of 1920 x 1920 pixels take 26 MB
+_AGAIN_S: Final = 1.0  # delay before the next attempt after a failure (guess)
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture. data: in its form, one of `urproto.cameras.FORMS`. time_s: the robot's, as RTDE's ``timestamp``.
-
-    pose: of the camera's optical frame then, in the base frame.
+    """An image. form: one of `urproto.cameras.FORMS`. data: the image in that form. time_s: robot time, as in RTDE's
+    ``timestamp``. pose: of the camera's optical frame at that time, in the base frame.
     """
 
     camera: CameraDescription
@@ -45,26 +44,29 @@ class Shot:
 
     @cached_property
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Of the forms that are numpy's: rgb (height, width, 3), depth and segmentation (height, width).
+        """Arrays of a numpy form: rgb (height, width, 3), depth and segmentation (height, width).
 
-        Raises CameraError for other forms, and for data that is not what it should be.
+        Raises CameraError for other forms, and for invalid data.
         """
         kind, _, suffix = self.form.partition(".")
         if suffix not in ("npy", "npz"):
-            raise CameraError(f"{self.form} is not an array: get {kind}.npy")
+            raise CameraError(f"{self.form} is not an array: request {kind}.npy")
         try:
             loaded = np.load(io.BytesIO(self.data), allow_pickle=False)
             arrays = dict(loaded.items()) if suffix == "npz" else {kind: loaded}
-        except Exception as error:  # numpy and zipfile have many
+        except Exception as error:  # numpy and zipfile raise many types
             raise CameraError(f"{self.camera.name}: its {self.form} cannot be read: {error}") from error
         for name, array in arrays.items():
             if array.shape[:2] != (self.camera.height, self.camera.width):
-                raise CameraError(f"{self.camera.name}: its {name} is {array.shape}, not as large as its pictures")
+                raise CameraError(f"{self.camera.name}: its {name} has the shape {array.shape}, unlike its images")
         return arrays
 
 
 class CameraClient:
-    """The cameras at one address; one thread's. Close it after use. port: of an emulator."""
+    """Client for the cameras of an emulator. Use it from one thread, and close it afterwards.
+
+    port: the emulator's camera port.
+    """
 
     def __init__(self, host: str = "127.0.0.1", port: int = CAMERA_PORT, timeout_s: float = _TIMEOUT_S) -> None:
         self.address = f"http://{host}:{port}"
@@ -79,39 +81,39 @@ class CameraClient:
         self.close()
 
     def close(self) -> None:
-        """End the connection; the next question opens another."""
+        """Close the connection; the next request opens another."""
         self._http.close()
 
     def interrupt(self) -> None:
-        """Let a question fail that waits in another thread."""
+        """Abort a request that waits in another thread."""
         if (waiting := self._http.sock) is not None:
             waiting.shutdown(socket.SHUT_RDWR)
 
     def cameras(self) -> list[CameraDescription]:
-        """All there are. Raises CameraError."""
+        """All cameras of the scene. Raises CameraError."""
         _, content = self._get(CAMERAS)
         try:
             return [CameraDescription.from_json(entry) for entry in json.loads(content)["cameras"]]
         except (ValueError, TypeError, KeyError) as error:
-            raise CameraError(f"{self.address} is not a server of cameras: {error}") from error
+            raise CameraError(f"{self.address} is not a camera server: {error}") from error
 
     def chosen(self, names: Sequence[str]) -> list[CameraDescription]:
-        """Those of these names, all with `ALL_CAMERAS` among them. Raises CameraError for one that is not there."""
-        there = {camera.name: camera for camera in self.cameras()}
-        if not there:
-            raise CameraError(f"the scene at {self.address} has no cameras: name some in its world file")
+        """The cameras with these names; all if `ALL_CAMERAS` is among them. Raises CameraError for unknown names."""
+        available = {camera.name: camera for camera in self.cameras()}
+        if not available:
+            raise CameraError(f"the scene at {self.address} has no cameras: add some to its world file")
         for name in names:
-            if name not in there and name != ALL_CAMERAS:
-                raise CameraError(f"there is no camera {name!r}; there are: {', '.join(there)}")
-        return list(there.values()) if ALL_CAMERAS in names else [there[name] for name in names]
+            if name not in available and name != ALL_CAMERAS:
+                raise CameraError(f"there is no camera {name!r}; there are: {', '.join(available)}")
+        return list(available.values()) if ALL_CAMERAS in names else [available[name] for name in names]
 
     def shot(self, camera: CameraDescription, form: str) -> Shot:
-        """A picture that is taken now. form: one of `urproto.cameras.FORMS`. Raises CameraError."""
+        """Take an image now. form: one of `urproto.cameras.FORMS`. Raises CameraError."""
         headers, content = self._get(picture_path(camera.name, form))
         try:
             time_s, pose = float(headers[TIME_HEADER]), pose_of(headers[POSE_HEADER])
         except (KeyError, ValueError) as error:
-            raise CameraError(f"{self.address} does not say when and where a picture was taken: {error}") from error
+            raise CameraError(f"{self.address} does not report the time and pose of an image: {error}") from error
         return Shot(camera, form, content, time_s, pose)
 
     def _get(self, path: str) -> tuple[Mapping[str, str], bytes]:
@@ -122,14 +124,14 @@ class CameraClient:
         except (OSError, http.client.HTTPException) as error:
             self._http.close()
             raise CameraError(
-                f"no cameras at {self.address} ({error or type(error).__name__}): an emulator has them with "
+                f"no cameras at {self.address} ({error or type(error).__name__}): start the emulator with "
                 "--world FILE --physics"
             ) from error
         if len(content) > _MOST_BYTES:
             self._http.close()
-            raise CameraError(f"{self.address}{path} has more than {_MOST_BYTES} bytes: too much for a picture")
+            raise CameraError(f"{self.address}{path} has more than {_MOST_BYTES} bytes: too large for an image")
         if response.status != http.client.OK:
-            raise CameraError(_reason(content) or f"{self.address}{path} answers with status {response.status}")
+            raise CameraError(_reason(content) or f"{self.address}{path} responds with status {response.status}")
         return {name.lower(): value for name, value in response.getheaders()}, content
 
 
@@ -141,14 +143,14 @@ def _reason(content: bytes) -> str:
 
 
 Wanted = tuple[CameraDescription, str]
-"""A camera, and the form of its pictures."""
+"""A camera, and the form of its images."""
 
 
 class CameraFollower:
-    """Takes pictures in a thread, until it is closed; use it with ``with``.
+    """Fetches images in a thread until it is closed; use it with ``with``.
 
-    wanted: asked before each round. take: given each picture, in that thread. tell: told once why there are none, and
-    when there are again.
+    wanted: called before each round; returns the images to fetch. take: called with each image, in that thread. tell:
+    called once with the reason when images stop arriving, and again when they are back.
     """
 
     def __init__(
@@ -178,7 +180,7 @@ class CameraFollower:
         self.close()
 
     def close(self) -> None:
-        """End the thread, without waiting for a picture that is being drawn."""
+        """End the thread without waiting for an image that is being rendered."""
         self._over.set()
         with suppress(OSError):
             self._client.interrupt()
@@ -193,21 +195,21 @@ class CameraFollower:
             self._over.wait(next_s - time.monotonic())
 
     def _round(self) -> bool:
-        """One of each; whether all are there."""
+        """Fetch one image of each; return whether all arrived."""
         try:
             for camera, form in self._wanted():
                 shot = self._client.shot(camera, form)
                 if self._over.is_set():
                     return True
                 self._take(shot)
-                self._is("")
+                self._report("")
         except CameraError as error:
             if not self._over.is_set():
-                self._is(str(error))
+                self._report(str(error))
             return False
         return True
 
-    def _is(self, problem: str) -> None:
+    def _report(self, problem: str) -> None:
         if problem != self._problem:
             self._problem = problem
-            self._tell(problem or "there are pictures of the cameras again")
+            self._tell(problem or "the cameras deliver images again")

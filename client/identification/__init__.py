@@ -1,1 +1,1 @@
-"""Recordings of real arms: how well the emulator's model predicts them, and what their own model is."""
+"""Compare recordings of real arms with the emulator's model, and identify the model of an arm from a recording."""

@@ -1,4 +1,4 @@
-"""The file of an arm that was identified, which ``ur-emulator --arm`` reads."""
+"""The file of an identified arm, for ``ur-emulator --arm``."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from client.identification.identify import Identified
 
 
 def write_arm(path: Path, found: Identified) -> None:
-    """Raises FileError when the file cannot be written."""
+    """Write the arm file. Raises FileError if it cannot be written."""
     text = yaml.safe_dump(found.to_mapping(), sort_keys=False, default_flow_style=None, width=120)
     try:
         path.write_text(text, "utf-8")

@@ -1,7 +1,7 @@
-"""A motion that shows everything `identify` looks for: every joint, both ways, fast and slow, within given bounds.
+"""A motion that excites everything `identify` needs: every joint, in both directions, fast and slow, within bounds.
 
-Each joint follows a sum of sines of its own around where the arm is, which swells from rest and dies away. Phases are
-drawn until no link comes below the floor or near the arm itself, and smaller motions are tried where none does.
+Each joint follows its own sum of sines around the current configuration, faded in from rest and out again. Random
+phases are drawn until no link comes below the floor or near another link; if that fails, smaller motions are tried.
 """
 
 from collections.abc import Sequence
@@ -21,18 +21,18 @@ _KNOT_S: Final = 0.05
 _RAMP_S: Final = 2.0
 _BASE_HZ: Final = 0.08
 _HARMONICS: Final = 8
-_TRIES: Final = 20  # phases for each size
+_TRIES: Final = 20  # sets of phases for each size
 _SIZES: Final = (1.0, 0.8, 0.6, 0.45)
 _MARGIN_M: Final = 0.05  # between links
-_ALONG: Final = np.linspace(0.0, 1.0, 5)  # of a link, where distances are looked at
-_LINKS: Final = (*product((0, 1), (3, 4, 5)), (0, 2))  # pairs that can meet, base to wrist 3
+_ALONG: Final = np.linspace(0.0, 1.0, 5)  # points along a link at which distances are checked
+_LINKS: Final = (*product((0, 1), (3, 4, 5)), (0, 2))  # pairs that can collide, base to wrist 3
 _DOING: Final = "the excitation"
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What the motion keeps to: angles from where it starts [rad], speeds and accelerations of every joint [rad/s,
-    rad/s2], and the height [m, base frame] that no link comes below.
+    """Bounds of the motion: angle of every joint from its start [rad], its speed [rad/s] and acceleration [rad/s2],
+    and the lowest height of any link [m, base frame].
     """
 
     angle_rad: float = 0.5
@@ -44,7 +44,7 @@ class Bounds:
 def excitation(
     model: RobotModel, start_rad: Sequence[float], duration_s: float, bounds: Bounds | None = None, seed: int = 0
 ) -> JointPath:
-    """From rest to rest, where it began. Raises OutOfReachError when no motion keeps to the bounds."""
+    """A motion that starts and ends at rest at start_rad. Raises OutOfReachError if none stays within the bounds."""
     bounds = bounds or Bounds()
     start = np.asarray(start_rad, float)
     chance = np.random.default_rng(seed)
@@ -52,18 +52,18 @@ def excitation(
     links = ArmCapsules(model)
     for size in _SIZES:
         for _ in range(_TRIES):
-            way, speed = _scaled(time_s, _waves(time_s, chance), model, bounds, size)
-            if _clear(links, start + way, bounds.floor_m):
-                return JointPath(time_s, start + way, speed)
+            offset, speed = _scaled(time_s, _waves(time_s, chance), model, bounds, size)
+            if _clear(links, start + offset, bounds.floor_m):
+                return JointPath(time_s, start + offset, speed)
     raise OutOfReachError(
         _DOING,
         f"no motion of at least {_SIZES[-1] * bounds.angle_rad:.2f} rad from here keeps the arm above "
-        f"{bounds.floor_m:g} m and off itself: start elsewhere, or allow a smaller angle or a lower floor",
+        f"{bounds.floor_m:g} m and clear of itself: start elsewhere, or allow a smaller angle or a lower floor",
     )
 
 
 def _waves(time_s: Array, chance: np.random.Generator) -> Array:
-    """Of each joint (n, 6), from rest to rest, of no particular size."""
+    """A random motion of each joint (n, 6) that starts and ends at rest, not yet scaled."""
     harmonics = np.arange(1, _HARMONICS + 1)
     phases, sizes = chance.uniform(0.0, 2.0 * np.pi, (2, _HARMONICS, 6))
     turning = 2.0 * np.pi * _BASE_HZ * time_s[:, None, None] * harmonics[None, :, None] + phases
@@ -74,7 +74,7 @@ def _waves(time_s: Array, chance: np.random.Generator) -> Array:
 
 
 def _scaled(time_s: Array, waves: Array, model: RobotModel, bounds: Bounds, size: float) -> tuple[Array, Array]:
-    """As large as the bounds let each joint be: angles and speeds (n, 6)."""
+    """Scale each joint's motion to the bounds: angles and speeds (n, 6)."""
     speed = np.gradient(waves, time_s, axis=0)
     speed[[0, -1]] = 0.0
     rate = np.gradient(speed, time_s, axis=0)
@@ -82,16 +82,16 @@ def _scaled(time_s: Array, waves: Array, model: RobotModel, bounds: Bounds, size
     allowed = (
         (waves, bounds.angle_rad * size),
         (speed, fastest),
-        (1.2 * rate, bounds.acceleration_rad_s2),  # the knots are joined by cubics, whose peaks lie between them
+        (1.2 * rate, bounds.acceleration_rad_s2),  # the cubics between the knots may peak higher than the knots
     )
     scale = np.min([most / np.abs(values).max(axis=0) for values, most in allowed], axis=0)
     return scale * waves, scale * speed
 
 
-def _clear(links: ArmCapsules, way: Array, floor_m: float) -> bool:
-    """Whether the arm keeps above the floor and off itself all along."""
+def _clear(links: ArmCapsules, path: Array, floor_m: float) -> bool:
+    """Whether the arm stays above the floor and clear of itself along the path."""
     radii = np.array(links.radii)
-    for q in way[::2].tolist():
+    for q in path[::2].tolist():
         ends = np.array(links.axes(q))
         if (ends[1:, 1, 2] - radii[1:]).min() < floor_m:
             return False

@@ -1,4 +1,4 @@
-"""How far the emulator's model of an arm is from a recording of a real one, field by field and joint by joint."""
+"""Deviation of the emulator's model of an arm from a recording of a real one, by field and by joint."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from urproto.robots.pinocchio_dynamics import Dynamics
 from urproto.vectors import ZERO6, Vector6
 
 UNITS: Final = {"target_moment": "Nm", "target_current": "A", "actual_current": "A"}
-_WRONG_SHARE: Final = 0.05  # of the range of the target moments: no arm of that model with that payload
+_WRONG_SHARE: Final = 0.05  # of the range of the target moments: a larger error means another model or payload
 _WRONG_NM: Final = 1.0
-_LOOKED_AT: Final = 400  # states that tell which model it is
+_CHECKED_STATES: Final = 400  # enough to recognise the model
 
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """What the controller was told: mass [kg], centre of gravity (3,) in the flange frame [m]."""
+    """A payload: mass [kg], centre of gravity (3,) in the flange frame [m]."""
 
     mass_kg: float = 0.0
     cog_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -32,9 +32,11 @@ class Payload:
 
 @dataclass(frozen=True, slots=True)
 class Error:
-    """Of one field in one joint while it moves, in the field's unit. rest: rms while the whole arm stands, or None.
+    """Error of one field in one joint while the joint moves, in the field's unit.
 
-    range: of the recorded values in motion. share: rms over range. All four are None for a joint that hardly moved.
+    range: range of the recorded values in motion. rms, p99: root mean square and 99th percentile of the error. share:
+    rms divided by range. These four are None for a joint that hardly moved. rest: rms while the whole arm stands
+    still; None if it never does.
     """
 
     field: str
@@ -49,7 +51,7 @@ class Error:
 
 @dataclass(frozen=True, slots=True)
 class Fidelity:
-    """errors: a row for each field and joint. predicted, samples: over time, for a plot."""
+    """Result of a comparison. errors: a row for each field and joint. predicted, samples: values over time."""
 
     model: str
     payload: Payload
@@ -58,7 +60,7 @@ class Fidelity:
     samples: Samples
 
     def worst(self, field: str) -> tuple[float, str] | None:
-        """The largest share of a joint's range, and the joint; None when none moved or it was not recorded."""
+        """The largest `Error.share` of a field, and its joint; None if no joint moved or the field is missing."""
         shares = [(row.share, row.joint) for row in self.errors if row.field == field and row.share is not None]
         return max(shares, default=None)
 
@@ -66,10 +68,11 @@ class Fidelity:
 def fidelity(
     recording: Recording, model: RobotModel, payload: Payload | None = None, mounted: Payload | None = None
 ) -> Fidelity:
-    """Compare a recording of an arm with its model. payload: what the controller was told (default: as recorded, else
-    none); mounted: what really hung on the arm, and acts on the actual currents (default: the same).
+    """Compare a recording of an arm with the model of that arm.
 
-    Raises RecordingError for a recording that cannot be compared, such as one of another arm.
+    payload: the payload set on the controller (default: as recorded, else none). mounted: the payload actually mounted,
+    which affects the actual currents (default: the same). Raises RecordingError for a recording that cannot be
+    compared, such as one of another arm.
     """
     samples = samples_of(recording)
     payload = payload or recorded_payload(recording)
@@ -79,18 +82,20 @@ def fidelity(
 
 
 def recorded_payload(recording: Recording) -> Payload:
-    """What the recording says the controller was told. Raises RecordingError when it changed."""
+    """The payload that was set according to the recording. Raises RecordingError if it changed."""
     if "payload" not in recording or "payload_cog" not in recording:
         return Payload()
     masses, cogs = np.asarray(recording["payload"], float), np.asarray(recording["payload_cog"], float)
     if float(np.ptp(masses)) > 1e-3:
-        raise RecordingError(f"the payload changes from {masses.min():g} to {masses.max():g} kg: compare one at a time")
+        raise RecordingError(
+            f"the payload changes from {masses.min():g} to {masses.max():g} kg: record each separately"
+        )
     x, y, z = cogs[0].tolist()
     return Payload(float(masses[0]), (x, y, z))
 
 
 def check_model(samples: Samples, model: RobotModel, payload: Payload) -> None:
-    """Raises RecordingError when the target moments are another arm's, naming the arm that they fit."""
+    """Raise RecordingError if the target moments belong to another arm; the error names the arm that they fit."""
     if "target_moment" not in samples.fields:
         return
     if (off := _off(samples, model, payload)) is None:
@@ -98,14 +103,14 @@ def check_model(samples: Samples, model: RobotModel, payload: Payload) -> None:
     fitting = [name for name in MODELS if name != model.name and _off(samples, load_model(name), payload) is None]
     who = f"; it fits a {' or a '.join(load_model(name).title for name in fitting)}" if fitting else ""
     raise RecordingError(
-        f"target_moment is {off:.1f} Nm (rms) off what a {model.title} with {payload.mass_kg:g} kg needs{who}: give "
-        "the arm with --model and what it carried with --payload"
+        f"target_moment differs by {off:.1f} Nm (rms) from that of a {model.title} with {payload.mass_kg:g} kg{who}: "
+        "give the right --model and --payload"
     )
 
 
 def _off(samples: Samples, model: RobotModel, payload: Payload) -> float | None:
-    """How far the target moments are from this arm's [Nm]; None when they are near."""
-    rows = samples.rows(_LOOKED_AT)
+    """Error (rms) of the target moments for this arm [Nm]; None if it is small enough."""
+    rows = samples.rows(_CHECKED_STATES)
     moment = samples.fields["target_moment"][rows]
     error = moment - moments(model, payload, samples, rows, drivetrain_of(model).rotor_kg_m2)
     rms = np.sqrt((error**2).mean(axis=0))
@@ -115,7 +120,7 @@ def _off(samples: Samples, model: RobotModel, payload: Payload) -> float | None:
 
 
 def predictions(samples: Samples, model: RobotModel, payload: Payload, mounted: Payload) -> dict[str, Array]:
-    """What the emulator's model makes of the motion: an array (n, 6) for each field that was recorded."""
+    """The model's prediction for the motion: an array (n, 6) for each recorded field."""
     drives = drivetrain_of(model)
     constants = np.array(drives.torque_constants_Nm_A)
     moment = moments(model, payload, samples, slice(None), drives.rotor_kg_m2)
@@ -133,7 +138,7 @@ def predictions(samples: Samples, model: RobotModel, payload: Payload, mounted: 
 def moments(
     model: RobotModel, payload: Payload, samples: Samples, rows: "slice | NDArray[np.int_]", rotors: Vector6 = ZERO6
 ) -> Array:
-    """Torques that some rows of a motion take [Nm], without friction: (k, 6)."""
+    """Torques for some rows of a motion [Nm], without friction: (k, 6)."""
     dynamics = Dynamics(model)
     dynamics.set_payload(payload.mass_kg, payload.cog_m)
     dynamics.set_rotor_inertia(rotors)
@@ -143,7 +148,7 @@ def moments(
 def _errors(samples: Samples, predicted: dict[str, Array]) -> Iterator[Error]:
     moving, resting = samples.moving, samples.resting
     for name, values in predicted.items():
-        # noise belongs to what a sensor measures: it is not smoothed away
+        # actual currents are compared unfiltered: noise is part of a measurement
         recorded = samples.raw[name] if name == "actual_current" else samples.fields[name]
         off = values - recorded
         for joint, label in enumerate(JOINT_LABELS):

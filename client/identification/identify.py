@@ -1,9 +1,9 @@
-"""The drives of one arm, from a recording of it: torque constants, rotors, friction, noise, and what it carried.
+"""Identify the drives of an arm from a recording: torque constants, rotors, friction, noise, and its payload.
 
-All of it is linear in what is recorded (Pinocchio's inverse dynamics and regressor), so each group of numbers is a
-least squares fit, joint by joint. Its standard error is a jackknife over ten pieces of the recording, which, unlike the
-usual formula, does not take neighbouring states for independent ones. What the motion cannot tell is kept from the
-model.
+All parameters enter the recorded values linearly (Pinocchio's inverse dynamics and regressor), so each group is a
+least-squares fit per joint. The standard errors come from a jackknife over ten pieces of the recording. Unlike the
+usual formula, it does not assume that neighbouring states are independent. Parameters that the motion does not
+determine keep the model's values.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,20 +23,21 @@ from urproto.robots.measured import drivetrain_of
 from urproto.robots.pinocchio_dynamics import Dynamics
 
 _PIECES: Final = 10
-_UNCERTAIN: Final = 0.2  # of a value: a larger standard error means that the motion does not show it
-_CARRIES_NM: Final = 1.0  # a joint that stands and holds less does not show its torque constant
-_OF_MEDIAN: Final = 1.4826  # a standard deviation, of the median of what is normally distributed
+_UNCERTAIN: Final = 0.2  # of a value: a larger standard error means that the motion does not determine it
+_CARRIES_NM: Final = 1.0  # a joint at rest that holds less does not show its torque constant
+_OF_MEDIAN: Final = 1.4826  # standard deviation over median absolute value of a normal distribution
 _FEWEST: Final = 50  # states at rest
-_PAYLOAD_KG: Final = 0.1  # less is what the arm's own data may be wrong by
+_PAYLOAD_KG: Final = 0.1  # the arm's own data may be wrong by this much
 
 
 @dataclass(frozen=True, slots=True)
 class Identified:
-    """drives: numbers of the recorded arm where it showed them, else of its model.
+    """The identified arm.
 
-    errors: standard errors by the names of `Drivetrain`, None in a joint whose number is the model's. kept: what stayed
-    the model's and why, one line each. payload: what hung on the arm, by its currents, beyond what the controller was
-    told; None for nothing.
+    drives: parameters of the recorded arm where the recording determines them, otherwise the model's. errors: their
+    standard errors, by the names of `Drivetrain`; None in joints that keep the model's value. kept: one line for each
+    value kept from the model, with the reason. payload: the mounted payload, from the currents, beyond the one set on
+    the controller; None if there is none. told: the payload set on the controller.
     """
 
     model: RobotModel
@@ -54,11 +55,11 @@ class Identified:
 
     @property
     def mounted(self) -> Payload:
-        """All that hung on the arm."""
+        """The whole mounted payload."""
         return self.told if self.payload is None else _together(self.payload, self.told)
 
     def to_mapping(self) -> dict[str, Any]:
-        """The entries of an arm's file, as ``ur-emulator --arm FILE`` reads it."""
+        """The entries of an arm file, as ``ur-emulator --arm FILE`` reads it."""
         entries: dict[str, Any] = {"model": self.model.name, **_rounded(self.drives.to_mapping())}
         entries["standard_errors"] = _rounded({name: list(values) for name, values in self.errors.items()})
         entries["kept_from_the_model"] = list(self.kept)
@@ -68,23 +69,23 @@ class Identified:
 
 
 def identify(recording: Recording, model: RobotModel, payload: Payload | None = None) -> Identified:
-    """What a recording tells of an arm's drives. payload: what the controller was told (default: as recorded, or none).
+    """Identify an arm's drives from a recording. payload: set on the controller (default: as recorded, or none).
 
-    Raises RecordingError for a recording that tells nothing: too little motion, no currents, another arm.
+    Raises RecordingError if nothing can be identified: too little motion, no currents, another arm.
     """
     samples = samples_of(recording)
     told = payload or recorded_payload(recording)
     if not any(map(samples.moves, range(6))):
         raise RecordingError(
-            "no joint moves at 0.1 rad/s or more for two seconds: nothing can be identified. ur-client excite makes a "
-            "motion that shows everything"
+            "no joint moves at 0.1 rad/s or more for two seconds, so nothing can be identified: record a motion of "
+            "ur-client excite"
         )
     check_model(samples, model, told)
     return _Fit(samples, model, told).result()
 
 
 class _Fit:
-    """The fits, one after the other: each stands on what the ones before found."""
+    """The fits, one after the other: each builds on the results of the earlier ones."""
 
     def __init__(self, samples: Samples, model: RobotModel, told: Payload) -> None:
         self._samples, self._model, self._told = samples, model, told
@@ -102,14 +103,14 @@ class _Fit:
                 self._constants()
                 self._known_friction()
             else:
-                self._kept.append("target_current was not recorded: torque constants and known friction stay")
+                self._kept.append("target_current was not recorded: torque constants and known friction are kept")
         else:
-            self._kept.append("target_moment was not recorded: rotors, torque constants and known friction stay")
+            self._kept.append("target_moment was not recorded: rotors, torque constants and known friction are kept")
         if "actual_current" in self._samples.fields:
             self._true_friction(rigid)
             self._noise()
         else:
-            self._kept.append("actual_current was not recorded: friction and noise stay")
+            self._kept.append("actual_current was not recorded: friction and noise are kept")
         if not any(error is not None for errors in self._errors.values() for error in errors):
             raise RecordingError(f"nothing can be identified: {'; '.join(self._kept)}")
         drives = Drivetrain.from_mapping(self._values)
@@ -123,7 +124,7 @@ class _Fit:
             self._take(joint, ("rotor_kg_m2",), self._samples.qdd[rows, joint, None], rest[rows, joint])
 
     def _constants(self) -> None:
-        """From what joints hold at rest; what holds nothing shows it in motion, beside its friction."""
+        """Torque constants from the joints' load at rest; for unloaded joints from motion, together with friction."""
         moment, current = self._samples.fields["target_moment"], self._samples.fields["target_current"]
         resting = self._samples.resting
         for joint, label in enumerate(JOINT_LABELS):
@@ -136,7 +137,7 @@ class _Fit:
                 columns = np.column_stack([current[rows, joint], -friction])
                 self._take(joint, ("torque_constants_Nm_A",), columns, moment[rows, joint])
             else:
-                self._kept.append(f"{label}: holds nothing and hardly moves, its torque constant stays")
+                self._kept.append(f"{label}: is not loaded and hardly moves; its torque constant is kept")
 
     def _known_friction(self) -> None:
         names = ("known_coulomb_Nm", "known_viscous_Nm_s", "known_fast_viscous_Nm_s")
@@ -148,7 +149,7 @@ class _Fit:
             self._take(joint, names, features[rows, joint], loss[rows, joint])
 
     def _true_friction(self, rigid: Array) -> None:
-        """With what hung on the arm unknown to its controller: a body on the last link, by Pinocchio's regressor."""
+        """Friction, fitted with a payload unknown to the controller: a body on the last link (see Pinocchio)."""
         samples = self._samples
         rotors, constants = (np.array(self._values[name]) for name in ("rotor_kg_m2", "torque_constants_Nm_A"))
         loss = samples.fields["actual_current"] * constants - rigid - rotors * samples.qdd
@@ -159,7 +160,7 @@ class _Fit:
             self._take(joint, ("coulomb_Nm", "viscous_Nm_s"), features[rows, joint], loss[rows, joint])
 
     def _unknown_load(self, loss: Array, features: Array) -> Array:
-        """Torques of what the controller was not told of (n, 6); zeros when there is nothing."""
+        """Torques of payload unknown to the controller (n, 6); zeros if there is none."""
         samples, none = self._samples, np.zeros_like(loss)
         dynamics = Dynamics(self._model)
         rows = np.flatnonzero(samples.moving.any(axis=1))
@@ -180,7 +181,7 @@ class _Fit:
         return together - told
 
     def _noise(self) -> None:
-        """White noise: second differences of what was recorded, which motion itself hardly has."""
+        """White noise, from second differences of the recorded currents, to which motion hardly contributes."""
         raw, step = self._samples.raw["actual_current"], np.zeros(len(self._samples.time_s), bool)
         for begin, end in self._samples.parts:
             step[begin + 2 : end] = True
@@ -193,7 +194,7 @@ class _Fit:
             for joint in range(6):
                 rows = np.broadcast_to(rows_of, raw.shape)[:, joint] & step
                 if (count := int(rows.sum())) < _FEWEST:
-                    self._kept.append(f"{JOINT_LABELS[joint]}: too few states for {name}, it stays")
+                    self._kept.append(f"{JOINT_LABELS[joint]}: too few states for {name}, which is kept")
                     continue
                 size = _OF_MEDIAN * float(np.median(np.abs(second[rows, joint])))  # motion has outliers
                 self._values[name][joint] = size
@@ -204,22 +205,22 @@ class _Fit:
             if self._samples.moves(joint):
                 yield joint
             else:
-                self._kept.append(f"{label}: hardly moves, {what} stays")
+                self._kept.append(f"{label}: hardly moves; {what} is kept")
 
     def _take(self, joint: int, names: tuple[str, ...], columns: Array, wanted: Array) -> None:
-        """Fit; take over what is certain enough. columns: (n, k), of which the first belong to ``names``."""
+        """Fit, and accept values that are certain enough. columns: (n, k); the first of them belong to ``names``."""
         found, errors = _fitted(columns[:, None, :], wanted[:, None])
         for name, value, error in zip(names, found.tolist(), errors.tolist(), strict=False):
             if not np.isfinite(error) or value <= 0.0 or error > _UNCERTAIN * value:
                 what = f"{name} ({value:.3g} +- {error:.2g})"
-                self._kept.append(f"{JOINT_LABELS[joint]}: the motion is too poor for {what}, it stays")
+                self._kept.append(f"{JOINT_LABELS[joint]}: the motion does not determine {what}, which is kept")
             else:
                 self._values[name][joint] = value
                 self._errors[name][joint] = error
 
 
 def _fitted(columns: Array, wanted: Array) -> tuple[Array, Array]:
-    """Least squares (k,) of (n, m, k) to (n, m), and its standard errors; infinite where nothing tells a column."""
+    """Least-squares fit (k,) of (n, m, k) to (n, m), and its standard errors; infinite for undetermined columns."""
     count = columns.shape[-1]
     shown = np.flatnonzero(np.abs(columns).max(axis=(0, 1), initial=0.0) > 0.0)
     found, errors = np.zeros(count), np.full(count, np.inf)
@@ -247,7 +248,7 @@ def _together(one: Payload, other: Payload) -> Payload:
 
 
 def _rounded(values: Mapping[str, Any]) -> dict[str, Any]:
-    """To four digits, which is more than any recording tells."""
+    """Round to four digits, more than any recording determines."""
 
     def rounded(value: Any) -> Any:
         if isinstance(value, list):

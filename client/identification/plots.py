@@ -1,4 +1,4 @@
-"""Measured and predicted torques or currents of each joint over time, as a picture."""
+"""Plot of recorded and predicted torques or currents of each joint over time."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -13,15 +13,15 @@ from urproto.joints import JOINT_LABELS
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _SIZE_IN: Final = (10.0, 12.0)
 _DPI: Final = 110
-_MOST_POINTS: Final = 4000  # of a line; more are not seen
+_MOST_POINTS: Final = 4000  # of a line; more would not be visible
 _RECORDED: Final[Any] = {"linewidth": 0.7, "color": "#56b4e9", "label": "recorded"}
 _PREDICTED: Final[Any] = {"linewidth": 0.9, "color": "#d55e00", "label": "predicted"}
 
 
 def draw(result: Fidelity, path: Path, title: str) -> None:
-    """A column for each field, a row for each joint; path: .png, .svg or .pdf. Raises RecordingError."""
+    """Plot a column for each field and a row for each joint. path: .png, .svg or .pdf. Raises RecordingError."""
     if path.suffix.lower() not in _FORMATS:
-        raise RecordingError(f"{path} is none of the formats of pictures: {', '.join(_FORMATS)}")
+        raise RecordingError(f"{path} is not a format of plots: choose one of {', '.join(_FORMATS)}")
     with extra("plots", "drawing"):
         from matplotlib.figure import Figure
     samples, names = result.samples, tuple(result.predicted)

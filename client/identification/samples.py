@@ -1,8 +1,8 @@
-"""A recorded motion, made ready to be compared with a model: checked, cut at gaps, and on an even grid.
+"""A recorded motion prepared for comparison with a model: checked, cut at gaps, and resampled to an even grid.
 
-Where the recording has the targets (``target_q``, ``target_qd``, ``target_qdd``) they are the motion. Otherwise
-measured angles are differentiated, and everything that is compared passes the same low-pass first, so that both sides
-of a comparison have lost the same (parallel filtering).
+If the recording has the targets (``target_q``, ``target_qd``, ``target_qdd``), they are the motion. Otherwise the
+measured angles are differentiated, and all compared values first pass the same low-pass filter, so that it affects
+both sides of the comparison equally (parallel filtering).
 """
 
 from collections.abc import Sequence
@@ -20,28 +20,29 @@ from urproto.robots.drivetrain import KNOWN_BEND_RAD_S, KNOWN_COULOMB_RAD_S
 Array = NDArray[np.float64]
 
 COMPARED: Final = ("target_moment", "target_current", "actual_current")
-SMOOTHING_S: Final = 0.05  # standard deviation of the low-pass (Gaussian): half of the amplitude is left at 3.7 Hz
+SMOOTHING_S: Final = 0.05  # standard deviation of the low-pass (Gaussian): half the amplitude remains at 3.7 Hz
 MOVES_RAD_S: Final = 0.02
 RESTS_RAD_S: Final = 1e-3
-_SAYS_SOMETHING_RAD_S: Final = 0.1
-_SAYS_SOMETHING_S: Final = 2.0
-_GAP: Final = 5.0  # times the usual step
+_INFORMATIVE_RAD_S: Final = 0.1
+_INFORMATIVE_S: Final = 2.0
+_GAP: Final = 5.0  # multiple of the usual step
 _SHORTEST_S: Final = 0.5
-_EDGE: Final = 3.0  # widths of the low-pass at each end of a part that are not compared
+_EDGE: Final = 3.0  # widths of the low-pass that are not compared, at each end of a part
 _TARGETS: Final = ("target_q", "target_qd", "target_qdd")
-_LONGEST_STEP_S: Final = 0.05  # fewer than 20 states a second do not show how an arm accelerates
-_MOST_RAD: Final = 7.0  # joints turn once either way, and an e-Series simulator reports 363 degrees
+_LONGEST_STEP_S: Final = 0.05  # below 20 states per second, accelerations cannot be seen
+_MOST_RAD: Final = 7.0  # joints turn once in either direction, and an e-Series simulator reports 363 degrees
 _MOST_A: Final = 200.0
-_NONSENSE: Final = 1e6  # no angle, speed, current or torque of any unit
-_RATE_RANGE: Final = (0.7, 1.4)  # of a speed to what the angles do
+_NONSENSE: Final = 1e6  # too large for an angle, speed, current or torque in any unit
+_RATE_RANGE: Final = (0.7, 1.4)  # of recorded speeds to the rate of change of the angles
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """Joint arrays are (n, 6). qd: as fine as it is known; the others are low-passed where ``smoothing_s`` is not 0.
+    """A prepared motion. Joint arrays are (n, 6).
 
-    fields: those of `COMPARED` that were recorded; raw: the same as they were recorded. parts: where each unbroken part
-    begins and ends. whole: (n,), where the low-pass had all it looks at.
+    qd is unfiltered; the other arrays are low-passed if ``smoothing_s`` is not 0. fields: the recorded ones among
+    `COMPARED`. raw: the same, unfiltered. parts: begin and end of each part without a gap. whole: (n,), whether the
+    window of the low-pass was complete. notes: remarks for the user.
     """
 
     time_s: Array
@@ -58,22 +59,22 @@ class Samples:
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """Whether each joint moves (n, 6), as far as that can be compared."""
+        """Whether each joint moves, among the states that can be compared (n, 6)."""
         return np.asarray((np.abs(self.qd) > MOVES_RAD_S) & self.whole[:, None])
 
     @property
     def resting(self) -> NDArray[np.bool_]:
-        """Whether the arm stands, and does as long as the low-pass looks (n,)."""
+        """Whether the arm stands still throughout the window of the low-pass (n,)."""
         quiet = np.abs(self.qd).max(axis=1) < RESTS_RAD_S
         return np.asarray((self.smooth(quiet[:, None].astype(float))[:, 0] > 0.999) & self.whole)
 
     def moves(self, joint: int) -> bool:
-        """Whether a joint (0-5) moves fast and long enough to say anything about it."""
+        """Whether a joint (0-5) moves fast and long enough to be judged."""
         speed = np.abs(self.qd[:, joint])
-        return bool((speed > _SAYS_SOMETHING_RAD_S).mean() * (self.time_s[-1] - self.time_s[0]) > _SAYS_SOMETHING_S)
+        return bool((speed > _INFORMATIVE_RAD_S).mean() * (self.time_s[-1] - self.time_s[0]) > _INFORMATIVE_S)
 
     def smooth(self, values: Array) -> Array:
-        """(n, ...) through the low-pass that the recorded values went through."""
+        """Apply the low-pass of the recorded values to an array (n, ...)."""
         if not self.smoothing_s:
             return values
         flat = values.reshape(len(values), -1)
@@ -82,31 +83,31 @@ class Samples:
         return np.concatenate(parts).reshape(values.shape)
 
     def rows(self, count: int) -> NDArray[np.int_]:
-        """Rows (at most ``count``) spread evenly over those that can be compared."""
-        there = np.flatnonzero(self.whole)
-        rows: NDArray[np.int_] = there[np.unique(np.linspace(0, len(there) - 1, min(count, len(there))).astype(int))]
+        """At most ``count`` rows, spread evenly over those that can be compared."""
+        usable = np.flatnonzero(self.whole)
+        rows: NDArray[np.int_] = usable[np.unique(np.linspace(0, len(usable) - 1, min(count, len(usable))).astype(int))]
         return rows
 
 
 def known_features(qd: Array) -> Array:
-    """What the controller's model of friction is linear in: (n, 6, 3), its Coulomb, slow and fast part."""
+    """Features of the controller's friction model, which is linear in them: (n, 6, 3), Coulomb, slow and fast part."""
     slow = np.clip(qd, -KNOWN_BEND_RAD_S, KNOWN_BEND_RAD_S)
     return np.stack([np.clip(qd / KNOWN_COULOMB_RAD_S, -1.0, 1.0), slow, qd - slow], axis=-1)
 
 
 def true_features(qd: Array) -> Array:
-    """What the friction of the arm is linear in: (n, 6, 2), Coulomb and viscous."""
+    """Features of the arm's friction, which is linear in them: (n, 6, 2), Coulomb and viscous part."""
     return np.stack([np.clip(qd / KNOWN_COULOMB_RAD_S, -1.0, 1.0), qd], axis=-1)
 
 
 def samples_of(recording: Recording) -> Samples:
-    """Raises RecordingError for one that lacks columns, is in other units, or has no part that is long enough."""
+    """Prepare a recording. Raises RecordingError if it lacks variables, has other units, or consists of gaps."""
     compared = [name for name in COMPARED if name in recording]
     targets = all(name in recording for name in _TARGETS)
     if not compared:
-        raise RecordingError(f"none of {', '.join(COMPARED)} was recorded: record one with --fields default,NAME")
+        raise RecordingError(f"none of {', '.join(COMPARED)} was recorded: add one with --fields default,NAME")
     if not targets and "actual_q" not in recording:
-        raise RecordingError("target_q, target_qd and target_qdd or else actual_q are needed: no motion is recorded")
+        raise RecordingError("no motion was recorded: record target_q, target_qd and target_qdd, or else actual_q")
     time_s = np.asarray(recording["timestamp"], float)
     q = np.asarray(recording["target_q" if targets else "actual_q"], float)
     _check_times(time_s, differentiated=not targets)
@@ -119,10 +120,13 @@ def samples_of(recording: Recording) -> Samples:
         time_s, q, arrays = time_s[sound], q[sound], {name: array[sound] for name, array in arrays.items()}
     ranges, notes = _parts(time_s)
     if damaged:
-        notes = (*notes, f"{damaged} states are left out: no number, nothing that can be one, or a time of before")
+        notes = (
+            *notes,
+            f"{damaged} states are left out: not numbers, far too large, or no later than the one before",
+        )
     _check_units(time_s, q, arrays, ranges)
-    make = _from_targets if targets else _from_angles
-    return make(time_s, arrays, compared, ranges, notes)
+    prepare = _from_targets if targets else _from_angles
+    return prepare(time_s, arrays, compared, ranges, notes)
 
 
 def _check_times(time_s: Array, *, differentiated: bool) -> None:
@@ -133,16 +137,16 @@ def _check_times(time_s: Array, *, differentiated: bool) -> None:
     if usual <= 0.0:
         raise RecordingError("timestamp never rises: it must be the robot's clock in seconds")
     if usual >= 1.0 and usual < 1000.0:
-        raise RecordingError(f"timestamp rises by {usual:g} a state: seconds are expected, these may be milliseconds")
+        raise RecordingError(f"timestamp rises by {usual:g} per state: seconds are expected, these may be milliseconds")
     if differentiated and usual > _LONGEST_STEP_S:
         raise RecordingError(
-            f"a state every {usual:g} s is too seldom where targets were not recorded: {1.0 / _LONGEST_STEP_S:g} a "
-            "second are the least"
+            f"one state per {usual:g} s is too few without recorded targets: record at least "
+            f"{1.0 / _LONGEST_STEP_S:g} per second"
         )
 
 
 def _parts(time_s: Array) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
-    """Where nothing is missing, and what is said about the rest."""
+    """The parts without gaps, and notes on the rest."""
     steps = np.diff(time_s)
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > _GAP * usual)
@@ -153,12 +157,12 @@ def _parts(time_s: Array) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
         longest = max(float(time_s[end - 1] - time_s[begin]) for begin, end in every)
         raise RecordingError(
             f"no {_SHORTEST_S:g} s without a gap ({len(gaps)} gaps, at most {longest:.2f} s between them): record it "
-            "again, over a cable or on a machine with less to do"
+            "again, over a cable or on a less busy machine"
         )
     if not len(gaps):
         return kept, ()
     lost = float(steps[gaps].sum())
-    note = f"{len(gaps)} gaps, {lost:.2f} s in all; the {len(kept)} parts between them that are long enough are used"
+    note = f"{len(gaps)} gaps, {lost:.2f} s in total; {len(kept)} parts between them are long enough and are used"
     return kept, (note,)
 
 
@@ -179,7 +183,7 @@ def _check_units(time_s: Array, q: Array, arrays: dict[str, Array], parts: Seque
     ratio = float((slopes * said).sum()) / power
     if not _RATE_RANGE[0] < ratio < _RATE_RANGE[1]:
         raise RecordingError(
-            f"joint speeds are {ratio:.3g} times what the angles do in a second: rad, rad/s and seconds are expected"
+            f"joint speeds are {ratio:.3g} times the change of angles per second: rad, rad/s and seconds are expected"
         )
 
 
@@ -217,8 +221,8 @@ def _from_angles(
     whole = {name: np.concatenate(every) for name, every in columns.items()}
     standing = np.abs(whole["qd"]).max(axis=1) < RESTS_RAD_S
     for name in ("smooth_qd", "qdd"):
-        whole[name][standing] = 0.0  # what is left there is noise of the encoders
-    note = f"no targets in it: measured angles are differentiated, all is low-passed by {SMOOTHING_S * 1e3:.0f} ms"
+        whole[name][standing] = 0.0  # anything else there is noise of the encoders
+    note = f"it has no targets: measured angles are differentiated, all values low-passed by {SMOOTHING_S * 1e3:.0f} ms"
     return Samples(
         whole["time"],
         whole["q"],
@@ -244,7 +248,7 @@ def _resampled(grid: Array, time_s: Array, values: Array) -> Array:
 
 
 def _filtered(values: Array, step_s: float, width_s: float, order: int) -> Array:
-    """(n, k) through a Gaussian, or its first or second derivative; the ends are continued as they are."""
+    """Filter (n, k) with a Gaussian, or its first or second derivative; the first and last values are repeated."""
     kernel = _kernel(step_s, width_s, order)
     half = len(kernel) // 2
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
@@ -252,7 +256,7 @@ def _filtered(values: Array, step_s: float, width_s: float, order: int) -> Array
 
 
 def _kernel(step_s: float, width_s: float, order: int) -> Any:
-    """Of exactly unit gain for constants, slopes or parabolas on the grid."""
+    """A kernel with exactly unit gain for constants, slopes or parabolas on the grid."""
     half = int(np.ceil(4.0 * width_s / step_s))
     x = np.arange(-half, half + 1) * step_s
     bell = np.exp(-0.5 * (x / width_s) ** 2)

@@ -1,6 +1,7 @@
-"""Recordings as a dataset of LeRobot (v3.0), which its policies are trained on.
+"""Recordings as a LeRobot dataset (v3.0), for training LeRobot's policies.
 
-`write_dataset` is the way in. What it writes is what ``lerobot`` itself writes, without it: that brings PyTorch along.
+`write_dataset` is the entry point. It writes the same files as ``lerobot``, but does not need it: installing
+``lerobot`` would also install PyTorch.
 """
 
 from client.lerobot.dataset import Dataset, write_dataset

@@ -1,12 +1,12 @@
-"""The files of a LeRobotDataset v3.0: episodes in Parquet files, what describes them beside.
+"""The files of a LeRobotDataset v3.0: episodes in Parquet files, with metadata next to them.
 
-    meta/info.json                               features, frames a second, how many episodes and frames
+    meta/info.json                               features, frames per second, number of episodes and frames
     meta/stats.json                              statistics of all episodes
     meta/tasks.parquet                           tasks and their numbers
-    meta/episodes/chunk-000/file-000.parquet     a row an episode: its task, where it is, its statistics
-    data/chunk-000/file-000.parquet              a row a frame
+    meta/episodes/chunk-000/file-000.parquet     a row per episode: its task, its place in the data, its statistics
+    data/chunk-000/file-000.parquet              a row per frame
 
-Source: ``lerobot`` 0.4.4, its documentation of the format and what it writes itself.
+Source: ``lerobot`` 0.4.4, its documentation of the format and the files that it writes.
 """
 
 import json
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
 
 VERSION: Final = "v3.0"
 USUAL_FPS: Final = 10
-"""Frames a second of recordings without pictures, unless somebody says how many."""
+"""Default frames per second for recordings without images."""
 
 _WHAT: Final = "a dataset for LeRobot"
 _STATE, _ACTION, _PICTURES = "observation.state", "action", "observation.images."
-_IN_CHUNK: Final = 1000  # files; these three: what LeRobot writes
+_IN_CHUNK: Final = 1000  # files; this and the next two as LeRobot has them
 _DATA_MB, _VIDEO_MB = 100, 200
 _PLACE: Final = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 _DATA: Final = f"data/{_PLACE}.parquet"
@@ -51,7 +51,10 @@ _COUNTED: Final = ("frame_index", "episode_index", "index", "task_index")
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """What was written. late_s: the picture that is farthest from the time of its frame [s]. notes: on recordings."""
+    """A dataset that was written.
+
+    late_s: largest time between an image and its frame [s]. notes: remarks about the recordings.
+    """
 
     path: Path
     fps: int
@@ -72,25 +75,25 @@ def write_dataset(
     action: Iterable[str] = DEFAULT_ACTION,
     robot_type: str = "ur",
 ) -> Dataset:
-    """Make a folder of recordings, each one episode.
+    """Write a dataset folder from recordings; each recording becomes one episode.
 
-    tasks: what was done, in words: one for all recordings, or one for each. fps: frames a second (default: as the first
-    recording has pictures, else `USUAL_FPS`). state, action: RTDE variables, one number of a vector (``actual_q[0]``),
-    or one bit of a word. All cameras that were recorded are in it, and have to be in every recording.
+    tasks: descriptions of the task, one for all recordings or one for each. fps: frames per second (default: the rate
+    of the images in the first recording, else `USUAL_FPS`). state, action: RTDE variables, elements of vectors
+    (``actual_q[0]``), or bits of words. The dataset includes all recorded cameras; every recording must have the same.
 
-    The folder is there when it is complete, or not at all. Raises RecordingError, MissingExtraError.
+    The folder appears only when it is complete. Raises RecordingError, MissingExtraError.
     """
     path, files = Path(path), [Path(file) for file in recordings]
     if path.exists():
-        raise RecordingError(f"{path} is there already: choose another name")
+        raise RecordingError(f"{path} exists: choose another name")
     if not files:
-        raise RecordingError("a dataset has at least one recording")
+        raise RecordingError("no recordings: a dataset needs at least one")
     if len(tasks) not in (1, len(files)) or not all(task.strip() for task in tasks):
         raise RecordingError(
-            f"{len(tasks)} tasks for {len(files)} recordings: name one for all, or one for each, in order"
+            f"{len(tasks)} tasks for {len(files)} recordings: give one for all, or one for each, in order"
         )
     if fps is not None and fps < 1:
-        raise RecordingError(f"a dataset has at least one frame a second, not {fps}")
+        raise RecordingError(f"a dataset needs at least 1 frame per second, not {fps}")
     each = list(tasks) * len(files) if len(tasks) == 1 else list(tasks)
     with extra("lerobot", _WHAT):  # before anything is read
         import_module("pyarrow.parquet")
@@ -116,14 +119,14 @@ def write_dataset(
 
 
 def _usual_fps(pictures: Mapping[str, RecordedPictures]) -> int:
-    """As often as the camera that was slowest gave a picture."""
+    """The rate of the slowest camera."""
     rate_hz = usual_rate_hz(pictures)
     return max(1, round(rate_hz)) if rate_hz else USUAL_FPS
 
 
 @contextmanager
 def _folder(path: Path) -> Iterator[Path]:
-    """A folder beside ``path``, which takes its name in the end; nothing of it stays after an error."""
+    """A temporary folder next to ``path``, renamed to ``path`` at the end, and removed after an error."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         made = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
@@ -140,14 +143,14 @@ def _folder(path: Path) -> Iterator[Path]:
 
 
 def _umask() -> int:
-    """Of this process: a temporary folder is for its owner alone."""
+    """The umask of this process, which `tempfile.mkdtemp` ignores: its folder is for the owner alone."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
 
 
 class _Writer:
-    """Writes episodes one after the other. frames: so far."""
+    """Writes episodes one after the other. frames: number of frames so far."""
 
     def __init__(self, folder: Path, fps: int, state: Numbers, action: Numbers, robot_type: str) -> None:
         self.fps = fps
@@ -165,7 +168,7 @@ class _Writer:
         self._place = (0, 0)  # its chunk and its number there
 
     def add(self, made: Episode) -> None:
-        """Write an episode. Raises RecordingError for pictures that cannot be read, or are not as those before."""
+        """Write an episode. Raises RecordingError for images that are unreadable or differ from the earlier ones."""
         self._check_pictures(made)
         number, task = len(self._rows), self._tasks.setdefault(made.task, len(self._tasks))
         frames = np.arange(len(made))
@@ -208,7 +211,7 @@ class _Writer:
         self.late_s = max(self.late_s, made.late_s)
 
     def finish(self) -> None:
-        """Write what describes the episodes."""
+        """Write the metadata."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -223,19 +226,19 @@ class _Writer:
         self._write_json("info.json", self._info())
 
     def end_file(self) -> None:
-        """Write no more into the newest file of frames; twice does no harm."""
+        """Close the newest file of frames; calling it twice is allowed."""
         if self._data is not None:
             self._data.close()
             self._data = None
 
     def _check_pictures(self, made: Episode) -> None:
-        """Every episode has the same cameras, whose pictures are of one size."""
+        """Check that every episode has the same cameras, with images of the same size."""
         shapes = {camera: stats.decoded(pictures[0]).shape for camera, pictures in made.pictures.items()}
         sizes = {camera: (shape[0], shape[1]) for camera, shape in shapes.items()}
         if not self._rows:
             self._sizes, self.cameras = sizes, tuple(sizes)
         elif sizes != self._sizes:
-            raise RecordingError(f"it has pictures of {_sized(sizes)}, the recordings before of {_sized(self._sizes)}")
+            raise RecordingError(f"it has images of {_sized(sizes)}, but earlier recordings of {_sized(self._sizes)}")
 
     def _table(self, made: Episode, times: NDArray[np.float32], counted: Mapping[str, NDArray[np.int64]]) -> "pa.Table":
         import pyarrow as pa
@@ -249,7 +252,7 @@ class _Writer:
         return pa.table(columns)
 
     def _write(self, table: "pa.Table") -> None:
-        """A row group an episode, in a file that is not yet too large."""
+        """Write an episode as one row group, to a new file if the current one would get too large."""
         import pyarrow.parquet as pq
 
         if self._data is not None and self._size_mb() + table.nbytes / 2**20 > _DATA_MB:
@@ -302,7 +305,7 @@ class _Writer:
 
 
 def _vectors(values: NDArray[np.float32]) -> "pa.Array":
-    """A list of fixed length a row; of one number, that number, as LeRobot has it."""
+    """A fixed-length list per row; a plain number if the length is one, as in LeRobot."""
     import pyarrow as pa
 
     flat = pa.array(values.ravel(), pa.float32())
@@ -310,7 +313,7 @@ def _vectors(values: NDArray[np.float32]) -> "pa.Array":
 
 
 def _tasks_table(tasks: Mapping[str, int]) -> "pa.Table":
-    """Tasks and their numbers, with what tells pandas that the tasks are the index, by which LeRobot looks them up."""
+    """Tasks and their numbers. The metadata tells pandas to use the tasks as index, by which LeRobot looks them up."""
     import pyarrow as pa
 
     text = {"pandas_type": "unicode", "numpy_type": "object"}

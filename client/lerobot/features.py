@@ -1,4 +1,4 @@
-"""Which numbers of a recording an observation or an action has: ``actual_q``, ``actual_digital_output_bits[0]``."""
+"""Selects the numbers of an observation or action in a recording: ``actual_q``, ``actual_digital_output_bits[0]``."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -19,7 +19,7 @@ DEFAULT_ACTION: Final = ("target_q",)
 
 _SERIES: Final = re.compile(r"(?P<name>\w+)(\[(?P<index>\d+)\])?")
 _BITS: Final = {"B": 8, "I": 32, "Q": 64}
-_OF_JOINTS: Final = {"_q": "pos", "_qd": "vel"}  # as LeRobot calls a motor's numbers: shoulder_pan.pos
+_OF_JOINTS: Final = {"_q": "pos", "_qd": "vel"}  # LeRobot's suffixes for motors, as in shoulder_pan.pos
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class _Series:
         match = _SERIES.fullmatch(text)
         if match is None:
             raise RecordingError(
-                f"{text!r} is neither an RTDE variable, as actual_q, nor a part of one, as actual_q[0]"
+                f"{text!r} is neither an RTDE variable, such as actual_q, nor an element of one, such as actual_q[0]"
             )
         name, index = match["name"], match["index"]
         if problem := unknown_fields([name]):
@@ -43,7 +43,7 @@ class _Series:
         if index is not None:
             what, parts = ("numbers", kind.count) if kind.count > 1 else ("bits", _BITS.get(kind.letter, 0))
             if not parts:
-                raise RecordingError(f"{text}: {name} is one number: leave [{index}] out")
+                raise RecordingError(f"{text}: {name} is a single number: leave out [{index}]")
             if int(index) >= parts:
                 raise RecordingError(f"{text}: {name} has {parts} {what}, 0 to {parts - 1}")
         return cls(name, None if index is None else int(index))
@@ -60,7 +60,7 @@ class _Series:
                 yield f"{JOINT_NAMES[place]}.{kind}" if kind else f"{self.name}[{place}]"
 
     def of(self, recording: Recording) -> NDArray[np.float64]:
-        """The numbers of each state (n, k). Raises RecordingError for what was not recorded."""
+        """The numbers of each state (n, k). Raises RecordingError if the variable was not recorded."""
         values: NDArray[Any] = recording[self.name]
         if values.ndim == 1:
             values = values[:, None]
@@ -72,20 +72,18 @@ class _Series:
 
 
 class Numbers:
-    """What an observation or an action is made of, in order. Raises RecordingError for what RTDE does not have."""
+    """The elements of an observation or action, in order. Raises RecordingError for unknown RTDE variables."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._series = tuple(_Series.parse(name) for name in names)
         self.labels = tuple(label for series in self._series for label in series.labels)
         if not self.labels:
-            raise RecordingError("an observation and an action have at least one number each")
+            raise RecordingError("an observation and an action need at least one number each")
 
     def of(self, recording: Recording) -> NDArray[np.float64]:
-        """The numbers of each state (n, k). Raises RecordingError for what was not recorded or is not a number."""
+        """The numbers of each state (n, k). Raises RecordingError for missing variables, NaN and infinity."""
         values = np.concatenate([series.of(recording) for series in self._series], axis=1)
         if not np.isfinite(values).all():
             row, column = np.argwhere(~np.isfinite(values))[0].tolist()
-            raise RecordingError(
-                f"{self.labels[column]} is not a number {recording.time_s[row]:.2f} s from the beginning"
-            )
+            raise RecordingError(f"{self.labels[column]} is not a number {recording.time_s[row]:.2f} s after the start")
         return values

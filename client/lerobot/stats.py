@@ -1,4 +1,4 @@
-"""Statistics of a dataset, which policies normalise what they see by: of each episode, and of all together."""
+"""Statistics of each episode and of the dataset, with which policies normalise their inputs."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -16,13 +16,13 @@ Statistics = Mapping[str, NDArray[Any]]
 _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _SHADES: Final = 256
 _ROUNDED: Final = 1e-12
-# how many pictures of an episode count, and which of their pixels: as LeRobot's own statistics take them
+# how many images of an episode are sampled, and which of their pixels: the same as in LeRobot
 _FEWEST, _MOST, _POWER = 100, 10_000, 0.75
 _LARGE, _SMALL = 300, 150
 
 
 def of_numbers(values: Array) -> Statistics:
-    """Of a feature's numbers over an episode (n, k)."""
+    """Statistics of a feature's numbers over an episode (n, k)."""
     names, shares = list(_QUANTILES), list(_QUANTILES.values())
     return {
         "min": values.min(axis=0),
@@ -35,9 +35,9 @@ def of_numbers(values: Array) -> Statistics:
 
 
 def of_pictures(pictures: Sequence[bytes]) -> Statistics:
-    """Of the colours of an episode's pictures, 0 to 1, each (3, 1, 1).
+    """Statistics of the colours of an episode's images, 0 to 1, each (3, 1, 1).
 
-    Raises RecordingError for what is not a JPEG, and for pictures of several sizes.
+    Raises RecordingError for data that is not JPEG, and for images of different sizes.
     """
     count = min(len(pictures), max(_FEWEST, min(int(len(pictures) ** _POWER), _MOST)))
     places = np.round(np.linspace(0, len(pictures) - 1, count)).astype(int)
@@ -46,14 +46,14 @@ def of_pictures(pictures: Sequence[bytes]) -> Statistics:
         picture = decoded(pictures[place])
         sizes.add(picture.shape)
         for colour, counted in enumerate(shades):
-            counted += np.bincount(_fewer(picture)[..., colour].ravel(), minlength=_SHADES)
+            counted += np.bincount(_downsampled(picture)[..., colour].ravel(), minlength=_SHADES)
     if len(sizes) > 1:
-        raise RecordingError(f"pictures of one camera are of {len(sizes)} sizes")
+        raise RecordingError(f"the images of one camera have {len(sizes)} different sizes")
     return {name: values.reshape(3, 1, 1) for name, values in _of_shades(shades).items()} | {"count": np.array([count])}
 
 
 def _of_shades(counts: Array) -> dict[str, Array]:
-    """Of how often each shade occurs, (colours, shades)."""
+    """Statistics from the number of occurrences of each shade, (colours, shades)."""
     values, shares = np.arange(_SHADES) / (_SHADES - 1), counts / counts.sum(axis=1, keepdims=True)
     mean, below = shares @ values, np.cumsum(shares, axis=1)
     return {
@@ -66,17 +66,17 @@ def _of_shades(counts: Array) -> dict[str, Array]:
 
 
 def decoded(jpeg: bytes) -> NDArray[np.uint8]:
-    """A picture (height, width, 3). Raises RecordingError for what is not a JPEG."""
+    """Decode an image (height, width, 3). Raises RecordingError if it is not a readable JPEG."""
     from PIL import Image, UnidentifiedImageError
 
     try:
         with Image.open(io.BytesIO(jpeg), formats=["JPEG"]) as picture:
             return np.asarray(picture.convert("RGB"))
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
-        raise RecordingError(f"a picture of it is not a JPEG that can be read: {error}") from error
+        raise RecordingError(f"an image in it is not a readable JPEG: {error}") from error
 
 
-def _fewer(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _downsampled(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     height, width = picture.shape[:2]
     if max(width, height) < _LARGE:
         return picture
@@ -85,7 +85,7 @@ def _fewer(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def together(parts: Sequence[Statistics]) -> Statistics:
-    """Of several episodes. Quantiles are means of the episodes': an approximation, as in LeRobot."""
+    """Combine the statistics of several episodes. Quantiles are averaged, which is an approximation, as in LeRobot."""
     counts = np.array([part["count"][0] for part in parts], np.float64)
     shares = counts / counts.sum()
 

@@ -1,6 +1,6 @@
-"""Recordings of a robot: written while it works, read again, drawn, streamed, moved along.
+"""Recordings of a robot: write, read, convert, plot, stream and replay them.
 
-`Recorder` and `read` are what most programs want.
+Most programs need only `Recorder` and `read`.
 """
 
 from client.recording.background import BackgroundRecorder

@@ -1,8 +1,8 @@
-"""A recorder in a process of its own, for programs that must not be late: a control loop.
+"""A recorder in a separate process, for programs that must not be delayed, such as a control loop.
 
-Writing a state takes some tenths of a millisecond, and now and then, when a chunk is compressed,
-several. A call here takes some microseconds: a thread hands what it is given to the process,
-which writes the file with `Recorder`. It finishes the file properly also when this program dies.
+Writing a state takes some tenths of a millisecond, and several milliseconds when a chunk is compressed. A call here
+takes microseconds: a thread passes the states to the process, which writes the file with `Recorder`. The process
+finishes the file properly even if this program dies.
 """
 
 import json
@@ -24,7 +24,7 @@ from urproto.compat import Self
 
 _READY: Final = b"ready\n"
 _ENDS_S: Final = 30.0  # guess: compressing an hour of npz takes less
-# isolated: a folder of the user's may have the name of a module; the search path is this program's
+# isolated, because a folder of the user may have the name of a module; the search path is this program's
 _PROGRAM: Final = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from client.recording import background"
 _COMMAND: Final = ("-I", "-c", f"{_PROGRAM}; sys.exit(background.work(sys.stdin.buffer))")
 
@@ -32,7 +32,7 @@ _logger = logging.getLogger(__name__)
 
 
 class _State(NamedTuple):
-    """Of a controller, as much of it as is recorded; its points are `_Point`."""
+    """The recorded part of a controller's state; its points are `_Point`."""
 
     time_s: float
     joint_names: tuple[str, ...]
@@ -50,7 +50,7 @@ class _Point(NamedTuple):
 
 
 class _Markers(NamedTuple):
-    """What `Recorder.write_markers` takes."""
+    """Arguments of `Recorder.write_markers`."""
 
     topic: str
     markers: Sequence[Mapping[str, Any]]
@@ -58,10 +58,10 @@ class _Markers(NamedTuple):
 
 
 class BackgroundRecorder:
-    """As `Recorder`, for any thread; use it with ``with``, which also finishes the file.
+    """Like `Recorder`, callable from any thread; use it with ``with``, which also finishes the file.
 
-    A file that cannot be written any more is logged once, and told by `close`; what is recorded
-    goes on. Raises RecordingError.
+    If the file can no longer be written, that is logged once and raised by `close`; the calls in between do not fail.
+    Raises RecordingError.
     """
 
     def __init__(self, path: Path | str, names: Iterable[str] = DEFAULT_FIELDS, info: Info | None = None) -> None:
@@ -98,15 +98,15 @@ class BackgroundRecorder:
         self.count += 1
 
     def write_controller(self, controller: str, state: Any) -> None:
-        """Add the state of a trajectory controller, as `Recorder.write_controller`."""
+        """Add the state of a trajectory controller; see `Recorder.write_controller`."""
         self._queue.put((controller, state))
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_s: float) -> None:
-        """Add what 3D views draw, as `Recorder.write_markers`; what is wrong with them is told by `close`."""
+        """Add markers for 3D views; see `Recorder.write_markers`. Errors in them are raised by `close`."""
         self._queue.put(_Markers(topic, markers, time_s))
 
     def close(self) -> None:
-        """Finish the file. Raises RecordingError when something of it could not be written."""
+        """Finish the file. Raises RecordingError if part of it could not be written."""
         if not self._open:
             return
         self._open = False
@@ -114,7 +114,7 @@ class BackgroundRecorder:
         self._thread.join()
         if self._wait():
             raise self._failure()
-        self._hang_up()
+        self._close_pipes()
 
     def _check_ready(self) -> None:
         assert self._process.stdout
@@ -127,7 +127,7 @@ class BackgroundRecorder:
                 self._send(pipe, _plain(item))
             pipe.close()
         except OSError:  # the process has ended
-            _logger.error("%s cannot be written any more", self.path)
+            _logger.error("%s can no longer be written", self.path)
 
     def _send(self, pipe: IO[bytes], item: Any) -> None:
         pickle.dump(item, pipe, protocol=pickle.HIGHEST_PROTOCOL)
@@ -142,24 +142,24 @@ class BackgroundRecorder:
             return self._process.wait()
 
     def _failure(self) -> RecordingError:
-        """What the process said before it ended."""
+        """The error that the process printed before it ended."""
         assert self._process.stderr
         said = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         self._wait()
-        self._hang_up()
-        return RecordingError(said[-1] if said else f"{self.path}: the process that writes it was ended")
+        self._close_pipes()
+        return RecordingError(said[-1] if said else f"{self.path}: the process that writes it was killed")
 
-    def _hang_up(self) -> None:
+    def _close_pipes(self) -> None:
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
             assert pipe
             try:
                 pipe.close()
-            except OSError:  # what was still to be written to a process that has ended
+            except OSError:  # unwritten data for a process that has ended
                 continue
 
 
 def _plain(item: Any) -> Any:
-    """A controller's state as the other process knows it; anything else as it is."""
+    """A controller's state in the form that the other process knows; anything else unchanged."""
     if isinstance(item, _Markers) or not isinstance(item[0], str):
         return item
     name, state = item
@@ -175,7 +175,7 @@ def _point(point: Any) -> _Point:
 
 
 def work(pipe: BinaryIO) -> int:
-    """Record what comes through a pipe until its end; the exit status."""
+    """Record everything that arrives through a pipe until its end; return the exit status."""
     path, names, info = pickle.load(pipe)
     problem = ""
     try:
@@ -184,7 +184,7 @@ def work(pipe: BinaryIO) -> int:
             sys.stdout.buffer.flush()
             for item in iter(_reading(pipe), None):
                 if isinstance(item, _Markers):
-                    problem = _drawn(recorder, item) or problem
+                    problem = _write_markers(recorder, item) or problem
                 elif isinstance(item[0], str):
                     recorder.write_controller(*item)
                 else:
@@ -198,8 +198,8 @@ def work(pipe: BinaryIO) -> int:
     return 1 if problem else 0
 
 
-def _drawn(recorder: Recorder, item: _Markers) -> str:
-    """What is wrong with them: the recording goes on without."""
+def _write_markers(recorder: Recorder, item: _Markers) -> str:
+    """Write markers; return what is wrong with them. The recording continues without them."""
     try:
         recorder.write_markers(*item)
     except RecordingError as error:
@@ -208,7 +208,7 @@ def _drawn(recorder: Recorder, item: _Markers) -> str:
 
 
 def _reading(pipe: BinaryIO) -> Callable[[], Any]:
-    """The next item, None at the end: also when the last one was cut off because its sender died."""
+    """A function that returns the next item, or None at the end, even if the sender died within the last item."""
 
     def read() -> Any:
         try:

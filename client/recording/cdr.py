@@ -1,9 +1,9 @@
-"""CDR, the wire form of ROS 2 messages, by definitions in ROS's own language.
+"""CDR, the serialisation of ROS 2 messages, driven by message definitions in ROS's own language.
 
-A definition is what ``ros2msg`` schemas are: fields one a line, then, after a line of equals
-signs each, the types they use. Encoded is plain CDR version 1, little endian: a header of four
-bytes, after it every number aligned to its size, counted from the end of the header. Source:
-OMG DDSI-RTPS 10.5 and the interface definitions of ROS 2.
+A definition has the format of a ``ros2msg`` schema: one field per line, followed by the types it uses, each after a
+line of equals signs. The encoding is plain CDR version 1, little endian: a header of four bytes, then the values, with
+every number aligned to its size as counted from the end of the header. Source: OMG DDSI-RTPS 10.5 and the interface
+definitions of ROS 2.
 """
 
 import re
@@ -49,9 +49,9 @@ Get = Callable[["_Cursor"], Any]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of a message: its type is a number's, ``string``, or another type that has fields.
+    """One field of a message. type: a number type, ``string``, or another message type.
 
-    count: None for one value, 0 for as many as there are, else how many.
+    count: None for a single value, 0 for an array of variable length, otherwise the length of the array.
     """
 
     name: str
@@ -60,12 +60,11 @@ class Field:
 
 
 class MessageType:
-    """One type of message.
+    """A message type.
 
-    name: as in ROS 2, ``sensor_msgs/msg/JointState``. definition: its ``ros2msg`` schema.
-    names: of its fields. structs: the fields of this type, which comes first, and of those it
-    is made of, by short name (``sensor_msgs/JointState``).
-    Raises RecordingError for a definition that cannot be read.
+    name: as in ROS 2, such as ``sensor_msgs/msg/JointState``. definition: its ``ros2msg`` schema. names: its fields.
+    structs: the fields of this type, which comes first, and of the types it uses, by short name
+    (``sensor_msgs/JointState``). Raises RecordingError for an invalid definition.
     """
 
     def __init__(self, name: str, definition: str) -> None:
@@ -79,26 +78,26 @@ class MessageType:
         self.names = tuple(field.name for field in self.structs[own])
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
-        """The message; fields that are not named are zero or empty."""
+        """Encode a message; fields left out are zero or empty."""
         out = bytearray()
         self._put(out, values)
         return _HEADER + bytes(out)
 
     def decode(self, data: bytes) -> dict[str, Any]:
-        """The fields of a message. Raises RecordingError for one that does not fit the definition."""
+        """Decode the fields of a message. Raises RecordingError if it does not match the definition."""
         if len(data) < len(_HEADER) or data[0] != 0 or data[1] > _LITTLE_ENDIAN:
             raise RecordingError(f"a message of type {self.name} is not plain CDR")
         cursor = _Cursor(data[len(_HEADER) :], "<" if data[1] == _LITTLE_ENDIAN else ">")
         try:
             fields: dict[str, Any] = self._get(cursor)
         except (struct.error, UnicodeDecodeError) as error:
-            raise RecordingError(f"a message of type {self.name} does not fit its definition: {error}") from error
+            raise RecordingError(f"a message of type {self.name} does not match its definition: {error}") from error
         return fields
 
     def _codec(self, type_name: str, inside: tuple[str, ...]) -> tuple[Put, Get]:
-        """Encoder and decoder of a type that has fields."""
+        """Encoder and decoder of a message type."""
         if type_name not in self.structs or type_name in inside:
-            raise RecordingError(f"the definition of {self.name} does not say what {type_name} is")
+            raise RecordingError(f"the definition of {self.name} does not define {type_name}")
         fields = {
             field.name: self._field(field.type, field.count, (*inside, type_name)) for field in self.structs[type_name]
         }
@@ -120,7 +119,7 @@ class MessageType:
 
 
 class _Cursor:
-    """Where in a message one reads."""
+    """A read position in a message."""
 
     def __init__(self, data: bytes, order: str) -> None:
         self.data = data
@@ -128,7 +127,7 @@ class _Cursor:
         self.at = 0
 
     def take(self, letter: str, count: int = 1) -> tuple[Any, ...]:
-        """Numbers of one type. Raises struct.error past the end."""
+        """Read numbers of one type. Raises struct.error past the end."""
         size = struct.calcsize(letter)
         start = -(-self.at // size) * size
         if start + count * size > len(self.data):
@@ -143,21 +142,21 @@ def _plain(names: list[str]) -> Iterator[str]:
 
 
 def _fields(text: str, inside: str) -> Iterator[Field]:
-    """Of the definition of the type ``inside``."""
+    """The fields in the definition of the type ``inside``."""
     for line in text.splitlines():
         line = line.split("#")[0].strip()
         if not line or _CONSTANT.match(line):
             continue
         match = _FIELD.fullmatch(line)
         if match is None:
-            raise RecordingError(f"this line of a message definition cannot be read: {line!r}")
+            raise RecordingError(f"invalid line in a message definition: {line!r}")
         count = match["count"] or ""
         fixed = int(count) if count.isdigit() else 0
         yield Field(match["name"], _resolved(match["type"], inside), fixed if match["array"] else None)
 
 
 def _resolved(kind: str, inside: str) -> str:
-    """A type's full name; one without a package is of the same package."""
+    """A type's full name; without a package, the type belongs to the same package."""
     kind = _SHORT_NAMES.get(kind, kind.replace("/msg/", "/"))
     if "/" in kind or kind in _NUMBERS or kind == "string":
         return kind
@@ -186,8 +185,8 @@ def _numbers(letter: str, count: int) -> tuple[Put, Get]:
         if not count:
             _put_length(out, len(values))
         elif len(values) != count:
-            raise RecordingError(f"an array of {count} numbers is given {len(values)}")
-        if isinstance(values, bytes):  # a picture has hundreds of thousands
+            raise RecordingError(f"an array of {count} numbers got {len(values)}")
+        if isinstance(values, bytes):  # an image has hundreds of thousands of bytes: much faster than unpacking them
             out.extend(values)
         elif len(values):
             _align(out, size)
@@ -212,7 +211,7 @@ def _several(put_one: Put, get_one: Get, count: int) -> tuple[Put, Get]:
 
     def get(cursor: _Cursor) -> list[Any]:
         length = count or cursor.take("I")[0]
-        if length > len(cursor.data):  # every element has a byte at least
+        if length > len(cursor.data):  # every element has at least one byte
             raise struct.error(f"{length} elements in {len(cursor.data)} bytes")
         return [get_one(cursor) for _ in range(length)]
 

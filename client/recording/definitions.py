@@ -1,7 +1,7 @@
-"""Definitions of the ROS 2 messages that recordings are made of.
+"""Definitions of the ROS 2 messages in recordings.
 
-The fields of common_interfaces, tf2_msgs, control_msgs (as of Jazzy), ur_msgs and ur_dashboard_msgs;
-recordings hold them, so none of these packages has to be installed anywhere.
+They are the fields of common_interfaces, tf2_msgs, control_msgs (Jazzy), ur_msgs and ur_dashboard_msgs. Recordings
+include them, so none of these packages needs to be installed.
 """
 
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from client.recording.cdr import MessageType
 from urproto.rtde.fields import OUTPUT_FIELDS
 
 RTDE_TYPE: Final = "ur_client_msgs/msg/RTDEState"
-"""The type of the topic that has every variable of a recording; its fields are the recording's."""
+"""Type of the topic with every recorded variable; its fields are those variables."""
 
 _SEPARATOR: Final = "=" * 80
 _STAMPED: Final = "std_msgs/Header header"
@@ -169,18 +169,18 @@ _FIELDS: Final = {
 
 @cache
 def message_type(name: str) -> MessageType:
-    """A type by its name, ``sensor_msgs/msg/JointState``."""
+    """Look up a message type by name, such as ``sensor_msgs/msg/JointState``."""
     return _complete(name, _FIELDS[name.replace("/msg/", "/")])
 
 
 def rtde_type(names: Iterable[str]) -> MessageType:
-    """The message that has these RTDE variables."""
+    """The message type with these RTDE variables as fields."""
     fields = (f"{_ROS_TYPES[OUTPUT_FIELDS[name].type.name]} {ros_name(name)}{_remark(name)}" for name in names)
     return _complete(RTDE_TYPE, (_STAMPED, *fields))
 
 
 def ros_name(name: str) -> str:
-    """An RTDE variable as the name of a field, where ROS has no capital letters."""
+    """The field name of an RTDE variable; ROS allows no capital letters."""
     return name.lower()
 
 
@@ -199,7 +199,7 @@ def _complete(name: str, fields: Iterable[str]) -> MessageType:
 
 
 def _used(fields: Iterable[str]) -> tuple[str, ...]:
-    """Types that fields are made of, and theirs, each once."""
+    """All message types used by the fields, recursively, each once."""
     found: dict[str, None] = {}
     for field in fields:
         kind = field.split()[0].split("[")[0]

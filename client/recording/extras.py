@@ -1,4 +1,4 @@
-"""Packages that are only there when somebody asked for them."""
+"""Optional dependencies, installed with an extra such as ``pip install '.[record]'``."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,10 @@ from client.errors import MissingExtraError
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
-    """Around the imports of an extra. Raises MissingExtraError when one of its packages is missing."""
+    """Guard the imports of an extra. Raises MissingExtraError if one of its packages is not installed.
+
+    what: the feature that needs them, for the message.
+    """
     try:
         yield
     except ModuleNotFoundError as error:

@@ -27,28 +27,29 @@ _DEFAULT: Final = "default"
 
 
 class Writer(Protocol):
-    """Where states go."""
+    """Accepts states."""
 
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
-        """Add a state; time_ns: since 1970."""
+        """Add a state. time_ns: its time since 1970."""
 
     def close(self) -> None:
         """Finish."""
 
 
 class FileWriter(Writer, Protocol):
-    """A file that they go to; saved: states that are in it for sure."""
+    """A `Writer` to a file. saved: number of states that are certainly in it."""
 
     @property
     def saved(self) -> int: ...
 
 
 class Recorder:
-    """Writes RTDE states into a file; use it with ``with``, which also finishes the file.
+    """Writes RTDE states to a file; use it with ``with``, which also finishes the file.
 
-    path: its suffix says the format. names: the variables, ``timestamp`` is always among them.
-    info: whatever is worth knowing later. Raises RecordingError; where a file cannot be written any more, it says how
-    many states are in it. count: states it was given; left_out: those without a time, which are not in the file.
+    path: the suffix selects the format. names: the variables to record; ``timestamp`` is always included.
+    info: key-value pairs to store in the file. count: states passed to `write`. left_out: states without a valid time,
+    which are not in the file. Raises RecordingError; if the file can no longer be written, the error says how many
+    states are in it.
 
         with Recorder("run.mcap") as recorder, Robot(host, outputs=DEFAULT_FIELDS) as robot:
             robot.inner.driver.robot.on_state.append(recorder.write)
@@ -79,77 +80,76 @@ class Recorder:
         try:
             self.close()
         except RecordingError:
-            if error is None:  # else it has been told, or matters less
+            if error is None:  # otherwise it was raised before, or the other error matters more
                 raise
 
     def write(self, values: Mapping[str, Any]) -> None:
-        """Add a state; more variables than the recording's do no harm.
+        """Add a state; additional variables are ignored.
 
-        A file that cannot be written any more is an error once, and again when it is closed.
+        If the file can no longer be written, that raises RecordingError once here, and again in `close`.
         """
         time_ns = self._stamps.of(values["timestamp"])
         if time_ns is None:
             self.left_out += 1
             return
         if self._closed:
-            raise RecordingError(f"{self.path} is finished: record into another file")
+            raise RecordingError(f"{self.path} is finished: record to another file")
         self.count += 1
         if self._failure:
             return
-        with self._telling():
+        with self._noting_failure():
             self._writer.write({name: values[name] for name in self.names}, time_ns)
 
     def write_controller(self, controller: str, state: Any) -> None:
-        """Add the state of a trajectory controller, see `McapWriter.write_controller`; its time_s is the robot's.
+        """Add the state of a trajectory controller; see `McapWriter.write_controller`. Its time_s is robot time.
 
-        Only MCAP files have a place for it; others raise RecordingError.
+        Raises RecordingError unless the file is an MCAP file.
         """
         writer, time_ns = self._mcap("states of controllers"), self._stamps.of(state.time_s)
         if time_ns is not None and not self._failure:
-            with self._telling():
+            with self._noting_failure():
                 writer.write_controller(controller, state, time_ns)
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_s: float) -> None:
-        """Add what 3D views draw, fields of visualization_msgs/Marker, at a time [s] of the robot.
+        """Add markers for 3D views at a robot time [s]. markers: fields of visualization_msgs/Marker.
 
-        Only MCAP files have a place for it; others raise RecordingError, and so do markers that are none: the file
-        stays as it is.
+        Raises RecordingError, and leaves the file as it is, unless the file is an MCAP file and the markers are valid.
         """
         writer, message, time_ns = self._mcap("markers"), markers_message(markers), self._stamps.of(time_s)
         if time_ns is not None and not self._failure:
-            with self._telling():
+            with self._noting_failure():
                 writer.write_markers(topic, message, time_ns)
 
     def _mcap(self, what: str) -> McapWriter:
         if not isinstance(self._writer, McapWriter):
-            raise RecordingError(f"{self.path}: only .mcap files hold {what}")
+            raise RecordingError(f"{self.path}: only .mcap files can contain {what}")
         return self._writer
 
     def write_shot(self, shot: Shot) -> None:
-        """Add a picture; before the first state it is left out.
+        """Add a camera image; images before the first state are left out.
 
-        Only MCAP files have a place for it; others raise RecordingError.
+        Raises RecordingError unless the file is an MCAP file.
         """
         if not isinstance(self._writer, McapWriter):
-            raise RecordingError(f"{self.path}: only .mcap files hold pictures of cameras")
+            raise RecordingError(f"{self.path}: only .mcap files can contain camera images")
         time_ns = self._stamps.at(shot.time_s)
         if time_ns is not None and not self._failure:
-            with self._telling():
+            with self._noting_failure():
                 self._writer.write_shot(shot, time_ns)
 
     def close(self) -> None:
-        """Finish the file; closing twice does no harm."""
+        """Finish the file; closing it twice is allowed."""
         if self._closed:
             return
         self._closed = True
-        with self._telling():
+        with self._noting_failure():
             self._writer.close()
 
         if self._failure:
             raise self._failure_reported()
 
     @contextmanager
-    def _telling(self) -> Iterator[None]:
+    def _noting_failure(self) -> Iterator[None]:
         try:
             yield
         except RecordingError as error:
@@ -158,14 +158,14 @@ class Recorder:
 
     def _failure_reported(self) -> RecordingError:
         lost = self.count - self._writer.saved
-        saved = f"{self._writer.saved} states are in the file for sure"
+        saved = f"{self._writer.saved} states are certainly in the file"
         return RecordingError(
             f"{self._failure}; {saved}, the last {lost} may be lost: free some space and record again"
         )
 
 
 def open_writer(path: Path, names: Collection[str], info: Info) -> FileWriter:
-    """A file to write, by its suffix. Raises RecordingError."""
+    """Open a file for writing, in the format of its suffix. Raises RecordingError."""
     try:
         if _suffix(path) == ".csv":
             return CsvWriter(path, names)
@@ -175,13 +175,13 @@ def open_writer(path: Path, names: Collection[str], info: Info) -> FileWriter:
 
 
 def read(path: Path | str, columns: Sequence[str] | None = None) -> Recording:
-    """A recording. columns: of a CSV file without a first line, the RTDE variables in it.
+    """Read a recording. columns: the RTDE variables of a CSV file without a header line.
 
-    Raises RecordingError for what is none.
+    Raises RecordingError if the file is not a recording.
     """
     path = Path(path)
     if columns is not None and _suffix(path) != ".csv":
-        raise RecordingError(f"{path} says itself what it has: columns are for .csv files that do not")
+        raise RecordingError(f"{path} names its variables itself: columns are for .csv files without a header line")
     readers: dict[str, Callable[[Path], Recording]] = {
         ".mcap": read_mcap,
         ".csv": partial(read_csv, names=columns),
@@ -193,24 +193,24 @@ def read(path: Path | str, columns: Sequence[str] | None = None) -> Recording:
         raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
     if not len(recording):
         why = "; ".join(remarks(recording.info))
-        raise RecordingError(f"{path} is a recording without a single state" + (f": {why}" if why else ""))
+        raise RecordingError(f"{path} is a recording without any states" + (f": {why}" if why else ""))
     return _with_times(path, recording)
 
 
 def remarks(info: Info) -> list[str]:
-    """What there is to say about a recording that is not as it was made."""
+    """Remarks about a recording that is damaged or incomplete."""
     return [info[key] for key in ("cut_off", "left_out") if key in info]
 
 
 def _with_times(path: Path, recording: Recording) -> Recording:
-    """Without the states whose time is none. Raises RecordingError when there are no others."""
+    """Leave out states without a valid time. Raises RecordingError if no others remain."""
     stamps = recording["timestamp"]
     sound = np.isfinite(stamps) & (np.abs(stamps) < LONGEST_S)
     if bad := int(len(sound) - sound.sum()):
         if bad == len(sound):
-            raise RecordingError(f"{path}: none of its {bad} states has a time (timestamp)")
+            raise RecordingError(f"{path}: none of its {bad} states has a valid timestamp")
         parts = [recording.info["left_out"]] if "left_out" in recording.info else []
-        left_out = "; ".join([*parts, f"{bad} of {len(sound)} states have no time and are left out"])
+        left_out = "; ".join([*parts, f"{bad} of {len(sound)} states have no valid timestamp and are left out"])
         values = {name: array[sound] for name, array in recording.values.items()}
         return replace(recording, values=values, info={**recording.info, "left_out": left_out})
     return recording
@@ -230,14 +230,14 @@ def convert(source: Path, target: Path) -> Recording:
         finally:
             writer.close()
     except RecordingError as error:
-        raise RecordingError(f"{error}; {writer.saved} of {len(recording)} states are in it for sure") from error
+        raise RecordingError(f"{error}; {writer.saved} of {len(recording)} states are certainly in it") from error
     return recording
 
 
 def field_names(names: Iterable[str]) -> tuple[str, ...]:
-    """RTDE variables, each once and ``timestamp`` among them; ``default`` stands for the usual ones.
+    """Check names of RTDE variables; return each once, with ``timestamp``. ``default`` stands for the usual ones.
 
-    Raises RecordingError for a name that is none, with what may have been meant.
+    Raises RecordingError for an unknown name, with the most similar known one.
     """
     found = {"timestamp": None}
     for name in names:
@@ -249,5 +249,5 @@ def field_names(names: Iterable[str]) -> tuple[str, ...]:
 
 def _suffix(path: Path) -> str:
     if (suffix := path.suffix.lower()) not in FORMATS:
-        raise RecordingError(f"{path} is none of the formats of recordings: {', '.join(FORMATS)}")
+        raise RecordingError(f"{path} is not a format of recordings: choose one of {', '.join(FORMATS)}")
     return suffix

@@ -1,4 +1,4 @@
-"""States as they come, for programs that draw them: PlotJuggler and Foxglove."""
+"""Live states for PlotJuggler and Foxglove."""
 
 import json
 import math
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from foxglove import Channel
 
 
-PLOTJUGGLER_PORT: Final = 9870  # what its UDP server proposes
-PLOTJUGGLER_WEBSOCKET_PORT: Final = 9871  # what its WebSocket server proposes
-FOXGLOVE_PORT: Final = 8765  # what Foxglove proposes
+PLOTJUGGLER_PORT: Final = 9870  # default of its UDP server
+PLOTJUGGLER_WEBSOCKET_PORT: Final = 9871  # default of its WebSocket server
+FOXGLOVE_PORT: Final = 8765  # Foxglove's default
 _PATIENCE_S: Final = 5.0  # guess: a program on the same network answers within this
-_LARGEST_DATAGRAM: Final = 1400  # bytes: below the MTU of Ethernet, and PlotJuggler cuts at 2048
-_DESCRIPTION_NS: Final = 1_000_000_000  # how often the URDF is told, for those who come late
+_LARGEST_DATAGRAM: Final = 1400  # bytes: below Ethernet's MTU; PlotJuggler truncates at 2048
+_DESCRIPTION_NS: Final = 1_000_000_000  # interval at which the URDF is repeated, for late subscribers
 
 
 def address_of(text: str, scheme: str, default_port: int) -> tuple[str, int]:
@@ -48,7 +48,7 @@ def plotjuggler(address: str) -> "PlotJugglerSender | PlotJugglerSocket":
 
 
 class PlotJugglerSender:
-    """Sends each state as JSON to PlotJuggler's UDP server, protocol JSON, ``timestamp`` as its time field."""
+    """Sends each state to PlotJuggler's UDP server. Settings there: protocol JSON, time field ``timestamp``."""
 
     def __init__(self, host: str, port: int = PLOTJUGGLER_PORT) -> None:
         try:
@@ -59,7 +59,7 @@ class PlotJugglerSender:
         self._socket = socket.socket(family, kind)
 
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
-        """Send a state. Raises RecordingError when the network takes nothing."""
+        """Send a state. Raises RecordingError if the network refuses it."""
         for data in datagrams(values, time_ns):
             try:
                 self._socket.sendto(data, self._address)
@@ -67,14 +67,14 @@ class PlotJugglerSender:
                 raise RecordingError(f"cannot send to {self._address[0]}: {error.strerror}") from error
 
     def close(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._socket.close()
 
 
 class PlotJugglerSocket:
-    """Sends each state as JSON to PlotJuggler's WebSocket server, protocol JSON, ``timestamp`` as its time field.
+    """Sends each state to PlotJuggler's WebSocket server. Settings there: protocol JSON, time field ``timestamp``.
 
-    A state is one message, however large. Raises RecordingError when nobody answers there.
+    A state is one message of any size. Raises RecordingError if no server answers.
     """
 
     def __init__(self, host: str, port: int = PLOTJUGGLER_WEBSOCKET_PORT) -> None:
@@ -84,33 +84,33 @@ class PlotJugglerSocket:
         name = f"[{host}]" if ":" in host else host
         self._address = f"ws://{name}:{port}"
         self._failures = (OSError, exceptions.WebSocketException)
-        self._opened = ExitStack()  # connections are contexts, which close themselves
-        # no proxy of the environment is asked: PlotJuggler is near
+        self._opened = ExitStack()  # closes the connection, which is a context manager
+        # no proxy from the environment: PlotJuggler runs nearby
         options: dict[str, Any] = {"proxy": None, "open_timeout": _PATIENCE_S, "close_timeout": _PATIENCE_S}
         try:
             self._socket = self._opened.enter_context(client.connect(self._address, **options))
         except self._failures as error:
             raise RecordingError(
-                f"no WebSocket server on {self._address} ({error}): start PlotJuggler's, protocol json, first"
+                f"no WebSocket server on {self._address} ({error}): first start PlotJuggler's, with protocol json"
             ) from error
 
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
-        """Send a state. Raises RecordingError when PlotJuggler has hung up."""
+        """Send a state. Raises RecordingError if PlotJuggler has closed the connection."""
         try:
             self._socket.send(f"{{{','.join(_parts(values, time_ns))}}}")
         except self._failures as error:
-            raise RecordingError(f"{self._address} takes no more: {error}") from error
+            raise RecordingError(f"{self._address} no longer accepts states: {error}") from error
 
     def close(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._opened.close()
 
 
 def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
-    """A state as JSON objects that fit into a datagram each; all have its ``timestamp`` [s since 1970].
+    """A state as JSON objects that each fit into a datagram and have its ``timestamp`` [s since 1970].
 
-    The robot's own clock is called ``robot_time``. A variable that is not finite is left out:
-    JSON has no such numbers, and PlotJuggler ends its server over what is not JSON.
+    The robot's own clock is called ``robot_time``. Variables that are not finite are left out: JSON cannot express
+    them, and PlotJuggler stops its server when it receives invalid JSON.
     """
     head, *parts = _parts(values, time_ns)
     packed, size = [head], len(head) + 1
@@ -124,7 +124,7 @@ def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
 
 
 def _parts(values: Mapping[str, Any], time_ns: int) -> Iterator[str]:
-    """The members of a JSON object, the time first."""
+    """The members of a JSON object, starting with the time."""
     yield f'"timestamp":{time_ns * 1e-9:.6f}'
     for name, value in values.items():
         if _finite(value):
@@ -136,10 +136,10 @@ def _finite(value: Any) -> bool:
 
 
 class FoxgloveServer:
-    """Offers each state to Foxglove on the topics that MCAP files have; it connects to ``ws://host:port``.
+    """Serves states to Foxglove at ``ws://host:port``, on the same topics as in MCAP files.
 
-    urdf: a description of the arm for the 3D panel, told on /robot_description. Raises
-    RecordingError when the address is taken.
+    urdf: description of the arm for the 3D panel, published on /robot_description. Raises RecordingError if the
+    address is in use.
     """
 
     def __init__(
@@ -157,16 +157,16 @@ class FoxgloveServer:
             self._server = foxglove.start_server(name="ur-client", host=host, port=port, context=self._context)
         except (OSError, RuntimeError) as error:
             raise RecordingError(f"cannot listen on {host}:{port}: {error}") from error
-        for topic in self._topics.topics:  # at once: those who connect see what there is
+        for topic in self._topics.topics:  # before any message, so that clients see all topics when they connect
             self._channel(topic.name, topic.type)
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port it listens on."""
         return self._server.port
 
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
-        """Offer a state."""
+        """Publish a state."""
         for topic, data in self._topics.encoded(values, time_ns):
             self._channel(topic.name, topic.type).log(data, log_time=time_ns)
         if self._urdf and not 0 <= time_ns - self._described_ns < _DESCRIPTION_NS:
@@ -174,16 +174,16 @@ class FoxgloveServer:
             self._described_ns = time_ns
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_ns: int) -> None:
-        """Offer a visualization_msgs/msg/MarkerArray; see `Recorder.write_markers`."""
+        """Publish a visualization_msgs/msg/MarkerArray; see `Recorder.write_markers`."""
         self._channel(topic, MarkerTopic(topic).type).log(markers_message(markers), log_time=time_ns)
 
     def write_shot(self, shot: Shot, time_ns: int) -> None:
-        """Offer a picture of a camera, what describes the camera, and where it is."""
+        """Publish a camera image, its camera info and the camera's frames."""
         for topic, data in self._pictures.encoded(shot, time_ns):
             self._channel(topic.name, topic.type).log(data, log_time=time_ns)
 
     def close(self) -> None:
-        """Disconnect everybody."""
+        """Disconnect all clients."""
         self._server.stop()
 
     def _channel(self, name: str, kind: MessageType) -> "Channel":

@@ -1,4 +1,4 @@
-"""Recordings as MCAP files that ROS 2, PlotJuggler and Foxglove open."""
+"""Recordings as MCAP files, which ROS 2, PlotJuggler and Foxglove can open."""
 
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 
 _WHAT: Final = "an MCAP file"
-_CHUNK: Final = 1 << 18  # bytes; a chunk also ends after FLUSH_S, which bounds what a crash costs
-_MOST_IN_CHUNK: Final = 1 << 30  # bytes, unpacked; guess: what says more is damaged
+_CHUNK: Final = 1 << 18  # bytes; a chunk also ends after FLUSH_S, which limits the loss in a crash
+_MOST_IN_CHUNK: Final = 1 << 30  # bytes, uncompressed; guess: a larger size means damage
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
 _CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
@@ -33,9 +33,9 @@ _RTDE_NAMES: Final = {ros_name(name): name for name in OUTPUT_FIELDS}
 
 
 class McapWriter:
-    """Each state as messages on the topics of the ROS 2 driver, and whole on ``/rtde``.
+    """Writes each state as messages on the topics of the ROS 2 driver, and complete on ``/rtde``.
 
-    saved: states that are in the file.
+    saved: number of states in the file.
     """
 
     def __init__(self, path: Path, names: Collection[str], info: Info) -> None:
@@ -44,11 +44,11 @@ class McapWriter:
         self.saved = 0
         self._count = 0
         self._file = OutputFile(path)
-        self._written = 0  # bytes in the file when somebody last looked, and
-        self._flushed_s = time.monotonic()  # when a chunk was ended last
-        stream: Any = self._file  # as much of a stream as is used
+        self._written = 0  # size of the file after the last state, in bytes
+        self._flushed_s = time.monotonic()  # time at which the last chunk was ended
+        stream: Any = self._file  # has those methods of a stream that the writer uses
         self._writer = Writer(stream, chunk_size=_CHUNK)
-        # there is no public way to end a chunk before it is full
+        # the package has no public method to end a chunk before it is full
         self._end_chunk: Callable[[], None] = getattr(self._writer, "_Writer__finalize_chunk", lambda: None)
         self._writer.start(profile="ros2", library="ur-client")
         if info:
@@ -80,16 +80,16 @@ class McapWriter:
         self._add(topic, topic.type.encode(controller_message(state, time_ns)), time_ns)
 
     def write_markers(self, topic: str, message: bytes, time_ns: int) -> None:
-        """Add a visualization_msgs/msg/MarkerArray, made by `markers_message`."""
+        """Add a visualization_msgs/msg/MarkerArray, encoded by `markers_message`."""
         self._add(MarkerTopic(topic), message, time_ns)
 
     def write_shot(self, shot: Shot, time_ns: int) -> None:
-        """Add a picture of a camera, what describes the camera, and where it is."""
+        """Add a camera image, its camera info and the camera's frames."""
         for topic, data in self._pictures.encoded(shot, time_ns):
             self._add(topic, data, time_ns)
 
     def close(self) -> None:
-        """Finish the file: its index and its end. Raises RecordingError."""
+        """Finish the file: write its index and footer. Raises RecordingError."""
         finish: Callable[[], None] = self._writer.finish
         try:
             if not self._file.failed:
@@ -111,16 +111,16 @@ class McapWriter:
 
 
 def read_mcap(path: Path) -> Recording:
-    """A file of `McapWriter`, or any ROS 2 bag in MCAP with ``/joint_states`` of a UR arm.
+    """Read a file of `McapWriter`, or any ROS 2 bag in MCAP with ``/joint_states`` of a UR arm.
 
-    Of a file without its end, as a crash leaves it, what is there is read, and so is what is around damaged chunks;
-    info says so. Raises RecordingError.
+    A truncated file, as a crash leaves it, is read up to its end, and damaged chunks are skipped; info reports both.
+    Raises RecordingError.
     """
     content = _Content()
     with path.open("rb") as file:
         damage = Damage()
         content.take(records_of(file, damage))
-        if damage.chunks:  # they may have had the channels of others, which the file's end has once more
+        if damage.chunks:  # they may have contained channels that other chunks need, which the end of the file repeats
             file.seek(0)
             channels, content, damage = content.channels, _Content(), Damage()
             content.take([*channels, *records_of(file, damage)])
@@ -129,7 +129,7 @@ def read_mcap(path: Path) -> Recording:
 
 
 class Damage:
-    """What of a file could not be read."""
+    """The parts of a file that could not be read."""
 
     def __init__(self) -> None:
         self.chunks = 0
@@ -137,7 +137,7 @@ class Damage:
         self.cut_off = ""
 
     def remarks(self, messages: int) -> dict[str, str]:
-        """As `Recording.info` has it; messages: that could not be read either."""
+        """The entries for `Recording.info`. messages: number of messages that could not be read either."""
         parts = [f"{self.chunks} damaged parts of the file ({self.why})"] if self.chunks else []
         parts += [f"{messages} damaged messages"] if messages else []
         left_out = {"left_out": f"left out: {', '.join(parts)}"} if parts else {}
@@ -145,19 +145,19 @@ class Damage:
 
 
 def records_of(file: BinaryIO, damage: Damage) -> Iterator[object]:
-    """The records of a file up to the first that cannot be read; damaged chunks are passed over."""
+    """The records of a file up to the first unreadable one; damaged chunks are skipped."""
     with extra("record", _WHAT):
         from mcap.records import Chunk
         from mcap.stream_reader import StreamReader, breakup_chunk
     size = file.seek(0, SEEK_END)
     file.seek(0)
     records = StreamReader(file, emit_chunks=True, record_size_limit=size).records
-    end = 0  # of the last record that could be read
+    end = 0  # of the last readable record
     while True:
         try:
             record = next(records, None)
-        except Exception as error:  # of struct, of the decompressors, of the reader itself: it lets through any
-            damage.cut_off = f"{_said(error)}; the last {size - end} of {size} bytes cannot be read"
+        except Exception as error:  # the reader also lets through errors of struct and of the decompressors
+            damage.cut_off = f"{_reason(error)}; the last {size - end} of {size} bytes cannot be read"
             return
         end = file.tell()
         if record is None:
@@ -171,20 +171,20 @@ def records_of(file: BinaryIO, damage: Damage) -> Iterator[object]:
             inside = breakup_chunk(record, validate_crc=True)
         except Exception as error:  # as above
             damage.chunks += 1
-            damage.why = damage.why or _said(error)
+            damage.why = damage.why or _reason(error)
             continue
         yield from inside
 
 
-def _said(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
 class _Content:
-    """What has been read of a file."""
+    """The content of a file that has been read so far."""
 
     def __init__(self) -> None:
-        self.channels: list[object] = []  # and their schemas, as they came
+        self.channels: list[object] = []  # and their schemas, in the order of the file
         self.info: dict[str, str] = {}
         self.unreadable = 0  # messages
         self._problem: RecordingError | None = None  # of the first
@@ -222,8 +222,8 @@ class _Content:
         if channel.id in self._types or schema is None:
             return
         controller = _controller_of(channel.topic) if schema.name == _CONTROLLER_STATE else ""
-        wanted = controller or channel.topic in (RTDE_TOPIC, _JOINT_STATES)
-        if not wanted or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+        relevant = controller or channel.topic in (RTDE_TOPIC, _JOINT_STATES)
+        if not relevant or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             return
         kind = self._types[channel.id] = MessageType(schema.name, schema.data.decode("utf-8", "replace"))
         if controller:
@@ -245,9 +245,9 @@ class _Content:
             TypeError,
             AttributeError,
             OverflowError,
-        ) as error:  # of a type that is none of ours
+        ) as error:  # a type of the same name with other fields
             raise RecordingError(
-                f"a message of {self._types[channel].name} has other fields than usual: {error}"
+                f"a message of type {self._types[channel].name} has unexpected fields: {error}"
             ) from error
 
     def _take(self, channel: int, time_ns: int, message: Mapping[str, Any]) -> None:
@@ -274,7 +274,7 @@ class _Content:
         else:
             reason = f" ({self.info['cut_off']})" if "cut_off" in self.info else ""
             raise RecordingError(
-                f"{path} has no messages on /rtde, nor joint states of a UR arm on /joint_states{reason}"
+                f"{path} has neither messages on /rtde nor joint states of a UR arm on /joint_states{reason}"
             )
         began = {"began_ns": str(self._began_ns[topic])} if topic in self._began_ns else {}
         return Recording(columns.arrays(), self.info | began, self._trackings(topic))
@@ -286,7 +286,7 @@ class _Content:
 
 
 def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
-    """RTDE variables of a joint state, whose joints may be in any order."""
+    """The RTDE variables of a joint state; its joints may be in any order."""
     time_s = _stamp_s(message, time_ns)
     order = [message["name"].index(joint) for joint in JOINT_NAMES]
     kinds = {"actual_q": "position", "actual_qd": "velocity", "actual_current": "effort"}
@@ -297,7 +297,7 @@ def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:
 
 
 def stamp_ns(message: Mapping[str, Any], time_ns: int) -> int:
-    """A message's own time, else when it was written."""
+    """The time in a message's header; if that is zero, the time at which it was written."""
     stamp = message["header"]["stamp"]
     own_ns: int = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
     return own_ns or time_ns
@@ -308,6 +308,6 @@ def _stamp_s(message: Mapping[str, Any], time_ns: int) -> float:
 
 
 def _controller_of(topic: str) -> str:
-    """Who tells a topic of controllers' states; nobody for the one that says again what ``/rtde`` does."""
+    """The controller that publishes a topic; empty for the robot's own, whose states are on ``/rtde`` as well."""
     name = topic.strip("/").rpartition("/")[0]
     return "" if name == ROBOT else name

@@ -1,7 +1,7 @@
-"""A recorded path of the joints as a trajectory that an arm can follow again.
+"""A recorded joint path as a trajectory that an arm can replay.
 
-The path is cut into cubic splines whose knots are so dense that it stays within a tolerance of
-every recorded state. It begins and ends at rest.
+The path consists of cubic splines. Their knots are dense enough to keep it within a tolerance of every recorded
+state. It starts and ends at rest.
 """
 
 import math
@@ -22,17 +22,17 @@ from urproto.primary.state import ConfigurationData
 
 Array = NDArray[np.float64]
 
-_KNOTS_S: Final = 0.04  # apart where that is dense enough; guess
-_TOLERANCE_RAD: Final = 5e-4  # of the splines; guess: an arm follows its targets no better
-_GAP: Final = 10.0  # recorded periods without a state, where speeds are not recorded; guess
-_GAP_S: Final = 0.1  # where they are: a spline between two states is then off by some mrad at most; guess
-_MOVED_RAD: Final = 2e-3  # within a gap; guess
+_KNOTS_S: Final = 0.04  # guess: spacing of the knots, where that is dense enough
+_TOLERANCE_RAD: Final = 5e-4  # guess: an arm does not follow its targets more closely
+_GAP: Final = 10.0  # guess: recorded periods without a state that count as a gap, if no speeds were recorded
+_GAP_S: Final = 0.1  # guess: the same if they were; a spline across it is off by a few mrad at most
+_MOVED_RAD: Final = 2e-3  # guess: less motion within a gap does not matter
 _DOING: Final = "the replay"
 
 
 @dataclass(frozen=True, slots=True)
 class JointPath:
-    """Knots of a path: time_s (k,), q_rad (k, 6), qd_rad_s (k, 6). speed: times the recorded one."""
+    """Knots of a path: time_s (k,), q_rad (k, 6), qd_rad_s (k, 6). speed: multiple of the recorded speed."""
 
     time_s: Array
     q_rad: Array
@@ -41,21 +41,21 @@ class JointPath:
 
     @property
     def duration_s(self) -> float:
-        """Of the whole path."""
+        """Duration of the whole path [s]."""
         return float(self.time_s[-1])
 
     @property
     def start_rad(self) -> tuple[float, ...]:
-        """Where it begins (6,)."""
+        """Joint angles at the start (6,) [rad]."""
         return tuple(self.q_rad[0].tolist())
 
     def points(self) -> list[TrajectoryPoint]:
-        """The trajectory from its start on."""
+        """The trajectory points after the start."""
         knots = zip(self.q_rad[1:].tolist(), self.qd_rad_s[1:].tolist(), np.diff(self.time_s).tolist(), strict=True)
         return [points.spline(q, qd, duration_s) for q, qd, duration_s in knots]
 
     def check(self, arm: ConfigurationData) -> None:
-        """Compare it with the limits that a robot reports.
+        """Check the path against the limits that a robot reports.
 
         Raises OutOfReachError for angles, MotionError for speeds and accelerations.
         """
@@ -65,18 +65,18 @@ class JointPath:
         self._check("rad/s2", np.maximum(np.abs(begin), np.abs(end)), arm.qdd_max, 0.5)
 
     def _check(self, unit: str, most: Array, limits: Sequence[float], power: float) -> None:
-        """most: in each segment (k - 1, 6). power: of the limit's share that a slower replay needs."""
+        """most: largest value in each segment (k - 1, 6). power: exponent that turns the excess into a speed factor."""
         excess = most / np.maximum(np.array(limits), 1e-9)
         segment, joint = divmod(int(np.argmax(excess)), excess.shape[1])
         if (worst := float(excess[segment, joint])) > 1.0:
             raise MotionError(
                 _DOING,
                 f"{JOINT_LABELS[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, "
-                f"its limit is {limits[joint]:.2f} {unit}: --speed {_floor(self.speed * worst**-power)} can be done",
+                f"above its limit of {limits[joint]:.2f} {unit}: try --speed {_floor(self.speed * worst**-power)}",
             )
 
     def _speeds(self) -> Array:
-        """The highest speed in each segment: at its ends, or where the acceleration is zero."""
+        """The highest speed in each segment, which is at an end or where the acceleration is zero."""
         begin, end = self._accelerations()
         h = np.diff(self.time_s)[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -87,7 +87,7 @@ class JointPath:
         return result
 
     def _accelerations(self) -> tuple[Array, Array]:
-        """At the beginning and the end of each segment; in between it is linear."""
+        """Accelerations at the start and the end of each segment; they are linear in between."""
         h = np.diff(self.time_s)[:, None]
         mean = np.diff(self.q_rad, axis=0) / h
         before, after = self.qd_rad_s[:-1], self.qd_rad_s[1:]
@@ -106,9 +106,10 @@ class JointPath:
 
 
 def joint_path(recording: Recording, speed: float = 1.0) -> JointPath:
-    """The path of the joints, what was asked of them rather than what was measured; speed: times the recorded one.
+    """The joint path of a recording: target angles if recorded, otherwise measured ones.
 
-    Raises RecordingError for a recording without one: too short, or with a gap in which the arm moved.
+    speed: multiple of the recorded speed. Raises RecordingError if the recording has no usable path: it is too short,
+    or the arm moved during a gap.
     """
     q = np.asarray(recording["target_q" if "target_q" in recording else "actual_q"], float)
     time_s = recording.time_s
@@ -116,9 +117,9 @@ def joint_path(recording: Recording, speed: float = 1.0) -> JointPath:
     qd = _speeds(recording)
     time_s, q, qd = time_s[kept] - time_s[kept][0], q[kept], None if qd is None else qd[kept]
     if len(time_s) < 3:
-        raise RecordingError(f"{len(time_s)} states are no path: record at least a second of a motion")
+        raise RecordingError(f"{len(time_s)} states are too few for a path: record at least a second of motion")
     if not np.isfinite(q).all():
-        raise RecordingError("the recorded joint angles are not all numbers")
+        raise RecordingError("some recorded joint angles are not numbers")
     _check_gaps(time_s, q, 0.0 if qd is None else _GAP_S)
     path = _dense_enough(time_s, q, np.gradient(q, time_s, axis=0) if qd is None else qd)
     return JointPath(path.time_s / speed, path.q_rad, path.qd_rad_s * speed, speed)
@@ -131,13 +132,13 @@ def _check_gaps(time_s: Array, q: Array, allowed_s: float) -> None:
     if len(gaps):
         first = int(gaps[0])
         raise RecordingError(
-            f"{steps[first]:.2f} s are missing from {time_s[first]:.2f} s on, in which the arm moved by "
-            f"{moved[first]:.3f} rad: nobody knows on which path, so record it again"
+            f"states are missing for {steps[first]:.2f} s from {time_s[first]:.2f} s on, while the arm moved by "
+            f"{moved[first]:.3f} rad on an unknown path: record it again"
         )
 
 
 def _speeds(recording: Recording) -> Array | None:
-    """As they were asked of the joints: where states are missing, differences of angles are jerks."""
+    """Target speeds, if recorded. Differences of angles would be jerky where states are missing."""
     if "target_q" not in recording or "target_qd" not in recording:
         return None
     qd = np.array(recording["target_qd"], float)
@@ -160,6 +161,6 @@ def _deviation(path: JointPath, time_s: Array, q: Any) -> float:
 
 
 def _floor(speed: float) -> float:
-    """To two digits, and not more."""
+    """Round down to two digits."""
     digits = 1 - math.floor(math.log10(speed))
     return math.floor(speed * 10.0**digits) / 10.0**digits

@@ -6,14 +6,14 @@ from typing import Any, Final
 from client.errors import RecordingError
 
 FLUSH_S: Final = 0.5
-"""What is recorded is in the file at most so much later [s], so that a recorder that is killed loses no more."""
+"""Longest delay until a recorded state is in the file [s]: a recorder that is killed loses no more than this."""
 
 
 class OutputFile:
-    """Written without a buffer: what was written stays when this process is killed.
+    """A file written without a buffer: its contents survive when this process is killed.
 
-    path: where. failed: something could not be written; what is in the file ends there. Raises OSError when the file
-    cannot be opened, and RecordingError when it cannot be written any more: a full disk, a limit, a drive that is gone.
+    failed: a write has failed; the file ends there. Raises OSError if the file cannot be opened, and RecordingError
+    once it can no longer be written: the disk is full, a limit is reached, or the drive is gone.
     """
 
     def __init__(self, path: Path) -> None:
@@ -22,7 +22,7 @@ class OutputFile:
         self._file = path.open("wb", buffering=0)
 
     def write(self, data: Any) -> int:
-        """Write bytes, all of them; how many they were."""
+        """Write all of the bytes; return their number."""
         left = memoryview(data)
         try:
             while left:
@@ -30,17 +30,17 @@ class OutputFile:
         except OSError as error:
             self.failed = True
             self._file.close()
-            raise RecordingError(f"cannot write {self.path} any more: {error.strerror or error}") from error
+            raise RecordingError(f"{self.path} can no longer be written: {error.strerror or error}") from error
         return len(data)
 
     def tell(self) -> int:
-        """Where the next byte goes."""
+        """Position of the next byte."""
         return self._file.tell()
 
     def close(self) -> None:
-        """Write no more; closing twice does no harm."""
+        """Close the file; closing it twice is allowed."""
         try:
             self._file.close()
-        except OSError as error:  # a network drive tells it only now
+        except OSError as error:  # a network drive may report a failed write only now
             self.failed = True
-            raise RecordingError(f"{self.path} may lack its end: {error.strerror or error}") from error
+            raise RecordingError(f"{self.path} may be incomplete: {error.strerror or error}") from error

@@ -1,6 +1,7 @@
-"""Pictures of cameras as messages of a recording: JPEG and depth, what describes a camera, and its frames.
+"""Camera images as the messages of a recording: JPEG and depth images, camera info, and the camera's frames.
 
-Colours are told as ``sensor_msgs/CompressedImage``, as they come: raw ones take thirty times as much. Depth is raw.
+Colour images are recorded as ``sensor_msgs/CompressedImage``, as they arrive: raw images take thirty times the space.
+Depth images are raw.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,10 +28,10 @@ from client.recording.timestamps import header
 from urproto.robots.pose import rotvec_to_quaternion
 
 JPEG, DEPTH = "rgb.jpg", "depth.npy"
-"""The forms of pictures that are recorded."""
+"""The forms of images that are recorded."""
 
 _FRAMES: Final = "tf2_msgs/msg/TFMessage"
-_AGAIN_NS: Final = 1_000_000_000  # what does not change is told once a second, for those who come late; guess
+_AGAIN_NS: Final = 1_000_000_000  # guess: unchanged messages are repeated once a second, for late subscribers
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +43,13 @@ class PictureTopic:
 
 
 class Pictures:
-    """The messages of one recording's pictures."""
+    """Encodes the images of one recording as messages."""
 
     def __init__(self) -> None:
-        self._told_ns: dict[str, int] = {}
+        self._sent_ns: dict[str, int] = {}
 
     def encoded(self, shot: Shot, time_ns: int) -> Iterator[tuple[PictureTopic, bytes]]:
-        """Of one picture, `JPEG` or `DEPTH`, taken at that time since 1970. Raises CameraError."""
+        """The messages of one image (`JPEG` or `DEPTH`), taken at time_ns since 1970. Raises CameraError."""
         name = f"/{ros_name(shot.camera)}"
         stamp = {"header": header(time_ns, optical_frame(shot.camera))}
         yield from self._frames(shot, time_ns)
@@ -61,8 +62,8 @@ class Pictures:
 
     def _frames(self, shot: Shot, time_ns: int) -> Iterator[tuple[PictureTopic, bytes]]:
         name = shot.camera.name
-        if not 0 <= time_ns - self._told_ns.get(name, -_AGAIN_NS) < _AGAIN_NS:
-            self._told_ns[name] = time_ns
+        if not 0 <= time_ns - self._sent_ns.get(name, -_AGAIN_NS) < _AGAIN_NS:
+            self._sent_ns[name] = time_ns
             yield _message("/tf_static", _FRAMES, _transforms(fixed_frames(shot.camera), time_ns))
         if moving := moving_frames(shot):
             yield _message("/tf", _FRAMES, _transforms(moving, time_ns))

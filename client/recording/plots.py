@@ -1,4 +1,4 @@
-"""Pictures of a recording: what was asked of the joints and what they did, for a screen or a thesis."""
+"""Plots of a recording: desired and actual motion of the joints, for a screen or a thesis."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 FORMATS: Final = (".png", ".svg", ".pdf", ".html")
-# Okabe and Ito's: told apart by everybody, and in grey
+# Okabe and Ito's palette: distinguishable with colour blindness, and in grey
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-_WIDTH_IN: Final = 7.2  # a page's text, so that letters keep their size there
+_WIDTH_IN: Final = 7.2  # text width of a page, so that fonts keep their size there
 _HEAD_IN: Final = 0.9
 _DPI: Final = 170
 _STYLE: Final[Any] = {
@@ -52,7 +52,7 @@ _GOES_ON: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """Of one joint, between desired and actual: the largest and the root mean square, in rad or rad/s."""
+    """Largest and root-mean-square difference between desired and actual values of one joint, in rad or rad/s."""
 
     joint: str
     largest: float
@@ -60,14 +60,14 @@ class Deviation:
 
 
 def deviations(recording: Recording, kind: str = "q", controller: str | None = None) -> list[Deviation]:
-    """Of each joint's angle (``q``) or speed (``qd``), between what a controller or the robot desired and what was.
+    """Deviation of each joint's angle (``q``) or speed (``qd``) from the desired one.
 
-    controller: as `Recording.tracking`. Raises RecordingError when nothing desired was recorded.
+    controller: as in `Recording.tracking`. Raises RecordingError if no desired values were recorded.
     """
     tracking = recording.tracking(controller)
     error = _error(tracking, kind)
     if not np.isfinite(error).any():
-        raise RecordingError(f"target_{kind} or actual_{kind} was not recorded: nothing to compare")
+        raise RecordingError(f"target_{kind} or actual_{kind} was not recorded: there is nothing to compare")
     return [
         Deviation(joint, float(np.nanmax(np.abs(column))), float(np.sqrt(np.nanmean(column**2))))
         for joint, column in zip(_names(tracking), error.T, strict=True)
@@ -82,20 +82,19 @@ def draw(
     controller: str | None = None,
     limit_rad: float | None = None,
 ) -> None:
-    """Draw positions, speeds, how far they were off, and the speed scaling, as far as they were recorded.
+    """Plot positions, speeds, their errors and the speed scaling, as far as they were recorded.
 
-    path: .png, .svg, .pdf, or .html, a page that needs nothing else. controller: as
-    `Recording.tracking`. limit_rad: a line where the deviation from the path should stay below.
-    Raises RecordingError.
+    path: .png, .svg, .pdf, or .html for a self-contained page. controller: as in `Recording.tracking`. limit_rad:
+    draw a line at this deviation from the path. Raises RecordingError.
     """
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
-        raise RecordingError(f"{path} is none of the formats of pictures: {', '.join(FORMATS)}")
+        raise RecordingError(f"{path} is not a format of plots: choose one of {', '.join(FORMATS)}")
     with extra("plots", "drawing"):
         from matplotlib import rc_context
         from matplotlib.figure import Figure
     if "actual_q" not in recording and not recording.controllers:
-        raise RecordingError("there are no joint angles to draw: record actual_q, best beside target_q")
+        raise RecordingError("there are no joint angles to plot: record actual_q, preferably with target_q")
     picture = _Picture(recording, recording.tracking(controller), limit_rad)
     try:
         with rc_context(_STYLE):
@@ -109,10 +108,10 @@ def draw(
 
 
 def draw_trajectory(time_s: NDArray[Any], q: NDArray[Any], qd: NDArray[Any], path: Path) -> None:
-    """Draw joint angles and speeds (n, 6) over time [s] (n,); path: .png, .svg or .pdf. Raises RecordingError."""
+    """Plot joint angles and speeds (n, 6) over time [s] (n,). path: .png, .svg or .pdf. Raises RecordingError."""
     formats = FORMATS[:-1]
     if path.suffix.lower() not in formats:
-        raise RecordingError(f"{path} is none of the formats of pictures: {', '.join(formats)}")
+        raise RecordingError(f"{path} is not a format of plots: choose one of {', '.join(formats)}")
     with extra("plots", "drawing"):
         from matplotlib import rc_context
         from matplotlib.figure import Figure
@@ -133,7 +132,7 @@ def draw_trajectory(time_s: NDArray[Any], q: NDArray[Any], qd: NDArray[Any], pat
 
 @dataclass(frozen=True, slots=True)
 class _Picture:
-    """What is drawn."""
+    """The data to plot."""
 
     recording: Recording
     tracking: Tracking
@@ -142,15 +141,15 @@ class _Picture:
 
 @dataclass(frozen=True, slots=True)
 class _Panel:
-    """One set of axes: its height [in], whether there is anything to draw, and how it is drawn."""
+    """One set of axes: its height [in], whether there is anything to plot, and the function that plots it."""
 
     height_in: float
-    there: Callable[[_Picture], bool]
+    has_data: Callable[[_Picture], bool]
     draw: Callable[["Axes", _Picture], None]
 
 
 def _figure(kind: "type[Figure]", picture: _Picture, title: str) -> "Figure":
-    panels = [panel for panel in _PANELS if panel.there(picture)]
+    panels = [panel for panel in _PANELS if panel.has_data(picture)]
     heights = [panel.height_in for panel in panels]
     figure = kind(figsize=(_WIDTH_IN, _HEAD_IN + sum(heights)), layout="constrained")
     figure.get_layout_engine().set(h_pad=0.03, w_pad=0.04)  # type: ignore[union-attr, call-arg]
@@ -183,13 +182,13 @@ def _add_legend(figure: "Figure", axes: "Axes", picture: _Picture, title: str) -
         handles=lines,
         loc="outside upper center",
         ncols=-(-len(lines) // 2),
-        title="\n".join(head).replace("$", r"\$") or None,  # no formula
+        title="\n".join(head).replace("$", r"\$") or None,  # otherwise matplotlib reads it as a formula
         frameon=False,
     )
 
 
 def _stops(recording: Recording) -> Iterator[tuple[float, float, str]]:
-    """From when to when [s] the safety system held the arm, and how it calls that."""
+    """Start, end [s] and name of each interval in which the safety system held the arm."""
     if "safety_mode" not in recording:
         return
     modes, time_s = recording["safety_mode"], recording.time_s
@@ -218,13 +217,13 @@ def _error(tracking: Tracking, kind: str) -> NDArray[np.float64]:
 
 
 def _pair(kind: str, label: str, height_in: float) -> _Panel:
-    """Desired and actual of all joints."""
+    """Panel of the desired and actual values of all joints."""
 
     def columns(picture: _Picture) -> tuple[Any, Any]:
         tracking = picture.tracking
         return (tracking.desired_q, tracking.actual_q) if kind == "q" else (tracking.desired_qd, tracking.actual_qd)
 
-    def there(picture: _Picture) -> bool:
+    def has_data(picture: _Picture) -> bool:
         return bool(np.isfinite(columns(picture)[1]).any())
 
     def drawn(axes: "Axes", picture: _Picture) -> None:
@@ -236,16 +235,16 @@ def _pair(kind: str, label: str, height_in: float) -> _Panel:
             axes.plot(time_s, actual[:, joint], color=colour, label=name, **_ACTUAL)
         axes.set_ylabel(label)
 
-    return _Panel(height_in, there, drawn)
+    return _Panel(height_in, has_data, drawn)
 
 
-def _off(kind: str, label: str, unit: str, height_in: float) -> _Panel:
-    """Desired minus actual of all joints, at the same moment."""
+def _error_panel(kind: str, label: str, unit: str, height_in: float) -> _Panel:
+    """Panel of desired minus actual values of all joints at the same moment."""
 
     def drawn(axes: "Axes", picture: _Picture) -> None:
         error = _error(picture.tracking, kind)
         axes.plot(picture.tracking.time_s, error, linewidth=0.9)
-        _say(axes, f"largest {np.nanmax(np.abs(error)):.4f} {unit}")
+        _annotate(axes, f"largest {np.nanmax(np.abs(error)):.4f} {unit}")
         axes.set_ylabel(f"{label}\n[{unit}]")
 
     return _Panel(height_in, lambda picture: bool(np.isfinite(_error(picture.tracking, kind)).any()), drawn)
@@ -254,7 +253,7 @@ def _off(kind: str, label: str, unit: str, height_in: float) -> _Panel:
 def _draw_path_deviation(axes: "Axes", picture: _Picture) -> None:
     deviation = picture.tracking.path_deviation()
     axes.plot(picture.tracking.time_s, deviation, color="black", linewidth=0.9)
-    _say(axes, f"largest {np.nanmax(deviation):.4f} rad")
+    _annotate(axes, f"largest {np.nanmax(deviation):.4f} rad")
     if picture.limit_rad is not None:
         axes.axhline(picture.limit_rad, color=_STOPPED, linewidth=0.8, linestyle="--")
     axes.set_ylabel("path deviation\n[rad]")
@@ -262,7 +261,7 @@ def _draw_path_deviation(axes: "Axes", picture: _Picture) -> None:
 
 
 def _draw_speed(axes: "Axes", picture: _Picture) -> None:
-    styles = (_DESIRED, _ACTUAL)  # they lie on each other, most of the time
+    styles = (_DESIRED, _ACTUAL)  # most of the time, the two lines coincide
     for (label, values), style in zip(_speeds(picture.recording).items(), styles, strict=False):
         axes.plot(picture.recording.time_s, 100.0 * values, color="black", label=label, **style)
     axes.set_ylabel("speed [%]")
@@ -280,15 +279,15 @@ def _speeds(recording: Recording) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _say(axes: "Axes", text: str) -> None:
+def _annotate(axes: "Axes", text: str) -> None:
     axes.set_title(text, loc="right", fontsize="small", pad=2.0)
 
 
 _PANELS: Final = (
     _pair("q", "position [rad]", 1.9),
     _pair("qd", "velocity [rad/s]", 1.5),
-    _off("q", "position error", "rad", 1.0),
-    _off("qd", "velocity error", "rad/s", 1.0),
+    _error_panel("q", "position error", "rad", 1.0),
+    _error_panel("qd", "velocity error", "rad/s", 1.0),
     _Panel(0.9, lambda picture: picture.tracking.compared, _draw_path_deviation),
     _Panel(0.8, lambda picture: bool(_speeds(picture.recording)), _draw_speed),
 )

@@ -1,4 +1,4 @@
-"""Pictures of a recording, read again: JPEG, as cameras of this project and of ROS 2 are recorded."""
+"""Read the camera images of a recording: JPEG, as recorded from this project's cameras or in ROS 2."""
 
 import re
 from collections.abc import Iterable
@@ -24,17 +24,17 @@ _TOPIC: Final = re.compile(r"/([\w/]+)/image_raw/compressed")
 
 @dataclass(frozen=True, slots=True)
 class RecordedPictures:
-    """What a camera saw: JPEG, in the order of times_ns (n,), when each was taken, since 1970."""
+    """The images of one camera: JPEG data, ordered by times_ns (n,), the time of each since 1970."""
 
     times_ns: NDArray[np.int64]
     data: tuple[bytes, ...]
 
 
 def read_pictures(path: Path) -> dict[str, RecordedPictures]:
-    """The pictures of a file of `McapWriter`, or of a ROS 2 bag in MCAP, by the cameras' names.
+    """Read the images of a file of `McapWriter`, or of a ROS 2 bag in MCAP, by camera name.
 
-    They are those of topics ``/NAME/image_raw/compressed``; ``/`` in a name becomes ``_``. What is around damage is
-    read, as `read_mcap` does. Raises RecordingError for a message that is none.
+    They come from the topics ``/NAME/image_raw/compressed``; ``/`` in a name becomes ``_``. Damaged parts are skipped,
+    as in `read_mcap`. Raises RecordingError for a message that is not an image.
     """
     with path.open("rb") as file:
         content = _Content()
@@ -43,7 +43,7 @@ def read_pictures(path: Path) -> dict[str, RecordedPictures]:
 
 
 class _Content:
-    """The pictures that have been read of a file."""
+    """The images read from a file so far."""
 
     def __init__(self) -> None:
         self._schemas: dict[int, Schema] = {}
@@ -63,9 +63,9 @@ class _Content:
                 message = kind.decode(record.data)
                 try:
                     taken_ns = int(np.int64(stamp_ns(message, record.log_time)))
-                    picture = bytes([*message["data"]])  # not of a number, which would be its length
+                    picture = bytes([*message["data"]])  # unpacked, because bytes(number) would be that many zeros
                 except (KeyError, ValueError, TypeError, OverflowError) as error:
-                    raise RecordingError(f"a message of {kind.name} has other fields than usual: {error}") from error
+                    raise RecordingError(f"a message of type {kind.name} has unexpected fields: {error}") from error
                 self._taken.setdefault(camera, []).append((taken_ns, picture))
 
     def _take_channel(self, channel: "Channel") -> None:

@@ -41,10 +41,10 @@ DEFAULT_FIELDS: Final = (
     "standard_analog_output0",
     "standard_analog_output1",
 )
-"""What is recorded when nobody says what; every version since 3.3 has these."""
+"""The variables recorded by default; every version since 3.3 has them."""
 
 ROBOT: Final = "robot"
-"""Stands for the robot's own controller, where names of controllers are asked for."""
+"""Name of the robot's own controller wherever the name of a controller is expected."""
 
 _NS: Final = 1e9
 
@@ -53,12 +53,13 @@ Info = Mapping[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """values: an array (n,) of each RTDE variable, (n, 3) or (n, 6) of a vector. info: what is known about it.
+    """A recording in memory.
 
-    controllers: what trajectory controllers wanted and what the joints did, by the controllers' names.
+    values: an array (n,) for each RTDE variable, (n, 3) or (n, 6) for a vector. controllers: desired and actual values
+    of trajectory controllers, by controller name.
 
-    info has, where the file keeps such things: ``robot``, ``polyscope``, ``began_ns`` (since
-    1970), ``cut_off`` with the reason when the file has no proper end, and ``left_out``: what of it could not be used.
+    info, as far as the file has it: ``robot``, ``polyscope``, ``began_ns`` (since 1970), ``cut_off`` (why the file is
+    incomplete) and ``left_out`` (what could not be used). Raises RecordingError without a ``timestamp``.
     """
 
     values: Mapping[str, NDArray[Any]]
@@ -68,7 +69,7 @@ class Recording:
     def __post_init__(self) -> None:
         if "timestamp" not in self.values:
             raise RecordingError(
-                f"there is no timestamp in the recording; it has {', '.join(self.values) or 'nothing'}"
+                f"the recording has no timestamp, only {', '.join(self.values) or 'no variables at all'}"
             )
 
     def __len__(self) -> int:
@@ -78,24 +79,25 @@ class Recording:
         return name in self.values
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """A variable over time. Raises RecordingError for one that was not recorded."""
+        """A variable over time. Raises RecordingError if it was not recorded."""
         if name not in self.values:
             raise RecordingError(
-                f"{name} was not recorded, but {', '.join(self.values)}: record it with --fields default,{name}"
+                f"{name} was not recorded (only {', '.join(self.values)}): record it with --fields default,{name}"
             )
         return self.values[name]
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """Since the first state (n,) [s], by the robot's clock; a new start of the robot takes no time."""
+        """Time since the first state (n,) [s], by the robot's clock; a reboot of the robot counts as no time."""
         steps = np.diff(self.values["timestamp"])
         steps[(steps < 0.0) | (steps > JUMP_S)] = 0.0
         return np.concatenate(([0.0], np.cumsum(steps)))[: len(self)]
 
     def tracking(self, controller: str | None = None) -> Tracking:
-        """How the joints followed a controller of the recording, or the robot's own (``robot``).
+        """How the joints followed a recorded controller, or the robot's own (``robot``).
 
-        None is the controller that told the most, the robot's own where none was recorded. Raises RecordingError.
+        None selects the controller with the most states, or the robot's own if none was recorded. Raises
+        RecordingError.
         """
         if controller is None and self.controllers:
             return max(self.controllers.values(), key=lambda tracking: len(tracking.time_s))
@@ -103,7 +105,7 @@ class Recording:
             return self._robots_tracking()
         if controller not in self.controllers:
             known = ", ".join((*self.controllers, ROBOT))
-            raise RecordingError(f"{controller} is not a controller of the recording, but {known}")
+            raise RecordingError(f"{controller} is not a controller in the recording: choose one of {known}")
         return self.controllers[controller]
 
     def _robots_tracking(self) -> Tracking:
@@ -116,20 +118,20 @@ class Recording:
 
     @property
     def times_ns(self) -> list[int]:
-        """Of each state, since 1970 where the file knows that, else since the robot's start."""
+        """Time of each state [ns], since 1970 if the file has that time, otherwise since the robot's start."""
         said = self.info.get("began_ns", "")
         began = int(said) if said.isdecimal() else round(float(self.values["timestamp"][0]) * _NS)
         return [began + round(float(time_s) * _NS) for time_s in self.time_s]
 
     def states(self) -> Iterator[dict[str, Any]]:
-        """State by state, as RTDE gave them."""
+        """Iterate over the states, in the form in which RTDE delivers them."""
         columns = {name: array.tolist() for name, array in self.values.items()}
         for index in range(len(self)):
             yield {name: _state_value(column[index]) for name, column in columns.items()}
 
 
 class Columns:
-    """Collects states, small in memory: 8 bytes a number."""
+    """Collects states compactly, at 8 bytes per number."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.names = names
@@ -137,18 +139,18 @@ class Columns:
         self._dtype = np.dtype([(name, *dtype_of(OUTPUT_FIELDS[name].type)) for name in names])
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Add a state. Raises KeyError when a variable is missing."""
+        """Add a state. Raises KeyError if a variable is missing."""
         self._rows += self.row(values)
 
     def row(self, values: Mapping[str, Any]) -> bytes:
-        """A state as it is kept. Raises KeyError when a variable is missing."""
+        """A state as packed bytes. Raises KeyError if a variable is missing."""
         row = np.empty((), self._dtype)
         for name in self.names:
             row[name] = values[name]
         return row.tobytes()
 
     def extend(self, rows: bytes) -> int:
-        """Add what `row` has made; how many bytes at the end are no whole row."""
+        """Add rows packed by `row`; return the number of bytes at the end that are not a complete row."""
         rest = len(rows) % self._dtype.itemsize
         self._rows += rows[: len(rows) - rest]
         return rest
@@ -157,17 +159,17 @@ class Columns:
         return len(self._rows) // self._dtype.itemsize
 
     def drop_last(self) -> None:
-        """Forget the last state."""
+        """Remove the last state."""
         del self._rows[-self._dtype.itemsize :]
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What has been collected, as `Recording.values`."""
+        """The collected states, as `Recording.values` has them."""
         table = np.frombuffer(bytes(self._rows), self._dtype)
         return {name: np.ascontiguousarray(table[name]) for name in self.names}
 
 
 def dtype_of(kind: FieldType) -> tuple[str, tuple[int, ...]]:
-    """How numpy has a variable: the type, and the shape of one value."""
+    """The numpy type of a variable, and the shape of one value."""
     letters = {"?": "?", "B": "u1", "I": "u4", "Q": "u8", "i": "i4", "d": "f8"}
     return letters[kind.letter], (kind.count,) if kind.count > 1 else ()
 

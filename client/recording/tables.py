@@ -1,4 +1,4 @@
-"""Recordings as CSV and as numpy's npz."""
+"""Recordings as CSV files and as numpy's npz files."""
 
 import csv
 import json
@@ -17,14 +17,14 @@ from urproto.rtde.fields import OUTPUT_FIELDS
 from urproto.rtde.types import FieldType
 from urproto.text import json_document
 
-_UNFINISHED: Final = b"ur-client recording, not finished\n"  # how a file begins while an NpzWriter is open
-_INFO: Final = "info"  # beside the variables of an npz; no RTDE variable is called so
+_UNFINISHED: Final = b"ur-client recording, not finished\n"  # start of the file while an NpzWriter is open
+_INFO: Final = "info"  # array next to the variables in an npz file; no RTDE variable has this name
 
 
 class CsvWriter:
-    """A line each state, a column each number: ``actual_q_0``. Lines are in the file at once.
+    """Writes a line per state and a column per number, such as ``actual_q_0``. Lines are written immediately.
 
-    saved: states that are in the file.
+    saved: number of states in the file.
     """
 
     def __init__(self, path: Path, names: Iterable[str]) -> None:
@@ -46,7 +46,7 @@ class CsvWriter:
 
 
 class _Lines:
-    """Text into a file of bytes."""
+    """Writes text to a binary file."""
 
     def __init__(self, file: OutputFile) -> None:
         self._file = file
@@ -56,10 +56,10 @@ class _Lines:
 
 
 class NpzWriter:
-    """One array each variable, for ``numpy.load``, when it is closed.
+    """Writes one array per variable, for ``numpy.load``, when it is closed.
 
-    Until then the file has the states one after the other as they come, which `read_npz` reads too: that is what a
-    recorder that is killed leaves. saved: states that are in the file.
+    Until then the file contains the states one after the other. `read_npz` can read that too, so a recorder that is
+    killed leaves a readable file. saved: number of states in the file.
     """
 
     def __init__(self, path: Path, names: Iterable[str], info: Info) -> None:
@@ -78,7 +78,7 @@ class NpzWriter:
         self.saved += 1
 
     def close(self) -> None:
-        """Put the arrays in the place of the states. Raises RecordingError, and leaves the states, when it cannot."""
+        """Replace the states by arrays. If that fails, raises RecordingError and keeps the states."""
         self._file.close()
         if self._file.failed:
             return
@@ -96,17 +96,17 @@ class NpzWriter:
             self._file.failed = True
             whole.unlink(missing_ok=True)
             raise RecordingError(
-                f"cannot finish {path}: {error.strerror or error}; ur-client convert makes another file of it"
+                f"cannot finish {path}: {error.strerror or error}: ur-client convert can still read it"
             ) from error
 
 
 def read_csv(path: Path, names: Sequence[str] | None = None) -> Recording:
-    """A file of `CsvWriter`, or of the vendor's recorder, whose columns blanks separate.
+    """Read a file of `CsvWriter`, or of the vendor's recorder, which separates columns by blanks.
 
-    Columns that are no RTDE variable are left out, and so are lines that are damaged. names: the RTDE variables of the
-    columns, for a file without a first line that says them. Raises RecordingError.
+    Columns that are not RTDE variables and damaged lines are left out. names: the RTDE variables of the columns, for a
+    file without a header line. Raises RecordingError.
     """
-    # damaged bytes spoil their own line only: they are no error of the whole text, and quotes span no lines
+    # damaged bytes must spoil only their own line: so decoding does not fail, and quotes cannot span lines
     with path.open(newline="", encoding="utf-8", errors="replace") as file:
         begin = file.readline()
         file.seek(0)
@@ -130,15 +130,15 @@ def read_csv(path: Path, names: Sequence[str] | None = None) -> Recording:
                 broken.append(f"line {rows.line_num}: {error}")
                 last = rows.line_num
         cut_off = bool(broken) and last == rows.line_num
-    if not cut_off and len(columns) and not _ends_with_line(path):  # its last number may lack digits
+    if not cut_off and len(columns) and not _ends_with_line(path):  # its last number may be truncated
         columns.drop_last()
-        broken.append(f"line {rows.line_num}: it has no end")
+        broken.append(f"line {rows.line_num} is incomplete")
         cut_off = True
     if broken and len(broken) == count:
-        raise RecordingError(f"{path} has no line that can be read; {broken[0]}")
+        raise RecordingError(f"{path} has no readable line; {broken[0]}")
     info = {"cut_off": f"{broken.pop()}; that line is left out"} if cut_off else {}
     if broken:
-        info["left_out"] = f"{len(broken)} of {count} lines are damaged and left out (the first, {broken[0]})"
+        info["left_out"] = f"{len(broken)} of {count} lines are damaged and left out (first: {broken[0]})"
     return Recording(columns.arrays(), info)
 
 
@@ -149,7 +149,7 @@ def _ends_with_line(path: Path) -> bool:
 
 
 def _row(rows: Any) -> list[str] | None:
-    """The next line of a CSV file; one that csv refuses has no columns. None at the end."""
+    """The next line of a CSV file; an empty one if the csv module refuses it. None at the end."""
     try:
         row: list[str] | None = next(rows, None)
     except csv.Error:
@@ -158,26 +158,28 @@ def _row(rows: Any) -> list[str] | None:
 
 
 def _journal(file: BinaryIO, columns: Columns | None = None) -> Recording:
-    """What an `NpzWriter` has written before it was closed. Raises RecordingError."""
+    """Read a file that an `NpzWriter` has not finished. Raises RecordingError."""
     try:
         file.seek(len(_UNFINISHED))
         head = json_document(file.readline())
         names = tuple(name for name in head["names"] if name in OUTPUT_FIELDS)
         if len(names) != len(head["names"]):
-            raise ValueError("a variable of another version")
+            raise ValueError("it has a variable of another version")
         if not names or len(set(names)) != len(names):
-            raise ValueError("it names no variable, or one twice")
+            raise ValueError("it has no variable, or one twice")
         info = {str(name): str(text) for name, text in head["info"].items()}
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise RecordingError(f"{file.name} is a recording whose beginning is damaged: {error}") from error
+        raise RecordingError(f"{file.name}: the start of the recording is damaged: {error}") from error
     columns = Columns(names) if columns is None else columns
     rest = columns.extend(file.read())
-    info["cut_off"] = "its recorder was ended before it could finish it" + (f"; {rest} bytes are lost" if rest else "")
+    info["cut_off"] = "the recorder was killed before it finished the file" + (
+        f"; {rest} bytes are lost" if rest else ""
+    )
     return Recording(columns.arrays(), info)
 
 
 def read_npz(path: Path) -> Recording:
-    """A file of `NpzWriter`, finished or not; without the variables whose arrays are damaged. Raises RecordingError."""
+    """Read a file of `NpzWriter`, finished or not; leave out damaged variables. Raises RecordingError."""
     broken = []
     with path.open("rb") as opened:
         if opened.read(len(_UNFINISHED)) == _UNFINISHED:
@@ -189,11 +191,11 @@ def read_npz(path: Path) -> Recording:
                 for name in file.files:
                     if name in OUTPUT_FIELDS:
                         try:
-                            values[name] = np.asarray(file[name])  # bytes, when it does not begin as an array
+                            values[name] = np.asarray(file[name])  # bytes, if it is not an array
                         except Exception as error:  # as below
                             broken.append(f"{name} is damaged and left out: {error}")
                 info = _info(file[_INFO]) if _INFO in file.files else {}
-        except Exception as error:  # of zipfile, zlib, struct, tokenize, json: numpy lets through any
+        except Exception as error:  # numpy lets errors of zipfile, zlib, struct, tokenize and json through
             raise RecordingError(f"{path} is not an npz file of a recording: {error}") from error
     for name, array in values.items():
         count = OUTPUT_FIELDS[name].type.count
@@ -201,10 +203,10 @@ def read_npz(path: Path) -> Recording:
             (*array.shape[:1], count) if count > 1 else array.shape[:1]
         ):
             raise RecordingError(
-                f"{name} of {path} has the shape {array.shape}, which is none of {count} values a state"
+                f"{path}: {name} has the shape {array.shape}, but should have {count} numbers per state"
             )
     if len({len(array) for array in values.values()}) > 1:
-        raise RecordingError(f"the variables of {path} are not of the same length")
+        raise RecordingError(f"{path}: the variables differ in length")
     return Recording(values, info | ({"left_out": "; ".join(broken)} if broken else {}))
 
 
@@ -218,7 +220,7 @@ def _columns(name: str) -> list[str]:
 
 
 def _variables(path: Path, header: list[str]) -> dict[str, list[int]]:
-    """RTDE variable -> its columns."""
+    """The column numbers of each RTDE variable."""
     places = {column: index for index, column in enumerate(header)}
     found = {
         name: [places[column] for column in _columns(name)]
@@ -227,13 +229,13 @@ def _variables(path: Path, header: list[str]) -> dict[str, list[int]]:
     }
     if not found:
         raise RecordingError(
-            f"{path} has no columns of RTDE variables, such as timestamp or actual_q_0, in its first line"
+            f"{path}: the first line names no RTDE variable, such as timestamp or actual_q_0: give --columns"
         )
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
 def _parsed(row: list[str], places: list[int], name: str) -> Any:
-    """A variable's value. Raises ValueError."""
+    """Parse a variable's value. Raises ValueError."""
     kind = OUTPUT_FIELDS[name].type
     values = [_number(row[place].strip('" '), kind) for place in places]
     return values if kind.count > 1 else values[0]

@@ -1,4 +1,4 @@
-"""When a state was, in wall time, without the jitter of its arrival."""
+"""Wall time of robot states, without the jitter of their arrival."""
 
 import math
 import time
@@ -8,16 +8,16 @@ from typing import Any, Final
 from urproto.rtde.fields import LONGEST_S
 
 _NS = 1_000_000_000
-_BOOT_S = 1.0  # the clock of a robot that has booted is farther back; guess
+_BOOT_S = 1.0  # guess: a reboot sets the robot's clock back further than this
 JUMP_S: Final = 1e6
-"""A clock that goes on by more between two states has been set; guess: nobody waits for a robot for 11 days."""
+"""A clock that advances by more than this between two states was set; guess: nobody waits 11 days for a robot."""
 
 
 class Stamps:
-    """Wall time of the first state; from there on the robot's own clock goes on.
+    """Converts robot time to wall time: the first state gets this machine's time, the robot's clock counts from there.
 
-    A clock that goes far backwards, or very far ahead, is that of a robot that has booted anew: the wall clock
-    counts again.
+    If the robot's clock jumps back or very far ahead, the robot has rebooted: the next state is anchored to this
+    machine's clock again.
     """
 
     def __init__(self, now_ns: Callable[[], int] = time.time_ns) -> None:
@@ -26,7 +26,7 @@ class Stamps:
         self._last_s = 0.0
 
     def of(self, timestamp_s: float) -> int | None:
-        """Nanoseconds since 1970 of a state, by its RTDE variable ``timestamp``; None for what is no time."""
+        """Nanoseconds since 1970 of a state, from its RTDE variable ``timestamp``; None if that is not a valid time."""
         if not (math.isfinite(timestamp_s) and abs(timestamp_s) < LONGEST_S):
             return None
         if self._anchor is None or not -_BOOT_S <= timestamp_s - self._last_s <= JUMP_S:
@@ -35,7 +35,7 @@ class Stamps:
         return self.at(timestamp_s)
 
     def at(self, timestamp_s: float) -> int | None:
-        """The same of something that comes late, as a picture does; None before the first state."""
+        """The same for data that arrives late, such as an image; None before the first state."""
         if self._anchor is None or not abs(timestamp_s - self._last_s) <= JUMP_S:
             return None
         begin_s, begin_ns = self._anchor
@@ -43,11 +43,11 @@ class Stamps:
 
 
 def seconds_and_rest(time_ns: int) -> dict[str, int]:
-    """As ROS 2 writes a time."""
+    """The fields of a builtin_interfaces/Time."""
     seconds, rest = divmod(time_ns, _NS)
     return {"sec": seconds, "nanosec": rest}
 
 
 def header(time_ns: int, frame: str) -> dict[str, Any]:
-    """A std_msgs/Header."""
+    """The fields of a std_msgs/Header."""
     return {"stamp": seconds_and_rest(time_ns), "frame_id": frame}

@@ -1,4 +1,4 @@
-"""ROS 2 messages out of RTDE variables, on the topics and in the units of the ROS 2 driver for UR."""
+"""RTDE variables as ROS 2 messages, on the topics and in the units of the ROS 2 driver for UR."""
 
 import struct
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -14,17 +14,17 @@ from urproto.modes import RuntimeState
 from urproto.robots.pose import rotvec_to_quaternion, wrench_trans
 
 RTDE_TOPIC: Final = "/rtde"
-_AGAIN_NS: Final = 1_000_000_000  # what does not change is told once a second, for those who come late; guess
-_TCP_FRAME: Final = "tool0_controller"  # where the controller has the TCP; name of the ROS 2 driver
+_AGAIN_NS: Final = 1_000_000_000  # guess: unchanged messages are repeated once a second, for late subscribers
+_TCP_FRAME: Final = "tool0_controller"  # the ROS 2 driver's name for the TCP as the controller has it
 
 Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic and how its messages come out of the variables it needs.
+    """A topic, the variables it needs, and the function that builds its messages.
 
-    slowly: it is only told when it changes, and once a second.
+    slowly: published only when the message changes, and once a second.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Topic:
 
     @property
     def stamped(self) -> bool:
-        """True when its messages have a header."""
+        """Whether its messages have a header."""
         return self.type.definition.startswith("std_msgs/Header header")
 
 
@@ -47,12 +47,12 @@ class ControllerTopic:
 
     @property
     def name(self) -> str:
-        """Where ROS 2 has it."""
+        """The topic in ROS 2."""
         return f"/{self.controller}/controller_state"
 
     @property
     def type(self) -> MessageType:
-        """Its message."""
+        """Its message type."""
         return message_type("control_msgs/msg/JointTrajectoryControllerState")
 
 
@@ -64,14 +64,14 @@ class MarkerTopic:
 
     @property
     def type(self) -> MessageType:
-        """Its message."""
+        """Its message type."""
         return message_type("visualization_msgs/msg/MarkerArray")
 
 
 def markers_message(markers: Sequence[Values]) -> bytes:
-    """A visualization_msgs/msg/MarkerArray. markers: their fields; those not named are zero or empty.
+    """Encode a visualization_msgs/msg/MarkerArray. markers: their fields; those left out are zero or empty.
 
-    Raises RecordingError for what are none.
+    Raises RecordingError for other fields or values.
     """
     try:
         return message_type("visualization_msgs/msg/MarkerArray").encode({"markers": markers})
@@ -80,7 +80,7 @@ def markers_message(markers: Sequence[Values]) -> bytes:
 
 
 class Topics:
-    """The topics that can be made of some RTDE variables, and what is to be told of each state."""
+    """The topics that a set of RTDE variables allows, and the messages for each state."""
 
     def __init__(self, names: Collection[str]) -> None:
         everything = Topic(RTDE_TOPIC, rtde_type(names), frozenset(names), _same)
@@ -88,7 +88,7 @@ class Topics:
         self._published: dict[str, tuple[int, Values]] = {}
 
     def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
-        """The messages of one state. A topic whose message has no place for it, as for a mode of 1000, is left out."""
+        """The messages of one state. A message that cannot represent it, such as a mode of 1000, is left out."""
         for topic in self.topics:
             try:
                 yield from self._encoded(topic, values, time_ns)
@@ -98,13 +98,13 @@ class Topics:
 
     def _encoded(self, topic: Topic, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
         message = topic.message(values)
-        if topic.slowly and not self._news(topic.name, message, time_ns):
+        if topic.slowly and not self._is_due(topic.name, message, time_ns):
             return
         if topic.stamped:
             message = {**message, "header": header(time_ns, message.get("frame_id", ""))}
         yield topic, topic.type.encode(message)
 
-    def _news(self, name: str, message: Values, time_ns: int) -> bool:
+    def _is_due(self, name: str, message: Values, time_ns: int) -> bool:
         published_ns, published = self._published.get(name, (0, {}))
         if published == message and 0 <= time_ns - published_ns < _AGAIN_NS:
             return False
@@ -113,7 +113,7 @@ class Topics:
 
 
 def controller_message(state: Any, time_ns: int) -> Values:
-    """Of anything with joint_names, the points reference, feedback, error and output, and perhaps a scaling."""
+    """The message of a controller's state: joint_names, points reference, feedback, error, output, maybe a scaling."""
     points = {name: _point(getattr(state, name)) for name in ("reference", "feedback", "error", "output")}
     scaling = getattr(state, "speed_scaling_factor", 1.0)
     return {
@@ -138,7 +138,7 @@ def _joint_states(values: Values) -> Values:
 
 
 def _controller_state(values: Values) -> Values:
-    """What the robot's own controller asks of the joints, and what they do."""
+    """Targets of the robot's own controller, and the actual joint states."""
     target_q, actual_q = values["target_q"], values["actual_q"]
     target_qd, actual_qd = values.get("target_qd", ()), values.get("actual_qd", ())
     reference = {"positions": target_q, "velocities": target_qd, "accelerations": values.get("target_qdd", ())}
@@ -205,7 +205,7 @@ def _analog(values: Values, name: str, first_bit: int) -> list[Values]:
 
 
 def _tool_analog(values: Values) -> list[Values]:
-    """The tool's come behind the two standard ones."""
+    """The tool's analog inputs, numbered after the two standard ones."""
     domains = values.get("tool_analog_input_types", 0)
     names = ("tool_analog_input0", "tool_analog_input1")
     return [

@@ -1,4 +1,4 @@
-"""How joints followed what was asked of them."""
+"""How closely the joints followed their desired positions and velocities."""
 
 from array import array
 from collections.abc import Mapping, Sequence
@@ -12,21 +12,21 @@ from urproto.joints import JOINT_NAMES
 
 Array = NDArray[np.float64]
 
-_BEHIND_S: Final = 1.0  # an arm that follows is not later than this; guess, its lag is 0.05 s
-_AHEAD_S: Final = 0.1  # guess: states of both may be some periods apart
-_GAP_S: Final = 0.5  # without a state: nobody knows the path in between; guess
+_BEHIND_S: Final = 1.0  # guess: an arm that follows lags by less than this, normally by 0.05 s
+_AHEAD_S: Final = 0.1  # guess: the desired and the actual state may be a few periods apart
+_GAP_S: Final = 0.5  # guess: after this long without a state, the path in between is unknown
 _OLD: Final = {"reference": "desired", "feedback": "actual"}  # names of ROS 2 before Humble
 _COLUMNS: Final = (("reference", "positions"), ("feedback", "positions"), ("feedback", "velocities"))
 
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """What was desired of some joints and what they did, over time.
+    """Desired and actual positions and velocities of some joints over time.
 
-    source: who desired it. time_s (n,): since the recording's first state. The others (n, joints)
-    in rad and rad/s; what was not told is nan. The speeds that a controller desired are those at
-    which its desired angles change: the ones that it tells are in the trajectory's time, which
-    speed scaling makes slower than the clock's.
+    source: the controller that set the desired values. time_s (n,): since the recording's first state. The other
+    arrays are (n, joints) in rad and rad/s; missing values are nan. The desired velocities of a controller are the
+    rate of change of its desired positions. The velocities that it reports are not used: they refer to the
+    trajectory's time, which speed scaling makes slower than the clock.
     """
 
     source: str
@@ -39,39 +39,39 @@ class Tracking:
 
     @property
     def compared(self) -> bool:
-        """True when it is known both what was desired and what was."""
+        """Whether both desired and actual positions are known."""
         return bool(np.isfinite(self.desired_q - self.actual_q).any())
 
     @property
     def largest_path_deviation(self) -> float:
-        """The largest of `path_deviation` [rad]; nan when nothing was desired."""
+        """The maximum of `path_deviation` [rad]; nan without desired positions."""
         return float(np.nanmax(self.path_deviation())) if self.compared else float("nan")
 
     def path_deviation(self) -> Array:
-        """How far the joints are from the path that was desired, (n,) [rad], whenever they should have been there.
+        """Distance of the joints from the desired path, (n,) [rad], regardless of when they should have been there.
 
-        The Euclidean distance of the angles from the nearest place of the path within its last second:
-        the arm's lag is an error, and no deviation from the path.
+        It is the Euclidean distance of the joint angles from the nearest point on the last second of the path. The
+        arm's lag is therefore a tracking error, but not a deviation from the path.
         """
         steps = np.diff(self.time_s)
         rate_hz = 1.0 / float(np.median(steps)) if len(steps) and np.median(steps) > 0.0 else 1.0
-        goes_on = np.append(True, np.any(np.diff(self.desired_q, axis=0) != 0.0, axis=1))[: len(self.time_s)]
-        begins, place = self.desired_q[goes_on], np.cumsum(goes_on) - 1  # a path that stands is no way
-        ways = np.diff(begins, axis=0, append=begins[-1:])
-        ways[place[:-1][steps > _GAP_S]] = 0.0
+        changes = np.append(True, np.any(np.diff(self.desired_q, axis=0) != 0.0, axis=1))[: len(self.time_s)]
+        starts, place = self.desired_q[changes], np.cumsum(changes) - 1  # a standstill adds no segment
+        segments = np.diff(starts, axis=0, append=starts[-1:])
+        segments[place[:-1][steps > _GAP_S]] = 0.0
         nearest: Array = np.linalg.norm(self.actual_q - self.desired_q, axis=1)
         for offset in range(-round(_BEHIND_S * rate_hz), round(_AHEAD_S * rate_hz) + 1):
-            index = np.clip(place + offset, 0, len(ways) - 1)
-            np.fmin(nearest, _distance(self.actual_q, begins[index], ways[index]), out=nearest)
+            index = np.clip(place + offset, 0, len(segments) - 1)
+            np.fmin(nearest, _distance(self.actual_q, starts[index], segments[index]), out=nearest)
         return nearest
 
 
-def _distance(points: Array, begins: Array, ways: Array) -> Array:
-    """Of each point from its segment, which begins there and goes that way."""
-    away = points - begins
-    square = np.maximum(np.einsum("ij,ij->i", ways, ways), 1e-30)
-    share = np.clip(np.einsum("ij,ij->i", away, ways) / square, 0.0, 1.0)
-    result: Array = np.linalg.norm(away - share[:, None] * ways, axis=1)
+def _distance(points: Array, starts: Array, segments: Array) -> Array:
+    """Distance of each point from its segment, given by its start and the vector to its end."""
+    away = points - starts
+    square = np.maximum(np.einsum("ij,ij->i", segments, segments), 1e-30)
+    share = np.clip(np.einsum("ij,ij->i", away, segments) / square, 0.0, 1.0)
+    result: Array = np.linalg.norm(away - share[:, None] * segments, axis=1)
     return result
 
 
@@ -87,7 +87,7 @@ class TrackingBuilder:
     )
 
     def add(self, time_s: float, message: Mapping[str, Any]) -> None:
-        """A message. Raises KeyError, ValueError for one that is none."""
+        """Add a message. Raises KeyError or ValueError if it has other fields."""
         names = tuple(message["joint_names"])
         self.joints = self.joints or names
         order = [names.index(joint) for joint in self.joints]
@@ -97,7 +97,7 @@ class TrackingBuilder:
             numbers.extend(_ordered(given[kind], order))
 
     def built(self, began_s: float) -> Tracking:
-        """All of it; began_s: when the recording began, as the messages' times."""
+        """The collected states. began_s: start of the recording, in the time of the messages."""
         shape = (len(self._times), len(self.joints))
         columns = [self.joints.index(joint) for joint in _in_usual_order(self.joints)]
         desired_q, q, qd = (np.array(numbers).reshape(shape)[:, columns] for numbers in self._numbers.values())
@@ -107,7 +107,7 @@ class TrackingBuilder:
 
 
 def _rates(values: Array, time_s: Array) -> Array:
-    """How fast each column changes, over three states."""
+    """Rate of change of each column, as a central difference over three states."""
     rates = np.full_like(values, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         rates[1:-1] = (values[2:] - values[:-2]) / (time_s[2:] - time_s[:-2])[:, None]
@@ -120,7 +120,7 @@ def _ordered(numbers: Sequence[float], order: Sequence[int]) -> list[float]:
 
 
 def _in_usual_order(joints: tuple[str, ...]) -> tuple[str, ...]:
-    """From the base on, whatever is put before the names."""
+    """Sort the joints from the base to wrist 3; their names may have a prefix."""
     known = [usual for usual in JOINT_NAMES if sum(joint.endswith(usual) for joint in joints) == 1]
     if len(known) != len(joints):
         return joints

@@ -48,7 +48,7 @@ def test_what_is_not_there_is_one_clear_line(served: Served, client: CameraClien
     with pytest.raises(CameraError, match=r"^nothing here draws pictures$"):
         client.shot(OVERVIEW, "rgb.jpg")
     served.cameras = []
-    with pytest.raises(CameraError, match=r"has no cameras: name some in its world file$"):
+    with pytest.raises(CameraError, match=r"has no cameras: add some to its world file$"):
         client.chosen(["all"])
     with (
         CameraClient(port=1) as nobody,
@@ -72,20 +72,22 @@ def test_what_is_not_there_is_one_clear_line(served: Served, client: CameraClien
 )
 def test_what_is_no_list_of_cameras_is_told(served: Served, client: CameraClient, index: bytes) -> None:
     served.answers["/cameras"] = (200, {}, index)
-    with pytest.raises(CameraError, match="is not a server of cameras"):
+    with pytest.raises(CameraError, match="is not a camera server"):
         client.cameras()
 
 
 def test_pictures_that_are_none_are_told(served: Served, client: CameraClient) -> None:
     served.answers[STILL] = (200, {}, JPEG)
-    with pytest.raises(CameraError, match="does not say when and where a picture was taken"):
+    with pytest.raises(CameraError, match="does not report the time and pose of an image"):
         client.shot(OVERVIEW, "rgb.jpg")
     with pytest.raises(CameraError, match=r"its rgb.npy cannot be read"):
         _ = Shot(OVERVIEW, "rgb.npy", b"nothing", 0.0, POSE).arrays
     small = CameraDescription("over all", 2, 2, MATRIX, "base", POSE)
-    with pytest.raises(CameraError, match=r"its rgb is \(6, 8, 3\), not as large as its pictures"):
+    with pytest.raises(
+        CameraError, match=r"its rgb has the shape \(6, 8, 3\), unlike its images"
+    ):
         _ = client.shot(small, "rgb.npy").arrays
-    with pytest.raises(CameraError, match=r"rgb.jpg is not an array: get rgb.npy"):
+    with pytest.raises(CameraError, match=r"rgb.jpg is not an array: request rgb.npy"):
         _ = Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE).arrays
 
 
@@ -109,7 +111,7 @@ def test_a_follower_says_once_that_pictures_are_lost_and_goes_on(served: Served)
     with CameraFollower(client, lambda: [(OVERVIEW, "rgb.jpg")], 100.0, take, tell):
         assert taken.acquire(timeout=PATIENCE_S)
         assert again.wait(PATIENCE_S)
-    assert told == ["no light", "there are pictures of the cameras again"]
+    assert told == ["no light", "the cameras deliver images again"]
 
 
 def test_frames_are_those_of_rep_103() -> None:

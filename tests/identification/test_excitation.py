@@ -38,8 +38,8 @@ def test_the_seed_chooses_the_motion():
 
 
 def test_where_there_is_no_room_nothing_moves():
-    with pytest.raises(OutOfReachError, match="above 2 m and off itself: start elsewhere"):
+    with pytest.raises(OutOfReachError, match="above 2 m and clear of itself: start elsewhere"):
         excitation(load_model("ur5e"), START, 20.0, Bounds(floor_m=2.0))
     folded = (0.0, -1.57, 2.6, -1.0, 1.57, 0.0)
-    with pytest.raises(OutOfReachError, match="off itself"):
+    with pytest.raises(OutOfReachError, match="clear of itself"):
         excitation(load_model("ur5e"), folded, 20.0, Bounds(angle_rad=1.0, floor_m=-1.0))

@@ -72,7 +72,7 @@ def test_the_payload_is_as_recorded_or_as_said():
     bare = without(values, "payload")
     said = fidelity(bare, ARM, Payload(4.0, (0.0, 0.05, 0.1)))
     assert worst(said, "target_moment") < 1e-9
-    with pytest.raises(RecordingError, match=r"Nm \(rms\) off what a UR10 with 0 kg needs.*--payload"):
+    with pytest.raises(RecordingError, match=r"Nm \(rms\) from that of a UR10 with 0 kg.*--payload"):
         fidelity(bare, ARM)
 
 
@@ -91,10 +91,10 @@ def changed(motion, **how):
     [
         ({"target_q": np.degrees, "actual_q": np.degrees}, r"joint angles reach .*degrees"),
         ({"target_qd": np.degrees}, r"joint speeds are 57\.\d times"),
-        ({"timestamp": lambda array: 1e3 * array}, r"rises by 8 a state: .*milliseconds"),
+        ({"timestamp": lambda array: 1e3 * array}, r"rises by 8 per state: .*milliseconds"),
         ({"timestamp": lambda array: 0.0 * array}, "never rises"),
         ({"actual_current": lambda array: 1e3 * array}, "milliamperes"),
-        ({"target_moment": lambda array: 2.0 * array}, "off what a UR10"),
+        ({"target_moment": lambda array: 2.0 * array}, "from that of a UR10"),
     ],
 )
 def test_other_units_are_one_clear_line(motion, how, message):
@@ -106,19 +106,19 @@ def test_other_units_are_one_clear_line(motion, how, message):
 def test_measured_angles_that_are_too_far_apart_are_refused(motion):
     seldom = {name: array[::8] for name, array in motion.items()}
     assert worst(fidelity(Recording(seldom), ARM), "target_moment") < 1e-9
-    with pytest.raises(RecordingError, match=r"a state every 0.064 s is too seldom"):
+    with pytest.raises(RecordingError, match=r"one state per 0.064 s is too few"):
         fidelity(without(seldom, "target_q"), ARM)
 
 
 def test_columns_that_are_missing_are_named(motion):
     with pytest.raises(RecordingError, match="none of target_moment, target_current, actual_current"):
         samples_of(without(motion, "target_moment", "target_current", "actual_current"))
-    with pytest.raises(RecordingError, match="or else actual_q are needed"):
+    with pytest.raises(RecordingError, match="no motion was recorded: .* or else actual_q"):
         samples_of(without(motion, "target_q", "actual_q"))
 
 
 def test_another_model_is_named(motion):
-    with pytest.raises(RecordingError, match="UR5 with 0 kg needs; it fits a UR10"):
+    with pytest.raises(RecordingError, match="UR5 with 0 kg; it fits a UR10"):
         fidelity(Recording(motion), load_model("ur5"))
 
 

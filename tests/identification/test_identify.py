@@ -79,7 +79,7 @@ def test_joints_that_stand_keep_the_model_s_numbers():
     assert found.drives.rotor_kg_m2[0] == pytest.approx(DRIVES.rotor_kg_m2[0], rel=1e-6)
     assert found.drives.rotor_kg_m2[1:] == model.rotor_kg_m2[1:]
     assert found.errors["rotor_kg_m2"][1:] == (None,) * 5
-    assert "elbow: hardly moves, its rotor stays" in found.kept
+    assert "elbow: hardly moves; its rotor is kept" in found.kept
 
 
 def test_a_motion_without_speed_is_refused(motion):
@@ -95,7 +95,7 @@ def test_numbers_that_the_motion_does_not_show_stay_and_are_named():
     found = identify(Recording(recorded(f"def slow():\n  sleep(0.6)\n{slow}end\n")), MODEL)
     assert found.drives.known_coulomb_Nm[0] == pytest.approx(DRIVES.known_coulomb_Nm[0], rel=1e-6)
     assert found.drives.known_fast_viscous_Nm_s == drivetrain_of(MODEL).known_fast_viscous_Nm_s
-    assert any("too poor for known_fast_viscous_Nm_s" in reason for reason in found.kept)
+    assert any("does not determine known_fast_viscous_Nm_s" in reason for reason in found.kept)
 
 
 def test_without_target_currents_only_friction_and_noise_are_found(motion):

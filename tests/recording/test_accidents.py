@@ -57,7 +57,7 @@ def test_a_file_that_cannot_grow_says_how_much_is_in_it(tmp_path: Path, suffix: 
     count, _, said = run(FULL, str(path)).partition(" ")
     found = read(path)
     told = re.fullmatch(
-        rf"cannot write {path} any more: File too large; (\d+) states are in the file for sure, the last (\d+) may be "
+        rf"{path} can no longer be written: File too large; (\d+) states are certainly in the file, the last (\d+) may be "
         "lost: free some space and record again",
         said.strip(),
     )
@@ -75,7 +75,7 @@ def test_a_file_that_cannot_grow_says_how_much_is_in_it(tmp_path: Path, suffix: 
 def test_a_full_disk(states, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     path.symlink_to("/dev/full")
-    with pytest.raises(RecordingError, match=r"cannot (write|finish) .*: No space left on device"):
+    with pytest.raises(RecordingError, match=r"(can no longer be written|cannot finish .*): No space left on device"):
         record(path, states)
 
 
@@ -142,8 +142,8 @@ def test_a_table_with_damaged_lines_keeps_the_others(states, tmp_path: Path) -> 
     assert result.exit_code == 0
     assert "35 states of 25 variables" in result.stdout
     (note,) = result.stderr.splitlines()
-    assert "3 of 40 lines are damaged and left out (the first, line 11: 3 columns" in note
-    assert "1 of 36 states have no time" in note
+    assert "3 of 40 lines are damaged and left out (first: line 11: 3 columns" in note
+    assert "1 of 36 states have no valid timestamp" in note
     assert "line 41" in note
     found = read(tmp_path / "run.npz")
     assert len(found) == 35

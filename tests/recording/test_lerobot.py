@@ -175,7 +175,7 @@ def test_statistics_of_pictures_are_those_of_their_pixels() -> None:
         assert found[name] == pytest.approx(value, abs=1e-12), name
     for name, share in (("q01", 0.01), ("q50", 0.5), ("q99", 0.99)):
         assert found[name] == pytest.approx(np.quantile(pixels, share, axis=0, method="inverted_cdf")), name
-    with pytest.raises(RecordingError, match="pictures of one camera are of 2 sizes"):
+    with pytest.raises(RecordingError, match="the images of one camera have 2 different sizes"):
         stats.of_pictures([jpeg(1), jpeg(1, (16, 6))])
 
 
@@ -201,18 +201,18 @@ def nan_in(states):
     [
         (lambda s: s, {"state": ["actual_p"]}, "actual_p"),
         (lambda s: s, {"state": ["actual_q[6]"]}, r"actual_q\[6\]: actual_q has 6 numbers, 0 to 5"),
-        (lambda s: s, {"state": ["speed_scaling[0]"]}, r"speed_scaling is one number: leave \[0\] out"),
+        (lambda s: s, {"state": ["speed_scaling[0]"]}, r"speed_scaling is a single number: leave out \[0\]"),
         (lambda s: s, {"action": ["a b"]}, "'a b' is neither an RTDE variable"),
         (lambda s: s, {"action": ["payload"]}, "payload was not recorded"),
         (lambda s: s, {"action": []}, "at least one number"),
-        (lambda s: s, {"fps": 0}, "at least one frame a second, not 0"),
+        (lambda s: s, {"fps": 0}, "at least 1 frame per second, not 0"),
         (lambda s: s, {"tasks": ["a", "b"]}, "2 tasks for 1 recordings"),
-        (lambda s: s, {"tasks": [" "]}, "name one for all"),
-        (lambda s: s[::100], {}, "it has 5 states a second, fewer than the 10 frames: give a lower --fps"),
-        (lambda s: s[:30], {}, "too short for a frame at 10 a second"),
-        (lambda s: s[:300] + s[500:], {}, r"0\.\d\d s of states are missing before 0\.\d\d s"),
-        (lambda s: s[400:] + s[:400], {}, "the robot's clock began anew in it"),
-        (nan_in, {}, r"shoulder_pan_joint.pos is not a number 1.00 s from the beginning"),
+        (lambda s: s, {"tasks": [" "]}, "give one for all"),
+        (lambda s: s[::100], {}, "it has 5 states per second, fewer than the 10 frames: give a lower --fps"),
+        (lambda s: s[:30], {}, "it is too short for a frame at 10 frames per second"),
+        (lambda s: s[:300] + s[500:], {}, r"states are missing for 0\.\d\d s before 0\.\d\d s"),
+        (lambda s: s[400:] + s[:400], {}, "the robot rebooted during the recording"),
+        (nan_in, {}, r"shoulder_pan_joint.pos is not a number 1.00 s after the start"),
     ],
 )
 def test_what_makes_no_dataset_is_one_line_and_leaves_nothing(states, tmp_path, change, options, error) -> None:
@@ -229,20 +229,20 @@ def test_cameras_have_to_be_the_same_in_all_recordings(states, tmp_path: Path) -
     other = filmed(tmp_path / "other.mcap", states, range(0, 200, 10), size=(16, 6))
     with pytest.raises(
         RecordingError,
-        match=r"other\.mcap: it has pictures of over_all \(16x6\), the recordings before of over_all \(8x6\)",
+        match=r"other\.mcap: it has images of over_all \(16x6\), but earlier recordings of over_all \(8x6\)",
     ):
         write_dataset(tmp_path / "set", [one, other], ["go"])
-    with pytest.raises(RecordingError, match=r"plain\.mcap: it has pictures of no camera, the recordings before"):
+    with pytest.raises(RecordingError, match=r"plain\.mcap: it has images of no camera, but earlier recordings"):
         write_dataset(tmp_path / "set", [one, record(tmp_path / "plain.mcap", states)], ["go"])
     gone = filmed(tmp_path / "gone.mcap", states, [10, 20], period_s=1.6)
-    with pytest.raises(RecordingError, match=r"over_all has no picture within 0.5 s of 0\.8\d s"):
+    with pytest.raises(RecordingError, match=r"over_all has no image within 0.5 s of 0\.8\d s"):
         write_dataset(tmp_path / "set", [gone], ["go"], fps=10)
     with Recorder(bad := tmp_path / "bad.mcap", states[0], now_ns=lambda: BEGAN_NS) as recorder:
         for i, state in enumerate(states):
             recorder.write(state)
             if not i % 20:
                 recorder.write_shot(Shot(OVERVIEW, "rgb.jpg", b"\xff\xd8 cut", state["timestamp"], POSE))
-    with pytest.raises(RecordingError, match=r"bad\.mcap: a picture of it is not a JPEG"):
+    with pytest.raises(RecordingError, match=r"bad\.mcap: an image in it is not a readable JPEG"):
         write_dataset(tmp_path / "set", [bad], ["go"])
     assert not (tmp_path / "set").exists()
 
@@ -253,10 +253,10 @@ def test_from_a_shell(states, tmp_path: Path) -> None:
     options = ["--task", "look", "--state", "actual_q,actual_TCP_force", "--action", "target_q"]
     result = CliRunner().invoke(app, ["dataset", str(tmp_path / "set"), file, file, *options])
     assert result.exit_code == 0, result.output
-    assert "2 episodes, 38 frames at 10 a second, cameras: over_all" in result.output
+    assert "2 episodes, 38 frames at 10 fps, cameras: over_all" in result.output
     assert loaded(tmp_path / "set").info["features"]["observation.state"]["shape"] == [12]
     again = CliRunner().invoke(app, ["dataset", str(tmp_path / "set"), file, *options])
-    assert "is there already: choose another name" in str(again.exception)
+    assert "exists: choose another name" in str(again.exception)
 
 
 def test_without_its_extra_it_says_so(states, tmp_path: Path, monkeypatch) -> None:

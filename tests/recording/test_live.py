@@ -76,14 +76,14 @@ def test_plotjugglers_websocket_server_gets_whole_states(states) -> None:
     assert first["robot_time"] == states[5]["timestamp"]
     assert tuple(first["actual_q"]) == states[5]["actual_q"]
     assert list(second) == ["timestamp"]
-    with pytest.raises(RecordingError, match="takes no more"):
+    with pytest.raises(RecordingError, match="no longer accepts states"):
         sender.write(states[5], BEGAN_NS)
 
 
 def test_a_plotjuggler_that_does_not_listen_is_told() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # and does not listen
-        with pytest.raises(RecordingError, match="start PlotJuggler's, protocol json, first"):
+        with pytest.raises(RecordingError, match="first start PlotJuggler's, with protocol json"):
             plotjuggler(f"ws://127.0.0.1:{taken.getsockname()[1]}")
 
 

@@ -84,20 +84,20 @@ def test_a_picture_is_late_and_sets_no_clock() -> None:
 def test_only_mcap_files_hold_pictures(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.csv", ("timestamp",)) as recorder:
         recorder.write({"timestamp": 1.0})
-        with pytest.raises(RecordingError, match=r"a\.csv: only \.mcap files hold pictures of cameras$"):
+        with pytest.raises(RecordingError, match=r"a\.csv: only \.mcap files can contain camera images$"):
             recorder.write_shot(Shot(OVERVIEW, "rgb.jpg", JPEG, 1.0, POSE))
 
 
 @pytest.mark.parametrize(
     ("options", "error"),
     [
-        (["record", "a.csv", "--camera", "all"], "only .mcap files hold pictures of cameras"),
+        (["record", "a.csv", "--camera", "all"], "only .mcap files can contain camera images"),
         (
             ["record", "a.mcap", "--camera", "all", "--camera-rate", "0"],
-            "--camera-rate is above 0 and at most 30, not 0",
+            "--camera-rate must be above 0 and at most 30, not 0",
         ),
-        (["record", "a.mcap", "--depth"], "--depth is of cameras"),
-        (["stream", "--plotjuggler", "udp://127.0.0.1", "--camera", "all"], "PlotJuggler shows no pictures"),
+        (["record", "a.mcap", "--depth"], "--depth needs a camera"),
+        (["stream", "--plotjuggler", "udp://127.0.0.1", "--camera", "all"], "PlotJuggler shows no images"),
     ],
 )
 def test_options_that_cannot_be_are_told(options: list[str], error: str) -> None:

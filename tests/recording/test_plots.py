@@ -94,7 +94,7 @@ class Page(HTMLParser):
 
 def test_what_cannot_be_drawn_is_told(states, tmp_path: Path, monkeypatch) -> None:
     whole = read(record(tmp_path / "run.npz", states[:3]))
-    with pytest.raises(RecordingError, match=r"none of the formats of pictures: \.png"):
+    with pytest.raises(RecordingError, match=r"not a format of plots: choose one of \.png"):
         draw(whole, tmp_path / "run.bmp")
     with pytest.raises(RecordingError, match="cannot write"):
         draw(whole, tmp_path / "nowhere" / "run.png")

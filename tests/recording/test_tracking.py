@@ -107,7 +107,9 @@ def test_controllers_are_read_beside_the_robot(states, recorded: Path) -> None:
     assert [row.joint for row in deviations(found)][:2] == ["base", "shoulder"]
     robot = found.tracking("robot")
     assert robot.desired_q.tolist() == [list(state["target_q"]) for state in states]
-    with pytest.raises(RecordingError, match=f"other is not a controller of the recording, but {NAME}, robot"):
+    with pytest.raises(
+        RecordingError, match=f"other is not a controller in the recording: choose one of {NAME}, robot"
+    ):
         found.tracking("other")
 
 
