@@ -57,8 +57,8 @@ class AsyncRobot:
     Moves and contexts start the control program if it has not been started, and restart it if it ended because this
     machine was late. If it ended for any other reason, only `make_ready` starts it again: it may have been stopped on
     purpose. They raise OutOfReachError before anything moves, for the first target out of reach; ProtectiveStopError,
-    and SafetyStopError with the cause that the robot reports; MotionStoppedError and ProgramEndedError; RobotRefused in a
-    mode in which the arm cannot move; RobotUnreachableError.
+    and SafetyStopError with the cause that the robot reports; MotionStoppedError and ProgramEndedError; RobotRefused in
+    a mode in which the arm cannot move; RobotUnreachableError.
 
     **Settings** work with and without the control program, and during a motion. They raise LocalProtocolError for
     invalid values, and RobotRefused if no effect is seen.
