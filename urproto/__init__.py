@@ -1,3 +1,3 @@
-"""What both ends of the wire agree on: codecs without I/O, enumerations, versions, and the arms."""
+"""Definitions shared by client and controller: codecs without I/O, enumerations, versions, and arm models."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""The parts binary messages are made of. All numbers on the controller's ports are big-endian."""
+"""Building blocks of binary messages. All numbers on the controller's ports are big-endian."""
 
 import struct
 from functools import lru_cache
@@ -7,17 +7,17 @@ from typing import Any
 from urproto.errors import LocalProtocolError, RemoteProtocolError
 from urproto.text import from_bytes, to_bytes
 
-MAX_SHORT_TEXT = 255  # bytes: a title's or name's length travels in one byte
+MAX_SHORT_TEXT = 255  # bytes: the length of a title or name is sent in one byte
 
 
 @lru_cache(maxsize=256)
 def big_endian(layout: str) -> struct.Struct:
-    """Compiled packer of a struct layout given without its byte-order mark."""
+    """A compiled struct for a layout given without byte order."""
     return struct.Struct(">" + layout)
 
 
 def pack(layout: str, *values: Any) -> bytes:
-    """Pack big-endian; LocalProtocolError when a value does not fit its wire type."""
+    """Pack values big-endian. Raises LocalProtocolError when one does not fit its wire type."""
     try:
         return big_endian(layout).pack(*values)
     except (struct.error, OverflowError) as error:
@@ -25,13 +25,13 @@ def pack(layout: str, *values: Any) -> bytes:
 
 
 def short_text(text: str) -> bytes:
-    """One length byte and the text, cut where the length byte ends."""
+    """A length byte followed by the text, which is cut at 255 bytes."""
     data = to_bytes(text)[:MAX_SHORT_TEXT]
     return bytes([len(data)]) + data
 
 
 class Reader:
-    """A cursor over one message's bytes; every short read is a RemoteProtocolError."""
+    """A cursor over the bytes of a message; reading past the end raises RemoteProtocolError."""
 
     __slots__ = ("_data", "_name", "_offset")
 
@@ -49,7 +49,7 @@ class Reader:
         """The next ``size`` bytes."""
         if size < 0 or size > self.remaining:
             raise RemoteProtocolError(
-                f"{self._name} ends too early: {size} bytes wanted at offset {self._offset}, {self.remaining} left"
+                f"{self._name} ends too early: {size} bytes expected at offset {self._offset}, {self.remaining} left"
             )
         start = self._offset
         self._offset = start + size
@@ -61,10 +61,10 @@ class Reader:
         return packer.unpack(self.take(packer.size))
 
     def short_text(self) -> str:
-        """Text behind a length byte."""
+        """Text preceded by a length byte."""
         (size,) = self.unpack("B")
         return from_bytes(self.take(size))
 
     def rest(self) -> bytes:
-        """Everything that is left."""
+        """All remaining bytes."""
         return self.take(self.remaining)

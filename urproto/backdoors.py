@@ -1,8 +1,9 @@
-"""Ports that lead behind a robot's back: control APIs and teach pendants say where they listen.
+"""Marks for ports that bypass a robot's access control: control APIs and teach pendants announce where they listen.
 
-Whoever may send a robot a script could otherwise do anything there, from the machine the robot runs on. The mark is the
-name of an abstract Unix socket, which every process of the machine sees and which is gone with its own (Linux;
-elsewhere those of the same process are known).
+Otherwise, a client that may only send a script to a robot could have the script connect to these ports from the machine
+that the robot runs on, and do anything there. The mark is the name of an abstract Unix socket, which every process on
+the machine can see and which disappears with its process (Linux; on other systems, only marks of the same process are
+known).
 """
 
 import socket
@@ -11,14 +12,14 @@ from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Final
 
 LOOPBACK_OF: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}
-"""Where systems reach on this machine what listens everywhere."""
+"""The address at which a system reaches a local port that listens on all addresses."""
 
 
 _marked: set[str] = set()  # by this process
 
 
 class BackdoorMark:
-    """Says that a control API or a pendant listens there, until ``close``. Raises OSError when that cannot be said.
+    """Announces a control API or a pendant at an address and port, until ``close``. Raises OSError on failure.
 
     address: numeric.
     """
@@ -36,16 +37,16 @@ class BackdoorMark:
         _marked.add(self._name)
 
     def close(self) -> None:
-        """It listens no longer."""
+        """Remove the mark."""
         _marked.discard(self._name)
         if self._socket is not None:
             self._socket.close()
 
 
 def leads_behind_a_robot(address: str, port: int) -> bool:
-    """Whether a connection to this numeric address ends at a control API or a pendant on this machine.
+    """Whether a connection to this numeric address leads to a control API or a pendant on this machine.
 
-    Raises OSError when that cannot be found out.
+    Raises OSError when this cannot be determined.
     """
     scope_free = ip_address(address.partition("%")[0])
     mapped = scope_free.ipv4_mapped if isinstance(scope_free, IPv6Address) else None
@@ -58,7 +59,7 @@ def leads_behind_a_robot(address: str, port: int) -> bool:
 
 
 def _is_here(address: str, version: int) -> bool:
-    """Whether this machine has the address: others cannot listen on it."""
+    """Whether the address belongs to this machine."""
     family = socket.AF_INET if version == 4 else socket.AF_INET6
     try:
         with socket.socket(family, socket.SOCK_DGRAM) as local:

@@ -1,10 +1,10 @@
-"""Pictures of a robot's cameras over HTTP: the addresses, what each gives, and how a camera is described.
+"""Images from a robot's cameras over HTTP: the URLs, their contents, and the description of a camera.
 
     GET /cameras                      every camera: JSON, `CameraDescription.as_json` each
-    GET /cameras/overview/rgb.mjpeg   a stream of JPEG pictures (multipart/x-mixed-replace), ?fps=5 for fewer
-    GET /cameras/overview/rgb.jpg     one picture, taken after the request came
+    GET /cameras/overview/rgb.mjpeg   a stream of JPEG images (multipart/x-mixed-replace), ?fps=5 limits the rate
+    GET /cameras/overview/rgb.jpg     one image, taken after the request arrived
 
-The forms that are not for people's eyes are numpy's own files (``numpy.load``), and 16 bit PNG.
+The other formats are numpy's own files (``numpy.load``), and 16-bit PNG.
 """
 
 from collections.abc import Mapping
@@ -21,27 +21,27 @@ FORMS: Final[Mapping[str, str]] = {
     "rgb.jpg": "image/jpeg",
     "rgb.npy": "application/x-npy",  # (height, width, 3) uint8
     "depth.npy": "application/x-npy",  # (height, width) float32: distance along the optical axis [m], 0 for none
-    "depth.png": "image/png",  # 16 bit: that in mm, 0 for none or more than 65.535 m
-    "rgbd.npz": "application/x-npz",  # rgb and depth of one moment
+    "depth.png": "image/png",  # 16 bit: the same in mm, 0 for none or more than 65.535 m
+    "rgbd.npz": "application/x-npz",  # rgb and depth of the same instant
     "segmentation.npy": "application/x-npy",  # (height, width) int32: number of the body, -1 for none
 }
-"""The single pictures of a camera and their content types."""
+"""The single images of a camera and their content types."""
 
 TIME_HEADER: Final = "x-timestamp"
-"""When a picture was taken: the robot's time, as RTDE's ``timestamp`` [s]."""
+"""When an image was taken, in the robot's time, like RTDE's ``timestamp`` [s]."""
 POSE_HEADER: Final = "x-camera-pose"
-"""Where the camera's optical frame was then: x, y, z [m], rx, ry, rz [rad] in the base frame."""
+"""Pose of the camera's optical frame at that time: x, y, z [m], rx, ry, rz [rad] in the base frame."""
 
 BASE, FLANGE, MOVING = "base", "flange", ""
-"""What a camera is fixed to: the robot's base frame, its flange, or something else that moves."""
+"""What a camera is attached to: the robot's base frame, its flange, or another moving object."""
 
 
 @dataclass(frozen=True)
 class CameraDescription:
-    """width, height: pixels. matrix: K by rows, pixels; there is no distortion. frame: what it is fixed to.
+    """The description of a camera. width, height: pixels. matrix: K by rows [pixels]; there is no distortion.
 
-    pose: of the optical frame (z ahead, x to the right, y down) in that frame; of one that is fixed to neither, in the
-    base frame when it was asked for.
+    frame: what it is attached to. pose: of the optical frame (z forward, x to the right, y down) in that frame. If the
+    camera is attached to neither base nor flange, it is the pose in the base frame at the time of the request.
     """
 
     name: str
@@ -52,7 +52,7 @@ class CameraDescription:
     pose: Pose
 
     def as_json(self) -> dict[str, Any]:
-        """For the index; with the addresses of its pictures."""
+        """The entry in the index, with the URLs of its images."""
         return {
             "name": self.name,
             "width": self.width,
@@ -65,7 +65,7 @@ class CameraDescription:
 
     @classmethod
     def from_json(cls, given: Any) -> "CameraDescription":
-        """Of the index. Raises ValueError for what is not a camera."""
+        """Read an entry of the index. Raises ValueError if it is not a camera."""
         try:
             matrix = tuple(float(value) for value in given["matrix"])
             pose = as_six(given["pose"])
@@ -79,15 +79,15 @@ class CameraDescription:
 
 
 def picture_path(name: str, form: str) -> str:
-    """Where a camera's picture is. form: one of `FORMS`, or `STREAM`."""
+    """The path of a camera's image. form: one of `FORMS`, or `STREAM`."""
     return f"{CAMERAS}/{quote(name, safe='')}/{form}"
 
 
 def pose_text(pose: Pose) -> str:
-    """A pose as the header has it."""
+    """A pose as written in the header."""
     return ",".join(f"{value:.6g}" for value in pose)
 
 
 def pose_of(text: str) -> Pose:
-    """That of the header. Raises ValueError."""
+    """Parse the pose in the header. Raises ValueError."""
     return as_six(map(float, text.split(",")))

@@ -1,4 +1,4 @@
-"""What the command lines of all packages have in common."""
+"""Helpers shared by the command lines of all packages."""
 
 import json
 import sys
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-_UNWRAPPED: Final = 10_000  # columns of what is not a terminal: whoever reads a file or a pipe wants whole lines
+_UNWRAPPED: Final = 10_000  # columns if the output is not a terminal, so that lines in files and pipes are not wrapped
 
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON instead, for programs.")]
 
@@ -34,7 +34,7 @@ def application(help: str | None = None, *, completion: bool = True, **options: 
 
 
 def version_of(program: str) -> Any:
-    """What a flag ``--version`` of a program does and says: an option of Typer."""
+    """The Typer option ``--version`` of a program."""
 
     def show(wanted: bool) -> None:
         if wanted:
@@ -47,9 +47,9 @@ def version_of(program: str) -> Any:
 def with_options_of(
     function: Callable[..., Any], *, without: Sequence[str] = (), last: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Let a command have a function's parameters as options, before its own or as the last ones.
+    """Decorator that gives a command the parameters of a function as options, before its own or after them.
 
-    The command gets them as a mapping, its first argument, to call the function with.
+    The command receives them as a mapping in its first argument, with which it calls the function.
     """
     shared = {name: option for name, option in signature(function).parameters.items() if name not in without}
 
@@ -68,7 +68,7 @@ def with_options_of(
 
 
 def completing(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """What a shell completes an argument to, found out only when it asks."""
+    """Shell completion of an argument; the words are only computed on request."""
 
     def complete(incomplete: str) -> list[str]:
         return [word for word in words() if word.startswith(incomplete)]
@@ -77,8 +77,11 @@ def completing(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]
 
 
 def console(file: TextIO | None = None, *, stderr: bool = False) -> "Console":
-    """Standard output, standard error or a file. Square brackets are no markup; lines wrap in a terminal only."""
-    from rich.console import Console  # most commands print lines alone
+    """A console for standard output, standard error or a file.
+
+    Square brackets are not markup, and lines are wrapped only in a terminal.
+    """
+    from rich.console import Console  # imported here because most commands only print lines
 
     target = file or (sys.stderr if stderr else sys.stdout)
     width = None if target.isatty() else _UNWRAPPED
@@ -86,13 +89,13 @@ def console(file: TextIO | None = None, *, stderr: bool = False) -> "Console":
 
 
 def print_json(value: Any) -> None:
-    """A value on standard output, as `plain_json` makes it: on one line unless for a terminal."""
+    """Print the result of `plain_json` for a value; on one line unless standard output is a terminal."""
     typer.echo(json.dumps(plain_json(value), indent=2 if sys.stdout.isatty() else None))
 
 
 def plain_json(value: Any) -> Any:
-    """The value as JSON has it: enumerations by their names, numbers that JSON lacks (NaN, infinity) as null,
-    text as people can read it."""
+    """Convert a value for JSON: enumerations to their names, numbers that JSON lacks (NaN, infinity) to null, and text
+    to readable Unicode."""
     if isinstance(value, Mapping):
         return {readable(str(name)): plain_json(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
@@ -107,7 +110,7 @@ def plain_json(value: Any) -> Any:
 
 
 class Deferred(TyperCommand):
-    """Stands for a command where commands are listed; its callback brings the command itself."""
+    """A placeholder for a command in lists of commands; its callback imports the command itself."""
 
     def load(self) -> Any:
         """The command itself."""
@@ -115,12 +118,12 @@ class Deferred(TyperCommand):
         return self.callback()
 
     def make_context(self, *arguments: Any, **extra: Any) -> Any:
-        """Of the command itself: this is where a command that was named on the command line begins."""
+        """Create the context of the command itself; Click calls this for a command named on the command line."""
         return self.load().make_context(*arguments, **extra)
 
 
 def load_from(place: str) -> Callable[[], Any]:
-    """A callback for `Deferred`: the command of a function or of a Typer application, given as ``module:name``."""
+    """A callback for `Deferred` that imports a function or Typer application, given as ``module:name``."""
     module, _, name = place.partition(":")
 
     def load() -> Any:

@@ -1,6 +1,6 @@
-"""What Python 3.10 lacks of its standard library, in one place: from 3.11 on, these are the standard library's own.
+"""Parts of the standard library that Python 3.10 lacks; from 3.11 on, these are the standard library's own.
 
-What of asyncio it lacks is in `urproto.compat_asyncio`, since the language and the codecs need no event loop.
+Those of asyncio are in `urproto.compat_asyncio`, because the language and the codecs need no event loop.
 """
 
 import sys
@@ -45,7 +45,7 @@ __all__ = ["IntEnum", "IntFlag", "Self", "StrEnum", "load_toml", "module_command
 
 
 def load_toml(text: str) -> dict[str, Any]:
-    """The table that a TOML file holds. Raises ValueError for what is not TOML."""
+    """Parse TOML. Raises ValueError if the text is not TOML."""
     if sys.version_info >= (3, 11):
         import tomllib
     else:
@@ -54,7 +54,7 @@ def load_toml(text: str) -> dict[str, Any]:
 
 
 def module_command(module: str, *options: str) -> list[str]:
-    """What runs a module in another process of this Python, as ``python -P -m``: the current folder is not searched.
+    """The command that runs a module with this Python, like ``python -P -m``: the current folder is not searched.
 
     options: of Python, such as ``-u``.
     """

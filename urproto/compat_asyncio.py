@@ -1,6 +1,7 @@
-"""What Python 3.10's asyncio lacks, or does otherwise than every later one.
+"""Parts of asyncio that Python 3.10 lacks, or that behave differently there.
 
-There, `asyncio.wait_for` raises an error of asyncio's own, which no ``except TimeoutError`` catches: use `timeout`.
+In Python 3.10, `asyncio.wait_for` raises an error of asyncio's own, which ``except TimeoutError`` does not catch: use
+`timeout`.
 """
 
 import asyncio
@@ -16,7 +17,7 @@ else:
 
     @asynccontextmanager
     async def timeout(delay: float | None) -> AsyncIterator[None]:
-        """As asyncio's own: raises TimeoutError when what it holds takes longer than that [s]. None: never."""
+        """Like asyncio's own: raises TimeoutError when its body takes longer than this [s]; None for no limit."""
         try:
             async with async_timeout.timeout(delay):
                 yield
@@ -28,7 +29,7 @@ __all__ = ["pause_reading", "timeout"]
 
 
 def pause_reading(transport: asyncio.Transport) -> None:
-    """As the transport's own, which in 3.10 does nothing while the connection is being made."""
+    """Like the transport's own method, which in 3.10 does nothing while the connection is being established."""
     transport.pause_reading()
     if sys.version_info < (3, 11):
         asyncio.get_running_loop().call_soon(_pause_again, transport)

@@ -1,8 +1,7 @@
-"""Dashboard server (TCP 29999): one line of text each way, ended by a line feed.
+"""Dashboard server (TCP 29999): a line of text in each direction, ended by a line feed.
 
-Texts: the vendor's dashboard manuals, console captures of a 3.15.8 and 5.11 controller and
-the reply patterns of public clients. What commands there are, since which version, and how a
-controller confirms them is in ``COMMANDS``, for both ends.
+Sources of the texts: the vendor's dashboard manuals, console captures of a 3.15.8 and a 5.11 controller, and the reply
+patterns of public clients. ``COMMANDS`` lists the commands for both ends, with their first versions and confirmations.
 """
 
 import re
@@ -37,32 +36,32 @@ UNLOCKING = "Protective stop releasing"
 UNLOCK_TOO_EARLY = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
 )
-NOT_IN_REMOTE_CONTROL = (  # as users of e-Series arms quote it
+NOT_IN_REMOTE_CONTROL = (  # as quoted by users of e-Series arms
     "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port "
     "29999"
 )
 NOT_CONTROLLING_MODE = "No longer controlling the operational mode."
-_MODE_SET = ("Operational mode", "Setting operational mode")  # urcl's and the manual's
+_MODE_SET = ("Operational mode", "Setting operational mode")  # those of urcl and of the manual
 _MODE_CLEARED = ("No longer controlling the operational mode", "operational mode is no longer controlled")
 UNNAMED_PROGRAM = "<unnamed>"  # e-Series, in the answer to programState; CB3 says null
 
 AVAILABLE: Final = Availability.since("3.0", "5.0", None)
-"""PolyScope X has the Robot API in its place."""
+"""PolyScope X has the Robot API instead."""
 
-MAX_LINE = 65536  # bytes; guess: ample for a popup text, bounds what an endless line can cost
+MAX_LINE = 65536  # bytes; guess: ample for a popup text, and limits the memory for an endless line
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What both ends know of a command.
+    """A dashboard command.
 
-    words: as documented; the case of letters does not matter.
+    words: as documented; case does not matter.
     available: the first versions that have it.
-    confirmations: how an answer of success may begin; none where the answer is a value, which ``parse_...`` reads.
-    takes_argument: the rest of the line is one, verbatim.
+    confirmations: how a reply on success may begin; none if the reply is a value, which ``parse_...`` reads.
+    takes_argument: the rest of the line is its argument, verbatim.
     remote_only: an e-Series arm in local control refuses it.
-    source: who names the versions. cb and e are the vendor's dashboard manuals of the CB series and of the e-Series
-        (2022), urcl is the table of the official C++ client, ua the documentation of UnderAutomation's client.
+    source: of the versions. cb and e are the vendor's dashboard manuals of the CB series and of the e-Series (2022),
+        urcl is the table of the official C++ client, ua the documentation of UnderAutomation's client.
     """
 
     words: str
@@ -80,9 +79,9 @@ def _command(
     return words.lower(), Command(words, Availability.since(cb3, e, None), confirmations, argument, remote, source)
 
 
-# Versions before 3.0 are of controllers that are not emulated; they say that every CB3 controller has the command.
-# Where urcl gives a later version than a manual, the manual holds: setUserRole (3.1), and load installation without its
-# build. urcl lets nobody ask safetystatus of a CB3 controller and has version from 5.0 on; ua and the manual differ.
+# Versions before 3.0 belong to controllers that are not emulated; they mean that every CB3 controller has the command.
+# Where urcl gives a later version than a manual, we follow the manual: setUserRole (3.1), and load installation without
+# its build. In urcl, no CB3 controller has safetystatus, and version exists from 5.0 on; ua and the manual differ.
 COMMANDS: Final[dict[str, Command]] = dict(
     (
         _command("load", "1.4", "5.0", "cb e urcl", argument=True, remote=True),
@@ -134,7 +133,7 @@ class ProgramState(Enum):
 
 
 class UserRole(Enum):
-    """Who the pendant's user is (CB3)."""
+    """Role of the user at the pendant (CB3)."""
 
     PROGRAMMER = "programmer"
     OPERATOR = "operator"
@@ -155,27 +154,27 @@ _Member = TypeVar("_Member", bound=Enum)
 
 
 def failed(command: str) -> str:
-    """The answer to a command that was understood and could not be done."""
+    """The reply to a command that was understood but failed."""
     return f"Failed to execute: {command}"
 
 
 def not_understood(line: str) -> str:
-    """The answer to an unknown command; that the quotes are these is uncertain."""
+    """The reply to an unknown command; the kind of quotes is uncertain."""
     return f"could not understand: '{line}'"
 
 
 def is_not_understood(reply: str) -> bool:
-    """True for the answer to an unknown command, whatever its quotes."""
+    """True for the reply to an unknown command, whatever its quotes."""
     return reply.lower().startswith("could not understand")
 
 
 def encode_line(text: str) -> bytes:
-    """A line on the wire. Line breaks inside become spaces: an answer is one line."""
+    """The bytes of a line. Line breaks inside become spaces, because a reply is one line."""
     return to_bytes(" ".join(lines(text))) + b"\n"
 
 
 class LineDecoder:
-    """Cuts lines out of a stream that arrives in any split. A CR before the LF is dropped."""
+    """Splits a stream into lines, whatever its chunks. A CR before the LF is dropped."""
 
     def __init__(self, max_line: int = MAX_LINE) -> None:
         self._max_line = max_line
@@ -183,11 +182,10 @@ class LineDecoder:
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[str]:
-        """Take bytes, give the lines they complete, as `urproto.text` holds them.
+        """Add bytes; returns the lines they complete, in the form of `urproto.text`.
 
-        A line over the limit ends the stream: lines before it are still given, and this
-        call, or the next one if there were any, raises RemoteProtocolError; ``error`` is
-        set at once.
+        A line over the limit ends the stream: lines before it are still returned, and this call, or the next one if
+        there were any, raises RemoteProtocolError; ``error`` is set immediately.
         """
         lines: list[str] = []
         start = 0
@@ -249,10 +247,10 @@ def parse_loaded_program(reply: str) -> str | None:
 
 
 def parse_boolean(reply: str) -> bool:
-    """The truth in ``true``, ``false`` and ``Program running: true``, in any case of letters."""
+    """The value of ``true``, ``false`` or ``Program running: true``; case does not matter."""
     word = reply.rpartition(":")[2].strip().lower()
     if word not in ("true", "false"):
-        raise RemoteProtocolError(f"{reply!r} says neither true nor false")
+        raise RemoteProtocolError(f"{reply!r} is neither true nor false")
     return word == "true"
 
 
@@ -260,23 +258,23 @@ def parse_polyscope_version(reply: str) -> PolyscopeVersion:
     """The number in ``URSoftware 3.15.8.106339 (Jun 20 2022)``."""
     match = re.search(r"[0-9]{1,9}\.[0-9]{1,9}(\.[0-9]{1,9}){0,2}", reply)
     if match is None:
-        raise RemoteProtocolError(f"there is no version number in {reply!r}")
+        raise RemoteProtocolError(f"{reply!r} does not contain a version number")
     return PolyscopeVersion.parse(match[0])
 
 
 def parse_loading(reply: str) -> str:
     """The path in ``Loading program: /programs/x.urp`` and in the answer about an installation.
 
-    e-Series controllers name the installation behind the program: ``..., /programs/default.installation``.
+    e-Series controllers append the installation to the program: ``..., /programs/default.installation``.
     """
     match = re.fullmatch(r"Loading (?:program|installation): *(.+?)(?:, [^,]+\.installation)?", reply)
     if match is None:
-        raise RemoteProtocolError(f"{reply!r} does not say that something is loaded")
+        raise RemoteProtocolError(f"{reply!r} does not report that something is loading")
     return match[1]
 
 
 def parse_program_saved(reply: str) -> tuple[bool, str | None]:
-    """``true pick.urp`` as truth and program name; early CB3 software sends no name."""
+    """``true pick.urp`` as a bool and the program name; early CB3 software sends no name."""
     word, _, name = reply.partition(" ")
     return parse_boolean(word), None if name in ("", "null", UNNAMED_PROGRAM) else name
 
@@ -292,7 +290,7 @@ def parse_operational_mode(reply: str) -> OperationalMode:
 
 
 def parse_flight_report(reply: str) -> str:
-    """The id in ``Flight Report generated with id: 7``, the form simulators answer."""
+    """The id in ``Flight Report generated with id: 7``, the form sent by simulators."""
     return _after("Flight Report generated with id", reply)
 
 

@@ -1,17 +1,17 @@
-"""Where every command of the project begins: Ctrl-C ends it without a traceback, while it still loads modules too.
+"""Entry points of all commands: Ctrl-C ends them without a traceback, even while modules are being imported.
 
-It loads next to nothing itself, since an interrupt before it could not be caught.
+This module imports almost nothing, because an interrupt during its own import could not be caught.
 """
 
 import sys
 from importlib import import_module
 
 INTERRUPTED = 130
-"""Exit status of a program that Ctrl-C ended, as shells have it."""
+"""Exit status of a program ended by Ctrl-C, as in shells."""
 
 
 def run(module: str) -> None:
-    """Load a module and end with what its ``main`` returns."""
+    """Import a module, run its ``main`` and exit with its return value."""
     try:
         from urproto.text import show_anything
 

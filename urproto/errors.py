@@ -1,21 +1,21 @@
-"""What can go wrong between two ends of a protocol.
+"""Errors of protocols and robots.
 
-URError                       base of whatever this project raises about a robot
+URError                       base class of all errors of this project that concern a robot
 ├── ProtocolError
-│   ├── LocalProtocolError    we were asked to send something the protocol does not allow
-│   └── RemoteProtocolError   the peer sent bytes that are not this protocol
-├── RobotRefused              the protocol was followed and the robot said no
-├── client.ClientError        what a driver or another client raises itself
-└── robots.CalibrationError   no calibration, or one of another arm
+│   ├── LocalProtocolError    the caller asked to send something that the protocol does not allow
+│   └── RemoteProtocolError   the peer sent bytes that are not valid in this protocol
+├── RobotRefused              the robot understood a request and refused it
+├── client.ClientError        errors of the driver and other clients
+└── robots.CalibrationError   not a calibration, or that of another arm
 """
 
 
 class URError(Exception):
-    """Base of whatever this project raises about a robot: catch it where the reason makes no difference."""
+    """Base class of all errors of this project that concern a robot. Catch it when the reason does not matter."""
 
 
 class ProtocolError(URError):
-    """Base of both kinds of protocol violation."""
+    """Base class of both kinds of protocol violation."""
 
 
 class LocalProtocolError(ProtocolError):
@@ -26,10 +26,10 @@ class RemoteProtocolError(ProtocolError):
     """The peer sent bytes that do not parse as this protocol."""
 
 
-class RobotRefused(URError):  # noqa: N818 - it is no error of ours, and design and docs call it so
+class RobotRefused(URError):  # noqa: N818 - not an error of ours; design and docs use this name
     """The robot understood the request and refused it (mode, safety, remote control).
 
-    advice: what to do about it, empty when nobody knows.
+    advice: what to do about it; empty if unknown.
     """
 
     def __init__(self, request: str, answer: str, advice: str = "") -> None:

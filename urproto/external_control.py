@@ -10,11 +10,11 @@ The driver listens, the robot's program connects. Every message is a fixed numbe
 | 50003 | trajectory      | `TrajectoryPoint`, 21 words   | `TrajectoryResult`, 1 word           |
 | 50004 | script commands | `ScriptCommand`, 28 words     | tool contact's `TrajectoryResult`, `Answer` |
 
-This project's own control program says a line first (`GREETING`); the vendor's says nothing.
+This project's own control program first sends a line (`GREETING`); the vendor's does not.
 
-Source: what Universal_Robots_Client_Library 2.14 sends and its control program reads; the script
-commands from 100 on and their answers are this project's own. Encoding raises LocalProtocolError
-for what a word cannot carry, decoding RemoteProtocolError.
+Source: the messages sent by Universal_Robots_Client_Library 2.14 and read by its control program. The script commands
+from 100 on and their answers are specific to this project. Encoding raises LocalProtocolError for a value that does not
+fit into a word; decoding raises RemoteProtocolError.
 """
 
 import math
@@ -30,10 +30,10 @@ SCALE: Final = 1_000_000
 """Every physical value (rad, m, N, s, …) is sent as round(value * SCALE)."""
 
 REQUEST_PROGRAM: Final = b"request_program\n"
-"""What the robot asks the script sender; the program that answers it ends without any mark."""
+"""The robot's request to the script sender; the program sent in reply has no end mark."""
 
 GREETING: Final = b"external_control "
-"""How that line begins; the token of the program's driver follows."""
+"""The beginning of the line sent first; the token of the program's driver follows."""
 _LONGEST_GREETING: Final = 128  # bytes; guess
 
 _LARGEST: Final = (2**31 - 1) / SCALE
@@ -41,7 +41,7 @@ _WORD: Final = struct.Struct(">i")
 
 
 class ControlMode(IntEnum):
-    """What the robot is to do with a `ReverseMessage`."""
+    """How the robot interprets a `ReverseMessage`."""
 
     STOPPED = -2
     UNINITIALIZED = -1
@@ -57,7 +57,7 @@ class ControlMode(IntEnum):
 
     @property
     def real_time(self) -> bool:
-        """True for modes whose setpoints must follow each other closely."""
+        """True for modes that require a continuous stream of setpoints."""
         return self in _REAL_TIME
 
 
@@ -85,7 +85,7 @@ class FreedriveAction(IntEnum):
 
 
 class TrajectoryResult(IntEnum):
-    """How a trajectory, or waiting for tool contact, ended."""
+    """Result of a trajectory, or of waiting for tool contact."""
 
     SUCCESS = 0
     CANCELED = 1
@@ -93,7 +93,7 @@ class TrajectoryResult(IntEnum):
 
 
 class MotionType(IntEnum):
-    """How a `TrajectoryPoint` is reached; the suffix says what the target is where the move's own kind is not meant."""
+    """How a `TrajectoryPoint` is reached; a suffix gives the kind of target if it is not the usual one of the move."""
 
     MOVEJ = 0
     MOVEL = 1
@@ -113,7 +113,7 @@ class MotionType(IntEnum):
 
 
 class SplineType(IntEnum):
-    """Degree of a spline segment: without or with accelerations at its end."""
+    """Degree of a spline segment: cubic without accelerations at its end, quintic with them."""
 
     CUBIC = 1
     QUINTIC = 2
@@ -145,7 +145,7 @@ class ScriptCommandKind(IntEnum):
 
 
 class Question(IntEnum):
-    """What the control program is asked by `ScriptCommand.ask`: the URScript function whose result it answers."""
+    """A query of `ScriptCommand.ask`: the URScript function whose result the control program returns."""
 
     FORWARD_KIN = 0
     INVERSE_KIN = 1
@@ -171,18 +171,18 @@ class Question(IntEnum):
 
 
 def to_words(values: Iterable[float]) -> tuple[int, ...]:
-    """Physical values as words. Raises LocalProtocolError for one that is not finite or beyond ±2147 units."""
-    # in one expression: hundreds of setpoints a second go through here. What is not a number fails the comparison
+    """Convert physical values to words. Raises LocalProtocolError for one that is not finite or beyond ±2147 units."""
+    # A single expression, because hundreds of setpoints per second pass through here. NaN fails the comparison.
     return tuple([round(value * SCALE) if -_LARGEST <= value <= _LARGEST else _unsendable(value) for value in values])
 
 
 def from_words(words: Iterable[int]) -> tuple[float, ...]:
-    """Words as physical values."""
+    """Convert words to physical values."""
     return tuple(word / SCALE for word in words)
 
 
 def _unsendable(value: float) -> NoReturn:
-    raise LocalProtocolError(f"{value} cannot be sent: External Control carries numbers from -2147 to 2147")
+    raise LocalProtocolError(f"{value} cannot be sent: External Control is limited to numbers from -2147 to 2147")
 
 
 def _exactly(name: str, values: Sequence[float], size: int) -> Sequence[float]:
@@ -210,8 +210,8 @@ def _filled(words: Sequence[int], size: int) -> tuple[int, ...]:
 class ReverseMessage:
     """One setpoint or keep-alive for the control program.
 
-    read_timeout_ms: how long the program waits for the message after this one, 0 for ever.
-    words: payload, six words; their meaning is the mode's.
+    read_timeout_ms: how long the program waits for the next message, 0 for no limit.
+    words: payload, six words; their meaning depends on the mode.
     """
 
     SIZE = 32
@@ -227,7 +227,7 @@ class ReverseMessage:
 
     @classmethod
     def keep_alive(cls, read_timeout_ms: int) -> Self:
-        """Do nothing, and know that the driver is alive."""
+        """Tell the control program that the driver is alive; nothing else happens."""
         return cls(ControlMode.IDLE, read_timeout_ms=read_timeout_ms)
 
     @classmethod
@@ -237,7 +237,7 @@ class ReverseMessage:
 
     @classmethod
     def trajectory(cls, action: TrajectoryAction, points: int = 0, read_timeout_ms: int = 200) -> Self:
-        """Start, keep alive, or cancel a trajectory of so many points."""
+        """Start, keep alive, or cancel a trajectory with this number of points."""
         return cls(ControlMode.FORWARD, _filled((action, points), 6), read_timeout_ms)
 
     @classmethod
@@ -256,7 +256,7 @@ class ReverseMessage:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """The message of 32 bytes. The payload of modes that have none may be anything."""
+        """Decode a message of 32 bytes. In modes without a payload, its words are arbitrary."""
         timeout, *words, mode = _REVERSE.unpack(data)
         return cls(_member(ControlMode, mode), tuple(words), timeout)
 
@@ -274,9 +274,9 @@ class TrajectoryPoint:
     target: joint angles [rad] or a pose base to TCP [m, rotation vector], by the type (6,).
     via: second block (6,): joint angles near the target (moves to a pose), the via point
     (MOVEC), or the target velocities [rad/s] (SPLINE).
-    parameters: third block (6,): velocity, acceleration, and 1 when `via` is meant (moves to a
+    parameters: third block (6,): velocity, acceleration, and 1 if `via` is used (moves to a
     pose) or the mode (MOVEC); the target accelerations [rad/s2] of a SPLINE.
-    duration_s: 0 lets velocity and acceleration decide. blend_radius_m: not for a SPLINE.
+    duration_s: 0 to use velocity and acceleration. blend_radius_m: not for a SPLINE.
     """
 
     SIZE = 84
@@ -310,7 +310,7 @@ class TrajectoryPoint:
     def encode(self) -> bytes:
         """The bytes on the wire."""
         if (self.type is MotionType.SPLINE) != (self.spline_type is not None):
-            raise LocalProtocolError("a spline point, and no other, has a spline type")
+            raise LocalProtocolError("a spline point requires a spline type, and other points must not have one")
         last = to_words([self.blend_radius_m])[0] if self.spline_type is None else int(self.spline_type)
         return _TRAJECTORY.pack(
             *_six("the target", self.target),
@@ -323,7 +323,7 @@ class TrajectoryPoint:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """The point of 84 bytes."""
+        """Decode a point of 84 bytes."""
         *words, last, kind = _TRAJECTORY.unpack(data)
         values, motion = from_words(words), _member(MotionType, kind)
         blocks = values[0:6], values[6:12], values[12:18]
@@ -340,7 +340,7 @@ _TRAJECTORY: Final = struct.Struct(">21i")
 
 @dataclass(frozen=True, slots=True)
 class ScriptCommand:
-    """A command beside the setpoints. ``words``: what follows its kind, padded with zeros to 27 on the wire."""
+    """A command sent alongside the setpoints. words: follow its kind, padded with zeros to 27 on the wire."""
 
     SIZE = 112
 
@@ -366,7 +366,7 @@ class ScriptCommand:
     def set_target_payload(
         cls, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float], transition_time_s: float = 0.0
     ) -> Self:
-        """As set_payload with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,); from 5.10 on."""
+        """Like set_payload, with the inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz (6,); from 5.10 on."""
         cog, inertia = _three("the centre of gravity", cog_m), _exactly("the inertia", inertia_kg_m2, 6)
         return cls(ScriptCommandKind.SET_TARGET_PAYLOAD, to_words([mass_kg, *cog, *inertia, transition_time_s]))
 
@@ -374,7 +374,7 @@ class ScriptCommand:
     def set_tool_voltage(cls, volts: int) -> Self:
         """0, 12 or 24."""
         if volts not in (0, 12, 24):
-            raise LocalProtocolError(f"the tool voltage is 0, 12 or 24 V, not {volts}")
+            raise LocalProtocolError(f"the tool voltage must be 0, 12 or 24 V, not {volts}")
         return cls(ScriptCommandKind.SET_TOOL_VOLTAGE, to_words([volts]))
 
     @classmethod
@@ -389,7 +389,7 @@ class ScriptCommand:
         damping: float = 0.025,
         gain_scaling: float = 0.5,
     ) -> Self:
-        """Comply along the selected axes of a frame given in the base frame; see the script function force_mode."""
+        """Be compliant along the selected axes of a frame given in the base frame; see URScript's force_mode."""
         blocks = (("the task frame", task_frame), ("the selection", selection), ("the wrench", wrench))
         values = [value for name, block in blocks for value in _exactly(name, block, 6)]
         values += [type_, *_exactly("the limits", limits, 6), damping, gain_scaling]
@@ -399,7 +399,7 @@ class ScriptCommand:
     def ft_rtde_input_enable(
         cls, enabled: bool, mass_kg: float, offset_m: Sequence[float], cog_m: Sequence[float]
     ) -> Self:
-        """Take the wrench from RTDE inputs, of a sensor with this mass, offset (3,) and centre of gravity (3,)."""
+        """Use the wrench from RTDE inputs; for a sensor with this mass, offset (3,) and centre of gravity (3,)."""
         sensor = [mass_kg, *_three("the offset", offset_m), *_three("the centre of gravity", cog_m)]
         return cls(ScriptCommandKind.FT_RTDE_INPUT_ENABLE, (int(enabled), *to_words(sensor)))
 
@@ -415,49 +415,49 @@ class ScriptCommand:
 
     @classmethod
     def set_friction_compensation(cls, enabled: bool) -> Self:
-        """Of direct torque control; 5.23 and 5.24."""
+        """Switch friction compensation of direct torque control; 5.23 and 5.24."""
         return cls(ScriptCommandKind.SET_FRICTION_COMPENSATION, (int(enabled),))
 
     @classmethod
     def set_friction_scales(cls, viscous: Sequence[float], coulomb: Sequence[float]) -> Self:
-        """Shares 0 to 1 of each joint's friction (6,) to compensate in direct torque control; from 5.25.1 on."""
+        """Fractions 0 to 1 of each joint's friction (6,) to compensate in direct torque control; from 5.25.1 on."""
         blocks = (("the viscous scales", viscous), ("the Coulomb scales", coulomb))
         values = [min(1.0, max(0.0, value)) for name, block in blocks for value in _exactly(name, block, 6)]
         return cls(ScriptCommandKind.SET_FRICTION_SCALES, to_words(values))
 
     @classmethod
     def argument(cls, index: int, values: Sequence[float]) -> Self:
-        """Argument 0 to 2 of the next question (6,), in two words each: as exact as the robot's own numbers."""
+        """Argument 0 to 2 of the next question (6,), with two words per number for the robot's own precision."""
         words = [word for value in _exactly("an argument", values, 6) for word in _to_two_words(value)]
         return cls(ScriptCommandKind.ARGUMENT, (index, *words))
 
     @classmethod
     def ask(cls, question: Question, given: int = 0, number: int = 0) -> Self:
-        """A question, with bits for the arguments that were sent before it, and a number that some take."""
+        """A question. given: bits for the arguments that were sent before. number: for questions that take one."""
         return cls(ScriptCommandKind.ASK, (question, given, number))
 
     @classmethod
     def set_stream_parameters(
         cls, lookahead_s: float, gain: float, acceleration: float, deceleration_rad_s2: float
     ) -> Self:
-        """Of servoing, of speeds [rad/s2 or m/s2], and of coming to rest."""
+        """Parameters for servoing, for speeds [rad/s2 or m/s2], and for stopping."""
         values = (lookahead_s, gain, acceleration, deceleration_rad_s2)
         return cls(ScriptCommandKind.SET_STREAM_PARAMETERS, to_words(values))
 
     @classmethod
     def set_freedrive_axes(cls, axes: Sequence[int], frame: Sequence[float]) -> Self:
-        """1 for each axis (6,) that is free, of a frame given in the base frame (6,); from 5.10 on."""
+        """Free axes: 1 for each free axis (6,) of a frame given in the base frame (6,); from 5.10 on."""
         free = (int(bool(axis)) for axis in _exactly("the axes", axes, 6))
         return cls(ScriptCommandKind.SET_FREEDRIVE_AXES, (*free, *_six("the frame", frame)))
 
     @classmethod
     def start_contact_detection(cls, direction_base: Sequence[float]) -> Self:
-        """Note when the tool meets something on its way along a direction (6,), all zero for any."""
+        """Detect tool contact during motion along a direction (6,), all zero for any direction."""
         return cls(ScriptCommandKind.START_CONTACT_DETECTION, _six("the direction", direction_base))
 
     @classmethod
     def set_force_mode_parameters(cls, damping: float, gain_scaling: float) -> Self:
-        """Of the force mode that is in effect, or of the next."""
+        """Parameters of the active force mode, or of the next one."""
         return cls(ScriptCommandKind.SET_FORCE_MODE_PARAMETERS, to_words((damping, gain_scaling)))
 
     def encode(self) -> bytes:
@@ -466,7 +466,7 @@ class ScriptCommand:
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """The command of 112 bytes, with all 27 words."""
+        """Decode a command of 112 bytes, with all 27 words."""
         kind, *words = _COMMAND.unpack(data)
         return cls(_member(ScriptCommandKind, kind), tuple(words))
 
@@ -475,8 +475,8 @@ _COMMAND: Final = struct.Struct(">28i")
 
 
 def _to_two_words(value: float) -> tuple[int, int]:
-    """Millionths, and what is left of one in billionths of it."""
-    to_words([value])  # raises for what cannot be sent
+    """A value in millionths, and the remainder in billionths of a millionth."""
+    to_words([value])  # raises if the value cannot be sent
     whole = math.floor(value * SCALE)
     return whole, math.floor((value * SCALE - whole) * _FINE)
 
@@ -490,9 +490,9 @@ _FINE: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the program answers to a `Question`: no values for one that has no solution.
+    """The program's answer to a `Question`; it has no values if there is no solution.
 
-    On the wire its first word is -1 less the number of values, each of which has two words.
+    On the wire, its first word is -1 minus the number of values, each of which has two words.
     """
 
     values: tuple[float, ...]
@@ -504,14 +504,14 @@ class Answer:
 
 
 class ReplyDecoder:
-    """Cuts `TrajectoryResult` and `Answer` out of what the robot sends on the script command interface."""
+    """Splits the robot's stream on the script command interface into `TrajectoryResult` and `Answer`."""
 
     def __init__(self) -> None:
         self._buffer = b""
 
     @staticmethod
     def size(data: bytes) -> int:
-        """Bytes of the message that begins here with its first word. Raises RemoteProtocolError."""
+        """Size in bytes of the message that begins with this word. Raises RemoteProtocolError."""
         (word,) = _WORD.unpack_from(data)
         if word < -1 - _MOST_VALUES:
             raise RemoteProtocolError(f"an answer of {-1 - word} values is too long")
@@ -519,14 +519,14 @@ class ReplyDecoder:
 
     @staticmethod
     def decode(data: bytes) -> TrajectoryResult | Answer:
-        """One whole message. Raises RemoteProtocolError for one that means nothing."""
+        """Decode a complete message. Raises RemoteProtocolError if it is invalid."""
         word, *words = struct.unpack(f">{len(data) // _WORD.size}i", data)
         if word >= 0:
             return _member(TrajectoryResult, word)
         return Answer(tuple(map(_from_two_words, words[::2], words[1::2])))
 
     def feed(self, data: bytes) -> list[TrajectoryResult | Answer]:
-        """Take bytes, give the messages they complete. Raises RemoteProtocolError for one that means nothing."""
+        """Add bytes; returns the messages they complete. Raises RemoteProtocolError for an invalid message."""
         self._buffer += data
         messages = []
         while len(self._buffer) >= _WORD.size and len(self._buffer) >= (size := self.size(self._buffer)):
@@ -535,7 +535,7 @@ class ReplyDecoder:
         return messages
 
 
-_MOST_VALUES: Final = 36  # of a 6 by 6 matrix
+_MOST_VALUES: Final = 36  # a 6 by 6 matrix
 
 
 # streams
@@ -545,7 +545,7 @@ EnumT = TypeVar("EnumT", bound=IntEnum)
 
 
 class MessageDecoder(Generic[MessageT]):
-    """Cuts messages of one size out of a stream: ``MessageDecoder(ReverseMessage.SIZE, ReverseMessage.decode)``."""
+    """Splits a stream into messages of one size: ``MessageDecoder(ReverseMessage.SIZE, ReverseMessage.decode)``."""
 
     def __init__(self, size: int, decode: Callable[[bytes], MessageT]) -> None:
         self._size = size
@@ -554,11 +554,11 @@ class MessageDecoder(Generic[MessageT]):
 
     @classmethod
     def results(cls) -> "MessageDecoder[TrajectoryResult]":
-        """For what the robot answers on the trajectory and script command interfaces."""
+        """A decoder for the robot's results on the trajectory and script command interfaces."""
         return MessageDecoder(_WORD.size, lambda data: _member(TrajectoryResult, _WORD.unpack(data)[0]))
 
     def feed(self, data: bytes) -> list[MessageT]:
-        """Take bytes, give the messages they complete. Raises RemoteProtocolError for one that means nothing."""
+        """Add bytes; returns the messages they complete. Raises RemoteProtocolError for an invalid message."""
         self._buffer += data
         whole = len(self._buffer) // self._size * self._size
         chunks = [bytes(self._buffer[start : start + self._size]) for start in range(0, whole, self._size)]
@@ -574,7 +574,10 @@ def _member(kind: type[EnumT], value: int) -> EnumT:
 
 
 def split_greeting(data: bytes) -> tuple[str | None, bytes] | None:
-    """What a control program says first: its token, None without one, and what follows. None: more bytes will tell."""
+    """Split the beginning of a control program's stream into its token (None without one) and the bytes that follow.
+
+    Returns None while more bytes are needed to decide.
+    """
     if not data.startswith(GREETING[: len(data)]):
         return None, data
     line, end, rest = data.partition(b"\n")

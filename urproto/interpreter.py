@@ -1,9 +1,9 @@
-"""Interpreter mode (TCP 30020): one line of URScript statements in, one line of answer out.
+"""Interpreter mode (TCP 30020): each line of URScript statements is answered with one line.
 
-The Script Manual's chapter gives the forms of the answers and the commands. The reasons of
-discarded statements are those that a public client, written against the vendor's simulator,
-tells apart; the last two are in the manual of another make whose interpreter mode has the
-other reasons word for word, so they are likely but not sure.
+The forms of answers and commands are from the chapter in the Script Manual. The reasons for discarded statements are
+those distinguished by a public client, which was written against the vendor's simulator. The last two are from the
+manual of another manufacturer, whose interpreter mode has the other reasons word for word, so they are likely but not
+certain.
 """
 
 import re
@@ -19,7 +19,7 @@ AVAILABLE: Final = Availability.since("3.12", "5.6")
 """Versions with interpreter mode (a guess: the vendor's article says 5.10, function lists are older)."""
 
 LAST_ID: Final = 65535
-"""Statements are numbered 1 to this and again from 1 (manual: ids may wrap around; the number is a guess)."""
+"""Statements are numbered from 1 to this and then from 1 again (manual: ids may wrap around; the limit is a guess)."""
 
 MAX_LINE: Final = 16384
 """Longest line [bytes]; a limit of this implementation."""
@@ -28,7 +28,7 @@ _ANSWER: Final = re.compile(r"(ack|state): *([0-9]{1,10}): ?(.*)|discard: *([^:]
 
 
 class InterpreterCommand(Enum):
-    """Lines that are carried out when they arrive, whatever waits; upper and lower case are the same."""
+    """Commands, which are executed on arrival, ahead of waiting statements; case does not matter."""
 
     ABORT = "abort"
     SKIPBUFFER = "skipbuffer"
@@ -39,7 +39,7 @@ class InterpreterCommand(Enum):
 
     @classmethod
     def of(cls, line: str) -> "InterpreterCommand | None":
-        """The command that a line is; None for statements."""
+        """The command in a line; None for statements."""
         return _COMMANDS.get(strip(line).lower())
 
 
@@ -49,7 +49,7 @@ _COMMANDS: Final = {command.value: command for command in InterpreterCommand}
 class Reason(Enum):
     """Why a statement was not accepted."""
 
-    INVALID_STATE = "Program is in an invalid state"  # none is running
+    INVALID_STATE = "Program is in an invalid state"  # no program is running
     SYNTAX = "Syntax error"
     COMPILE = "Compile error"
     TOO_MANY = "Too many interpreted messages"
@@ -58,23 +58,23 @@ class Reason(Enum):
 
 
 def ack(number: int, line: str) -> str:
-    """A line was accepted."""
+    """The answer to an accepted line."""
     return f"ack: {number}: {line}"
 
 
 def discard(reason: Reason, line: str) -> str:
-    """A line was refused."""
+    """The answer to a refused line."""
     return f"discard: {reason.value}: {line}"
 
 
 def state(number: int, line: str) -> str:
-    """What a state command asked for: an id, or a number of statements."""
+    """The answer to a state command: an id, or a number of statements."""
     return f"state: {number}: {line}"
 
 
 @dataclass(frozen=True, slots=True)
 class InterpreterAnswer:
-    """An answer. ``number`` is None, and ``reason`` says why, for a discarded line."""
+    """An answer. For a discarded line, ``number`` is None and ``reason`` gives the cause."""
 
     number: int | None
     reason: str
@@ -82,7 +82,7 @@ class InterpreterAnswer:
 
 
 def parse_answer(text: str) -> InterpreterAnswer:
-    """Read an answer without its line end. Raises RemoteProtocolError."""
+    """Parse an answer without its line end. Raises RemoteProtocolError."""
     match = _ANSWER.fullmatch(text)
     if match is None:
         raise RemoteProtocolError(f"{text!r} is not an answer of interpreter mode")
@@ -93,19 +93,19 @@ def parse_answer(text: str) -> InterpreterAnswer:
 
 
 def encode_answer(text: str) -> bytes:
-    """The bytes of an answer; the statement in it as it came."""
+    """The bytes of an answer, with the statement as it was received."""
     return to_bytes(text) + b"\n"
 
 
 @dataclass(frozen=True, slots=True)
 class TooLong:
-    """A line over the limit, of which only the start was kept."""
+    """A line over the limit; only its beginning was kept."""
 
     start: str
 
 
 class StatementDecoder:
-    """Cuts lines out of a stream that arrives in any split; what a line lacks is never guessed.
+    """Splits a stream into lines, whatever its chunks; an incomplete line is never returned.
 
     A CR before the LF is dropped. The rest of a line over the limit is skipped.
     """
@@ -117,11 +117,11 @@ class StatementDecoder:
 
     @property
     def rest(self) -> int:
-        """Bytes of a line that has not ended."""
+        """Bytes of the incomplete line at the end."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[str | TooLong]:
-        """Take bytes, give the lines they complete."""
+        """Add bytes; returns the lines they complete."""
         *ended, rest = data.split(b"\n")
         lines: list[str | TooLong] = []
         for part in ended:

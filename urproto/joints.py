@@ -1,4 +1,4 @@
-"""The joints' names, base to wrist 3."""
+"""Names of the joints, base to wrist 3."""
 
 from typing import Final
 
@@ -13,7 +13,7 @@ JOINT_NAMES: Final = (
 """As in ur_description."""
 
 JOINT_TITLES: Final = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
-"""As PolyScope writes them on its screens."""
+"""As shown on PolyScope's screens."""
 
 JOINT_LABELS: Final = (*(title.lower() for title in JOINT_TITLES),)
-"""The same within a sentence, as log and errors have them."""
+"""The same within a sentence, as in logs and errors."""

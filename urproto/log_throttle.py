@@ -1,4 +1,4 @@
-"""Throttled logging: for lines that strangers could have a log repeat without end."""
+"""Throttled logging, for log lines that clients could otherwise trigger endlessly."""
 
 from collections.abc import Callable
 from typing import Final
@@ -7,9 +7,9 @@ EVERY_S: Final = 60.0
 
 
 class LogThrottle:
-    """A line is logged at once, then once a minute at most, with how often it was left out.
+    """Logs a line immediately, and then at most once a minute with the number of omitted lines.
 
-    clock: seconds that only go on, as `time.monotonic`. every_s: another time than a minute.
+    clock: monotonic seconds, like `time.monotonic`. every_s: the interval instead of a minute.
     """
 
     def __init__(self, clock: Callable[[], float], every_s: float = EVERY_S) -> None:
@@ -19,7 +19,7 @@ class LogThrottle:
         self._left_out = 0
 
     def due(self) -> str | None:
-        """What to append to the line, "" for nothing; None when it is left out this time."""
+        """The suffix for the line, "" for none; None if the line must be omitted this time."""
         now_s = self._clock()
         if now_s < self._next_s:
             self._left_out += 1

@@ -1,7 +1,7 @@
-"""Modbus/TCP (TCP 502), both ends of it: frames, requests and their answers.
+"""Modbus/TCP (TCP 502) for both ends: frames, requests and responses.
 
-Source: Modbus Application Protocol 1.1b3 and Modbus Messaging on TCP/IP 1.0b. Words are
-16 bits, highest byte first; coils are packed eight to a byte, the first in the lowest bit.
+Source: Modbus Application Protocol 1.1b3 and Modbus Messaging on TCP/IP 1.0b. Words have 16 bits, most significant byte
+first. Coils are packed eight to a byte, the first one in the least significant bit.
 """
 
 import struct
@@ -18,7 +18,7 @@ _MAX_PDU: Final = 253  # bytes
 
 
 class Function(IntEnum):
-    """The function codes that are understood here."""
+    """The supported function codes."""
 
     READ_COILS = 1
     READ_DISCRETE_INPUTS = 2
@@ -32,7 +32,7 @@ class Function(IntEnum):
 
 
 class ExceptionCode(IntEnum):
-    """Why a unit did not carry a request out; others exist."""
+    """Reasons why a unit refuses a request; others exist."""
 
     ILLEGAL_FUNCTION = 1
     ILLEGAL_DATA_ADDRESS = 2
@@ -56,8 +56,8 @@ _MOST_WRITTEN_WHILE_READING: Final = 121
 _COIL_ON: Final = 0xFF00
 
 
-class ModbusException(Exception):  # noqa: N818 - the protocol's own word
-    """A unit understood the frame and refuses the request. ``code``: an ``ExceptionCode``, or another byte."""
+class ModbusException(Exception):  # noqa: N818 - the protocol's own term
+    """A unit understood the frame and refused the request. code: an ``ExceptionCode``, or another byte."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"Modbus exception {code}")
@@ -66,10 +66,10 @@ class ModbusException(Exception):  # noqa: N818 - the protocol's own word
 
 @dataclass(frozen=True, slots=True)
 class ModbusRequest:
-    """What is asked of a unit.
+    """A request to a unit.
 
-    ``address`` and ``count``: what is read, or where ``values`` (words, or 0 and 1) are
-    written; for function 23 these go to ``write_address``.
+    address, count: the values to read, or where ``values`` (words, or 0 and 1) are written; function 23 writes them to
+    ``write_address``.
     """
 
     function: int
@@ -81,7 +81,7 @@ class ModbusRequest:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One message either way. ``pdu``: function code and data; an answer repeats the transaction number."""
+    """A message in either direction. pdu: function code and data. A response repeats the transaction number."""
 
     transaction: int
     unit: int
@@ -96,17 +96,17 @@ def encode_frame(frame: Frame) -> bytes:
 
 
 class FrameDecoder:
-    """Cuts a stream of bytes into messages."""
+    """Splits a stream of bytes into messages."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The messages that are complete now.
+        """Add bytes; returns the messages they complete.
 
-        At bytes that are no Modbus/TCP header, this call or, if there were messages before
-        them, the next one raises RemoteProtocolError; ``error`` is set at once.
+        For bytes that are not a Modbus/TCP header, this call or, if there were messages before them, the next one
+        raises RemoteProtocolError; ``error`` is set immediately.
         """
         self._buffer += data
         frames: list[Frame] = []
@@ -123,7 +123,7 @@ class FrameDecoder:
             return None
         transaction, protocol, size, unit = _HEADER.unpack_from(self._buffer)
         if protocol or not 2 <= size <= _MAX_PDU + 1:
-            self.error = RemoteProtocolError(f"no Modbus/TCP header: protocol {protocol}, {size} bytes")
+            self.error = RemoteProtocolError(f"not a Modbus/TCP header: protocol {protocol}, {size} bytes")
             return None
         end = _HEADER.size + size - 1
         if len(self._buffer) < end:
@@ -137,7 +137,7 @@ class FrameDecoder:
 
 
 def encode_request(request: ModbusRequest) -> bytes:
-    """Function code and data. Raises LocalProtocolError for what a frame cannot carry."""
+    """Function code and data of a request. Raises LocalProtocolError if they do not fit into a frame."""
     try:
         return _encode_request(request)
     except struct.error as error:
@@ -160,11 +160,11 @@ def _encode_request(request: ModbusRequest) -> bytes:
     if function == _F.READ_WRITE_REGISTERS:
         head = (function, address, request.count, request.write_address, len(values), 2 * len(values))
         return struct.pack(">BHHHHB", *head) + _pack_words(values)
-    raise LocalProtocolError(f"Modbus function {function} is not known here")
+    raise LocalProtocolError(f"Modbus function {function} is not supported")
 
 
 def decode_request(pdu: bytes) -> ModbusRequest:
-    """The request of a frame. Raises ModbusException with the code to answer."""
+    """Decode the request in a frame. Raises ModbusException with the code for the response."""
     try:
         request = _decode_request(pdu)
     except struct.error as error:
@@ -206,7 +206,7 @@ def _coil(word: int) -> int:
 
 
 def encode_response(request: ModbusRequest, values: Sequence[int]) -> bytes:
-    """What answers a request that was carried out; ``values``: what was read."""
+    """The response to a request that succeeded. values: those that were read."""
     function = request.function
     if function in _READ_BITS:
         packed = _pack_bits(values)
@@ -219,15 +219,14 @@ def encode_response(request: ModbusRequest, values: Sequence[int]) -> bytes:
 
 
 def exception_response(function: int, code: int) -> bytes:
-    """What answers a request that was refused."""
+    """The response to a request that was refused."""
     return bytes((function | _ERROR_BIT, code))
 
 
 def decode_response(request: ModbusRequest, pdu: bytes) -> tuple[int, ...]:
-    """The values read, none for a request that only writes.
+    """The values that were read; none for a request that only writes.
 
-    Raises ModbusException when the unit refused, and RemoteProtocolError when this is no
-    answer to the request.
+    Raises ModbusException if the unit refused, and RemoteProtocolError if this is not a response to the request.
     """
     function = request.function
     if len(pdu) == 2 and pdu[0] == function | _ERROR_BIT:
@@ -239,8 +238,8 @@ def decode_response(request: ModbusRequest, pdu: bytes) -> tuple[int, ...]:
             if pdu == encode_response(request, ()):
                 return ()
     except (IndexError, ModbusException, struct.error) as error:
-        raise RemoteProtocolError(f"the answer to Modbus function {function} has a wrong size") from error
-    raise RemoteProtocolError(f"the answer to Modbus function {function} belongs to another request")
+        raise RemoteProtocolError(f"the response to Modbus function {function} has the wrong size") from error
+    raise RemoteProtocolError(f"the response to Modbus function {function} belongs to another request")
 
 
 def _pack_words(values: Sequence[int]) -> bytes:
@@ -253,7 +252,7 @@ def _pack_bits(values: Sequence[int]) -> bytes:
 
 
 def _unpack(bits: bool, count: int, size: int, data: bytes) -> tuple[int, ...]:
-    """Coils or words. Raises ModbusException when the sizes contradict each other."""
+    """Unpack coils or words. Raises ModbusException when the sizes contradict each other."""
     if size != len(data) or size != ((count + 7) // 8 if bits else 2 * count):
         raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE)
     if not bits:

@@ -1,8 +1,7 @@
-"""Every enumeration the controller's interfaces share.
+"""The enumerations shared by the controller's interfaces.
 
-Numbers are the wire values of RTDE, the realtime and the primary interface. Sources: the
-public client libraries of Universal Robots, the RTDE guide and the ROS message
-definitions; a value only one source has is marked.
+Numbers are the wire values of RTDE, the realtime and the primary interface. Sources: the public client libraries of
+Universal Robots, the RTDE guide and the ROS message definitions. Values from a single source are marked.
 """
 
 from typing import TypeVar
@@ -13,9 +12,9 @@ Mode = TypeVar("Mode", bound=IntEnum)
 
 
 def mode_of(modes: type[Mode], number: int) -> Mode:
-    """The member of an enumeration; ``UNKNOWN(n)``, equal to its number, for one that is not known here.
+    """The member of an enumeration; ``UNKNOWN(n)``, equal to its number, for an unknown one.
 
-    A newer robot may have more of them than these tables, and a broken one may send anything.
+    A newer robot may have more members than these tables, and a faulty one may send any number.
     """
     try:
         return modes(number)
@@ -26,7 +25,7 @@ def mode_of(modes: type[Mode], number: int) -> Mode:
 
 
 def mode_name(modes: type[IntEnum], number: float) -> str:
-    """The member's name; ``UNKNOWN(n)`` when it has none."""
+    """The name of a member; ``UNKNOWN(n)`` for an unknown one."""
     try:
         return modes(number).name  # type: ignore[arg-type]  # 7.0, as the realtime interface sends it, is 7 here too
     except ValueError:
@@ -34,7 +33,7 @@ def mode_name(modes: type[IntEnum], number: float) -> str:
 
 
 class RobotMode(IntEnum):
-    """What the arm as a whole is doing (RTDE robot_mode, dashboard ``robotmode``)."""
+    """State of the arm as a whole (RTDE robot_mode, dashboard ``robotmode``)."""
 
     NO_CONTROLLER = -1
     DISCONNECTED = 0
@@ -49,7 +48,7 @@ class RobotMode(IntEnum):
 
 
 class SafetyMode(IntEnum):
-    """Safety mode. CB3 reports 1-11; the finer ones above collapse to SAFEGUARD_STOP there."""
+    """Safety mode. CB3 reports 1-11; it reports SAFEGUARD_STOP in place of the more specific ones above."""
 
     NORMAL = 1
     REDUCED = 2
@@ -75,7 +74,7 @@ class SafetyMode(IntEnum):
 
 
 class SafetyStatus(IntEnum):
-    """Finer than the safety mode (RTDE safety_status, from 3.10 and 5.4).
+    """More specific than the safety mode (RTDE safety_status, from 3.10 and 5.4).
 
     Values 10 and up follow the ROS message definition; one other library numbers the
     automatic-mode and three-position stops 10 and 11.
@@ -132,7 +131,7 @@ class RobotStatusBits(IntFlag):
 
 
 class JointMode(IntEnum):
-    """What one joint is doing. 237 and 248-250 are internal or old."""
+    """State of a joint. 237 and 248-250 are internal or obsolete."""
 
     RESET = 235
     SHUTTING_DOWN = 236
@@ -146,14 +145,14 @@ class JointMode(IntEnum):
     PART_D_CALIBRATION_ERROR = 248
     BOOTLOADER = 249
     CALIBRATION = 250
-    VIOLATION = 251  # one source writes 51
+    VIOLATION = 251  # one source has 51
     FAULT = 252
     RUNNING = 253
     IDLE = 255
 
 
 class ToolMode(IntEnum):
-    """What the tool flange's board is doing."""
+    """State of the board in the tool flange."""
 
     RESET = 235
     SHUTTING_DOWN = 236
@@ -204,7 +203,7 @@ class ReportLevel(IntEnum):
 
 
 class ReportDataType(IntEnum):
-    """How the data word of an error or safety message is to be read.
+    """How to interpret the data word of an error or safety message.
 
     Only INT32 and FLOAT change the reading; 4 is shown in hexadecimal, everything else
     as an unsigned number. The names of 0 and 1 are guesses.
@@ -238,7 +237,7 @@ class MessageSource(IntEnum):
     SIMULATED_ROBOT = -4
     RT_MACHINE = -3
     ROBOT_INTERFACE = -2
-    UNDEFINED = -1  # name is a guess
+    UNDEFINED = -1  # the name is a guess
     CONTROLLER = 7
     RTDE = 8
     SAFETY_PROCESSOR_A = 20
@@ -273,7 +272,7 @@ class MessageSource(IntEnum):
 
 
 class RobotType(IntEnum):
-    """Robot type of the primary interface's configuration data; the size, not the generation."""
+    """Robot type in the primary interface's configuration data: the size, not the generation."""
 
     UR5 = 1
     UR10 = 2

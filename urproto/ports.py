@@ -1,4 +1,4 @@
-"""Where each server listens on a controller."""
+"""Ports of the servers on a controller."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -16,16 +16,16 @@ CONTROLLER_PORTS: Final[Mapping[str, int]] = {
     "realtime read-only": 30013,
     "interpreter": 30020,
     "modbus": 502,
-    "robot api": 80,  # of PolyScope X, which has no dashboard instead
+    "robot api": 80,  # PolyScope X only, instead of the dashboard
     "gripper": GRIPPER_PORT,
-    "tool line": 54321,  # as the vendor's RS485 URCap has it
+    "tool line": 54321,  # as in the vendor's RS485 URCap
 }
 
 CONTROL_API_PORT: Final = 30080
-"""Of an emulator; a controller has none."""
+"""Only on an emulator."""
 
 CAMERA_PORT: Final = 30081
-"""Of an emulator whose scene may have cameras; a controller has none."""
+"""Only on an emulator whose scene may have cameras."""
 
 PENDANT_PORT: Final = 6080
-"""Where browsers find the teach pendant, as they find PolyScope's screen of the vendor's simulator."""
+"""Port of the teach pendant for browsers, the same as for PolyScope's screen in the vendor's simulator."""

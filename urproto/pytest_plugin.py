@@ -1,6 +1,6 @@
-"""Robots for tests: the fixtures ``ur_emulator`` and ``ur_robot``, and what belongs to them. See docs/testing.md.
+"""The pytest plugin with the fixtures ``ur_emulator`` and ``ur_robot``. See docs/testing.md.
 
-Loading this costs every pytest run next to nothing: what the fixtures need is imported when a test asks for one.
+The plugin hardly slows down other pytest runs: the fixtures' dependencies are imported when a test requests one.
 """
 
 from collections.abc import Generator, Iterator, Mapping
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 _DEFAULT_MODEL: Final = "ur3"
 _FIXTURES: Final = {"ur_emulator", "ur_robot", "make_ur_emulator"}
 _MARKERS: Final = (
-    "ur_model(model=None, **options): which arm ur_emulator or ur_robot is, and options of ur-emulator, for example "
+    "ur_model(model=None, **options): arm model of ur_emulator or ur_robot, and options of ur-emulator, for example "
     'ur_model("ur5e", polyscope="5.12", running=True, speed=10)',
     "ur_leaves_things: let a test with an emulated robot leave threads, tasks or listening ports behind",
 )
 
 _started: "pytest.StashKey[list[EmulatorProcess]]" = pytest.StashKey()
 _failed: "pytest.StashKey[bool]" = pytest.StashKey()
-_allowed: "pytest.StashKey[Belongings | None]" = pytest.StashKey()  # of the test that runs, if it uses robots
+_allowed: "pytest.StashKey[Belongings | None]" = pytest.StashKey()  # of the current test, if it uses robots
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Defaults of the markers."""
+    """Add options for the defaults of the markers."""
     group = parser.getgroup("ur_emulator", "emulated Universal Robots")
-    group.addoption("--ur-model", metavar="NAME", help=f"arm of tests that name none (default {_DEFAULT_MODEL})")
-    group.addoption("--ur-polyscope", metavar="VERSION", help="its PolyScope version")
+    group.addoption("--ur-model", metavar="NAME", help=f"arm for tests that do not name one (default {_DEFAULT_MODEL})")
+    group.addoption("--ur-polyscope", metavar="VERSION", help="PolyScope version of that arm")
     group.addoption(
         "--ur-option",
         action="append",
@@ -53,7 +53,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class MakeEmulator(Protocol):
-    """Starts an emulator that ends with the test."""
+    """Starts an emulator that is stopped at the end of the test."""
 
     def __call__(self, model: str | None = None, **options: Any) -> "EmulatorProcess": ...
 
@@ -62,7 +62,7 @@ class MakeEmulator(Protocol):
 def make_ur_emulator(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory, _ur_tasks: None
 ) -> Iterator[MakeEmulator]:
-    """Start emulators with options as the marker ``ur_model`` has them, each on an address of its own."""
+    """A function that starts emulators with the options of the marker ``ur_model``, each on its own address."""
     from urproto.testing.process import EmulatorProcess, command_line, write_positions
 
     emulators = request.node.stash[_started] = []
@@ -89,14 +89,14 @@ def make_ur_emulator(
 
 @pytest.fixture
 def ur_emulator(request: pytest.FixtureRequest, make_ur_emulator: MakeEmulator) -> "EmulatorProcess":
-    """An emulator in a process of its own: ``host``, ``ports``, and the verbs of its control API as methods."""
+    """An emulator in a separate process: ``host``, ``ports``, and the verbs of its control API as methods."""
     __tracebackhide__ = True
     return make_ur_emulator(**_marked_options(request.node))
 
 
 @pytest.fixture
 def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "Iterator[VirtualRobot]":
-    """A robot in this process, in virtual time, without ports: the verbs of the control API as methods."""
+    """A robot in this process, in virtual time and without ports: the verbs of the control API as methods."""
     from urproto.testing.virtual import virtual_robot
 
     __tracebackhide__ = True
@@ -108,12 +108,12 @@ def ur_robot(request: pytest.FixtureRequest, _ur_tasks: None) -> "Iterator[Virtu
 
 @pytest.fixture
 def ur_seed(request: pytest.FixtureRequest) -> int:
-    """A number for what a test does by chance: that of ``--ur-option seed=N``, else 0. Campaigns vary it."""
+    """A seed for the random choices of a test: that of ``--ur-option seed=N``, else 0. Campaigns vary it."""
     return int(_named_options(request.config).get("seed", 0))
 
 
 def _marked_options(node: pytest.Item) -> dict[str, Any]:
-    """Of all markers of a test, the closest one deciding."""
+    """The options of all markers of a test; the closest marker takes precedence."""
     options: dict[str, Any] = {}
     for marker in reversed(list(node.iter_markers("ur_model"))):
         if len(marker.args) > 1:
@@ -124,7 +124,7 @@ def _marked_options(node: pytest.Item) -> dict[str, Any]:
 
 
 def _with_defaults(config: pytest.Config, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The command line's options, where a test gives none; its version only where the test names no model."""
+    """Add the options of the command line that a test does not give; the version only if it names no model."""
     options = {**_named_options(config), **options}
     if options.get("model") is not None:
         return options
@@ -134,13 +134,13 @@ def _with_defaults(config: pytest.Config, options: Mapping[str, Any]) -> dict[st
 
 
 def _named_options(config: pytest.Config) -> dict[str, Any]:
-    """Those of ``--ur-option``: true, false and numbers as such, a list where one is given more than once."""
+    """The options of ``--ur-option``: true, false and numbers are converted, and a repeated option becomes a list."""
     options: dict[str, Any] = {}
     for text in config.getoption("--ur-option"):
         name, equals, value = text.partition("=")
         name = name.strip().replace("-", "_")
         if not equals or not name or name in ("model", "polyscope"):
-            raise pytest.UsageError(f"--ur-option {text}: write NAME=VALUE; --ur-model and --ur-polyscope are others")
+            raise pytest.UsageError(f"--ur-option {text}: use NAME=VALUE, or --ur-model and --ur-polyscope")
         if name in options:
             earlier = options[name] if isinstance(options[name], list) else [options[name]]
             options[name] = [*earlier, _typed(value)]
@@ -156,7 +156,7 @@ def _typed(text: str) -> bool | int | float | str:
     return {"true": True, "false": False}.get(text.lower(), text)
 
 
-# what a test leaves behind
+# leaks
 
 
 @pytest.fixture
@@ -199,7 +199,7 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
 def pytest_fixture_setup(
     fixturedef: "pytest.FixtureDef[Any]", request: pytest.FixtureRequest
 ) -> Generator[None, object, object]:
-    """What a fixture of a wider scope starts may outlive the test that happens to come first."""
+    """Accept what a fixture of a wider scope starts: it may outlive the test that first requests the fixture."""
     __tracebackhide__ = True
     allowed = request.config.stash.get(_allowed, None)
     if allowed is None or fixturedef.scope == "function":
@@ -228,7 +228,7 @@ def _uses_robots(item: pytest.Item) -> bool:
 
 
 def _is_judged(item: pytest.Item) -> bool:
-    """A test that has failed seldom comes to tidying up: one report is enough."""
+    """Whether a test is checked for leaks. A failed test rarely cleans up, and its failure is report enough."""
     return not item.stash.get(_failed, False) and item.get_closest_marker("ur_leaves_things") is None
 
 
@@ -236,7 +236,7 @@ def _complain(left: list[str]) -> None:
     pytest.fail("left behind by the test: " + "; ".join(left), pytrace=False)
 
 
-# what explains a failure
+# reports of failures
 
 
 @pytest.hookimpl(wrapper=True)

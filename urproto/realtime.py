@@ -1,12 +1,11 @@
 """Realtime interface (TCP 30003, read-only 30013): one fixed packet every control period.
 
-``int32 size`` and then 8-byte columns, nearly all doubles, big-endian. Software grew by
-appending columns, so the size tells the layout. Columns carry the RTDE names; internal
-ones are sent as zeros.
+A packet has ``int32 size`` followed by 8-byte columns, nearly all doubles, big-endian. Newer versions append columns,
+so the size identifies the layout. Columns have the names of RTDE; internal ones are sent as zeros.
 
-Layout: the realtime columns of the vendor's client interface manual, which add up to the
-sizes that public clients know. That the digital bits are 64-bit integers in a double's
-place follows the manual's remark and one client; another client reads doubles.
+Source of the layout: the realtime columns in the vendor's client interface manual, which add up to the sizes known to
+public clients. That digital bits are sent as 64-bit integers instead of doubles follows from a remark in the manual and
+one client; another client reads doubles.
 """
 
 import struct
@@ -21,12 +20,12 @@ from urproto.versions import Availability, PolyscopeVersion
 RealtimeState = dict[str, Any]
 
 _SIZE = struct.Struct(">i")
-_MAX_SIZE = 65536  # bytes; guess: ample, the longest known packet has 1220
+_MAX_SIZE = 65536  # bytes; guess: ample, since the longest known packet has 1220
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A run of ``count`` 8-byte numbers. ``name`` is a snapshot attribute, None when internal."""
+    """``count`` consecutive 8-byte numbers. name: attribute of the snapshot, None for an internal column."""
 
     name: str | None
     count: int
@@ -100,7 +99,7 @@ def _packer(columns: tuple[Column, ...]) -> struct.Struct:
 
 
 def packet_size(version: PolyscopeVersion) -> int:
-    """Bytes of a packet of this version, the size field included."""
+    """Bytes of a packet of this version, including the size field."""
     return _SIZE.size + _packer(_columns(version)).size
 
 
@@ -112,9 +111,9 @@ def _expression(column: Column) -> str:
 
 @lru_cache(maxsize=32)
 def realtime_packer(version: PolyscopeVersion) -> Callable[[Any], bytes]:
-    """A function from a snapshot to the whole packet, for use in every control period.
+    """A function that converts a snapshot to a complete packet, for use in every control period.
 
-    One generated expression reads all attributes; the names come from COLUMNS.
+    A single generated expression reads all attributes; the names come from COLUMNS.
     """
     columns = _columns(version)
     arguments = ", ".join(map(_expression, columns))
@@ -124,12 +123,12 @@ def realtime_packer(version: PolyscopeVersion) -> Callable[[Any], bytes]:
 
 
 def encode_realtime(snapshot: Any, version: PolyscopeVersion) -> bytes:
-    """The whole packet, from an object with the columns' names as attributes."""
+    """The complete packet, from an object with the columns' names as attributes."""
     return realtime_packer(version)(snapshot)
 
 
 def _columns_by_size() -> dict[int, tuple[Column, ...]]:
-    """Every layout there was, by packet size."""
+    """All layouts by packet size."""
     layouts = {}
     for end in range(1, len(COLUMNS) + 1):
         if end == len(COLUMNS) or COLUMNS[end].since != COLUMNS[end - 1].since:
@@ -144,8 +143,8 @@ _NEWEST = max(_LAYOUTS)
 def decode_realtime(packet: bytes) -> RealtimeState:
     """Values by column name; vectors as tuples, bits as int.
 
-    What a packet longer than any known one has beyond that is ignored. Raises
-    RemoteProtocolError for a size no 3.x or 5.x software sends.
+    If a packet is longer than any known one, the excess is ignored. Raises RemoteProtocolError for a size that no 3.x
+    or 5.x version sends.
     """
     columns = _LAYOUTS.get(min(len(packet), _NEWEST))
     if columns is None:
@@ -162,18 +161,17 @@ def decode_realtime(packet: bytes) -> RealtimeState:
 
 
 class RealtimeDecoder:
-    """Cuts packets out of the stream and reads them."""
+    """Splits a stream into packets and decodes them."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[RealtimeState]:
-        """Take bytes, give the packets they complete.
+        """Add bytes; returns the packets they complete.
 
-        An impossible size ends the stream: packets before it are still given, and this
-        call, or the next one if there were any, raises RemoteProtocolError; ``error`` is
-        set at once.
+        An impossible size ends the stream: packets before it are still returned, and this call, or the next one if
+        there were any, raises RemoteProtocolError; ``error`` is set immediately.
         """
         states: list[RealtimeState] = []
         self._buffer += data

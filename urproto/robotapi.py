@@ -1,8 +1,8 @@
-"""The Robot API of PolyScope X: HTTP with JSON bodies, in the place that the dashboard server has on older software.
+"""The Robot API of PolyScope X: HTTP with JSON bodies, which replaces the dashboard server of older software.
 
-Paths, bodies and answers: the official C++ client (``dashboard_client_implementation_x``) and its tests, and what users
-of robots and simulators with 10.11 to 10.13 have published of the API's own documentation: statuses, the names of
-modes, 403 in local control. What requests there are, and since when, is in ``ENDPOINTS``, for both ends.
+Sources of paths, bodies and responses: the official C++ client (``dashboard_client_implementation_x``) and its tests,
+and parts of the API's own documentation published by users of robots and simulators with 10.11 to 10.13 (statuses,
+names of modes, 403 in local control). ``ENDPOINTS`` lists the requests for both ends, with their first versions.
 """
 
 from dataclasses import dataclass
@@ -16,24 +16,24 @@ from urproto.versions import Availability, PolyscopeVersion
 BASE: Final = "/universal-robots/robot-api"
 OPENAPI: Final = f"{BASE}/openapi.json"
 URCAPS: Final = "/universal-robots/urservice/api/v1/urcaps"
-"""Another service of the same port: what start scripts ask until the robot is up."""
+"""Another service on the same port, which start scripts poll until the robot is up."""
 
 WEB_SERVER: Final = Availability.since(None, None, "10.0")
 """Port 80."""
 AVAILABLE: Final = Availability.since(None, None, "10.11")
-"""The API; so the documentation of the C++ client."""
+"""Versions with the API, according to the documentation of the C++ client."""
 _READING: Final = Availability.since(None, None, "10.12")
 
 DEFAULT_PROGRAM: Final = "Default program"
-"""What is loaded when a robot was switched on, and always there."""
+"""The program that is loaded after power-up; it always exists."""
 MOST_UPLOAD: Final = 4 * 1024 * 1024
-"""Bytes of a request's body (guess); the programs of public repositories have some 100 kB."""
+"""Maximum size of a request's body [bytes] (guess); programs in public repositories have some 100 kB."""
 
 Method = Literal["GET", "PUT", "POST"]
 
 
 class StateAction(StrEnum):
-    """What can be done to the arm."""
+    """Actions on the arm."""
 
     POWER_ON = "POWER_ON"
     POWER_OFF = "POWER_OFF"
@@ -43,7 +43,7 @@ class StateAction(StrEnum):
 
 
 class ProgramAction(StrEnum):
-    """What can be done to the loaded program."""
+    """Actions on the loaded program."""
 
     PLAY = "play"
     PAUSE = "pause"
@@ -53,9 +53,9 @@ class ProgramAction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """What both ends know of a request.
+    """A request of the API.
 
-    path: below ``BASE``; a part in braces is any name. remote_only: refused (403) by a robot in local control.
+    path: below ``BASE``; a part in braces is a placeholder. remote_only: refused (403) by a robot in local control.
     """
 
     method: Method
@@ -99,10 +99,10 @@ ENDPOINTS: Final = (
 
 
 def api_version(version: PolyscopeVersion) -> str:
-    """The API's own version, by which clients know what it has.
+    """The version of the API, from which clients derive its features.
 
-    3.1.4 came with 10.12.0 (C++ client), 3.1.6 is what a simulator of 2026 says; that it came with 10.13, and 3.0.0
-    with 10.11, is a guess.
+    3.1.4 came with 10.12.0 (C++ client), and a simulator of 2026 reports 3.1.6. It is a guess that the latter came with
+    10.13, and 3.0.0 with 10.11.
     """
     if version >= PolyscopeVersion(10, 13):
         return "3.1.6"
@@ -126,7 +126,7 @@ SAFETY_MODES: Final = ("NORMAL", "REDUCED", "FAULT", "PROTECTIVE_STOP", "EMERGEN
 
 
 def safety_word(mode: SafetyMode) -> str:
-    """A safety mode as the API names it, which has five words; which is which beyond its own names is a guess."""
+    """The API's word for a safety mode. It has five words; the mapping is a guess except where the names are equal."""
     if mode.name in SAFETY_MODES:
         return mode.name
     if mode.name.endswith("EMERGENCY_STOP"):
@@ -135,19 +135,19 @@ def safety_word(mode: SafetyMode) -> str:
 
 
 def parse_safety_word(word: str) -> SafetyMode:
-    """The safety mode of a word, of several the plainest. Raises ValueError for one that there is not."""
+    """The safety mode of a word; the most general one if there are several. Raises ValueError for an unknown word."""
     if word not in SAFETY_MODES:
         raise ValueError(f"{word!r} is not a safety mode of the Robot API")
     return SafetyMode.ROBOT_EMERGENCY_STOP if word == "EMERGENCY_STOP" else SafetyMode[word]
 
 
 def robot_word(mode: RobotMode) -> str:
-    """A robot mode as the API names it."""
+    """The API's word for a robot mode."""
     return _UPDATING if mode is RobotMode.UPDATING_FIRMWARE else mode.name
 
 
 def parse_robot_word(word: str) -> RobotMode:
-    """The robot mode of a word. Raises ValueError for one that there is not."""
+    """The robot mode of a word. Raises ValueError for an unknown word."""
     try:
         return RobotMode.UPDATING_FIRMWARE if word == _UPDATING else RobotMode[word]
     except KeyError:
@@ -155,5 +155,5 @@ def parse_robot_word(word: str) -> RobotMode:
 
 
 def program_path(name: str) -> str:
-    """Where a program is, below ``BASE``."""
+    """The path of a program, below ``BASE``."""
     return GET_PROGRAM.path.format(name=quote(name, safe=""))

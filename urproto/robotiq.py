@@ -1,11 +1,11 @@
 """The text protocol of the Robotiq gripper software on the controller (TCP 63352).
 
-``GET POS`` and ``SET POS 255 SPE 100`` in, values and ``ack`` out. Two dialects live on one
-port. A request that ends with a line feed is answered by name: ``POS 3`` and a line feed.
-The maker's older programs send ``GET STA`` without a line end and read the value alone, by
-its number of digits, so that nothing may follow it. ``ack`` never has a line end.
+Requests are ``GET POS`` or ``SET POS 255 SPE 100``; responses are values or ``ack``. The port supports two dialects. A
+request that ends with a line feed is answered with the name: ``POS 3`` and a line feed. The manufacturer's older
+programs send ``GET STA`` without a line end and read only the value, by its number of digits, so nothing may follow it.
+``ack`` never has a line end.
 
-Facts: the programs and clients that the gripper's maker and ur_rtde published.
+Sources: programs and clients published by the gripper's manufacturer and by ur_rtde.
 """
 
 import re
@@ -17,7 +17,7 @@ from urproto.text import from_bytes, number, strip
 
 PORT: Final = 63352
 ACK: Final = b"ack"
-NACK: Final = b"nack"  # guess: what is not understood is not acknowledged
+NACK: Final = b"nack"  # guess: the response to an invalid request
 UNKNOWN: Final = "?"  # the value while the gripper does not answer, as ur_rtde expects it
 _LONGEST_LINE: Final = 1024  # bytes (guess)
 _GET: Final = re.compile(r"GET\s+([A-Z]{3})", re.ASCII)
@@ -27,7 +27,7 @@ _VALUE: Final = re.compile(r"([A-Z]{3})\s+(\S+)", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Get:
-    """The value of one variable is wanted. ``named``: the answer repeats the name and ends its line."""
+    """A request for the value of a variable. named: the response repeats the name and has a line end."""
 
     name: str
     named: bool = True
@@ -35,14 +35,14 @@ class Get:
 
 @dataclass(frozen=True, slots=True)
 class Set:
-    """Variables and the numbers they shall have, all or none."""
+    """A request to set variables to numbers, all or none."""
 
     values: tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Unclear:
-    """A line that is neither."""
+    """A line that is neither a ``GET`` nor a ``SET``."""
 
     text: str
 
@@ -51,17 +51,16 @@ Request = Get | Set | Unclear
 
 
 class RequestDecoder:
-    """Bytes of one client to requests, in any split.
+    """Decodes the byte stream of a client to requests, whatever its chunks.
 
-    A ``GET`` without its line end is complete when nothing follows it for a while: call
-    ``flush`` then.
+    A ``GET`` without a line end is complete if nothing follows for a while: call ``flush`` then.
     """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Request]:
-        """The requests that ended. Raises RemoteProtocolError for a line beyond any request's length."""
+        """Add bytes; returns the requests they complete. Raises RemoteProtocolError for a line that is too long."""
         self._buffer += data
         *lines, rest = bytes(self._buffer).split(b"\n")
         self._buffer = bytearray(rest)
@@ -71,7 +70,7 @@ class RequestDecoder:
         return [_parse(text) for text in texts if text]
 
     def flush(self) -> list[Request]:
-        """The request that has no line end, if it can be one."""
+        """The pending request without a line end, if it is a valid one."""
         if not self._buffer:
             return []
         found = _GET.fullmatch(from_bytes(self._buffer))
@@ -82,7 +81,7 @@ class RequestDecoder:
 
 
 def encode_value(request: Get, text: str) -> bytes:
-    """The answer to a ``GET``."""
+    """The response to a ``GET``."""
     return (f"{request.name} {text}\n" if request.named else text).encode("ascii")
 
 
@@ -98,7 +97,7 @@ def _parse(text: str) -> Request:
 
 
 def _whole(word: str) -> int | None:
-    """Programs also send whole numbers as floats."""
+    """Parse a whole number; programs also send it as a float."""
     try:
         value = number(word)
     except ValueError:

@@ -1,13 +1,14 @@
-"""Text from strangers: the one rule by which bytes become ``str`` and leave again.
+"""Text from clients: the single place that converts between bytes and ``str``.
 
-A string of the controller is a row of bytes, and a client may send any. So text is held as Python holds the names of
-files (PEP 383): decoded as UTF-8, and what is not UTF-8 byte by byte as surrogate escapes (``from_bytes``). It leaves
+Strings of the controller are byte strings, and a client may send any bytes. Text is therefore represented like file
+names in Python (PEP 383): decoded as UTF-8, with each byte that is not valid UTF-8 as a surrogate escape
+(``from_bytes``). It is output
 
-- as the very bytes that came, by ``to_bytes``: on the controller's own ports, to sockets, into script files;
-- as Unicode that everybody takes, by ``readable``: as JSON and HTML, in logs and reports, in recordings, on Foxglove
-  and ROS. There a byte that is not UTF-8 shows as ``\\xe9``. Streams and files do so with ``errors=READABLE``.
+- as the original bytes by ``to_bytes``: on the controller's own ports, to sockets, into script files;
+- as valid Unicode by ``readable``: as JSON and HTML, in logs and reports, in recordings, on Foxglove and ROS. A byte
+  that is not valid UTF-8 then appears as ``\\xe9``. Streams and files do the same with ``errors=READABLE``.
 
-Nothing else encodes or decodes what a client sent.
+No other code encodes or decodes data from clients.
 
 What a protocol calls a blank, a digit or a number is ASCII. Python's ``str.split()``, ``strip()``, ``isdigit()``,
 ``int()`` and ``float()`` take more: 0x1c to 0x1f, 0x85 and all of Unicode's spaces as blanks, ``'²'`` and ``'٣'`` as
@@ -38,12 +39,12 @@ _QUOTED: Final = 60  # characters of a value that an error shows
 
 
 def from_bytes(data: bytes | bytearray) -> str:
-    """Text from bytes, reversible whatever they are."""
+    """Decode arbitrary bytes reversibly."""
     return data.decode("utf-8", "surrogateescape")
 
 
 def to_bytes(text: str) -> bytes:
-    """The bytes that text came from. Of what no bytes become, lone surrogates from elsewhere, question marks."""
+    """The bytes from which text was decoded. Other lone surrogates, which no bytes decode to, become question marks."""
     try:
         return text.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:
@@ -51,13 +52,13 @@ def to_bytes(text: str) -> bytes:
 
 
 def quoted(value: object) -> str:
-    """What somebody wrote where something else belongs, for an error: its beginning, on one line."""
+    """An invalid value for an error message: its beginning, on one line."""
     text = readable(repr(value[:_QUOTED] if isinstance(value, str | bytes | list | tuple) else value))
     return text if len(text) <= _QUOTED else f"{text[: _QUOTED - 3]}..."
 
 
 def readable(text: str) -> str:
-    """Text that can be encoded in UTF-8: bytes that are none show as ``\\xe9``."""
+    """Text that can be encoded in UTF-8: bytes that are not valid UTF-8 appear as ``\\xe9``."""
     return text if text.isascii() else text.encode("utf-8", READABLE).decode("utf-8")
 
 
@@ -67,7 +68,7 @@ def from_readable(text: str) -> str:
 
 
 def readable_in(value: _Value) -> _Value:
-    """A value of dicts, lists, tuples, dataclasses and scalars, all text in it readable."""
+    """A copy of a value of dicts, lists, tuples, dataclasses and scalars in which all text is readable."""
     return cast(_Value, _readable_in(value))
 
 
@@ -86,9 +87,9 @@ def _readable_in(value: Any) -> Any:
 
 
 def show_anything(*streams: TextIO) -> None:
-    """Let these streams, a terminal in any encoding perhaps, take every text."""
+    """Make these streams accept any text, even if they are a terminal with another encoding."""
     for stream in streams:
-        if isinstance(stream, TextIOWrapper):  # what a test put in its place may be another
+        if isinstance(stream, TextIOWrapper):  # a test may have replaced it by another type
             stream.reconfigure(errors=READABLE)
 
 
@@ -108,28 +109,28 @@ codecs.register_error(READABLE, _escaped)
 
 
 def lower(text: str) -> str:
-    """Lower case, of ASCII letters only: the Kelvin sign is no k."""
+    """Convert to lower case, ASCII letters only: the Kelvin sign is not a k."""
     return from_bytes(to_bytes(text).lower())
 
 
 def strip(text: str) -> str:
-    """Without the blanks at both ends."""
+    """Remove the blanks at both ends."""
     return text.strip(BLANKS)
 
 
 def lines(text: str) -> list[str]:
-    """Lines that end with LF, CR LF or CR, without their ends."""
+    """Split into lines, which end with LF, CR LF or CR; returned without these."""
     found = _LINE_BREAK.split(text)
     return found if found[-1] else found[:-1]
 
 
 def words(text: str) -> list[str]:
-    """What stands between blanks."""
+    """Split at blanks."""
     return _WORD.findall(text)
 
 
 def json_document(text: str | bytes) -> Any:
-    """The value of a JSON document. Raises ValueError, also where brackets are nested too deeply to be read."""
+    """Parse a JSON document. Raises ValueError, also for brackets that are nested too deeply."""
     import json
 
     try:
@@ -139,14 +140,15 @@ def json_document(text: str | bytes) -> Any:
 
 
 def whole_number(text: str) -> int:
-    """A decimal number without fraction, blanks around it allowed. Raises ValueError."""
+    """Parse an integer; blanks around it are allowed. Raises ValueError."""
     if not _WHOLE.fullmatch(strip(text)):
         raise ValueError(f"{text[:40]!r} is not a whole number")
     return int(text)
 
 
 def number(text: str) -> float:
-    """A decimal number, blanks around it allowed; not ``inf`` and ``nan``. Raises ValueError, also beyond 1.8e308."""
+    """Parse a decimal number; blanks around it are allowed, ``inf`` and ``nan`` are not. Raises ValueError, also for
+    numbers beyond 1.8e308."""
     if not _NUMBER.fullmatch(strip(text)):
         raise ValueError(f"{text[:40]!r} is not a number")
     value = float(strip(text))

@@ -1,7 +1,7 @@
-"""Vectors of three and six numbers as plain tuples, without numpy's cost per call: the control period uses them.
+"""Vectors of three and six numbers as plain tuples, without numpy's overhead per call, for use in the control period.
 
-What has no number in its name is of six (joints, or a linear part and an angular one), but for what only vectors of
-space have: length, products, direction. Units and frames are those of what is put in.
+Functions without a number in their names are for six numbers (joints, or a linear and an angular part), except for
+those that only make sense in space: length, products, direction. Units and frames are those of the arguments.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ _NO_LENGTH: Final = 1e-9
 
 
 def as_six(values: Iterable[float]) -> Vector6:
-    """Six floats, or ValueError."""
+    """Convert to six floats. Raises ValueError for another number of values."""
     a, b, c, d, e, f = values
     return (float(a), float(b), float(c), float(d), float(e), float(f))
 
@@ -41,7 +41,7 @@ def largest(values: Iterable[float]) -> float:
 
 
 def within(low: Sequence[float], values: Sequence[float], high: Sequence[float]) -> bool:
-    """Every value is between its bounds, or on one of them."""
+    """Whether every value is within its bounds, inclusive."""
     return (
         low[0] <= values[0] <= high[0]
         and low[1] <= values[1] <= high[1]
@@ -86,7 +86,7 @@ def rate(now: Vector6, before: Vector6, period_s: float) -> Vector6:
 
 
 def towards(now: Vector6, goal: Vector6, step: float) -> Vector6:
-    """Go from now to goal on a straight line, the leading component by at most step; ends on goal exactly."""
+    """Move from now towards goal on a straight line, the largest component by at most step; ends exactly on goal."""
     change = sub(goal, now)
     size = largest(change)
     return goal if size <= step else lerp(now, change, step / size)
@@ -147,7 +147,7 @@ def unit(v: Sequence[float], otherwise: Vector3) -> Vector3:
 
 
 def rotate(matrix: Sequence[float], v: Sequence[float]) -> Vector3:
-    """Matrix (row by row) times vector: out of the frame whose axes are its columns."""
+    """Matrix (row by row) times vector: from the frame whose axes are its columns."""
     x, y, z = v[0], v[1], v[2]
     return (
         matrix[0] * x + matrix[1] * y + matrix[2] * z,
@@ -167,7 +167,7 @@ def rotate_back(matrix: Sequence[float], v: Sequence[float]) -> Vector3:
 
 
 def out_of(axes: Axes, v: Sequence[float]) -> Vector3:
-    """A vector given in the axes, in the frame that the axes are given in."""
+    """Transform a vector from the given axes to the frame in which these axes are given."""
     x, y, z = axes
     return (
         x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
@@ -177,7 +177,7 @@ def out_of(axes: Axes, v: Sequence[float]) -> Vector3:
 
 
 def out_of6(axes: Axes, screw: Vector6) -> Vector6:
-    """As out_of, for a (linear, angular) pair."""
+    """Like out_of, for a (linear, angular) pair."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = axes
     a, b, c, d, e, f = screw
     return (
@@ -191,7 +191,7 @@ def out_of6(axes: Axes, screw: Vector6) -> Vector6:
 
 
 def into6(axes: Axes, screw: Vector6) -> Vector6:
-    """A (linear, angular) pair in the axes: the inverse of out_of6."""
+    """Transform a (linear, angular) pair to the given axes; the inverse of out_of6."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = axes
     a, b, c, d, e, f = screw
     return (

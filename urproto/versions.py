@@ -1,8 +1,7 @@
-"""PolyScope versions, the two controller series, and which of them has a feature.
+"""PolyScope versions, the two controller series, and the versions that have a feature.
 
-The series are told apart by the major version: CB3 is 3.x, e-Series is 5.x, and 10.x, which is PolyScope X on the same
-arms. So a feature carries one "first version" for each of the three lines of software; ``None`` means that the line
-never got it.
+The major version identifies the series: CB3 is 3.x, and e-Series is 5.x or 10.x, which is PolyScope X on the same arms.
+A feature therefore has a first version for each of the three software lines; ``None`` means that the line never got it.
 """
 
 import re
@@ -14,7 +13,7 @@ from urproto.compat import Self
 
 
 class Series(Enum):
-    """Controller generation. The control period is a property of the series [s]."""
+    """Controller generation. The control period depends only on the series."""
 
     CB3 = "CB3"
     E = "e-Series"
@@ -41,13 +40,13 @@ class PolyscopeVersion:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read ``"5.12"``, ``"3.15.8"`` or ``"3.15.8.106339"``.
+        """Parse ``"5.12"``, ``"3.15.8"`` or ``"3.15.8.106339"``.
 
-        Raises ValueError when the text is not of that form.
+        Raises ValueError when the text does not have this form.
         """
         if not re.fullmatch(r"[0-9]{1,9}\.[0-9]{1,9}(\.[0-9]{1,9}){0,2}", text.strip()):
             raise ValueError(
-                f"{text!r} is not a PolyScope version: give major.minor[.bugfix[.build]], for example 3.15.8"
+                f"{text!r} is not a PolyScope version: use major.minor[.bugfix[.build]], for example 3.15.8"
             )
         return cls(*(int(part) for part in text.strip().split(".")))
 
@@ -58,12 +57,12 @@ class PolyscopeVersion:
 
     @property
     def is_polyscope_x(self) -> bool:
-        """True for 10.x, which has the Robot API and programs of another format."""
+        """True for 10.x, which has the Robot API and another program format."""
         return self.major >= _POLYSCOPE_X
 
     @property
     def short(self) -> str:
-        """Without the build: 3.15.8."""
+        """The version without the build number: 3.15.8."""
         return f"{self.major}.{self.minor}.{self.bugfix}"
 
     def __str__(self) -> str:
@@ -75,13 +74,13 @@ _FIRST_X: Final = PolyscopeVersion(10, 0)
 
 DEFAULT_VERSION = {
     Series.CB3: PolyscopeVersion(3, 15, 8, 106339),  # from the console of a 3.15.8 simulator
-    Series.E: PolyscopeVersion(5, 22, 0, 1161320),  # minor chosen for what clients need; the build number is a guess
+    Series.E: PolyscopeVersion(5, 22, 0, 1161320),  # the minor version that clients need; the build number is a guess
 }
 
 
-# Which 10.x came with what 5.x, where nobody says it of a feature. Known pairs: optimovej (5.21, 10.8), UR15 (5.22,
-# 10.8), UR7e (5.22, 10.9), UR8 Long (5.23, 10.11), the energies of RTDE (5.23, 10.11), friction scales (5.25.1,
-# 10.12.1). That others of the same 5.x came in the same 10.x is a guess, and so is that 10.0 has all of 5.19.
+# The 10.x that corresponds to a 5.x, for features without a documented 10.x. Known pairs: optimovej (5.21, 10.8), UR15
+# (5.22, 10.8), UR7e (5.22, 10.9), UR8 Long (5.23, 10.11), the energies of RTDE (5.23, 10.11), friction scales (5.25.1,
+# 10.12.1). It is a guess that other features of the same 5.x came in the same 10.x, and that 10.0 has all of 5.19.
 _COUNTERPARTS: Final = (
     (PolyscopeVersion(5, 20), _FIRST_X),
     (PolyscopeVersion(5, 21), PolyscopeVersion(10, 7)),
@@ -94,13 +93,13 @@ _NEWEST: Final = PolyscopeVersion(10, 13)
 
 
 def _counterpart(first: PolyscopeVersion) -> PolyscopeVersion:
-    """The first 10.x with what an e-Series controller got in a 5.x."""
+    """The first 10.x with the features of a 5.x."""
     return next((x for until, x in _COUNTERPARTS if first < until), _NEWEST)
 
 
 @dataclass(frozen=True, slots=True)
 class Availability:
-    """The first version of each line of software that has a feature; None where it never came."""
+    """The first version with a feature in each software line; None if the line never got it."""
 
     cb3: PolyscopeVersion | None
     e: PolyscopeVersion | None
@@ -108,15 +107,15 @@ class Availability:
 
     @classmethod
     def since(cls, cb3: str | None, e: str | None, x: str | None = "") -> Self:
-        """Build from version texts, ``None`` for a line without the feature.
+        """Create from version texts, ``None`` for a line without the feature.
 
-        ``x``: the 10.x; without one it is that which came with the 5.x.
+        x: the 10.x; by default the one that corresponds to the 5.x.
         """
         on_cb3, on_e, on_x = (PolyscopeVersion.parse(text) if text else None for text in (cb3, e, x))
         return cls(on_cb3, on_e, _counterpart(on_e) if x == "" and on_e else on_x)
 
     def first(self, version: PolyscopeVersion) -> PolyscopeVersion | None:
-        """The first version with the feature in the line that a version is of."""
+        """The first version with the feature in the software line of a version."""
         if version.is_polyscope_x:
             return self.x
         return self.cb3 if version.series is Series.CB3 else self.e
@@ -127,9 +126,9 @@ class Availability:
         return first is not None and version >= first
 
     def __str__(self) -> str:
-        """For people: ``CB3 since 3.12, e-Series since 5.6``, or ``e-Series since 5.13 only``.
+        """Readable text: ``CB3 since 3.12, e-Series since 5.6``, or ``e-Series since 5.13 only``.
 
-        PolyScope X is not named where the arm has it all the same, or never got it.
+        PolyScope X is omitted if it never got the feature, or if all its versions share it with the e-Series.
         """
         names = (Series.CB3.value, Series.E.value, "PolyScope X")
         late = self.x if self.x and (self.e is None or self.x > _FIRST_X) else None
@@ -138,5 +137,5 @@ class Availability:
 
 
 def _first(version: PolyscopeVersion) -> str:
-    """A version as people say it when a feature came with it: 5.6, or 5.9.4."""
+    """A version in its shortest form: 5.6, or 5.9.4."""
     return version.short if version.bugfix else f"{version.major}.{version.minor}"

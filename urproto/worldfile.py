@@ -1,22 +1,22 @@
-"""World files: what stands around an arm, in YAML, for the emulator that touches it and the planner that avoids it.
+"""World files: the surroundings of an arm in YAML, for contacts in the emulator and collision avoidance in the planner.
 
-    tool: {sphere: 0.005}              # what touches; without it, the TCP alone does
+    tool: {sphere: 0.005}              # the part that makes contact; by default only the TCP
     objects:
       table:
         plane: {}                      # solid below the x-y plane of its pose
-        pose: [0, 0, -0.02]            # in the base frame, m; with a rotation vector (rad) where it is turned
+        pose: [0, 0, -0.02]            # in the base frame, m; optionally with a rotation vector (rad)
         stiffness: 20000               # N/m
         damping: 200                   # N s/m
         friction: 0.3
       block: {box: [0.1, 0.1, 0.05], pose: [0.3, 0.1, 0.0]}
       ball: {sphere: 0.04, pose: [0.3, -0.1, 0.02]}
-      post: {cylinder: [0.03, 0.5], pose: [0.3, 0.3, 0.25]}    # radius and length along z; of the planner
-      hull: {mesh: hull.stl, pose: [0.5, 0, 0]}                # beside this file; of the planner
+      post: {cylinder: [0.03, 0.5], pose: [0.3, 0.3, 0.25]}    # radius and length along z; planner only
+      hull: {mesh: hull.stl, pose: [0.5, 0, 0]}                # next to this file; planner only
 
-``links: true`` lets the arm's own links touch too.
+With ``links: true``, the links of the arm make contact, too.
 
-What only a world that moves can make use of (``MOVING`` of a thing, ``SECTIONS`` of the file) is handed on as it
-stands: `emulator.physics` reads it, and who plans a way takes the thing for one that stays.
+Settings for moving objects (``MOVING`` of an object, ``SECTIONS`` of the file) are passed on unparsed:
+`emulator.physics` reads them, and the planner treats such an object as static.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -33,13 +33,15 @@ SECTIONS: Final = ("scene", "mounted", "barriers", "cameras")
 
 
 class WorldFileError(ValueError):
-    """The file does not say what a world is."""
+    """The file is not a valid world file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """shape: as in the file. sizes: its numbers [m]; mesh: its file. pose (6,): [m, rotation vector]. material: what of
-    `MATERIAL` is given; moving: what of `MOVING`, unread."""
+    """An object. shape: as in the file. sizes: its numbers [m]. mesh: its file. pose (6,): [m, rotation vector].
+
+    material: the given entries of `MATERIAL`. moving: the given entries of `MOVING`, unparsed.
+    """
 
     shape: str
     sizes: tuple[float, ...]
@@ -51,8 +53,8 @@ class Thing:
 
 @dataclass(frozen=True, slots=True)
 class WorldDescription:
-    """things: by name. tool: None without one. links: whether those of the arm touch. sections: what of `SECTIONS` is
-    given, unread."""
+    """The contents of a world file. things: objects by name. tool: None without one. links: whether the arm's links
+    make contact. sections: the given sections of `SECTIONS`, unparsed."""
 
     things: Mapping[str, Thing]
     tool: Thing | None = None
@@ -61,7 +63,7 @@ class WorldDescription:
 
 
 def read_world_file(path: Path, shapes: Collection[str]) -> WorldDescription:
-    """What a file says of things with these shapes. Raises WorldFileError, naming file and place, and OSError."""
+    """Read a file with objects of these shapes. Raises WorldFileError, which names file and position, or OSError."""
     try:
         return _world(load_yaml(path.read_bytes()), shapes)
     except NotYaml as error:
@@ -84,7 +86,7 @@ def _world(content: Any, shapes: Collection[str]) -> WorldDescription:
 
 
 def read_description(name: str, given: Any, shapes: Collection[str], *, tool: bool = False) -> Thing:
-    """One thing as a world file describes it; a tool has no material of its own. Raises ValueError."""
+    """Parse the description of one object; a tool has no material. Raises ValueError."""
     fields = _fields(name, given, (*shapes, "pose", *(() if tool else (*MATERIAL, *MOVING))))
     moving: dict[str, Any] = {key: fields.pop(key) for key in MOVING if key in fields}
     chosen = [key for key in fields if key in shapes]
@@ -109,13 +111,13 @@ def _fields(name: str, given: Any, known: Collection[str]) -> dict[str, Any]:
         raise ValueError(f"{name} must be a mapping of {', '.join(known)}, not {quoted(given)}")
     strange = [key for key in given if key not in known]
     if strange:
-        raise ValueError(f"{name} has {quoted(strange[0])}; known are {', '.join(known)}")
+        raise ValueError(f"{name} has {quoted(strange[0])}; allowed are {', '.join(known)}")
     return dict(given)
 
 
 def _plane(given: Any) -> tuple[float, ...]:
     if given not in (None, {}):
-        raise ValueError(f"a plane takes nothing but a pose: write plane: {{}}, not {quoted(given)}")
+        raise ValueError(f"a plane only has a pose: write plane: {{}}, not {quoted(given)}")
     return ()
 
 

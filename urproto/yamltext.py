@@ -1,23 +1,23 @@
-"""YAML that a person or another program wrote: plain data, or one error that says why not."""
+"""Load YAML written by a person or another program: as plain data, or with one error that gives the reason."""
 
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, Final
 
-_MOST_BYTES: Final = 500_000  # a guess: ten times the longest settings. PyYAML takes some ten seconds for as many
-_MOST_VALUES: Final = 1_000_000  # with aliases written out; a guess: no settings have so many
-_MOST_BITS: Final = 1023  # of a whole number: more than a float holds
+_MOST_BYTES: Final = 500_000  # a guess: ten times the longest settings. PyYAML takes some ten seconds for this many
+_MOST_VALUES: Final = 1_000_000  # with aliases expanded; a guess: more than any settings have
+_MOST_BITS: Final = 1023  # of an integer: beyond the range of a float
 _MOST_NESTED: Final = 50
-"""Brackets in one another: PyYAML goes through all that are open at every word, so thousands of them take minutes."""
+"""Nesting of brackets: PyYAML iterates over all open ones at every word, so thousands of them take minutes."""
 
 
-class NotYaml(ValueError):  # noqa: N818 - what the text is
-    """The text is not YAML, or its aliases stand for more than any settings hold; one line says where and why."""
+class NotYaml(ValueError):  # noqa: N818 - named for what the text is
+    """The text is not YAML, or its aliases expand to too many values; the message is one line with place and reason."""
 
 
 @cache
 def _loader() -> Any:
-    import yaml  # a robot starts without a file of that kind more often than with one
+    import yaml  # imported here because most robots start without a YAML file
 
     class Loader(yaml.SafeLoader):
         def fetch_flow_collection_start(self, TokenClass: Any) -> None:
@@ -29,11 +29,11 @@ def _loader() -> Any:
 
 
 def load_yaml(text: bytes | str) -> Any:
-    """The content of a document. Raises NotYaml; bytes are UTF-8."""
+    """Parse a document; bytes are UTF-8. Raises NotYaml."""
     import yaml
 
     if len(text) > _MOST_BYTES:
-        raise NotYaml(f"it is longer than {_MOST_BYTES} bytes, which no settings are")
+        raise NotYaml(f"it is longer than {_MOST_BYTES} bytes")
     try:
         content = yaml.load(text if isinstance(text, str) else text.decode("utf-8"), _loader())
         size = _size(content, {})
@@ -44,22 +44,22 @@ def load_yaml(text: bytes | str) -> Any:
     except (yaml.YAMLError, UnicodeError) as error:
         raise NotYaml(" ".join(str(error).split())) from error
     except (ValueError, ArithmeticError, TypeError, AttributeError, LookupError) as error:
-        # a date of the 99th day, a number with no digits: the loader's constructors let through any
+        # such as a date with day 99, or a number without digits: the loader's constructors raise any exception
         raise NotYaml(f"a value is not what it looks like: {error}") from error
     if size > _MOST_VALUES:
-        raise NotYaml(f"its aliases stand for more than {_MOST_VALUES} values")
+        raise NotYaml(f"its aliases expand to more than {_MOST_VALUES} values")
     return content
 
 
 def _size(value: Any, known: dict[int, int]) -> int:
-    """Values with aliases written out, each container counted once. Raises NotYaml for one that contains itself."""
+    """The number of values with aliases expanded. Computed once per container. Raises NotYaml for recursive aliases."""
     if isinstance(value, int) and value.bit_length() > _MOST_BITS:
         raise NotYaml("a whole number is too large to compute with")
     if not isinstance(value, Mapping | list | tuple | set):
         return 1
     size = known.get(id(value))
     if size == 0:
-        raise NotYaml("an alias leads into itself")
+        raise NotYaml("an alias contains itself")
     if size is None:
         known[id(value)] = 0
         size = 1 + sum(_size(item, known) for item in (value.values() if isinstance(value, Mapping) else value))

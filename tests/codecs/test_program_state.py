@@ -90,7 +90,7 @@ def test_unknown_kinds_are_kept():
 
 @pytest.mark.parametrize(
     ("body", "reason"),
-    [("63", "type code 99"), ("0f 0000", "too early"), ("0d 01 0b", "line feed"), ("11 0001" * 40, "nests deeper")],
+    [("63", "type code 99"), ("0f 0000", "too early"), ("0d 01 0b", "line feed"), ("11 0001" * 40, "nested deeper")],
 )
 def test_unreadable_values_are_kept_with_the_reason(body, reason):
     payload = struct.pack(">QBH", 0, 1, 0) + bytes.fromhex(body)

@@ -14,7 +14,7 @@ MULTIPLYING = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1
         ("a: !!int", "not what it looks like"),
         ("[" * 3000, "nested too deeply"),
         ("[x " * 2000, "nested too deeply"),
-        ("a: &a [*a]", "leads into itself"),
+        ("a: &a [*a]", "contains itself"),
         (MULTIPLYING, "more than 1000000 values"),
         (b"a: \xe4", "utf-8"),
         ("a: [", "expected the node content"),

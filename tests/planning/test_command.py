@@ -63,7 +63,7 @@ def test_the_orientation_of_the_start_is_kept() -> None:
         ((f"LIN {pose(0.0, 0.1)} center=0,0,0",), "for an arc give CIRC"),
         ((f"CIRC {pose(0.0, 0.1)} center=0,0",), "three numbers"),
         (("1,2,3",), "six joint angles"),
-        (("up", "--model", "ur4"), "unknown robot model 'ur4': known are ur3"),
+        (("up", "--model", "ur4"), "unknown robot model 'ur4': choose one of ur3"),
         ((pose(0.0, 0.1), "--keep-within", "1,1,1"), "six numbers"),
         ((pose(0.0, 0.1), "--keep-orientation", "-1,0,0"), "0 or above"),
     ],

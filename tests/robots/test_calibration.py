@@ -208,10 +208,10 @@ def _with(link: str, key: str, value: object) -> dict:
         (None, "neither `kinematics:` nor `dh_theta:`"),
         ({"kinematics": 3}, "neither"),
         (_without("wrist_1"), "there is no wrist_1"),
-        (_with("wrist_2", "roll", "much"), "roll of wrist_2 must be a number, it is 'much'"),
+        (_with("wrist_2", "roll", "much"), "roll of wrist_2 must be a number, not 'much'"),
         (_with("wrist_2", "roll", math.nan), "roll of wrist_2 must be a number"),
         (_with("forearm", "y", 0.01), "no Denavit-Hartenberg parameters"),
-        ({"kinematics": {"hash": 7}}, "hash must be a text"),
+        ({"kinematics": {"hash": 7}}, "hash must be text"),
         ({"dh_theta": [0.0] * 6, "dh_a": [0.0] * 5}, "dh_a must be six numbers"),
     ],
 )

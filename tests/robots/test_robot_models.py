@@ -97,7 +97,7 @@ def test_every_number_has_a_source(name: str) -> None:
 
 
 def test_unknown_model_lists_the_known() -> None:
-    with pytest.raises(UnknownModel, match=r"'ur4': known are ur3, ur3e, .*, ur30") as caught:
+    with pytest.raises(UnknownModel, match=r"'ur4': choose one of ur3, ur3e, .*, ur30") as caught:
         load_model("ur4")
     assert caught.value.name == "ur4"
 
@@ -117,9 +117,9 @@ def test_models_are_shared_and_never_change() -> None:
 @pytest.mark.parametrize(
     ("before", "after", "complaint"),
     [
-        ("reach_m = 0.5", "", r"ur3.toml: reach_m must be a number, it is None"),
-        ("reach_m = 0.5", 'reach_m = "far"', r"ur3.toml: reach_m must be a number, it is 'far'"),
-        ("reach_m = 0.5", "reach_m = true", r"ur3.toml: reach_m must be a number, it is True"),
+        ("reach_m = 0.5", "", r"ur3.toml: reach_m must be a number, not None"),
+        ("reach_m = 0.5", 'reach_m = "far"', r"ur3.toml: reach_m must be a number, not 'far'"),
+        ("reach_m = 0.5", "reach_m = true", r"ur3.toml: reach_m must be a number, not True"),
         ("robot_type = 3", "robot_type = 3.5", r"ur3.toml: robot_type must be a whole number"),
         ("wrist3_unlimited = true", "wrist3_unlimited = 1", r"\[limits\]: wrist3_unlimited must be true or false"),
         ("a_m = [0.0, ", "a_m = [", r"ur3.toml \[dh\]: a_m must be 6 numbers"),

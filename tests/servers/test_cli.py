@@ -154,7 +154,7 @@ def test_a_port_in_use(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        (["--model", "ur4"], "unknown robot model 'ur4': known are"),
+        (["--model", "ur4"], "unknown robot model 'ur4': choose one of"),
         (["--polyscope", "new"], "'new' is not a PolyScope version"),
         (["--model", "ur3", "--polyscope", "5.22"], "UR3 is a CB3 arm"),
         (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),

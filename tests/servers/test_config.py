@@ -66,9 +66,9 @@ def test_texts_that_are_no_version(text: str) -> None:
         ("ur5e", "10.6", "emulated from 10.7 to 10.13"),
         ("ur5e", "10.14.0", "emulated from 10.7 to 10.13"),
         ("ur5e", "11.0", "emulated from 10.7 to 10.13"),
-        ("ur15", "10.7.0", "UR15 came to PolyScope X with 10.8"),
-        ("ur7e", "10.8", "UR7e came to PolyScope X with 10.9"),
-        ("ur5", "10.12", "is a CB3 arm: its PolyScope version is 3.0 to 3.15"),
+        ("ur15", "10.7.0", "UR15 requires PolyScope X 10.8 or later"),
+        ("ur7e", "10.8", "UR7e requires PolyScope X 10.9 or later"),
+        ("ur5", "10.12", "is a CB3 arm: it requires PolyScope 3.0 to 3.15"),
     ],
 )
 def test_polyscope_x_by_model(model: str, text: str, problem: str) -> None:

@@ -65,7 +65,7 @@ def test_the_example_file_is_one():
     [
         ("a: [", "not YAML"),
         ("[1, 2]", "the file must be a mapping"),
-        ("object: {}", "has 'object'; known are tool, links, objects"),
+        ("object: {}", "has 'object'; allowed are tool, links, objects"),
         ("links: 1", "links must be true or false"),
         ("objects: [1]", "objects must be a mapping"),
         ("objects: {a: {}}", "a must have exactly one of plane, box, sphere"),

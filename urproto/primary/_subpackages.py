@@ -1,12 +1,10 @@
 """The sub-packages of a robot state.
 
-Software grew by appending to the bodies, so each dataclass lists what its oldest form
-holds in ``_layout`` and what came later, with the version it came in, in ``_later``.
-Reading goes by size alone.
+Newer versions only append to the bodies. Each dataclass therefore lists the fields of its oldest form in ``_layout``,
+and later fields with their first versions in ``_later``. Decoding relies on the size alone.
 
-Sizes: captures of a 5.4, an early 5.x and a 5.24 simulator and of a late CB3 arm. What the
-captures do not say comes from the vendor's client interface documents as read by several
-public clients.
+Sources of the sizes: captures of a 5.4, an early 5.x and a 5.24 simulator and of a late CB3 arm; the rest is from the
+vendor's client interface documents as interpreted by several public clients.
 """
 
 import struct
@@ -42,7 +40,7 @@ _JOINTS = 6
 
 
 def _count(layout: str) -> int:
-    """How many numbers a layout such as ``6d`` stands for."""
+    """The number of values in a layout such as ``6d``."""
     return int(layout[:-1] or 1)
 
 
@@ -52,7 +50,7 @@ def _size(layout: Layout) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubPackage:
-    """Base of the sub-packages."""
+    """Base class of the sub-packages."""
 
     type: ClassVar[int]
     available: ClassVar[Availability] = _ALWAYS
@@ -60,7 +58,7 @@ class SubPackage:
     _later: ClassVar[tuple[tuple[Availability, Layout], ...]] = ()
 
     def encode(self, version: PolyscopeVersion) -> bytes:
-        """The sub-package with its header; LocalProtocolError when a value does not fit."""
+        """The sub-package with its header. Raises LocalProtocolError when a value does not fit."""
         return frame(self.type, self._body(version))
 
     def _body(self, version: PolyscopeVersion) -> bytes:
@@ -89,10 +87,9 @@ def _read_fields(reader: Reader, layout: Layout) -> Iterator[tuple[str, Any]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeData(SubPackage):
-    """What the robot is doing. robot_mode is a RobotMode, control_mode a ControlMode.
+    """State of the robot. robot_mode is a RobotMode, control_mode a ControlMode.
 
-    timestamp_us counts from the controller's start [us]. real_robot_connected is true in
-    the simulator too.
+    timestamp_us counts from the controller's start [us]. real_robot_connected is true in the simulator as well.
     """
 
     type: ClassVar[int] = 0
@@ -133,7 +130,7 @@ class ModeData(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointState:
-    """One joint: rad, rad/s, A, V, degC; mode is a JointMode. e-Series sends no micro temperature."""
+    """State of a joint: rad, rad/s, A, V, degC; mode is a JointMode. e-Series does not send a micro temperature."""
 
     q_actual: float
     q_target: float
@@ -167,7 +164,7 @@ class JointData(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolData(SubPackage):
-    """The tool flange's board: A or V, V, A, degC; tool_mode is a ToolMode."""
+    """The board in the tool flange: A or V, V, A, degC; tool_mode is a ToolMode."""
 
     type: ClassVar[int] = 2
     _layout: ClassVar[Layout] = (
@@ -195,7 +192,7 @@ class ToolData(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EuromapData:
-    """The Euromap 67 interface, sent only by boxes that have one."""
+    """The Euromap 67 interface; only sent by control boxes that have one."""
 
     input_bits: int = 0
     output_bits: int = 0
@@ -207,9 +204,9 @@ class EuromapData:
 class MasterboardData(SubPackage):
     """The control box: digital bits 0-7 standard, 8-15 configurable, 16-17 tool; A or V; degC.
 
-    A domain is an AnalogDomain, safety_mode a SafetyMode. safety_checksum is the same
-    number as in SafetyData; its name is a guess. The selector and the three-position device
-    are 1 in captures of e-Series simulators and 0 in the CB3 one.
+    A domain is an AnalogDomain, safety_mode a SafetyMode. safety_checksum is the same number as in SafetyData; its name
+    is a guess. The selector and the three-position device are 1 in captures of e-Series simulators and 0 in the CB3
+    capture.
     """
 
     type: ClassVar[int] = 3
@@ -239,7 +236,7 @@ class MasterboardData(SubPackage):
 
     digital_input_bits: int = 0
     digital_output_bits: int = 0
-    analog_input_range0: int = 1  # this and internal as every capture has them
+    analog_input_range0: int = 1  # this and internal as in all captures
     analog_input_range1: int = 1
     analog_input0: float = 0.0
     analog_input1: float = 0.0
@@ -295,8 +292,8 @@ class CartesianInfo(SubPackage):
 class KinematicsInfo(SubPackage):
     """Denavit-Hartenberg parameters [rad, m, m, rad], calibrated or nominal.
 
-    A simulator sends nominal ones with all checksums 2^32-1 and status OK. The short form
-    some software sends carries only the status.
+    A simulator sends nominal ones with all checksums 2^32-1 and status OK. The short form, sent by some versions,
+    contains only the status.
     """
 
     type: ClassVar[int] = 5
@@ -391,8 +388,8 @@ class ConfigurationData(SubPackage):
 class ForceModeData(SubPackage):
     """Task frame of force mode and the square of the Jacobian's determinant.
 
-    frame: in the base frame [m, rotation vector], zero without force mode. Clients disagree whether it is
-    a frame or a wrench; the capture of an arm that senses a force has zeros here and the force in CalibrationData.
+    frame: in the base frame [m, rotation vector], zero without force mode. Clients disagree whether it is a frame or a
+    wrench; the capture of an arm that measures a force has zeros here and the force in CalibrationData.
     """
 
     type: ClassVar[int] = 7
@@ -422,7 +419,7 @@ class AdditionalInfo(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationData(SubPackage):
-    """Internal: a wrench [N, Nm]; zero in simulators, that of a sensed force from an arm."""
+    """Internal: a wrench [N, Nm]; zero from simulators, the measured force from an arm."""
 
     type: ClassVar[int] = 9
     _layout: ClassVar[Layout] = (("wrench", "6d"),)
@@ -453,7 +450,7 @@ class SafetyData(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolCommunicationInfo(SubPackage):
-    """Serial line through the tool connector (e-Series); defaults as a simulator sends them."""
+    """Serial line at the tool connector (e-Series); the defaults are those of a simulator."""
 
     type: ClassVar[int] = 11
     available: ClassVar[Availability] = _ONLY_E
@@ -476,7 +473,7 @@ class ToolCommunicationInfo(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolModeInfo(SubPackage):
-    """Use of the tool's output pins (e-Series)."""
+    """Use of the tool output pins (e-Series)."""
 
     type: ClassVar[int] = 12
     available: ClassVar[Availability] = _ONLY_E
@@ -493,9 +490,9 @@ class ToolModeInfo(SubPackage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SingularityInfo(SubPackage):
-    """Internal: how near which singularity is (client interface document of 5.9; its numbers are not published).
+    """Internal: proximity of singularities (client interface document of 5.9; its numbers are not published).
 
-    No capture of a simulator (5.4 to 5.24) or of an arm has it, so the emulator does not send it.
+    No capture of a simulator (5.4 to 5.24) or of an arm contains it, so the emulator does not send it.
     """
 
     type: ClassVar[int] = 13

@@ -1,4 +1,4 @@
-"""Messages of the primary interface out of a byte stream, in any split."""
+"""Split a byte stream into messages of the primary interface, whatever its chunks."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ from urproto.primary.program_state import (
 from urproto.primary.state import RobotStateData, decode_robot_state
 from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
-MAX_MESSAGE_SIZE = 1 << 20  # bytes; guess: ample, the longest message in any capture has 1471
+MAX_MESSAGE_SIZE = 1 << 20  # bytes; guess: ample, since the longest message in any capture has 1471
 
 
 @dataclass(frozen=True, slots=True)
 class OtherMessage:
-    """A message of another type, or one that does not parse; then ``error`` says why."""
+    """A message of another type, or one that cannot be decoded; then ``error`` gives the reason."""
 
     type: int
     payload: bytes
@@ -39,10 +39,10 @@ PrimaryMessage = (
 
 
 class PrimaryDecoder:
-    """Cuts messages out of the stream and reads them.
+    """Splits a stream into messages and decodes them.
 
-    ``version`` is the sender's. It is taken from the version message, which comes first on
-    every connection; until then the newest version is assumed.
+    version: the sender's. It is taken from the version message, which is the first one on every connection; before
+    that, the newest version is assumed.
     """
 
     def __init__(self, version: PolyscopeVersion = DEFAULT_VERSION[Series.E]) -> None:
@@ -51,11 +51,11 @@ class PrimaryDecoder:
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[PrimaryMessage]:
-        """Take bytes, give the messages they complete.
+        """Add bytes; returns the messages they complete.
 
-        A size that cannot be ends the stream: messages before it are still given, and this
-        call, or the next one if there were any, raises RemoteProtocolError; ``error`` is set
-        at once. A message with a sound size and an unreadable payload is an OtherMessage.
+        An impossible size ends the stream: messages before it are still returned, and this call, or the next one if
+        there were any, raises RemoteProtocolError; ``error`` is set immediately. A message with a valid size but an
+        invalid payload is returned as an OtherMessage.
         """
         messages: list[PrimaryMessage] = []
         self._buffer += data

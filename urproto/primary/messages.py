@@ -1,12 +1,12 @@
-"""Robot messages (type 20) of the primary interface: what happened, when, and who says so.
+"""Robot messages (type 20) of the primary interface: events with their time and source.
 
-A message is one dataclass with the order of its body in ``_layout``: a struct letter for a
-number, ``short`` for text behind a length byte, ``text`` for text to the end. Messages of
-a kind not known here decode to UnknownMessage and lose nothing.
+Each message is a dataclass with the order of its body in ``_layout``: a struct letter for a number, ``short`` for text
+preceded by a length byte, ``text`` for text up to the end. Messages of an unknown kind decode to UnknownMessage, which
+keeps all their bytes.
 
-Layouts: the vendor's client interface documents as read by several public clients. The
-part each kind of message comes from: captures of a 5.4 simulator and of a live 5.11 arm,
-tests of the official C++ client.
+Sources of the layouts: the vendor's client interface documents as interpreted by several public clients. Where each
+kind of message comes from (``source``): captures of a 5.4 simulator and of a live 5.11 arm, tests of the official C++
+client.
 """
 
 from dataclasses import dataclass
@@ -23,25 +23,25 @@ from urproto.versions import Availability, PolyscopeVersion
 # Titles of the key messages about a program; its name is the text.
 PROGRAM_STARTED = "PROGRAM_XXX_STARTED"
 PROGRAM_STOPPED = "PROGRAM_XXX_STOPPED"
-PROGRAM_PAUSED = "PROGRAM_XXX_PAUSED"  # two public clients know it
-PROGRAM_RESUMED = "PROGRAM_XXX_RESUMED"  # guess, after the three above
+PROGRAM_PAUSED = "PROGRAM_XXX_PAUSED"  # in two public clients
+PROGRAM_RESUMED = "PROGRAM_XXX_RESUMED"  # guess, by analogy with the three above
 
-# Stamp of messages that belong to no control cycle: version messages, compile errors and
-# program states carry it in captures of 3.10, 5.4, 5.11 and 5.12 controllers.
+# Timestamp of messages that do not belong to a control cycle: version messages, compile errors and program states have
+# it in captures of 3.10, 5.4, 5.11 and 5.12 controllers.
 NO_TIMESTAMP_US = 2**64 - 1
 
-# Popups carry a request id and type from some 3.x on, and come as request value messages of no type from then
-# on: a note in the vendor's document of 5.9 says so, two public clients that show an arm's popups read them there
-# (one of them looked for the documented kind 2 first). That both came with one version, and which, are guesses.
+# From some 3.x on, popups have a request id and type, and are sent as request value messages of no type. A note in the
+# vendor's document of 5.9 says so, and two public clients that show an arm's popups read them there (one of them first
+# searched for the documented kind 2). That both changes came with the same version, and which one, are guesses.
 _LONG_POPUP = Availability.since("3.3", "5.0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotMessage:
-    """Base of all robot messages.
+    """Base class of all robot messages.
 
-    timestamp_us counts from the controller's start [us]; 0 until somebody stamps it.
-    source is a MessageSource value, or any other number a peer sent.
+    timestamp_us counts from the controller's start [us]; 0 if not yet set.
+    source is a MessageSource value, or any other number sent by a peer.
     """
 
     kind: ClassVar[int]
@@ -51,10 +51,10 @@ class RobotMessage:
     source: int = MessageSource.ROBOT_INTERFACE
 
     def encode(self, version: PolyscopeVersion) -> bytes:
-        """The whole message as a controller of this version sends it.
+        """The complete message as sent by a controller of this version.
 
-        Titles and names are cut at 255 bytes, the most their length byte can say.
-        Raises LocalProtocolError for a number its field cannot hold.
+        Titles and names are cut at 255 bytes, the maximum of their length byte.
+        Raises LocalProtocolError for a number that does not fit its field.
         """
         header = pack("QbB", self.timestamp_us, self.source, self._kind(version))
         return frame(ROBOT_MESSAGE, header + self._body(version))
@@ -93,7 +93,7 @@ def _decode_item(how: str, reader: Reader) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextMessage(RobotMessage):
-    """A line for the log, as ``textmsg()`` writes it."""
+    """A line for the log, as written by ``textmsg()``."""
 
     kind: ClassVar[int] = 0
     _layout: ClassVar[tuple[tuple[str, str], ...]] = (("text", "text"),)
@@ -115,7 +115,7 @@ class ProgramLabelMessage(RobotMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PopupMessage(RobotMessage):
-    """A dialogue on the teach pendant; requested_type is a RequestedType.
+    """A dialog on the teach pendant; requested_type is a RequestedType.
 
     Newer software sends it with the kind of a request value message that requests nothing.
     """
@@ -156,7 +156,7 @@ class PopupMessage(RobotMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VersionMessage(RobotMessage):
-    """Who is speaking: the first message on every connection."""
+    """The sender's version: the first message on every connection."""
 
     kind: ClassVar[int] = 3
     _layout: ClassVar[tuple[tuple[str, str], ...]] = (
@@ -178,7 +178,7 @@ class VersionMessage(RobotMessage):
 
     @classmethod
     def of(cls, version: PolyscopeVersion, build_date: str) -> Self:
-        """The message a controller of this version sends.
+        """The message sent by a controller of this version.
 
         The build number is 0, as in every capture (3.10, 5.4, 5.11, 5.12, 5.13, 5.24).
         """
@@ -213,9 +213,9 @@ class SafetyModeMessage(RobotMessage):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorCodeMessage(RobotMessage):
-    """An entry of the error log, shown to people as ``C<code>A<argument>``.
+    """An entry of the error log, displayed as ``C<code>A<argument>``.
 
-    level is a ReportLevel; data is the raw 32-bit word, to be read as data_type says.
+    level is a ReportLevel; data is the raw 32-bit word, to be interpreted according to data_type.
     """
 
     kind: ClassVar[int] = 6
@@ -238,13 +238,13 @@ class ErrorCodeMessage(RobotMessage):
 
     @property
     def label(self) -> str:
-        """The code as the log shows it."""
+        """The code as displayed in the log."""
         return f"C{self.code}A{self.argument}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyMessage(RobotMessage):
-    """A fixed title with a free text, such as a program's start (see PROGRAM_STARTED)."""
+    """A fixed title with a free text, such as the start of a program (see PROGRAM_STARTED)."""
 
     kind: ClassVar[int] = 7
     _layout: ClassVar[tuple[tuple[str, str], ...]] = (
@@ -292,7 +292,7 @@ class RuntimeExceptionMessage(RobotMessage):
 
 @dataclass(frozen=True, slots=True)
 class ProgramThread:
-    """Where one thread of the running program stands."""
+    """Position of a thread of the running program."""
 
     label_id: int
     label: str
@@ -301,7 +301,7 @@ class ProgramThread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProgramThreadsMessage(RobotMessage):
-    """All threads of the running program."""
+    """Positions of all threads of the running program."""
 
     kind: ClassVar[int] = 14
 
@@ -333,7 +333,7 @@ def _read_long_text(reader: Reader) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnknownMessage(RobotMessage):
-    """A message of a kind this module does not know, kept as it came."""
+    """A message of an unknown kind, kept unchanged."""
 
     kind: ClassVar[int] = -1
 
@@ -365,11 +365,10 @@ _KINDS: dict[int, type[RobotMessage]] = {
 
 
 def decode_robot_message(payload: bytes, version: PolyscopeVersion) -> RobotMessage:
-    """Read the payload of a type 20 message (everything after size and type).
+    """Decode the payload of a type 20 message (everything after size and type).
 
-    ``version`` is the sender's, from its version message. Bytes after a fixed layout are
-    ignored, newer software appends fields. Raises RemoteProtocolError when a known kind is
-    shorter than its layout.
+    version: the sender's, from its version message. Bytes after a fixed layout are ignored, because newer versions
+    append fields. Raises RemoteProtocolError when a known kind is shorter than its layout.
     """
     reader = Reader(payload, "robot message")
     timestamp_us, source, kind = reader.unpack("QbB")
@@ -383,7 +382,7 @@ def decode_robot_message(payload: bytes, version: PolyscopeVersion) -> RobotMess
 
 
 def _as_popup(payload: bytes, version: PolyscopeVersion) -> PopupMessage | None:
-    """A request value message that requests nothing, read as the popup it is; None when it cannot be one."""
+    """Decode a request value message without a request as a popup; None if it cannot be one."""
     if not _LONG_POPUP.covers(version):
         return None
     reader = Reader(payload, "popup")

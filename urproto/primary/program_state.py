@@ -1,12 +1,11 @@
 """Program state messages (type 25): names and values of the running program's variables.
 
-The names come once, when a program starts; values follow in the same order. Both say at
-which variable they start, so a long list may be split. Each value carries its type; the
-type codes changed with 3.3, and with 3.14 and 5.9.
+The names are sent once, when a program starts; values follow in the same order. Both contain the index of their first
+variable, so a long list may be split. Each value has a type code; the codes changed with 3.3, and with 3.14 and 5.9.
 
-Sources: decoders of two public clients for the value encoding, and the vendor's client
-interface document of 5.9 for the codes by version; a 5.4 simulator's capture for the
-header; the vendor's client interface document of 5.6 for the kinds.
+Sources: decoders of two public clients for the value encoding, the vendor's client interface document of 5.9 for the
+codes by version, a 5.4 simulator's capture for the header, and the vendor's client interface document of 5.6 for the
+kinds.
 """
 
 import struct
@@ -25,7 +24,7 @@ from urproto.versions import Availability, PolyscopeVersion
 _OLD_CODES = Availability.since("3.3", "5.0")
 _NEW_CODES = Availability.since("3.14", "5.9")
 _MAX_DEPTH = 32  # lists within lists (guess: nothing nests deeper)
-_MAX_TEXT = 65535  # bytes: a string's length travels in two bytes
+_MAX_TEXT = 65535  # bytes: the length of a string is sent in two bytes
 _NAMES = 0
 _VALUES = 1
 _VARIABLE = 2
@@ -69,7 +68,7 @@ _NEW_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class PoseValue:
-    """A pose: x, y, z [m], rotation vector [rad]. The wire carries 32-bit floats."""
+    """A pose: x, y, z [m], rotation vector [rad]. It is sent as 32-bit floats."""
 
     values: tuple[float, ...]
 
@@ -100,7 +99,7 @@ _Encode = Callable[[Any], bytes]
 
 @cache
 def _encoder(version: PolyscopeVersion) -> _Encode:
-    """What encodes a value, type code and body, for one version. Called for every element: made once."""
+    """The function that encodes a value as type code and body, for one version. Cached, as it is used per element."""
     codes = {name: code for code, name in _types(version).items()}
 
     def number(name: str, layout: str) -> _Encode:
@@ -109,7 +108,7 @@ def _encoder(version: PolyscopeVersion) -> _Encode:
 
     def text(value: str) -> bytes:
         data = to_bytes(value)[:_MAX_TEXT]
-        # the document's example, and what a forum tells of experiments; when it is the other one is not known
+        # as in the document's example and in experiments reported in a forum; the use of the other type is not known
         return pack("BH", codes[_CONST_STRING], len(data)) + data
 
     def pose(value: PoseValue) -> bytes:
@@ -148,7 +147,7 @@ def _encoder(version: PolyscopeVersion) -> _Encode:
 
 
 class _Parser:
-    """Decodes values of one version."""
+    """Decoder of values for one version."""
 
     def __init__(self, version: PolyscopeVersion, reader: Reader) -> None:
         self._types = _types(version)
@@ -168,13 +167,13 @@ class _Parser:
         }
 
     def read(self) -> Value:
-        """One value. Raises RemoteProtocolError for an unknown type code."""
+        """Decode one value. Raises RemoteProtocolError for an unknown type code."""
         (code,) = self._reader.unpack("B")
         if code not in self._types:
-            raise RemoteProtocolError(f"no program variable has type code {code}")
+            raise RemoteProtocolError(f"unknown type code {code} of a program variable")
         self._depth += 1
         if self._depth > _MAX_DEPTH:
-            raise RemoteProtocolError(f"a program variable nests deeper than {_MAX_DEPTH} lists")
+            raise RemoteProtocolError(f"a program variable has lists nested deeper than {_MAX_DEPTH}")
         value = self._bodies[self._types[code]]()
         self._depth -= 1
         return value
@@ -194,15 +193,15 @@ class _Parser:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GlobalVariableNames:
-    """Names of a starting program's variables; the first has index ``start_index``."""
+    """Names of the variables of a program that starts; the first one has index ``start_index``."""
 
     timestamp_us: int = NO_TIMESTAMP_US
     start_index: int = 0
     names: tuple[str, ...]
 
     def encode(self, version: PolyscopeVersion) -> bytes:
-        """The whole message."""
-        text = to_bytes("".join(f"{name}\n" for name in self.names))  # as the document's example, with the last LF
+        """The complete message."""
+        text = to_bytes("".join(f"{name}\n" for name in self.names))  # as in the document's example, with a final LF
         return frame(PROGRAM_STATE, pack("QBH", self.timestamp_us, _NAMES, self.start_index) + text)
 
 
@@ -215,7 +214,7 @@ class GlobalVariableValues:
     values: tuple[Value, ...]
 
     def encode(self, version: PolyscopeVersion) -> bytes:
-        """The whole message; LocalProtocolError for a value this version has no code for."""
+        """The complete message. Raises LocalProtocolError for a value without a code in this version."""
         encode = _encoder(version)
         data = b"".join([encode(value) + b"\n" for value in self.values])
         return frame(PROGRAM_STATE, pack("QBH", self.timestamp_us, _VALUES, self.start_index) + data)
@@ -223,14 +222,14 @@ class GlobalVariableValues:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariableMessage:
-    """One variable as text, as ``varmsg()`` sends it. The vendor's document calls it deprecated."""
+    """A variable as text, as sent by ``varmsg()``; deprecated according to the vendor's document."""
 
-    timestamp_us: int = 0  # until somebody stamps it
+    timestamp_us: int = 0  # 0 if not yet set
     title: str
     text: str
 
     def encode(self, version: PolyscopeVersion) -> bytes:
-        """The whole message."""
+        """The complete message."""
         return frame(
             PROGRAM_STATE, pack("QB", self.timestamp_us, _VARIABLE) + short_text(self.title) + to_bytes(self.text)
         )
@@ -238,14 +237,14 @@ class VariableMessage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnknownProgramState:
-    """A program state message of another kind, kept as it came."""
+    """A program state message of another kind, kept unchanged."""
 
     timestamp_us: int
     kind: int
     body: bytes
 
     def encode(self, version: PolyscopeVersion) -> bytes:
-        """The whole message."""
+        """The complete message."""
         return frame(PROGRAM_STATE, pack("QB", self.timestamp_us, self.kind) + self.body)
 
 
@@ -262,9 +261,9 @@ def _read_values(reader: Reader, version: PolyscopeVersion) -> tuple[Value, ...]
 def decode_program_state(
     payload: bytes, version: PolyscopeVersion
 ) -> GlobalVariableNames | GlobalVariableValues | VariableMessage | UnknownProgramState:
-    """Read the payload of a type 25 message (everything after size and type).
+    """Decode the payload of a type 25 message (everything after size and type).
 
-    ``version`` is the sender's, from its version message. Raises RemoteProtocolError.
+    version: the sender's, from its version message. Raises RemoteProtocolError.
     """
     reader = Reader(payload, "program state")
     timestamp_us, kind = reader.unpack("QB")

@@ -1,8 +1,7 @@
 """Robot state (type 16) of the primary interface, sent at 10 Hz.
 
-A state is a run of sub-packages, ``int32 size | uint8 type | body``, in an order that a
-reader must not rely on. Order here: captures of a 5.4, an early 5.x and a 5.24 simulator
-and of a late CB3 arm, which agree.
+A state is a sequence of sub-packages, ``int32 size | uint8 type | body``, in an order that readers must not rely on.
+The order here is that of captures of a 5.4, an early 5.x and a 5.24 simulator and of a late CB3 arm, which agree.
 """
 
 from dataclasses import dataclass, fields
@@ -58,19 +57,19 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class RawSubPackage:
-    """A sub-package of an unknown type, or shorter than any known form of its type."""
+    """A sub-package of an unknown type, or one that is shorter than any known form of its type."""
 
     type: int
     body: bytes
 
     def encode(self, version: PolyscopeVersion) -> bytes:
-        """The sub-package as it came."""
+        """The sub-package as received."""
         return frame(self.type, self.body)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotStateData:
-    """One robot state, in the order controllers send its parts. A part is None when it was not sent."""
+    """A robot state, with its parts in the order of controllers. A part is None when it was not sent."""
 
     mode: ModeData | None = None
     joints: JointData | None = None
@@ -90,7 +89,7 @@ class RobotStateData:
 
     @property
     def parts(self) -> tuple[SubPackage, ...]:
-        """The known parts that are there."""
+        """The known parts that are present."""
         parts = (getattr(self, field.name) for field in fields(self) if field.name != "unknown")
         return tuple(part for part in parts if part is not None)
 
@@ -118,10 +117,10 @@ _ONLY_WHEN_FULL = (KinematicsInfo.type, ConfigurationData.type)
 
 
 def encode_robot_state(state: RobotStateData, version: PolyscopeVersion, *, full: bool) -> bytes:
-    """The whole message as a controller of this version sends it.
+    """The complete message as sent by a controller of this version.
 
-    Parts the version does not have are left out. Kinematics and configuration go only into
-    a ``full`` state, which controllers send first on a connection and when one changed.
+    Parts that the version does not have are left out. Kinematics and configuration are only part of a ``full`` state,
+    which controllers send first on a connection and after a change of either.
     """
     parts = [
         part.encode(version)
@@ -143,10 +142,10 @@ def _decode_part(kind: int, body: bytes) -> tuple[str, SubPackage] | RawSubPacka
 
 
 def decode_robot_state(payload: bytes) -> RobotStateData:
-    """Read the payload of a type 16 message (everything after size and type).
+    """Decode the payload of a type 16 message (everything after size and type).
 
-    Order and presence of the parts are free; bytes a known part has beyond its newest known
-    form are ignored. Raises RemoteProtocolError when the parts' sizes do not add up.
+    Parts may be in any order or missing; bytes of a known part beyond its newest known form are ignored. Raises
+    RemoteProtocolError when the sizes of the parts do not add up.
     """
     reader = Reader(payload, "robot state")
     known: dict[str, Any] = {}

@@ -1,7 +1,6 @@
-"""The arms and their mathematics.
+"""The arm models, and their kinematics and dynamics.
 
-Importing this package is cheap; ``dynamics`` loads Pinocchio and is imported by name where
-it is needed.
+Importing this package is cheap; ``dynamics`` loads Pinocchio and must be imported explicitly where it is needed.
 """
 
 from urproto.robots.calibrated import kinematics_of

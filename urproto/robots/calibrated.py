@@ -1,9 +1,9 @@
-"""Kinematics of a calibrated arm: near the closed form, but not of its shape.
+"""Kinematics of a calibrated arm, whose geometry deviates slightly from the shape that the closed form solves.
 
-Forward kinematics goes along the chain of ``urproto.robots.calibration``. The inverse starts from the joints it is to
-be near to, or else from what the closed form finds for an arm without the small deviations, and goes on with Newton's
-steps, damped by the square of the error (Levenberg), so that it also arrives where the arm is singular. How many steps
-there may be is fixed.
+Forward kinematics follows the chain of ``urproto.robots.calibration``. Inverse kinematics starts from the joint angles
+that the solution should be close to, or else from the closed-form solutions of the nominal arm. It continues with
+Newton steps, damped by the square of the error (Levenberg), so that it also converges where the arm is singular. The
+number of steps is limited.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,30 +18,31 @@ from urproto.robots.pose import matrix_to_rotvec, rotvec_to_matrix
 from urproto.vectors import Matrix3, Vector3, times6
 
 _ARRIVED: Final = 1e-10  # m and rad
-_STEPS: Final = 12  # from a start that is near, two or three are enough; at singular arms more
-# In so many steps the error falls to this share of it even where the arm is singular, or it never will (guess).
+_STEPS: Final = 12  # two or three are enough from a close start; singular configurations need more
+# Within this many steps, the error falls to this fraction even near singularities, or it never will (guess).
 _STALL_STEPS: Final = 3
 _STALLED: Final = 0.7
-_STEP_RAD: Final = 0.3  # the longest
-_MOST_STEPS: Final = 80  # for one pose, all starts together
-_MOST_STARTS: Final = 3  # where only the nearest solution is wanted
-_NEAR_RAD: Final = 0.1  # solutions this near to the given joints are taken for the nearest (guess)
-# Where the closed form looks for starts: a pose just out of the nominal arm's reach may be within this one's (guess).
+_STEP_RAD: Final = 0.3  # maximum length of a step
+_MOST_STEPS: Final = 80  # for a pose, all starts together
+_MOST_STARTS: Final = 3  # when only the nearest solution is needed
+_NEAR_RAD: Final = 0.1  # a solution this close to the given joint angles is accepted as the nearest one (guess)
+# Where the closed form searches for starts: a pose just beyond the nominal arm's reach may be reachable (guess).
 _PULLED: Final = (1.0, 0.99, 1.01)
-_MOVED_RAD: Final = 0.5  # how far Newton's steps may lead from the closed form's solution (guess)
+_MOVED_RAD: Final = 0.5  # how far Newton steps may lead away from the closed-form solution (guess)
 _DISTINCT_RAD: Final = 1e-6
-_TINY: Final = 1e-24  # of a pivot that rounding has made nothing
+_TINY: Final = 1e-24  # a pivot below this is zero apart from rounding
 
 _Spot = tuple[Vector3, Matrix3]
 
 
 def kinematics_of(model: RobotModel) -> Kinematics:
-    """The closed form for a nominal arm; a calibrated one's is slower."""
+    """The closed-form kinematics for a nominal arm, the slower `CalibratedKinematics` for a calibrated one."""
     return Kinematics(model.dh) if model.calibration is None else CalibratedKinematics(model.dh, model.calibration)
 
 
 class CalibratedKinematics(Kinematics):
-    """Of an arm with these parameters; ``nominal`` are its model's. Raises CalibrationError for what no arm has."""
+    """The kinematics of an arm with these parameters. nominal: those of its model. Raises CalibrationError for
+    parameters that no arm can have."""
 
     def __init__(self, nominal: DH, calibrated: DH) -> None:
         super().__init__(nominal)
@@ -49,29 +50,29 @@ class CalibratedKinematics(Kinematics):
         self._height = nominal.d[0]
 
     def flange_axes(self, q_rad: Sequence[float]) -> tuple[Vector3, Matrix3]:
-        """As of a nominal arm."""
+        """As for a nominal arm."""
         return self._spots(q_rad)[-1]
 
     def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Where joint 3 begins, in the base frame [m]."""
+        """Origin of joint 3 in the base frame [m]."""
         return self._spots(q_rad)[2][0]
 
     def wrist_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Where joint 4's axis crosses the arm's plane, in the base frame [m]."""
+        """Intersection of joint 4's axis with the plane of the arm, in the base frame [m]."""
         (x, y, z), axes = self._spots(q_rad)[3]
         aside = self._chain[3].position[2]
         return (x - aside * axes[2], y - aside * axes[5], z - aside * axes[8])
 
     def jacobian_at(self, q_rad: Sequence[float], pose_base_tcp: Sequence[float]) -> Jacobian:
-        """As of a nominal arm."""
+        """As for a nominal arm."""
         return _jacobian(self._spots(q_rad), pose_base_tcp)
 
     def twist_at(self, q_rad: Sequence[float], qd: Sequence[float], pose_base_tcp: Sequence[float]) -> Joints:
-        """As of a nominal arm."""
+        """As for a nominal arm."""
         return times6(self.jacobian_at(q_rad, pose_base_tcp), qd)
 
     def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
-        """As of a nominal arm; at a singular one, one of the solutions there are."""
+        """As for a nominal arm; in a singular configuration, one of the possible solutions."""
         found: list[Joints] = []
         for q in self._solutions(pose_base_flange, lambda starts: starts, q_near):
             if all(_apart(q, other) > _DISTINCT_RAD for other in found):
@@ -86,7 +87,7 @@ class CalibratedKinematics(Kinematics):
         q_min: Sequence[float],
         q_max: Sequence[float],
     ) -> Joints | None:
-        """As of a nominal arm."""
+        """As for a nominal arm."""
         best, _ = self._refined(q_near, pose_base_flange)
         best = None if best is None else unwind(best, q_near, q_min, q_max)
         least = inf if best is None else dist(best, q_near)
@@ -111,7 +112,7 @@ class CalibratedKinematics(Kinematics):
         chosen: Callable[[Iterable[Joints]], Iterable[Joints]],
         q_near: Sequence[float] | None,
     ) -> Iterator[Joints]:
-        """What Newton's steps make of those of the closed form's solutions that are chosen, as long as steps last."""
+        """Refine the chosen closed-form solutions with Newton steps, until the maximum number of steps is reached."""
         steps, found = _MOST_STEPS, False
         for share in _PULLED:
             x, y, z, *turn = flange
@@ -128,7 +129,7 @@ class CalibratedKinematics(Kinematics):
     def _refined(
         self, start: Sequence[float], flange: Sequence[float], steps: int = _STEPS
     ) -> tuple[Joints | None, int]:
-        """Joint angles near the start that give this pose, None if in vain, and how many steps that took."""
+        """Joint angles near the start that reach this pose (None if there are none), and the number of steps."""
         px, py, pz, rx, ry, rz = flange
         aim = rotvec_to_matrix(rx, ry, rz)
         a, b, c, d, e, f = start
@@ -147,7 +148,7 @@ class CalibratedKinematics(Kinematics):
         return None, _STEPS
 
     def _spots(self, q_rad: Sequence[float]) -> list[_Spot]:
-        """Origin and axes of each joint's frame, turned by its angle, in the base frame."""
+        """Origin and axes of each joint's frame, rotated by its angle, in the base frame."""
         x, y, z = 0.0, 0.0, 0.0
         a, b, c, d, e, f, g, h, i = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
         spots = []
@@ -192,7 +193,7 @@ def _stepped(q: Joints, rows: Jacobian, error: Sequence[float]) -> Joints:
 
 
 def _solved(squares: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
-    """x of matrix x = right by Cholesky's way, the matrix symmetric and given by the rows of its lower half."""
+    """Solve matrix x = right by Cholesky decomposition; the symmetric matrix is given by the rows of its lower half."""
     lower: list[list[float]] = []
     y: list[float] = []
     for row, value in zip(squares, right, strict=True):

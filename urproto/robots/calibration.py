@@ -1,13 +1,13 @@
-"""The factory calibration of one arm: its Denavit-Hartenberg parameters, and the chain of frames that URDF needs.
+"""The factory calibration of an arm: its Denavit-Hartenberg parameters, and the chain of frames for URDF.
 
-Axes 2, 3 and 4 of a real arm are nearly parallel, so the common normals of its parameters may lie hundreds of metres
-away: d2 and d3 are then that large and cancel. The chain (``chain_of``) slides each of these frames along its axis,
-back to where the arm is, by the algorithm that ur_calibration documents ("Calibration correction algorithm"): joint
-angles and forward kinematics stay as they were. ``dh_of`` goes the other way. It can, since an arm's parameters follow
-from its axes; that is how an emulated arm reports the parameters, and so the hash, that a calibration file was made of.
+Axes 2, 3 and 4 of a real arm are nearly parallel, so the common normals of its parameters may be hundreds of metres
+away; d2 and d3 are then that large and cancel out. ``chain_of`` slides each of these frames along its axis, back to the
+arm, with the algorithm documented by ur_calibration ("Calibration correction algorithm"). Joint angles and forward
+kinematics do not change. ``dh_of`` is the inverse, which exists because the parameters of an arm follow from its axes.
+With it, an emulated arm reports the parameters, and thus the hash, from which a calibration file was generated.
 
 ``calibration_hash`` is that of the vendor's client library (KinematicsInfo::toHash): 6 significant digits of every
-parameter, joint by joint, through libstdc++'s std::hash.
+parameter, joint by joint, hashed with libstdc++'s std::hash.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,22 +23,22 @@ from urproto.text import quoted
 from urproto.vectors import Matrix3, Vector3
 
 LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-"""Names of the six frames in ur_description's files."""
+"""Names of the six frames in files of ur_description."""
 
 _VALUES: Final = ("x", "y", "z", "roll", "pitch", "yaw")
-_PARALLEL: Final = 1e-9  # rad; axes less skew than this have no common normal worth the name
-_NOTHING: Final = 1e-14  # m and rad; rounding of sines
-_SAME: Final = 1e-7  # m and rad: a file with ten digits is a calibration, one with angles of another order is none
+_PARALLEL: Final = 1e-9  # rad; axes closer to parallel than this have no usable common normal
+_NOTHING: Final = 1e-14  # m and rad; rounding errors of sines
+_SAME: Final = 1e-7  # m and rad: accepts files with ten digits, rejects angles in another order
 _FARTHEST_M: Final = 0.03  # guess: calibrations move a frame by millimetres
 _MOST_TURNED: Final = 0.05  # rad (guess)
 
 
 class CalibrationError(URError, ValueError):
-    """No calibration, or one of another arm. The text says why."""
+    """Not a calibration, or that of another arm. The message gives the reason."""
 
 
 class Frame(NamedTuple):
-    """Where a joint's frame is in the frame before, at joint angle 0."""
+    """Pose of a joint's frame in the previous frame at joint angle 0."""
 
     position: Vector3  # m
     axes: Matrix3
@@ -51,45 +51,43 @@ class Frame(NamedTuple):
 
 
 Chain = tuple[Frame, ...]
-"""Six frames: that of joint 1 in the base, of joint 2 in joint 1, and so on. The last one, turned, is the flange."""
+"""Six frames: joint 1 in the base, joint 2 in joint 1, and so on. The last one, rotated by its joint, is the flange."""
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Of one arm. ``hash`` is what its file says or, without a file, what its parameters give."""
+    """The calibration of an arm. hash: as stated in its file or, without a file, computed from its parameters."""
 
     dh: DH
     hash: str
 
     @classmethod
     def of(cls, dh: DH) -> Self:
-        """That of an arm with these parameters. Raises CalibrationError for what no arm has."""
+        """The calibration with these parameters. Raises CalibrationError for parameters that no arm can have."""
         chain_of(dh)
         return cls(dh, calibration_hash(dh))
 
     @classmethod
     def from_mapping(cls, content: Any, where: str) -> Self:
-        """Out of a YAML file's content: ur_description's ``kinematics:``, or ``dh_theta``, ``dh_a``, ``dh_d``,
+        """Read the content of a YAML file: ``kinematics:`` as in ur_description, or ``dh_theta``, ``dh_a``, ``dh_d``,
         ``dh_alpha`` with six numbers each.
 
-        ``where`` names the file in errors. Raises CalibrationError.
+        where: the file name for errors. Raises CalibrationError.
         """
         if isinstance(content, Mapping) and "dh_theta" in content:
             return cls.of(_dh_lists(content, where))
         if not isinstance(content, Mapping) or not isinstance(content.get("kinematics"), Mapping):
-            raise CalibrationError(
-                f"{where}: neither `kinematics:` nor `dh_theta:` is in it, so it is not a calibration"
-            )
+            raise CalibrationError(f"{where}: not a calibration: it has neither `kinematics:` nor `dh_theta:`")
         kinematics = content["kinematics"]
         name = kinematics.get("hash")
         if not (name is None or isinstance(name, str)):
-            raise CalibrationError(f"{where}: hash must be a text, it is {quoted(name)}")
+            raise CalibrationError(f"{where}: hash must be text, not {quoted(name)}")
         dh = _matching(_candidates(kinematics, where), name)
         return cls(dh, name or calibration_hash(dh))
 
     @property
     def is_whole(self) -> bool:
-        """False when the hash is not that of the parameters: somebody has changed the file."""
+        """False when the hash does not match the parameters, because the file was modified."""
         return self.hash == calibration_hash(self.dh)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -101,7 +99,7 @@ class Calibration:
         return {"kinematics": {**frames, "hash": self.hash}}
 
     def check_model(self, model: RobotModel) -> None:
-        """Raises CalibrationError if no arm of this model can be like that."""
+        """Raise CalibrationError if this cannot be the calibration of an arm of this model."""
         for link, mine, nominal in zip(LINKS, chain_of(self.dh), chain_of(model.dh), strict=True):
             apart = hypot(*(a - b for a, b in zip(mine.position, nominal.position, strict=True)))
             turned = max(abs(a - b) for a, b in zip(mine.axes, nominal.axes, strict=True))
@@ -113,7 +111,7 @@ class Calibration:
 
 
 def calibration_hash(dh: DH) -> str:
-    """The name that the vendor's driver gives these parameters: ``calib_`` and a number."""
+    """The hash of these parameters in the vendor's driver: ``calib_`` and a number."""
     values = [value for joint in zip(dh.theta, dh.d, dh.a, dh.alpha, strict=True) for value in joint]
     return f"calib_{_murmur(''.join(f'{value:g}' for value in values).encode())}"
 
@@ -121,7 +119,9 @@ def calibration_hash(dh: DH) -> str:
 def chain_of(dh: DH) -> Chain:
     """The frames of joints 1 to 6, all near the arm. Raises CalibrationError if no such chain equals the parameters."""
     if dh.a[5] or dh.alpha[5]:
-        raise CalibrationError(f"a6 and alpha6 must be 0, as a flange is its joint's frame; they are {dh.a[5]:g}, ...")
+        raise CalibrationError(
+            f"a6 and alpha6 must be 0, as the flange is joint 6's frame; they are {dh.a[5]:g}, ..."
+        )
     theta, d, a, between = list(dh.theta), list(dh.d), list(dh.a), [0.0] * 6
     for i in (1, 2):
         if d[i] == 0.0:
@@ -129,11 +129,11 @@ def chain_of(dh: DH) -> Chain:
         c, s = cos(dh.alpha[i]), sin(dh.alpha[i])
         if abs(c) < 0.5:
             raise CalibrationError(f"alpha{i + 1} is {dh.alpha[i]:g} rad: axes {i + 1} and {i + 2} must be parallel")
-        # where the next axis crosses the plane d = 0, in the axes that the turn by theta leaves
+        # where the next axis crosses the plane d = 0, in the axes after the rotation by theta
         along = -d[i] / c
         x, y = a[i], -along * s
         if x == y == 0.0:
-            raise CalibrationError(f"axes {i + 1} and {i + 2} meet: a link has no length")
+            raise CalibrationError(f"axes {i + 1} and {i + 2} intersect: the link must have a length")
         between[i] = -atan2(-y, -x)
         theta[i] -= between[i]
         a[i], d[i] = -hypot(x, y), 0.0
@@ -144,10 +144,10 @@ def chain_of(dh: DH) -> Chain:
 
 
 def dh_of(chain: Chain, signs: tuple[int, int] = (1, 1)) -> DH:
-    """The parameters of which ``chain_of`` makes this chain.
+    """The parameters from which ``chain_of`` computes this chain.
 
-    ``signs``: those of a2 and a3, negative as on every nominal arm if 1; the other choice (-1) is as good. A chain
-    that no parameters give is approximated.
+    signs: of a2 and a3; 1 for negative values, as on every nominal arm, but -1 is equally valid. If no parameters
+    result in this chain, it is approximated.
     """
     first, second, *rest = chain
     theta, d, a, alpha = [atan2(first.axes[3], first.axes[0])], [first.position[2]], [second.position[0]], []
@@ -165,7 +165,7 @@ def dh_of(chain: Chain, signs: tuple[int, int] = (1, 1)) -> DH:
         alpha.append(tilt)
         theta.append(after)
         d.append(ahead - slide)
-    # what was slid along axis 3 by joint 2 is taken from d3, which is a sum of both
+    # the displacement along axis 3 caused by joint 2 is subtracted from d3, which is the sum of both
     parts = ([0.0 if abs(value) < _NOTHING else value for value in part] for part in (a, d, alpha, theta))
     a, d, alpha, theta = parts
     return DH(_six((*a, 0.0)), _six(d), _six((*alpha, 0.0)), _six(theta))
@@ -177,20 +177,20 @@ def _six(values: Sequence[float]) -> Joints:
 
 
 def _tilt(axes: Matrix3, sign: int) -> tuple[float, float, float]:
-    """alpha, and the turns about z before and after it; without a sign there is none before."""
+    """alpha, and the rotations about z before and after it; without a sign, there is none before."""
     if sign == 0:
         return atan2(-axes[5], axes[8]), 0.0, atan2(-axes[1], axes[0])
     skew = hypot(axes[2], axes[5])
     if skew < _PARALLEL:
         return 0.0, 0.0, atan2(axes[3], axes[0])
-    # the tilt whose common normal points the way that makes the length have this sign
+    # choose the tilt whose common normal has the direction that gives the length this sign
     side = sign if axes[5] <= 0.0 else -sign
     before = atan2(side * axes[2], -side * axes[5])
     return atan2(side * skew, axes[8]), before, atan2(side * axes[6], side * axes[7])
 
 
 def _along_axis(frame: Frame) -> float:
-    """How far the frame stands out along its own axis from the line y = z = 0 of the frame before."""
+    """Displacement of the frame along its own axis from the line y = z = 0 of the previous frame."""
     (_, y, z), axes = frame.position, frame.axes
     return (y * axes[5] + z * axes[8]) / (axes[5] * axes[5] + axes[8] * axes[8])
 
@@ -218,17 +218,17 @@ def _dh_lists(content: Mapping[str, Any], where: str) -> DH:
     def six(key: str) -> Joints:
         values = content.get(key)
         if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_number, values)):
-            raise CalibrationError(f"{where}: {key} must be six numbers, it is {quoted(values)}")
+            raise CalibrationError(f"{where}: {key} must be six numbers, not {quoted(values)}")
         return _six(values)
 
     return DH(a=six("dh_a"), d=six("dh_d"), alpha=six("dh_alpha"), theta=six("dh_theta"))
 
 
 def _candidates(kinematics: Mapping[str, Any], where: str) -> list[DH]:
-    """Parameters that give these frames, those with the usual signs first.
+    """Parameters that result in these frames, those with the usual signs first.
 
-    The vendor's ur_calibration writes angles about moving axes (R = Rx Ry Rz), URDF means fixed ones, and both are
-    found in files. Only one of them can come out of parameters, but for arms without deviations.
+    The vendor's ur_calibration writes angles about moving axes (R = Rx Ry Rz), while URDF defines fixed axes; files of
+    both kinds exist. Except for arms without deviations, only one of them is consistent with parameters.
     """
     rows = [_row(kinematics, link, where) for link in LINKS]
     found = []
@@ -239,12 +239,12 @@ def _candidates(kinematics: Mapping[str, Any], where: str) -> list[DH]:
             if _same(chain_of(dh), chain):
                 found.append(dh)
     if not found:
-        raise CalibrationError(f"{where}: no Denavit-Hartenberg parameters give these frames: not a calibration")
+        raise CalibrationError(f"{where}: not a calibration: no Denavit-Hartenberg parameters result in these frames")
     return found
 
 
 def _matching(candidates: list[DH], name: str | None) -> DH:
-    """The one with this hash. Angles are the same a turn further, but the hash is another."""
+    """The candidate with this hash. A full turn more gives the same angle, but another hash."""
     for dh in candidates:
         for turned in _turned(dh):
             if calibration_hash(turned) == name:
@@ -261,10 +261,10 @@ def _turned(dh: DH) -> Iterator[DH]:
 def _row(kinematics: Mapping[str, Any], link: str, where: str) -> list[float]:
     values = kinematics.get(link)
     if not isinstance(values, Mapping):
-        raise CalibrationError(f"{where}: there is no {link}")
+        raise CalibrationError(f"{where}: {link} is missing")
     for key in _VALUES:
         if not _is_number(values.get(key)):
-            raise CalibrationError(f"{where}: {key} of {link} must be a number, it is {quoted(values.get(key))}")
+            raise CalibrationError(f"{where}: {key} of {link} must be a number, not {quoted(values.get(key))}")
     return [float(values[key]) for key in _VALUES]
 
 

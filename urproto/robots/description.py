@@ -1,10 +1,10 @@
-"""URDF of an arm: joints, limits, masses, and simple or given geometry, calibrated or not.
+"""URDF of an arm, calibrated or nominal: joints, limits, masses, and simple or provided geometry.
 
-Names, frames and joint zeros are those of ur_description, so that what knows that package knows this: ``base_link`` has
-x forward, ``base`` is turned by pi about z and is what the controller calls base, ``flange`` and ``tool0`` are on
-``wrist_3_link``, and ``base`` to ``tool0`` is the pose that the controller reports without a TCP. The links' mass
-properties are those of the model; the base has none, as nobody knows them well. Joint limits are the controller's:
-ur_description's elbow turns less, to help planners.
+Names, frames and joint zeros are those of ur_description, so software for that package works with this description:
+``base_link`` has x forward, ``base`` is rotated by pi about z and is the controller's base frame, ``flange`` and
+``tool0`` are on ``wrist_3_link``, and ``base`` to ``tool0`` is the pose that the controller reports without a TCP. The
+mass properties of the links are those of the model; the base has none, because they are not well known. Joint limits
+are the controller's; in ur_description, the elbow has a smaller range, to help planners.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,13 +38,13 @@ _FIXED: Final[Sequence[tuple[str, str, str, Vector3]]] = (
     ("wrist_3-flange", "wrist_3_link", "flange", (0.0, -pi / 2, -pi / 2)),
     ("flange-tool0", "flange", "tool0", (pi / 2, 0.0, pi / 2)),
 )
-_GREY: Final = ("0.75 0.76 0.78 1", "0.35 0.5 0.65 1")  # of links in turn
+_GREY: Final = ("0.75 0.76 0.78 1", "0.35 0.5 0.65 1")  # alternating between links
 _VISUAL: Final = (".dae", ".glb", ".obj", ".stl")
 _COLLISION: Final = (".stl", ".obj", ".dae")
 
 
 class JointFrame(NamedTuple):
-    """A joint: its child link in its parent's frame, at angle 0 for one that moves, about the child's z axis."""
+    """A joint: pose of its child link in the parent's frame, at angle 0 if it moves, about the child's z axis."""
 
     joint: str
     parent: str
@@ -54,7 +54,8 @@ class JointFrame(NamedTuple):
 
 
 def joint_frames(model: RobotModel, prefix: str = "") -> list[JointFrame]:
-    """The joints of what `urdf` writes, with its names: six that move, from the base on, then the fixed ones."""
+    """The joints of the description written by `urdf`, with its names: six moving ones from the base on, then the
+    fixed ones."""
     chain = zip(JOINT_NAMES, pairwise(_LINKS), _chain(model), strict=True)
     moving = [
         JointFrame(prefix + name, prefix + parent, prefix + child, (*position, *matrix_to_rotvec(axes)), True)
@@ -71,11 +72,11 @@ def _chain(model: RobotModel) -> Chain:
 
 
 def urdf(model: RobotModel, *, meshes: Path | None = None, prefix: str = "") -> str:
-    """The description, of the calibrated arm if the model has a calibration.
+    """Write the description, that of the calibrated arm if the model has a calibration.
 
-    ``meshes``: a folder laid out as ur_description's ``meshes/ur5e`` (``visual/base.dae``, ``collision/base.stl``,
-    upperarm, wrist1, ...), or with all files in it; without one, geometry is made up of capsules. ``prefix`` is put
-    before each name of a link or joint. Raises MeshesMissing.
+    meshes: a folder structured like ``meshes/ur5e`` in ur_description (``visual/base.dae``, ``collision/base.stl``,
+    upperarm, wrist1, ...), or with all files directly inside; without one, the geometry consists of capsules.
+    prefix: prepended to each name of a link or joint. Raises MeshesMissing.
     """
     root = Element("robot", name=model.name)
     _fixed_link(root, f"{prefix}base_link")
@@ -117,7 +118,8 @@ def _moving_joint(root: Element, model: RobotModel, i: int, parent: str, child: 
 
 
 def _inertial(parent: Element, link: Link, dh: DH, i: int) -> None:
-    """The model has it in the Denavit-Hartenberg frame at the link's far end: Trans_x(a) Rot_x(alpha) further."""
+    """Add the mass properties. The model has them in the Denavit-Hartenberg frame at the link's far end, which is
+    Trans_x(a) Rot_x(alpha) further."""
     inertial = SubElement(parent, "inertial")
     (x, y, z), s, c = link.com_m, sin(dh.alpha[i]), cos(dh.alpha[i])
     place = (dh.a[i] + x, c * y - s * z, s * y + c * z)
@@ -135,7 +137,7 @@ def _numbers(values: Vector3) -> str:
     return " ".join(repr(value + 0.0) for value in values)
 
 
-# geometry: for each link what puts a shape into <visual> and into <collision>
+# geometry: for each link, the functions that add a shape to <visual> and to <collision>
 
 _Put = Callable[[Element, str | None], None]
 _Shapes = tuple[list[_Put], list[_Put]]

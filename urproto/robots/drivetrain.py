@@ -1,7 +1,7 @@
-"""What sits between a joint's motor and its link: friction, the rotor behind the gear, and motor currents.
+"""The drivetrain between a joint's motor and its link: friction, rotor inertia, and motor currents.
 
-``urproto.robots.measured`` knows the numbers of each model; those of one arm can be identified and given instead
-(``RobotModel.drivetrain``).
+``urproto.robots.measured`` has the numbers for each model; those of an individual arm can be identified and used
+instead (``RobotModel.drivetrain``).
 """
 
 from collections.abc import Mapping
@@ -12,29 +12,29 @@ from typing import Any, Final
 from urproto.compat import Self
 from urproto.vectors import ZERO6, Vector6, as_six
 
-# Of the controller's model of friction. Measured, shamilmamedov/dynamic_calibration (a real UR10e, 20 files): target
-# current * torque constant - target moment has both at the same speed on every joint
-KNOWN_COULOMB_RAD_S: Final = 0.012  # up to here Coulomb friction rises in proportion to the speed
-KNOWN_BEND_RAD_S: Final = 0.5  # here the slope of viscous friction changes
+# Parameters of the controller's friction model. Measured in shamilmamedov/dynamic_calibration (a real UR10e, 20 files):
+# in target current * torque constant - target moment, both are at the same speed on every joint
+KNOWN_COULOMB_RAD_S: Final = 0.012  # up to this speed, Coulomb friction increases in proportion to the speed
+KNOWN_BEND_RAD_S: Final = 0.5  # at this speed, the slope of viscous friction changes
 
 
 class DrivetrainError(ValueError):
-    """Something is wrong with the numbers of an arm's drives; the text names the entry."""
+    """The parameters of an arm's drives are invalid; the message names the entry."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drivetrain:
-    """Of one arm, base to wrist 3, everything at the joint's side of the gear.
+    """The drives of an arm, base to wrist 3; all values refer to the joint side of the gear.
 
-    Friction is viscous * speed + Coulomb * sign(speed). What the controller knows of it, and puts into its target
-    current, is a model of its own: Coulomb friction that rises over a narrow band of speeds, and viscous friction whose
-    slope bends once.
+    Friction is viscous * speed + Coulomb * sign(speed). The controller has its own friction model, which it uses for
+    its target current: Coulomb friction that increases over a narrow band of speeds, and viscous friction with one
+    change of slope.
     """
 
     torque_constants_Nm_A: Vector6
     rotor_kg_m2: Vector6
     coulomb_Nm: Vector6
-    viscous_Nm_s: Vector6  # per rad, as all viscous friction
+    viscous_Nm_s: Vector6  # per rad, like all viscous friction
     known_coulomb_Nm: Vector6
     known_viscous_Nm_s: Vector6
     known_fast_viscous_Nm_s: Vector6  # beyond the bend
@@ -42,7 +42,7 @@ class Drivetrain:
     motion_noise_A: Vector6
 
     def known_friction(self, qd: Vector6) -> Vector6:
-        """What the controller takes friction for at these speeds [Nm]; none at rest."""
+        """Friction at these speeds according to the controller's model [Nm]; 0 at rest."""
         if qd == ZERO6:
             return ZERO6
         band, bend = KNOWN_COULOMB_RAD_S, KNOWN_BEND_RAD_S
@@ -60,7 +60,8 @@ class Drivetrain:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
-        """Of a file's entries, named as the fields are. Raises DrivetrainError for one that is missing or wrong."""
+        """Read the entries of a file, which are named like the fields. Raises DrivetrainError for a missing or invalid
+        entry."""
         return cls(**{field.name: _six(values, field.name) for field in fields(cls)})
 
     def to_mapping(self) -> dict[str, list[float]]:
@@ -78,7 +79,7 @@ def _six(values: Mapping[str, Any], name: str) -> Vector6:
         or len(numbers) != 6
         or not all(type(number) in (int, float) and isfinite(number) and number >= 0.0 for number in numbers)
     ):
-        raise DrivetrainError(f"{name} must be six numbers, none of them negative, it is {numbers!r}")
+        raise DrivetrainError(f"{name} must be six numbers, none of them negative, not {numbers!r}")
     if name in _POSITIVE and not all(numbers):
-        raise DrivetrainError(f"{name} must be six numbers above 0, it is {numbers!r}")
+        raise DrivetrainError(f"{name} must be six numbers above 0, not {numbers!r}")
     return as_six([float(number) for number in numbers])

@@ -1,7 +1,7 @@
 """`Dynamics`: torques, accelerations and momenta of an arm with its payload.
 
-Pinocchio computes them where it is installed. It has no wheels for some systems, native Windows among them: there
-``urproto.robots.plain_dynamics`` gives the same numbers in plain Python, in more time.
+Pinocchio computes them if it is installed. It has no wheels for some systems, including native Windows; there,
+``urproto.robots.plain_dynamics`` computes the same results in plain Python, more slowly.
 """
 
 from typing import TYPE_CHECKING

@@ -2,7 +2,7 @@
 
 Every Universal Robots arm has the same shape, and only six lengths differ: joint 1 turns
 about the vertical; joints 2, 3 and 4 are parallel and move the arm in one vertical plane;
-joint 5 is square to joint 4, joint 6 square to joint 5. In the notation below, x1 is the
+joint 5 is perpendicular to joint 4, and joint 6 to joint 5. In the notation below, x1 is the
 horizontal axis of that plane, z1 its normal (the direction of axes 2, 3 and 4), z4 the axis
 of joint 5, and z6 that of joint 6 and of the flange:
 
@@ -10,14 +10,15 @@ of joint 5, and z6 that of joint 6 and of the flange:
     z6 = c5 z1 - s5 (c234 x1 + s234 z)
     p6 = d1 z + a2 (c2 x1 + s2 z) + a3 (c23 x1 + s23 z) + d4 z1 + d5 z4 + d6 z6
 
-The inverse undoes this from the outside in. p5 = p6 - d6 z6 lies d4 away from the plane
+The inverse solves this from the flange inwards. p5 = p6 - d6 z6 lies d4 away from the plane
 through the base axis, which gives joint 1 (two shoulders). The flange's axes seen along
-z1 give joints 5 and 6 (two wrists), what remains in the plane is a triangle with the sides
+z1 give joints 5 and 6 (two wrists). The rest is a triangle in the plane with the sides
 a2 and a3 (two elbows): up to eight solutions.
 
-Where two solutions meet, rounding must not lose them nor blow up: within ``_MERGE`` of the
-boundary they are taken as one, and a wrist within ``_SINGULAR_WRIST`` of straight keeps the
-joint 6 it has, since only the sum or difference of joints 4 and 6 is determined there.
+Where two solutions coincide, rounding must neither lose them nor be amplified: within
+``_MERGE`` of the boundary they count as one, and a wrist within ``_SINGULAR_WRIST`` of
+straight keeps its joint 6, because only the sum or difference of joints 4 and 6 is
+determined there.
 """
 
 from collections.abc import Sequence
@@ -29,13 +30,13 @@ from urproto.robots.pose import Pose, matrix_to_rotvec, pose_trans, rotvec_to_ma
 from urproto.vectors import Matrix3, Vector3, cross, largest, sub, within
 
 Jacobian = tuple[Joints, Joints, Joints, Joints, Joints, Joints]
-"""Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column a joint."""
+"""Six rows: linear x, y, z [m/rad], angular x, y, z [rad/rad]; one column per joint."""
 
-# A cosine (a ratio of lengths) up to this much over 1 counts as 1: the arm then ends 2 to 4 nm short of the pose.
-# Rounding needs it: where the wrist is nearly singular as well, it shows up here with up to 5e-9.
+# A cosine (a ratio of lengths) up to this much above 1 counts as 1; the arm then stops 2 to 4 nm short of the pose.
+# Rounding requires this: if the wrist is nearly singular as well, rounding errors here are up to 5e-9.
 _OUT_OF_REACH: Final = 1e-8
-# A cosine this near to 1 is 1: ten times the rounding of a pose (1e-15), so the angle is snapped by 1.4e-7 rad at
-# most, and the pose by less than 1e-14 m.
+# A cosine this close to 1 counts as 1. This is ten times the rounding of a pose (1e-15), so the angle changes by 1.4e-7
+# rad at most, and the pose by less than 1e-14 m.
 _MERGE: Final = 1e-14
 # Sine of joint 5. Rounding makes joint 6 uncertain by 1e-15 over this sine, and near a singular shoulder the sine
 # itself by 5e-9. Keeping joint 6 turns the tool by no more than twice this [rad].
@@ -47,7 +48,7 @@ _Branch = tuple[float, float, float, _FlangeInPlane, float, float]  # q1, q5, q6
 
 
 class Kinematics:
-    """The geometry of one arm. Raises ValueError for parameters that are not of this shape."""
+    """The kinematics of an arm. Raises ValueError for parameters that do not have this shape."""
 
     def __init__(self, dh: DH) -> None:
         _check_shape(dh)
@@ -57,13 +58,13 @@ class Kinematics:
         self._double_product = 2.0 * self._a2 * self._a3
 
     def forward(self, q_rad: Sequence[float], tcp_offset: Sequence[float] | None = None) -> Pose:
-        """Flange in the base frame for joint angles (6,), or the TCP that ``tcp_offset`` puts on the flange."""
+        """Pose of the flange in the base frame for joint angles (6,), or of the TCP if ``tcp_offset`` is given."""
         position, axes = self.flange_axes(q_rad)
         flange = (*position, *matrix_to_rotvec(axes))
         return flange if tcp_offset is None else pose_trans(flange, tcp_offset)
 
     def flange_axes(self, q_rad: Sequence[float]) -> tuple[Vector3, Matrix3]:
-        """Position [m] and rotation matrix, row by row, of the flange in the base frame."""
+        """Position [m] and rotation matrix (row by row) of the flange in the base frame."""
         q1, q2, q3, q4, q5, q6 = q_rad
         s1, c1, s5, c5, s6, c6 = sin(q1), cos(q1), sin(q5), cos(q5), sin(q6), cos(q6)
         q23, q234 = q2 + q3, q2 + q3 + q4
@@ -89,16 +90,16 @@ class Kinematics:
         )
 
     def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Where the axis of joint 3 crosses the arm's plane, in the base frame [m].
+        """Intersection of joint 3's axis with the plane of the arm, in the base frame [m].
 
-        That the controller means this point, and not the housing beside it, is a guess.
+        It is a guess that the controller uses this point, and not the housing next to it.
         """
         q1, q2, *_ = q_rad
         reach = self._a2 * cos(q2)
         return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2))
 
     def wrist_position(self, q_rad: Sequence[float]) -> Vector3:
-        """Where the axis of joint 4 crosses the arm's plane, in the base frame [m]."""
+        """Intersection of joint 4's axis with the plane of the arm, in the base frame [m]."""
         q1, q2, q3, *_ = q_rad
         reach = self._a2 * cos(q2) + self._a3 * cos(q2 + q3)
         return (cos(q1) * reach, sin(q1) * reach, self._d1 + self._a2 * sin(q2) + self._a3 * sin(q2 + q3))
@@ -108,7 +109,7 @@ class Kinematics:
         return self.jacobian_at(q_rad, self.forward(q_rad, tcp_offset))
 
     def jacobian_at(self, q_rad: Sequence[float], pose_base_tcp: Sequence[float]) -> Jacobian:
-        """The same for who has the TCP's pose already (its position is enough, in the base frame)."""
+        """Like `jacobian`, if the TCP's pose in the base frame is already known; only its position is used."""
         px, py, pz, *_ = pose_base_tcp
         q1, q2, q3, q4, q5, _ = q_rad
         s1, c1, s5, c5 = sin(q1), cos(q1), sin(q5), cos(q5)
@@ -116,7 +117,7 @@ class Kinematics:
         x2, z2 = self._a2 * cos(q2), self._d1 + self._a2 * sin(q2)
         x3, z3 = x2 + self._a3 * cos(q2 + q3), z2 + self._a3 * sin(q2 + q3)
         along = c1 * px + s1 * py  # of the tool point, on x1
-        # column of a joint: axis x (tool point - a point of the axis); axes 2-4 are z1 = (s1, -c1, 0)
+        # column of a joint: axis x (tool point - a point on the axis); axes 2-4 are z1 = (s1, -c1, 0)
         h1, h2, h3 = pz - self._d1, pz - z2, pz - z3
         z4 = (c1 * s, s1 * s, -c)
         z5 = (-c1 * c * s5 + s1 * c5, -s1 * c * s5 - c1 * c5, -s * s5)
@@ -135,7 +136,7 @@ class Kinematics:
         )
 
     def twist_at(self, q_rad: Sequence[float], qd: Sequence[float], pose_base_tcp: Sequence[float]) -> Joints:
-        """Velocity of the TCP, whose pose is known, in base axes [m/s, rad/s]: `jacobian_at` times ``qd``."""
+        """Velocity of the TCP with a known pose, in base axes [m/s, rad/s]: `jacobian_at` times ``qd``."""
         px, py, pz, *_ = pose_base_tcp
         q1, q2, q3, q4, q5, _ = q_rad
         v1, v2, v3, v4, v5, v6 = qd
@@ -164,11 +165,10 @@ class Kinematics:
         )
 
     def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
-        """Every joint configuration (up to 8) that puts the flange there; empty when out of reach.
+        """All joint configurations (up to 8) for this flange pose; empty when it is out of reach.
 
-        Angles are in (-pi, pi]. Where the wrist is singular (axes 4 and 6 parallel) any joint 6
-        would do: it is that of ``q_near``, or 0 without one; and where the arm does not reach
-        that far, the nearest that it does reach.
+        Angles are in (-pi, pi]. If the wrist is singular (axes 4 and 6 parallel), joint 6 is arbitrary: it is that of
+        ``q_near``, or 0 without one; if the arm cannot reach the pose with it, it is the nearest reachable one.
         """
         q6_free = 0.0 if q_near is None else wrap(q_near[5])
         axes, p5 = self._wrist_centre(pose_base_flange)
@@ -186,12 +186,12 @@ class Kinematics:
         q_min: Sequence[float],
         q_max: Sequence[float],
     ) -> Joints | None:
-        """The configuration nearest to ``q_near`` (Euclidean) within the joint limits, all (6,) in rad.
+        """The configuration closest to ``q_near`` (Euclidean) within the joint limits, all (6,) in rad.
 
-        Whole turns are added where that is nearer. None when nothing within the limits reaches there.
+        Full turns are added if that is closer. None when no configuration within the limits reaches the pose.
         """
-        # Nearest first: shoulders, wrists and elbows whose own joints are further away than all of a solution are left
-        # out. Along a path that is every one but the arm's own.
+        # Nearest first. Shoulders, wrists and elbows are skipped if their own joints are already further away than a
+        # complete solution; along a path, these are all except the arm's current one.
         n1, _, n3, _, n5, n6 = q_near
         axes, p5 = self._wrist_centre(pose_base_flange)
         best, least = None, inf
@@ -216,14 +216,14 @@ class Kinematics:
         return best
 
     def _wrist_centre(self, pose_base_flange: Sequence[float]) -> tuple[Matrix3, Vector3]:
-        """The flange's axes, and p5 as seen from joint 2's height, both in the base frame."""
+        """The flange's axes, and p5 relative to the height of joint 2, both in the base frame."""
         px, py, pz, rx, ry, rz = pose_base_flange
         axes = rotvec_to_matrix(rx, ry, rz)
         d6 = self._d6
         return axes, (px - d6 * axes[2], py - d6 * axes[5], pz - d6 * axes[8] - self._d1)
 
     def _branches(self, q1: float, axes: Matrix3, p5: Vector3, q6_free: float) -> list[_Branch]:
-        """The wrists of a shoulder; that the arm reaches p5 is known only where the wrist is singular."""
+        """The wrists of a shoulder; only for a singular wrist is it certain that the arm reaches p5."""
         x5, y5, z = p5
         s1, c1 = sin(q1), cos(q1)
         x = c1 * x5 + s1 * y5
@@ -237,7 +237,7 @@ class Kinematics:
         return [] if q6 is None else [(q1, q5, q6, flange, x, z)]
 
     def _arms(self, q1: float, q5: float, q6: float, flange: _FlangeInPlane, x: float, z: float) -> tuple[Joints, ...]:
-        """The solutions of one branch: the triangle of upper arm and forearm bends either way, or is flat."""
+        """The solutions of a branch: the triangle of upper arm and forearm bends either way, or is flat."""
         along, up = _axis_5(flange, q6)
         x4, z4 = x - self._d5 * along, z - self._d5 * up  # far end of the forearm, seen from joint 2
         cosine = (x4 * x4 + z4 * z4 - self._squares) / self._double_product
@@ -297,7 +297,7 @@ def _axis_5(flange: _FlangeInPlane, q6: float) -> tuple[float, float]:
 
 
 def _shoulders(x5: float, y5: float, d4: float) -> tuple[float, ...]:
-    """Joint 1 for a wrist centre seen from above: d4 beside the plane of the arm."""
+    """Joint 1 for a wrist centre seen from above, which is d4 away from the plane of the arm."""
     distance = hypot(x5, y5)
     if distance < abs(d4) * (1.0 - _OUT_OF_REACH):
         return ()
@@ -327,7 +327,7 @@ def wrap(angle: float) -> float:
 
 
 def unwind(q: Joints, q_near: Sequence[float], q_min: Sequence[float], q_max: Sequence[float]) -> Joints:
-    """Each angle moved by whole turns to the nearest to ``q_near`` that the limits allow; infinite if there is none."""
+    """Shift each angle by full turns as close to ``q_near`` as the limits allow; infinite if there is no such angle."""
     if within(q_min, q, q_max) and largest(sub(q_near, q)) <= pi:
         return q
     a, b, c, d, e, f = [

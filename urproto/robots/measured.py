@@ -1,7 +1,7 @@
-"""What recordings of real arms say of each model's drives and sensors.
+"""Parameters of each model's drives and sensors, from recordings of real arms.
 
-The numbers are in ``measured.toml``, which says of each where it was measured or by which rule it is carried over from
-another arm.
+The numbers are in ``measured.toml``, which states for each where it was measured, or the rule by which it is derived
+from another arm.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ _FILE: Final = Path(__file__).with_name("measured.toml")
 
 
 def drivetrain_of(model: RobotModel) -> Drivetrain:
-    """What was identified of this arm; otherwise that of its model, measured or carried over."""
+    """The identified drives of this arm; otherwise those of its model, measured or derived from another arm."""
     if model.drivetrain is not None:
         return model.drivetrain
     table = _table()
@@ -51,9 +51,10 @@ def accelerometer_noise_of(model: RobotModel) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Encoders:
-    """What a controller tells of joint angles and speeds: how late, and with which noise while a joint moves.
+    """Delay and noise of the joint angles and speeds that a controller reports while a joint moves.
 
-    The standard deviation of an angle is ``angle_noise_rad`` + ``angle_noise_s`` * speed, that of a speed alike.
+    The standard deviation of an angle is ``angle_noise_rad`` + ``angle_noise_s`` * speed, and that of a speed
+    accordingly.
     """
 
     delay_s: float
@@ -64,7 +65,7 @@ class Encoders:
 
 
 def encoders_of(model: RobotModel) -> Encoders:
-    """Of the model's series."""
+    """The values for the model's series."""
     table = _table()["encoders"]
     rows = table[model.series.value]
     names = ("angle_noise_rad", "angle_noise_s", "speed_noise_rad_s", "speed_noise")
@@ -73,7 +74,7 @@ def encoders_of(model: RobotModel) -> Encoders:
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """What a drive adds to its joint's torque for each rad, rad/s and rad s of deviation, over its largest inertia."""
+    """Gains of a drive: torque per rad, rad/s and rad s of deviation, divided by the joint's largest inertia."""
 
     stiffness_1_s2: Vector6
     damping_1_s: Vector6
@@ -81,13 +82,13 @@ class Loops:
 
 
 def loops() -> Loops:
-    """Of every arm's drives: they were measured on one."""
+    """The gains of all arms' drives, which were measured on one arm."""
     return Loops(**{name: as_six(values) for name, values in _table()["loops"].items()})
 
 
 @dataclass(frozen=True, slots=True)
 class Supply:
-    """What a real controller's supply shows at rest: means of voltages, and standard deviations [V, A]."""
+    """Supply of a real controller at rest: mean voltages, and standard deviations [V, A]."""
 
     main_V: float
     main_noise_V: float
@@ -98,7 +99,7 @@ class Supply:
 
 
 def supply_of(model: RobotModel) -> Supply:
-    """Of the model's series."""
+    """The values for the model's series."""
     return Supply(**_table()["supply"][model.series.value])
 
 

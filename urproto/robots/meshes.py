@@ -1,6 +1,6 @@
-"""Where the meshes of ur_description belong on an arm: names of the files, and the turn of each in its link.
+"""Placement of ur_description's meshes on an arm: file names, and the rotation of each mesh in its link.
 
-As in Universal_Robots_ROS2_Description 2.4.5. How far along z each is stands in the arm's data file.
+As in Universal_Robots_ROS2_Description 2.4.5. The offsets along z are in the arm's data file.
 """
 
 from collections.abc import Sequence
@@ -18,12 +18,13 @@ _MESH_RPY: Final[Sequence[Vector3]] = (
 )
 
 
-class MeshesMissing(ValueError):  # noqa: N818 - named for what happened, as UnknownModel is
-    """The folder does not have the meshes of this arm, or nobody knows where they belong."""
+class MeshesMissing(ValueError):  # noqa: N818 - named for what happened, like UnknownModel
+    """The folder does not contain the meshes of this arm, or their placement is not known."""
 
 
 class PlacedMesh(NamedTuple):
-    """name: of its files, without ending. position [m] and rpy [rad, about fixed axes]: in the link's frame."""
+    """A mesh with its placement. name: of its files, without extension. position [m], rpy [rad, about fixed axes]: in
+    the link's frame."""
 
     name: str
     position: Vector3
@@ -31,18 +32,18 @@ class PlacedMesh(NamedTuple):
 
 
 def placed_meshes(model: RobotModel) -> tuple[PlacedMesh, ...]:
-    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3. Raises MeshesMissing."""
+    """The meshes of base, shoulder, upper arm, forearm, wrist 1, 2 and 3. Raises MeshesMissing."""
     if model.wrist_mesh_offsets is None:
-        raise MeshesMissing(f"where the meshes of {model.title} belong has not been published: leave them out")
+        raise MeshesMissing(f"the placement of the meshes of {model.title} has not been published: leave them out")
     offsets = (0.0, 0.0, *model.tube_offsets, *model.wrist_mesh_offsets)
     return tuple(PlacedMesh(name, (0.0, 0.0, z), rpy) for name, rpy, z in zip(_MESHES, _MESH_RPY, offsets, strict=True))
 
 
 def mesh_file(folder: Path, kind: str, name: str, endings: Sequence[str]) -> Path:
-    """``visual/base.dae``, or ``base.dae`` where all files are in one folder. Raises MeshesMissing."""
+    """The path of a mesh: ``visual/base.dae``, or ``base.dae`` if all files are in one folder. Raises MeshesMissing."""
     places = [folder / kind / f"{name}{ending}" for ending in endings]
     places += [folder / f"{name}{ending}" for ending in endings]
     for place in places:
         if place.is_file():
             return place
-    raise MeshesMissing(f"{folder} has no {kind}/{name} ({', '.join(endings)}): it must hold {', '.join(_MESHES)}")
+    raise MeshesMissing(f"{folder} has no {kind}/{name} ({', '.join(endings)}): it must contain {', '.join(_MESHES)}")

@@ -1,7 +1,7 @@
-"""The arms: one data file each, read once, checked, and never changed.
+"""The arm models. Each has a data file, which is read once, checked, and never modified.
 
-Everything model-specific in the project comes from here. A new arm is a new file in
-``data/``; its comments say where each number comes from.
+Everything model-specific in the project comes from here. To add an arm, add a file to ``data/``; its comments give the
+source of each number.
 """
 
 import re
@@ -22,13 +22,13 @@ Joints = Vector6
 """One number for each joint: base, shoulder, elbow, wrist 1, wrist 2, wrist 3."""
 
 START_Q: Final[Joints] = (-1.6007, -1.7271, -2.2030, -0.8080, 1.5951, -0.0310)
-"""Where an emulated arm stands at first [rad]: as URSim's does, tool down, away from singularities.
+"""Initial joint angles of an emulated arm [rad], as in URSim: tool down, away from singularities.
 
 Recorded from URSim with a UR5 (hermajul/ur-rtde); that it starts the other arms there too is a guess.
 """
 
 UPRIGHT_GRAVITY: Final[Vector3] = (0.0, 0.0, 9.82)
-"""What an upright base feels [m/s2]: the value of the Script Manual's set_gravity example."""
+"""Gravity for an upright base [m/s2]: the value in the Script Manual's set_gravity example."""
 
 _PARTS: Final = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _DATA: Final = Path(__file__).parent / "data"
@@ -36,10 +36,10 @@ _FIRST_X: Final = "first_polyscope_x"
 
 
 class UnknownModel(ValueError):  # noqa: N818 - named for what happened, as RobotRefused is
-    """No data file describes an arm of this name."""
+    """There is no data file for an arm of this name."""
 
     def __init__(self, name: str) -> None:
-        super().__init__(f"unknown robot model {name!r}: known are {', '.join(MODELS)}")
+        super().__init__(f"unknown robot model {name!r}: choose one of {', '.join(MODELS)}")
         self.name = name
 
 
@@ -64,7 +64,7 @@ class Link:
 
 
 class HousingRadii(NamedTuple):
-    """Of the joints' housings, and of the foot that the arm stands on [m]."""
+    """Radii of the joint housings and of the base [m]."""
 
     shoulder: float
     elbow: float
@@ -73,7 +73,7 @@ class HousingRadii(NamedTuple):
 
 
 class Span(NamedTuple):
-    """A cylinder about a known axis: radius, and from where to where along it [m]."""
+    """A cylinder about a known axis: radius, and start and end along the axis [m]."""
 
     radius: float
     low: float
@@ -81,9 +81,9 @@ class Span(NamedTuple):
 
 
 class LinkCylinders(NamedTuple):
-    """What a link is within: about the axis of the joint that it begins with, its tube, the axis of the next joint.
+    """Cylinders that contain a link: about the axis of its first joint, its tube, and about the axis of the next joint.
 
-    tube: along the link, from that joint on. tube_height: how far the tube's axis is out along the joint's [m].
+    tube: along the link, from the first joint on. tube_height: offset of the tube's axis along the joint axis [m].
     """
 
     joint: Span
@@ -94,7 +94,7 @@ class LinkCylinders(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotModel:
-    """What tells one arm from another. Joint vectors hold six numbers, base to wrist 3."""
+    """The properties of an arm model. Joint vectors have six numbers, base to wrist 3."""
 
     name: str
     """As in ``--model``: "ur3"."""
@@ -102,9 +102,9 @@ class RobotModel:
     """As PolyScope writes it: "UR3"."""
     series: Series
     first_polyscope_x: PolyscopeVersion | None
-    """The first 10.x that runs it; None on CB3, whose arms never run one."""
+    """The first 10.x for this arm; None for CB3 arms, which PolyScope X does not support."""
     robot_type: int
-    """Of the configuration data, as are the next two."""
+    """As in the configuration data, like the next two."""
     sub_type: int
     controller_box: int
     payload_max_kg: float
@@ -122,9 +122,9 @@ class RobotModel:
     torque_max: Joints
     """Nm"""
     wrist3_unlimited: bool
-    """It has no end stop."""
+    """Whether wrist 3 has no end stop."""
     v_joint_default: float
-    """rad/s, of movej; as the next three, what a movement uses when the program does not say."""
+    """rad/s, of movej. This and the next three are the defaults when a program gives no value."""
     a_joint_default: float
     """rad/s2"""
     v_tool_default: float
@@ -132,28 +132,28 @@ class RobotModel:
     a_tool_default: float
     """m/s2"""
     eq_radius: float
-    """m; weighs rotation of the tool against its translation."""
+    """m; weight of the tool's rotation relative to its translation."""
     torque_constants: Joints
-    """Nm/A, of an ideal arm: its simulator's where they are known. A real one's: ``urproto.robots.measured``."""
+    """Nm/A, of an ideal arm: those of its simulator, where known. Those of real arms: ``urproto.robots.measured``."""
     links: tuple[Link, ...]
     """Shoulder, upper arm, forearm, wrist 1, wrist 2, wrist 3."""
     tube_offsets: tuple[float, float]
-    """m; how far the middles of upper arm and forearm are out along their joints' axes."""
+    """m; offsets of the centre lines of upper arm and forearm along their joint axes."""
     wrist_mesh_offsets: Vector3 | None
     """m; of ur_description's meshes of the wrists, along the z axes of their links. None: not published."""
     housing_radii: HousingRadii
     cylinders: tuple[LinkCylinders, ...]
-    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3."""
+    """Base, shoulder, upper arm, forearm, wrist 1, 2 and 3."""
     base_light: bool
-    """It has a light ring in its base."""
+    """Whether it has a light ring in its base."""
     calibration: DH | None = None
-    """What was measured of one arm; None for a nominal one."""
+    """The calibration of an individual arm; None for a nominal arm."""
     drivetrain: Drivetrain | None = None
-    """What was measured of one arm's drives; None for what is known of its model."""
+    """The identified drives of an individual arm; None for those of its model."""
 
     @property
     def position_limits(self) -> tuple[Joints, Joints]:
-        """Lowest and highest joint angles [rad]; a wrist 3 without end stop has none."""
+        """Minimum and maximum joint angles [rad]; infinite for a wrist 3 without an end stop."""
         if self.wrist3_unlimited:
             return (*self.q_min[:5], -inf), (*self.q_max[:5], inf)
         return self.q_min, self.q_max
@@ -165,7 +165,7 @@ class RobotModel:
         limits, motion, links = table.sub("limits"), table.sub("motion"), table.tables("links")
         shape = table.sub("shape")
         if len(links) != 6:
-            raise ValueError(f"{name}.toml: {len(links)} [[links]], an arm has six")
+            raise ValueError(f"{name}.toml: there must be six [[links]], not {len(links)}")
         return cls(
             name=name,
             title=table.text("title"),
@@ -199,7 +199,7 @@ class RobotModel:
 
 
 class _Table:
-    """A TOML table that names the file and the entry when something is wrong with it."""
+    """A TOML table whose errors name the file and the entry."""
 
     def __init__(self, values: Mapping[str, Any], where: str) -> None:
         self._values = values
@@ -208,7 +208,7 @@ class _Table:
     def _get(self, key: str, kind: type | tuple[type, ...], what: str) -> Any:
         value = self._values.get(key)
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise ValueError(f"{self._where}: {key} must be {what}, it is {value!r}")
+            raise ValueError(f"{self._where}: {key} must be {what}, not {value!r}")
         return value
 
     def sub(self, key: str) -> "_Table":
@@ -236,7 +236,7 @@ class _Table:
     def numbers(self, key: str, count: int) -> list[float]:
         values = self._get(key, list, f"{count} numbers")
         if len(values) != count or not all(type(value) in (int, float) for value in values):
-            raise ValueError(f"{self._where}: {key} must be {count} numbers, it is {values!r}")
+            raise ValueError(f"{self._where}: {key} must be {count} numbers, not {values!r}")
         return [float(value) for value in values]
 
     def joints(self, key: str) -> Joints:
@@ -278,7 +278,7 @@ MODELS: Final[tuple[str, ...]] = tuple(sorted((path.stem for path in _DATA.glob(
 
 @cache
 def load_model(name: str) -> RobotModel:
-    """The arm of this name. Raises UnknownModel, which lists the known ones."""
+    """Load the arm of this name. Raises UnknownModel, which lists the available names."""
     if name not in MODELS:
         raise UnknownModel(name)
     return RobotModel.from_toml((_DATA / f"{name}.toml").read_text(encoding="utf-8"), name)
@@ -288,7 +288,7 @@ _DEFAULT_MODEL: Final = {Series.CB3: "ur3", Series.E: "ur3e"}
 
 
 def default_model(version: str | None) -> str:
-    """Name of the arm that nobody named: ur3, or ur3e where the PolyScope version asked for is an e-Series one.
+    """Name of the default arm: ur3, or ur3e if the PolyScope version is an e-Series one.
 
     Raises ValueError when the text is not a version.
     """
@@ -296,15 +296,15 @@ def default_model(version: str | None) -> str:
 
 
 _RUNS: Final = {Series.CB3: (3, 15, "3.0 to 3.15"), Series.E: (5, sys.maxsize, "5.x, or 10.7 to 10.13")}
-"""Major version, newest minor and both in words; the CB3 line ended with 3.15."""
+"""Major version, newest minor version, and the range as text; the CB3 line ended with 3.15."""
 _RUNS_X: Final = ((10, 7), (10, 13))
-"""Oldest and newest PolyScope X: those on whose simulators the official C++ client is tested."""
+"""Oldest and newest PolyScope X: those whose simulators the official C++ client is tested against."""
 
 
 def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
-    """The PolyScope version of an arm, the usual one of its series when no text is given.
+    """The PolyScope version for an arm; the default of its series when no text is given.
 
-    Raises ValueError when the text is not a version, or that of one the arm never ran.
+    Raises ValueError when the text is not a version, or the arm does not support that version.
     """
     if text is None:
         return DEFAULT_VERSION[model.series]
@@ -315,10 +315,10 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
             raise ValueError(f"PolyScope X is emulated from {' to '.join(map(_dotted, _RUNS_X))}, not as {text}")
         if version < model.first_polyscope_x:
             first = _dotted((model.first_polyscope_x.major, model.first_polyscope_x.minor))
-            raise ValueError(f"{model.title} came to PolyScope X with {first}: {text} is too old")
+            raise ValueError(f"{model.title} requires PolyScope X {first} or later, not {text}")
         return version
     if version.major != major or version.minor > newest:
-        raise ValueError(f"{model.title} is a {model.series.value} arm: its PolyScope version is {known}, not {text}")
+        raise ValueError(f"{model.title} is a {model.series.value} arm: it requires PolyScope {known}, not {text}")
     return version
 
 

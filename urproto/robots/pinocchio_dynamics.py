@@ -1,9 +1,9 @@
 """Rigid-body dynamics of an arm with its payload, by Pinocchio.
 
-The model is built in code from the arm's data. Pinocchio's joint i turns about z of
-Denavit-Hartenberg frame i-1, and the link's mass properties sit in frame i, one fixed
-transform further. The base frame is the robot's base; joint torques exclude friction, and
-the inertia of the motors unless it is given (``urproto.robots.measured`` has numbers).
+The model is built in code from the arm's data. Pinocchio's joint i turns about z of Denavit-Hartenberg frame i-1, and
+the link's mass properties are given in frame i, one fixed transform further. The base frame is the robot's base. Joint
+torques do not include friction, nor the inertia of the rotors unless it is set (``urproto.robots.measured`` has
+numbers).
 """
 
 from collections.abc import Sequence
@@ -38,13 +38,13 @@ class Dynamics:
         self._wrist_3 = pin.Inertia(self._pin.inertias[6])
         self._tcp = self._pin.addFrame(pin.Frame("tcp", 6, 0, self._flange, pin.FrameType.OP_FRAME))
         self._data = self._pin.createData()
-        # a control period puts its numbers here at once: three new arrays take as long as the torques of them
+        # reused in every control period: creating three new arrays takes as long as computing the torques
         self._motion = bytearray(_MOTION.size)
         self._q, self._qd, self._qdd = np.frombuffer(self._motion).reshape(3, 6)
         self.set_gravity(UPRIGHT_GRAVITY)
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = _NO_INERTIA) -> None:
-        """Mount a payload in place of the one before.
+        """Replace the payload.
 
         ``cog_m``: centre of gravity (3,) in the flange frame. ``inertia_kg_m2``: Ixx, Iyy, Izz,
         Ixy, Ixz, Iyz about it, axes as the flange's (as URScript's set_target_payload). A
@@ -56,49 +56,49 @@ class Dynamics:
         self._pin.inertias[6] = self._wrist_3 + self._flange.act(payload)
 
     def set_gravity(self, acceleration_m_s2: Sequence[float]) -> None:
-        """The acceleration that the base feels (3,), as URScript's set_gravity: (0, 0, 9.82) when it stands upright."""
+        """Set gravity (3,) in the base frame, as in URScript's set_gravity: (0, 0, 9.82) for an upright base."""
         x, y, z = acceleration_m_s2
         self._pin.gravity.linear = np.array((-x, -y, -z))
 
     def set_rotor_inertia(self, inertia_kg_m2: Sequence[float]) -> None:
-        """Inertia of the rotors (6,), at the joints' side of the gears; none at first."""
+        """Set the inertia of the rotors (6,), referred to the joint side of the gears; initially 0."""
         a, b, c, d, e, f = inertia_kg_m2
         self._pin.armature = _vector((a, b, c, d, e, f))
 
     def inverse_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """Torques that give the accelerations ``qdd``."""
+        """Torques that result in the accelerations ``qdd``."""
         return _joints(pin.rnea(self._pin, self._data, _vector(q_rad), _vector(qd), _vector(qdd)))
 
     def torques_and_momentum(self, q_rad: Joints, qd: Joints, qdd: Joints) -> tuple[Joints, float]:
-        """`inverse_dynamics` and `linear_momentum` of one motion, for less than the two: once a control period."""
+        """`inverse_dynamics` and `linear_momentum` of one motion, faster than both calls; used every control period."""
         _MOTION.pack_into(self._motion, 0, *q_rad, *qd, *qdd)
         torques = pin.rnea(self._pin, self._data, self._q, self._qd, self._qdd)
-        momentum = pin.computeCentroidalMomentum(self._pin, self._data)  # of the velocities that are known from it
+        momentum = pin.computeCentroidalMomentum(self._pin, self._data)  # for the velocities computed before
         return _joints(torques), hypot(*momentum.linear.tolist())
 
     def inverse_dynamics_along(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
-        """`inverse_dynamics` of each row of a motion: all (n, 6)."""
+        """`inverse_dynamics` for each row of a motion: all (n, 6)."""
         rows = zip(q_rad, qd, qdd, strict=True)
         return np.array([pin.rnea(self._pin, self._data, *row) for row in rows]).reshape(-1, 6)
 
     def last_link_regressor(self, q_rad: _Vector, qd: _Vector, qdd: _Vector) -> _Vector:
-        """What something fixed to the last link adds to the torques of each row of a motion: (n, 6, 10), linear in its
-        parameters as `payload_of` takes them.
+        """Regressor (n, 6, 10) for a body attached to the last link: multiplied by the body's parameters (see
+        `payload_of`), it gives the torques that the body adds for each row of a motion.
         """
         rows = zip(q_rad, qd, qdd, strict=True)
         last = [pin.computeJointTorqueRegressor(self._pin, self._data, *row)[:, -10:] for row in rows]
         return np.array(last).reshape(-1, 6, 10)
 
     def payload_of(self, parameters: Sequence[float]) -> tuple[float, tuple[float, float, float]]:
-        """Mass [kg] and centre of gravity [m] in the flange frame of a `last_link_regressor`'s ten parameters: mass,
-        first moments, and six of inertia. The mass must not be 0.
+        """Mass [kg] and centre of gravity [m] in the flange frame from the ten parameters of `last_link_regressor`:
+        mass, first moments, and six of inertia. The mass must not be 0.
         """
         mass, *moments = parameters[:4]
         x, y, z = self._flange.actInv(np.array(moments) / mass).tolist()
         return float(mass), (x, y, z)
 
     def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """What arm and payload do to the base (6,): force [N], torque [Nm] about its origin, base axes.
+        """Wrench of arm and payload on the base (6,): force [N], torque [Nm] about its origin, in base axes.
 
         The weight of an upright arm is a negative z.
         """
@@ -114,7 +114,7 @@ class Dynamics:
         return _joints(pin.computeGeneralizedGravity(self._pin, self._data, _vector(q_rad)))
 
     def coriolis_torques(self, q_rad: Sequence[float], qd: Sequence[float]) -> Joints:
-        """Torques that Coriolis and centrifugal forces take: C(q, qd) qd."""
+        """Torques for Coriolis and centrifugal forces: C(q, qd) qd."""
         q = _vector(q_rad)
         all_torques = pin.nonLinearEffects(self._pin, self._data, q, _vector(qd))
         return _joints(all_torques - pin.computeGeneralizedGravity(self._pin, self._data, q))
@@ -138,7 +138,7 @@ class Dynamics:
     def jacobian_time_derivative(
         self, q_rad: Sequence[float], qd: Sequence[float], tcp_offset: Sequence[float] | None = None
     ) -> Jacobian:
-        """Rate of ``Kinematics.jacobian`` along ``qd``: six rows, linear then angular, base axes, at the TCP."""
+        """Time derivative of ``Kinematics.jacobian`` for ``qd``: six rows, linear, angular, base axes, at the TCP."""
         offset = pin.SE3.Identity() if tcp_offset is None else _placement(tcp_offset)
         self._pin.frames[self._tcp].placement = self._flange * offset
         pin.computeJointJacobiansTimeVariation(self._pin, self._data, _vector(q_rad), _vector(qd))
@@ -160,19 +160,19 @@ def _build(model: RobotModel) -> Any:  # pinocchio ships no types
 
 
 def _build_calibrated(model: RobotModel, calibration: DH) -> Any:
-    """Joints in the frames of the calibration, and each link in its joint's frame as on the nominal arm."""
+    """Build the model with joints in the frames of the calibration; links in their joints' frames are nominal."""
     built, parent = pin.Model(), 0
     for i, (link, frame) in enumerate(zip(model.links, chain_of(calibration), strict=True)):
         placement = pin.SE3(np.array(frame.axes).reshape(3, 3), np.array(frame.position))
         parent = built.addJoint(parent, pin.JointModelRZ(), placement, f"joint_{i + 1}")
         body = _to_next_link(model.dh, i)
-        body.translation = np.array((model.dh.a[i], 0.0, 0.0))  # the frame has d behind it
+        body.translation = np.array((model.dh.a[i], 0.0, 0.0))  # the joint's frame already includes d
         built.appendBodyToJoint(parent, _inertia(link.mass_kg, link.com_m, link.inertia_kg_m2), body)
     return built
 
 
 def _to_next_link(dh: DH, i: int) -> Any:
-    """Trans_z(d) Trans_x(a) Rot_x(alpha): what follows the turn of joint i (from 0)."""
+    """Trans_z(d) Trans_x(a) Rot_x(alpha): the transform after the rotation of joint i (from 0)."""
     s, c = sin(dh.alpha[i]), cos(dh.alpha[i])
     rotation = np.array(((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c)))
     return pin.SE3(rotation, np.array((dh.a[i], 0.0, dh.d[i])))

@@ -1,9 +1,9 @@
 """Rigid-body dynamics of an arm with its payload in plain Python, for systems without Pinocchio.
 
 The recursive Newton-Euler algorithm (Luh, Walker and Paul 1980) with three-dimensional vectors: velocities and
-accelerations from the base outwards, forces and moments from the flange back, all in the links' own frames. A mass
-matrix is six of them, one for each unit acceleration. Frames and arguments are those of
-``urproto.robots.pinocchio_dynamics``, and so are the numbers, to 1e-9 of their size.
+accelerations from the base outwards, forces and moments from the flange back, all in the links' own frames. The mass
+matrix takes six passes, one for each unit acceleration. Frames and arguments are those of
+``urproto.robots.pinocchio_dynamics``, and the results agree to a relative error of 1e-9.
 """
 
 from collections.abc import Sequence
@@ -22,32 +22,33 @@ _JOINTS: Final = 6
 
 
 class _Placement(NamedTuple):
-    """A frame in another one."""
+    """Pose of a frame in another one."""
 
     axes: Matrix3
     position: Vector3
 
     def times(self, inner: "_Placement") -> "_Placement":
-        """Where a frame given in this one is in the other one."""
+        """Pose in the other frame of a frame that is given in this one."""
         return _Placement(_product(self.axes, inner.axes), add3(self.position, rotate(self.axes, inner.position)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """mass [kg], its centre [m] in some frame, and the inertia about that centre [kg m2] in the frame's axes."""
+    """A rigid body: mass [kg], its centre [m] in a frame, and the inertia about that centre [kg m2] in that frame's
+    axes."""
 
     mass: float
     centre: Vector3
     inertia: Matrix3
 
     def seen_from(self, place: _Placement) -> "_Body":
-        """The body in the frame in which its own frame is placed."""
+        """The body expressed in the frame in which its own frame is placed."""
         rows = _product(place.axes, self.inertia)
         turned = _product(rows, _transposed(place.axes))
         return _Body(self.mass, add3(place.position, rotate(place.axes, self.centre)), turned)
 
     def joined(self, other: "_Body") -> "_Body":
-        """Both as one, in the frame that both are given in."""
+        """Both bodies combined, in the frame in which both are given."""
         mass = self.mass + other.mass
         if not mass:
             return _Body(0.0, ZERO3, _sum(self.inertia, other.inertia))
@@ -56,7 +57,7 @@ class _Body:
         return _Body(mass, centre, inertia)
 
     def _about(self, point: Vector3) -> Matrix3:
-        """The inertia about another point (parallel axes)."""
+        """The inertia about another point (parallel axis theorem)."""
         x, y, z = sub3(self.centre, point)
         m = self.mass
         xy, xz, yz = -m * x * y, -m * x * z, -m * y * z
@@ -65,12 +66,12 @@ class _Body:
 
 
 class _Moving(NamedTuple):
-    """One link in its own frame: how that stands in the one before, and its velocities and accelerations."""
+    """The motion of a link in its own frame: pose in the previous frame, velocities and accelerations."""
 
     place: _Placement
     turn: Vector3  # rad/s
     turn_rate: Vector3  # rad/s2
-    acceleration: Vector3  # of the frame's origin, m/s2; the base feels gravity as one
+    acceleration: Vector3  # of the frame's origin, m/s2; gravity is an acceleration of the base
 
 
 class PlainDynamics:
@@ -87,7 +88,7 @@ class PlainDynamics:
         self._rotors: Joints = ZERO6
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float], inertia_kg_m2: Sequence[float] = ZERO6) -> None:
-        """Mount a payload in place of the one before.
+        """Replace the payload.
 
         ``cog_m``: centre of gravity (3,) in the flange frame. ``inertia_kg_m2``: Ixx, Iyy, Izz,
         Ixy, Ixz, Iyz about it, axes as the flange's (as URScript's set_target_payload). A
@@ -99,16 +100,16 @@ class PlainDynamics:
         self._links[5] = self._wrist_3.joined(payload)
 
     def set_gravity(self, acceleration_m_s2: Sequence[float]) -> None:
-        """The acceleration that the base feels (3,), as URScript's set_gravity: (0, 0, 9.82) when it stands upright."""
+        """Set gravity (3,) in the base frame, as in URScript's set_gravity: (0, 0, 9.82) for an upright base."""
         x, y, z = acceleration_m_s2
         self._gravity = (x, y, z)
 
     def set_rotor_inertia(self, inertia_kg_m2: Sequence[float]) -> None:
-        """Inertia of the rotors (6,), at the joints' side of the gears; none at first."""
+        """Set the inertia of the rotors (6,), referred to the joint side of the gears; initially 0."""
         self._rotors = _six(inertia_kg_m2)
 
     def inverse_dynamics(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """Torques that give the accelerations ``qdd``."""
+        """Torques that result in the accelerations ``qdd``."""
         return self._torques(q_rad, qd, qdd, self._gravity)
 
     def torques_and_momentum(self, q_rad: Joints, qd: Joints, qdd: Joints) -> tuple[Joints, float]:
@@ -116,7 +117,7 @@ class PlainDynamics:
         return self.inverse_dynamics(q_rad, qd, qdd), self.linear_momentum(q_rad, qd)
 
     def base_wrench(self, q_rad: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Joints:
-        """What arm and payload do to the base (6,): force [N], torque [Nm] about its origin, base axes.
+        """Wrench of arm and payload on the base (6,): force [N], torque [Nm] about its origin, in base axes.
 
         The weight of an upright arm is a negative z.
         """
@@ -137,7 +138,7 @@ class PlainDynamics:
         return self._torques(q_rad, ZERO6, ZERO6, self._gravity)
 
     def coriolis_torques(self, q_rad: Sequence[float], qd: Sequence[float]) -> Joints:
-        """Torques that Coriolis and centrifugal forces take: C(q, qd) qd."""
+        """Torques for Coriolis and centrifugal forces: C(q, qd) qd."""
         return self._torques(q_rad, qd, ZERO6, ZERO3)
 
     def mass_matrix(self, q_rad: Sequence[float]) -> Jacobian:
@@ -170,7 +171,7 @@ class PlainDynamics:
     def jacobian_time_derivative(
         self, q_rad: Sequence[float], qd: Sequence[float], tcp_offset: Sequence[float] | None = None
     ) -> Jacobian:
-        """Rate of ``Kinematics.jacobian`` along ``qd``: six rows, linear then angular, base axes, at the TCP."""
+        """Time derivative of ``Kinematics.jacobian`` for ``qd``: six rows, linear, angular, base axes, at the TCP."""
         frames, speeds = self._frames(_six(q_rad)), _six(qd)
         last = frames[-1].times(self._flange)
         tcp = last.position if tcp_offset is None else last.times(_placement(tcp_offset)).position
@@ -199,7 +200,7 @@ class PlainDynamics:
         )
 
     def _moving(self, q: Joints, qd: Joints, qdd: Joints, felt: Vector3) -> list[_Moving]:
-        """Every link, from the base outwards."""
+        """The motion of every link, from the base outwards."""
         moving = list[_Moving]()
         turn, turn_rate, acceleration = ZERO3, ZERO3, felt
         for fixed, angle, speed, rate in zip(self._places, q, qd, qdd, strict=True):
@@ -214,9 +215,9 @@ class PlainDynamics:
         return moving
 
     def _loads(self, moving: list[_Moving]) -> list[tuple[Vector3, Vector3]]:
-        """Force and moment that each link gets from the one before, in its own frame, about its origin."""
+        """Force and moment on each link from the previous one, in its own frame, about its origin."""
         loads = list[tuple[Vector3, Vector3]]()
-        force, moment = ZERO3, ZERO3  # what the next link gets, in this one's frame
+        force, moment = ZERO3, ZERO3  # on the next link, in this link's frame
         for link, body in zip(reversed(moving), reversed(self._links), strict=True):
             turn = link.turn
             sweep = add3(cross(link.turn_rate, body.centre), cross(turn, cross(turn, body.centre)))
@@ -231,7 +232,7 @@ class PlainDynamics:
         return loads
 
     def _frames(self, q: Joints) -> list[_Placement]:
-        """The joints' frames in the base."""
+        """The joints' frames in the base frame."""
         frames, frame = list[_Placement](), _Placement(_IDENTITY, ZERO3)
         for fixed, angle in zip(self._places, q, strict=True):
             frame = frame.times(_turned(fixed, angle))
@@ -241,7 +242,8 @@ class PlainDynamics:
     def _velocities(
         self, q_rad: Sequence[float], qd: Joints
     ) -> list[tuple[_Body, _Placement, tuple[Vector3, Vector3]]]:
-        """Every link, its frame in the base, and in that frame the velocity of its centre and its turn."""
+        """Every link with its pose in the base frame, and the velocity of its centre and its angular velocity in its
+        own frame."""
         found = list[tuple[_Body, _Placement, tuple[Vector3, Vector3]]]()
         q = _six(q_rad)
         turn, speed = ZERO3, ZERO3
@@ -255,20 +257,20 @@ class PlainDynamics:
 
 
 def _chain(model: RobotModel) -> tuple[list[_Placement], list[_Body]]:
-    """Where each joint's frame is in the one before at angle 0, and each link in its joint's frame."""
+    """The pose of each joint's frame in the previous one at angle 0, and each link in its joint's frame."""
     bodies = [_body(link.mass_kg, link.com_m, link.inertia_kg_m2) for link in model.links]
     places = [_to_next_link(model.dh, i) for i in range(_JOINTS)]
     if model.calibration is None:
         joints = [_Placement(_IDENTITY, ZERO3), *places[:-1]]
     else:
         joints = [_Placement(frame.axes, frame.position) for frame in chain_of(model.calibration)]
-        # the frame has d behind it
+        # the joint's frame already includes d
         places = [_Placement(place.axes, (model.dh.a[i], 0.0, 0.0)) for i, place in enumerate(places)]
     return joints, [body.seen_from(place) for body, place in zip(bodies, places, strict=True)]
 
 
 def _to_next_link(dh: DH, i: int) -> _Placement:
-    """Trans_z(d) Trans_x(a) Rot_x(alpha): what follows the turn of joint i (from 0)."""
+    """Trans_z(d) Trans_x(a) Rot_x(alpha): the transform after the rotation of joint i (from 0)."""
     s, c = sin(dh.alpha[i]), cos(dh.alpha[i])
     return _Placement((1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c), (dh.a[i], 0.0, dh.d[i]))
 
@@ -279,7 +281,7 @@ def _placement(pose: Sequence[float]) -> _Placement:
 
 
 def _turned(place: _Placement, angle: float) -> _Placement:
-    """With the joint's turn about z."""
+    """The placement followed by the joint's rotation about z."""
     s, c = sin(angle), cos(angle)
     m = place.axes
     axes = (
@@ -298,7 +300,7 @@ def _body(mass_kg: float, com_m: Sequence[float], inertia_kg_m2: Sequence[float]
 
 def _six(values: Sequence[float]) -> Joints:
     if len(values) != _JOINTS:
-        raise ValueError(f"a joint vector has the size {_JOINTS}, this one {len(values)}")
+        raise ValueError(f"a joint vector must have {_JOINTS} numbers, not {len(values)}")
     return as_six(values)
 
 
@@ -319,7 +321,7 @@ def _sum(a: Matrix3, b: Matrix3) -> Matrix3:
 
 
 def _solved(matrix: Jacobian, wanted: Sequence[float]) -> Joints:
-    """Of a symmetric positive definite matrix, by Cholesky's decomposition."""
+    """Solve a linear system with a symmetric positive definite matrix by Cholesky decomposition."""
     lower = [[0.0] * _JOINTS for _ in range(_JOINTS)]
     for i in range(_JOINTS):
         for j in range(i + 1):

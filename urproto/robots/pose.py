@@ -4,8 +4,8 @@ A pose is x, y, z [m] and a rotation vector rx, ry, rz [rad] (axis times angle).
 function takes any sequence of six numbers and returns tuples; rotation vectors that come
 out are at most pi long. A sequence of another length raises ValueError.
 
-Rotations are composed as unit quaternions (w, x, y, z): exact near angles 0 and pi, where
-going through the trace of a matrix loses half of the digits.
+Rotations are composed as unit quaternions (w, x, y, z), which are accurate near angles 0 and pi, where computing with
+the trace of a matrix loses half of the digits.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ def pose_add(pose_1: Sequence[float], pose_2: Sequence[float]) -> Pose:
 
 
 def pose_sub(pose_to: Sequence[float], pose_from: Sequence[float]) -> Pose:
-    """What added to ``pose_from`` gives ``pose_to``: pose_add(pose_sub(a, b), b) = a.
+    """The pose that, added to ``pose_from``, gives ``pose_to``: pose_add(pose_sub(a, b), b) = a.
 
     Source: a Universal Robots employee in the vendor's forum, thread 8431. The rotation is
     therefore about the base axes: R = R_to R_from^-1.
@@ -55,10 +55,9 @@ def pose_sub(pose_to: Sequence[float], pose_from: Sequence[float]) -> Pose:
 
 
 def interpolate_pose(pose_from: Sequence[float], pose_to: Sequence[float], alpha: float) -> Pose:
-    """The pose at ``alpha`` of the way: position on a line, orientation about one fixed axis.
+    """The pose at the fraction ``alpha`` between two poses: position on a line, orientation about one fixed axis.
 
-    0 gives the first pose, 1 the second, anything outside extrapolates. The rotation takes
-    the short way round.
+    0 is the first pose, 1 the second, and other values extrapolate. The rotation takes the shorter direction.
     """
     ax, ay, az, arx, ary, arz = pose_from
     bx, by, bz, brx, bry, brz = pose_to
@@ -69,21 +68,21 @@ def interpolate_pose(pose_from: Sequence[float], pose_to: Sequence[float], alpha
 
 
 def point_dist(pose_from: Sequence[float], pose_to: Sequence[float]) -> float:
-    """Distance of the two positions [m]; orientations do not count."""
+    """Distance between two positions [m]; orientations are ignored."""
     ax, ay, az, _, _, _ = pose_from
     bx, by, bz, _, _, _ = pose_to
     return hypot(bx - ax, by - ay, bz - az)
 
 
 def pose_dist(pose_from: Sequence[float], pose_to: Sequence[float]) -> float:
-    """Distance of the two poses [m]; taken to be that of the positions (guess: the manual names no other metric)."""
+    """Distance between two poses [m]: that of the positions (guess: the manual does not name another metric)."""
     return point_dist(pose_from, pose_to)
 
 
 def wrench_trans(pose_from_to: Sequence[float], wrench_from: Sequence[float]) -> Pose:
-    """A wrench (force [N], torque [Nm]) seen from another frame, whose pose in the first one is given.
+    """A wrench (force [N], torque [Nm]) expressed in another frame, whose pose in the first one is given.
 
-    The force is turned into the new axes; the torque is taken about the new origin first.
+    The torque is moved to the new origin first; then both are rotated into the new axes.
     """
     px, py, pz, rx, ry, rz = pose_from_to
     fx, fy, fz, tx, ty, tz = wrench_from
@@ -114,7 +113,7 @@ def rotvec_to_quaternion(rx: float, ry: float, rz: float) -> tuple[float, float,
 
 
 def quaternion_to_rotvec(x: float, y: float, z: float, w: float) -> Vector3:
-    """Rotation vector [rad], at most pi long, of a quaternion in ROS's order, of any length but 0."""
+    """Rotation vector [rad], at most pi long, of a quaternion in ROS's order and of any length except 0."""
     return _rotvec((w, x, y, z))
 
 
@@ -134,7 +133,7 @@ def matrix_to_rotvec(matrix: Sequence[float]) -> Vector3:
 
 
 def rpy_to_rotvec(roll: float, pitch: float, yaw: float) -> Vector3:
-    """Rotation vector of turns about the fixed axes x, y, z in this order (R = Rz Ry Rx), all rad."""
+    """Rotation vector of rotations about the fixed axes x, y, z in this order (R = Rz Ry Rx), all in rad."""
     yaw_pitch = _multiply(_quaternion(0.0, 0.0, yaw), _quaternion(0.0, pitch, 0.0))
     return _rotvec(_multiply(yaw_pitch, _quaternion(roll, 0.0, 0.0)))
 

@@ -1,9 +1,9 @@
-"""Where the links of an arm are and how thick.
+"""Simplified shapes of an arm's links.
 
-One capsule each, for what touches an emulated arm, descriptions and pictures: a link is taken to be as thick as the
-housing of the joint that it begins with; the tube between its joints is a fifth thinner, and its ends stick out.
+One capsule per link is used for contacts of an emulated arm, descriptions and drawings. Its radius is that of the
+housing of the link's first joint; the real tube between the joints is a fifth thinner, and the capsule's ends protrude.
 
-Up to three cylinders each, for what has to keep clear of an arm: nothing of it is beside them.
+Up to three cylinders per link are used to keep clear of an arm: they contain all of it.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ Segment = tuple[Vector3, Vector3]
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """Ends of the axis in the frame that turns with the link [m]."""
+    """A capsule, with the ends of its axis in the frame that moves with the link [m]."""
 
     start: Vector3
     end: Vector3
@@ -30,7 +30,7 @@ class Capsule:
 
 
 def capsules(model: RobotModel) -> tuple[Capsule, ...]:
-    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of ur_description's links."""
+    """The capsules of base, shoulder, upper arm, forearm, wrist 1, 2 and 3 in the frames of ur_description's links."""
     shoulder, elbow, wrist, _ = model.housing_radii
     d1, _, _, d4, d5, d6 = model.dh.d
     upper, fore = (link.tube_height for link in model.cylinders[2:4])
@@ -47,7 +47,7 @@ def capsules(model: RobotModel) -> tuple[Capsule, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """The middles of its flat ends in the frame that turns with the link [m]."""
+    """A cylinder, with the centres of its flat ends in the frame that moves with the link [m]."""
 
     start: Vector3
     end: Vector3
@@ -55,7 +55,8 @@ class Cylinder:
 
 
 def cylinders(model: RobotModel) -> tuple[tuple[Cylinder, ...], ...]:
-    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of `capsules`; see `LinkCylinders`."""
+    """The cylinders of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of `capsules`; see
+    `LinkCylinders`."""
     chain = chain_of(model.dh)
     found = []
     for number, link in enumerate(model.cylinders):
@@ -87,7 +88,7 @@ class ArmCapsules:
         self.radii = (shoulder, shoulder, elbow, wrist, wrist, wrist)
 
     def axes(self, q_rad: Sequence[float]) -> tuple[Segment, Segment, Segment, Segment, Segment, Segment]:
-        """Both ends of each capsule's axis [m]; wrist 3 ends inside of its capsule at the flange."""
+        """Both ends of each capsule's axis [m]; that of wrist 3 ends inside its capsule, at the flange."""
         q1, q2, q3, q4, q5, _ = q_rad
         s1, c1, s5, c5 = sin(q1), cos(q1), sin(q5), cos(q5)
 

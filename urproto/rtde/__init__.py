@@ -3,5 +3,5 @@
 - fields: every output and input variable, its type, unit and first versions
 - types: the wire types of variables
 - recipes: packing and unpacking of a chosen list of variables
-- codec: the packages of both directions, protocol versions 1 and 2
+- codec: the packages in both directions, protocol versions 1 and 2
 """

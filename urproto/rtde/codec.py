@@ -1,10 +1,9 @@
-"""Packages of both directions, and how they come out of a byte stream.
+"""The packages in both directions, and splitting a byte stream into them.
 
-A package is ``uint16 size | uint8 type | payload``. What a payload means depends on who
-sent it and on the protocol version in force at that point of the stream, so decoding has
-two steps: RTDEDecoder cuts packages out of the stream, then decode_request (on the
-controller's side) or decode_reply (on the client's) reads one. A connection speaks
-protocol 1 until a request for version 2 is accepted.
+A package is ``uint16 size | uint8 type | payload``. The meaning of a payload depends on its sender and on the protocol
+version active at that point in the stream. Decoding therefore has two steps: RTDEDecoder splits the stream into
+packages, and decode_request (on the controller's side) or decode_reply (on the client's side) decodes a package. A
+connection uses protocol 1 until a request for version 2 is accepted.
 
 Source: the RTDE guide, checked against the official Python and C++ clients.
 """
@@ -49,7 +48,7 @@ class MessageLevel(IntEnum):
 
 
 class Package(NamedTuple):
-    """One package as it came; ``type`` may be a number no PackageType has."""
+    """A package as received; ``type`` may be a number that is not a PackageType."""
 
     type: int
     payload: bytes
@@ -58,14 +57,14 @@ class Package(NamedTuple):
         """The package on the wire. Raises LocalProtocolError over 65535 bytes."""
         size = _HEADER.size + len(self.payload)
         if size > _MAX_SIZE:
-            raise LocalProtocolError(f"an RTDE package holds at most {_MAX_SIZE} bytes, this one has {size}")
+            raise LocalProtocolError(f"an RTDE package has at most {_MAX_SIZE} bytes, not {size}")
         return _HEADER.pack(size, self.type) + self.payload
 
 
 class RTDEDecoder:
-    """Cuts packages out of a stream that arrives in any split.
+    """Splits a stream into packages, whatever its chunks.
 
-    Never holds more than one unfinished package (64 kB).
+    Never buffers more than one incomplete package (64 kB).
     """
 
     def __init__(self) -> None:
@@ -73,11 +72,10 @@ class RTDEDecoder:
         self.error: RemoteProtocolError | None = None
 
     def feed(self, data: bytes) -> list[Package]:
-        """Take bytes, give the packages they complete.
+        """Add bytes; returns the packages they complete.
 
-        A size below 3 cannot be: packages before it are still given, and this call, or the
-        next one if there were any, raises RemoteProtocolError; ``error`` is set at once.
-        Such a stream cannot be resumed.
+        A size below 3 is impossible: packages before it are still returned, and this call, or the next one if there
+        were any, raises RemoteProtocolError; ``error`` is set immediately. Such a stream cannot be resumed.
         """
         packages: list[Package] = []
         if self.error is None:
@@ -108,7 +106,7 @@ def _wire(kind: PackageType, payload: bytes = b"") -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class RequestProtocol:
-    """Client asks to speak another protocol version."""
+    """The client requests another protocol version."""
 
     version: int
 
@@ -122,7 +120,7 @@ class RequestProtocol:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolReply:
-    """Whether the requested protocol version is now in force."""
+    """Whether the requested protocol version is now active."""
 
     accepted: bool
 
@@ -136,7 +134,7 @@ class ProtocolReply:
 
 @dataclass(frozen=True, slots=True)
 class GetVersion:
-    """Client asks for the controller's version."""
+    """The client requests the controller's version."""
 
     def encode(self, protocol: int) -> bytes:
         return _wire(PackageType.GET_URCONTROL_VERSION)
@@ -164,7 +162,7 @@ class VersionReply:
 
 @dataclass(frozen=True, slots=True)
 class SetupOutputs:
-    """Client chooses the variables it wants, and from protocol 2 on how often [Hz]."""
+    """The client chooses output variables and, from protocol 2 on, their frequency [Hz]."""
 
     names: tuple[str, ...]
     frequency_hz: float | None = None
@@ -185,7 +183,7 @@ class SetupOutputs:
 
 @dataclass(frozen=True, slots=True)
 class SetupOutputsReply:
-    """A type (or NOT_FOUND) for each name asked for; protocol 1 has no recipe id."""
+    """A type (or NOT_FOUND) for each requested name; protocol 1 has no recipe id."""
 
     types: tuple[str, ...]
     recipe_id: int = 1
@@ -202,7 +200,7 @@ class SetupOutputsReply:
 
 @dataclass(frozen=True, slots=True)
 class SetupInputs:
-    """Client names the variables it wants to write."""
+    """The client chooses input variables to write."""
 
     names: tuple[str, ...]
 
@@ -232,7 +230,7 @@ class SetupInputsReply:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Client asks for output data to flow."""
+    """The client requests that output data be sent."""
 
     def encode(self, protocol: int) -> bytes:
         return _wire(PackageType.START)
@@ -244,7 +242,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartReply:
-    """Whether output data flows from now on."""
+    """Whether output data is sent from now on."""
 
     accepted: bool
 
@@ -258,7 +256,7 @@ class StartReply:
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Client asks for output data to cease."""
+    """The client requests that output data stop."""
 
     def encode(self, protocol: int) -> bytes:
         return _wire(PackageType.PAUSE)
@@ -270,7 +268,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class PauseReply:
-    """Whether output data has ceased."""
+    """Whether output data has stopped."""
 
     accepted: bool
 
@@ -284,7 +282,7 @@ class PauseReply:
 
 @dataclass(frozen=True, slots=True)
 class InputData:
-    """Values a client writes; ``data`` is what Recipe.unpack reads."""
+    """Values written by a client; Recipe.unpack decodes ``data``."""
 
     recipe_id: int
     data: bytes
@@ -299,7 +297,7 @@ class InputData:
 
 @dataclass(frozen=True, slots=True)
 class OutputData:
-    """Values the controller sends; protocol 1 has no recipe id."""
+    """Values sent by the controller; protocol 1 has no recipe id."""
 
     data: bytes
     recipe_id: int = 1
@@ -316,7 +314,7 @@ class OutputData:
 
 @dataclass(frozen=True, slots=True)
 class ClientMessage:
-    """A client's remark, for the controller's log; text and source are cut at 255 bytes each."""
+    """A client's message for the controller's log; text and source are each cut at 255 bytes."""
 
     text: str
     source: str = ""
@@ -333,7 +331,7 @@ class ClientMessage:
 
 @dataclass(frozen=True, slots=True)
 class TextMessage:
-    """The controller's remark. Protocol 1 carries no source, and its text may be longer than 255 bytes."""
+    """A message from the controller. In protocol 1, it has no source, and its text may be longer than 255 bytes."""
 
     text: str
     source: str = ""
@@ -387,7 +385,7 @@ _REPLIES: dict[int, Callable[[Reader, int], Reply]] = {
 
 
 def output_packer(recipe: Recipe, protocol: int, recipe_id: int = 1) -> Callable[[Any], bytes]:
-    """A function from a snapshot to the whole data package, for use in every control period."""
+    """A function that converts a snapshot to a complete data package, for use in every control period."""
     head = b"" if protocol == 1 else pack("B", recipe_id)
     size = _HEADER.size + len(head) + recipe.size
     return recipe.packer(pack("HB", size, PackageType.DATA_PACKAGE) + head)
@@ -398,10 +396,10 @@ def _describe(kind: int) -> str:
 
 
 def decode_request(package: Package, protocol: int) -> Request:
-    """Read what a client sent while this protocol version was in force.
+    """Decode a package sent by a client while this protocol version was active.
 
-    Bytes after a fixed layout are ignored. Raises RemoteProtocolError for an unknown type
-    or a payload that is too short; the stream itself stays usable.
+    Bytes after a fixed layout are ignored. Raises RemoteProtocolError for an unknown type or a payload that is too
+    short; the stream itself stays usable.
     """
     read = _REQUESTS.get(package.type)
     if read is None:
@@ -410,7 +408,7 @@ def decode_request(package: Package, protocol: int) -> Request:
 
 
 def decode_reply(package: Package, protocol: int) -> Reply:
-    """Read what a controller sent; as decode_request otherwise."""
+    """Decode a package sent by a controller; otherwise like decode_request."""
     read = _REPLIES.get(package.type)
     if read is None:
         raise RemoteProtocolError(f"no RTDE package has {_describe(package.type)}")

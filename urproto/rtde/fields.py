@@ -1,11 +1,11 @@
-"""Every variable RTDE offers, one row of ``outputs.csv`` and ``inputs.csv`` each.
+"""All RTDE variables; each is a row of ``outputs.csv`` or ``inputs.csv``.
 
-The rows are transcribed from the RTDE guide and the version tables of public clients. A
-family of registers is one row, ``name_{first..last}``. A version with a question mark is a
-guess: the guide gives none for that variable.
+The rows are transcribed from the RTDE guide and the version tables of public clients. A family of registers is one row,
+``name_{first..last}``. A version with a question mark is our guess, because the RTDE guide gives none for that
+variable.
 
-A row's name is the attribute of the controller's snapshot, but for registers, which sit
-in one tuple a kind, and booleans, which are the bits of one integer.
+The name of a row is the attribute of the controller's snapshot, except for registers, which are in one tuple per kind,
+and booleans, which are the bits of one integer.
 """
 
 import csv
@@ -20,7 +20,7 @@ from urproto.rtde.types import FieldType
 from urproto.versions import Availability, PolyscopeVersion
 
 LONGEST_S: Final = 1e9
-"""No robot has been on for so long: a ``timestamp`` beyond is no time; guess."""
+"""No robot has been on for so long, so a larger ``timestamp`` is not a valid time; guess."""
 
 _WORD = 0xFFFFFFFF
 _FAMILY = re.compile(r"(?P<stem>\w+)_\{(?P<first>\d+)\.\.(?P<last>\d+)\}")
@@ -31,11 +31,11 @@ _RENAMED = {"control_step": "step"}
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One RTDE variable.
+    """An RTDE variable.
 
-    attribute and index say where its value lives: the attribute itself when index is None,
-    the element of a tuple for an integer or double register, the bit (or first bit of 32)
-    for boolean registers. version_is_guess marks a first version no document gives.
+    attribute, index: where its value is in a snapshot: the attribute itself when index is None, the element of a tuple
+    for an integer or double register, the bit (or first bit of 32) for boolean registers. version_is_guess: no document
+    gives the first version.
     """
 
     name: str
@@ -49,11 +49,11 @@ class Field:
 
     @property
     def is_bits(self) -> bool:
-        """True when the value is cut out of an integer that holds boolean registers."""
+        """True when the value consists of bits of an integer with boolean registers."""
         return self.attribute in {"input_bit_registers", "output_bit_registers"}
 
     def read(self, source: Any) -> Any:
-        """The variable's value out of a snapshot (or anything with the same attributes)."""
+        """Read the variable's value from a snapshot (or any object with the same attributes)."""
         value = getattr(source, self.attribute)
         if self.index is None:
             return value
@@ -65,7 +65,7 @@ class Field:
 
     @property
     def expression(self) -> str:
-        """Python source that reads the value from a snapshot called ``s``, as read() does."""
+        """Python source that reads the value from a snapshot called ``s``, like read()."""
         source = f"s.{self.attribute}"
         if self.index is None:
             return f"*{source}" if self.type.count > 1 else source
@@ -76,7 +76,7 @@ class Field:
 
 
 def _place(name: str) -> tuple[str, int | None]:
-    """Attribute and index a variable's name stands for."""
+    """Attribute and index for the name of a variable."""
     if match := _REGISTER.fullmatch(name):
         return f"{match['kind']}s", int(match["index"])
     if match := _BIT_WORD.fullmatch(name):
@@ -112,5 +112,5 @@ INPUT_FIELDS: Mapping[str, Field] = _load("inputs.csv")
 
 
 def available_fields(table: Mapping[str, Field], version: PolyscopeVersion) -> Mapping[str, Field]:
-    """The rows a controller of this version offers."""
+    """The variables that a controller of this version offers."""
     return {name: field for name, field in table.items() if field.available.covers(version)}

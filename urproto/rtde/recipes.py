@@ -1,4 +1,4 @@
-"""Recipes: the list of variables one data package carries, in order."""
+"""Recipes: the ordered list of variables in a data package."""
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -11,20 +11,20 @@ from urproto.rtde.types import NOT_FOUND
 
 
 def split_names(text: str) -> tuple[str, ...]:
-    """The names in a set-up request. An empty last one is dropped: ur_rtde ends with a comma."""
+    """The names in a set-up request. An empty last name is dropped, because ur_rtde appends a comma."""
     return tuple(text.removesuffix(",").split(",")) if text else ()
 
 
 def type_names(names: Iterable[str], fields: Mapping[str, Field]) -> tuple[str, ...]:
-    """The reply to a set-up request: each name's type, NOT_FOUND where there is no such field."""
+    """The types for the reply to a set-up request; NOT_FOUND for an unknown name."""
     return tuple(fields[name].type.wire_name if name in fields else NOT_FOUND for name in names)
 
 
 class RecipeValues(Mapping[str, Any]):
-    """The values of one package by name, vectors as tuples.
+    """The values of a package by name, vectors as tuples.
 
-    All numbers are decoded at once; a vector is cut out of them when it is looked at, since of many
-    variables few are looked at in a control period.
+    All numbers are decoded together, but a vector is only sliced out of them on access, because few of many variables
+    are read in a control period.
     """
 
     __slots__ = ("_flat", "_places")
@@ -56,7 +56,7 @@ class Recipe:
         self.fields = tuple(fields)
         self._struct = struct.Struct(">" + "".join(field.type.layout for field in self.fields))
         self._places: dict[str, int | slice] = {}
-        self._order: list[int | slice] = []  # as `_places`, and right for a name that is there twice
+        self._order: list[int | slice] = []  # like `_places`, but in order and with duplicate names
         offset = 0
         for field in self.fields:
             count = field.type.count
@@ -66,7 +66,7 @@ class Recipe:
 
     @classmethod
     def of(cls, names: Iterable[str], fields: Mapping[str, Field]) -> Self:
-        """The recipe of these names. Raises LocalProtocolError naming the ones not in ``fields``."""
+        """The recipe for these names. Raises LocalProtocolError, which lists the names missing in ``fields``."""
         names = tuple(names)
         missing = [name for name in names if name not in fields]
         if missing:
@@ -80,21 +80,21 @@ class Recipe:
 
     @property
     def types(self) -> tuple[str, ...]:
-        """Types of the variables as a set-up reply spells them, in order."""
+        """Types of the variables as in a set-up reply, in order."""
         return tuple(field.type.wire_name for field in self.fields)
 
     @property
     def size(self) -> int:
-        """Bytes of data."""
+        """Size of the data in bytes."""
         return self._struct.size
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """Pack one value for each field; vectors are sequences.
+        """Pack a value for each field; vectors are sequences.
 
         Raises LocalProtocolError when a value is missing or does not fit its type.
         """
         if len(values) != len(self.fields):
-            raise LocalProtocolError(f"the recipe has {len(self.fields)} variables, {len(values)} values were given")
+            raise LocalProtocolError(f"the recipe has {len(self.fields)} variables, not {len(values)}")
         flat: list[Any] = []
         for field, value in zip(self.fields, values, strict=True):
             flat.extend(value) if field.type.count > 1 else flat.append(value)
@@ -104,24 +104,24 @@ class Recipe:
             raise LocalProtocolError(f"values do not fit the recipe {','.join(self.names)}: {error}") from error
 
     def unpack(self, data: bytes) -> tuple[Any, ...]:
-        """The values of one package, vectors as tuples; RemoteProtocolError on a wrong size."""
+        """The values of a package, vectors as tuples. Raises RemoteProtocolError for a wrong size."""
         flat = self._numbers(data, 0)
         return tuple([flat[place] for place in self._order])
 
     def values(self, data: bytes, start: int = 0) -> RecipeValues:
-        """The values of one package by name, from byte ``start`` on; RemoteProtocolError on a wrong size."""
+        """The values of a package by name, from byte ``start`` on. Raises RemoteProtocolError for a wrong size."""
         return RecipeValues(self._numbers(data, start), self._places)
 
     def _numbers(self, data: bytes, start: int) -> tuple[Any, ...]:
         if len(data) - start != self._struct.size:
-            raise RemoteProtocolError(f"the recipe takes {self._struct.size} bytes of data, {len(data) - start} came")
+            raise RemoteProtocolError(f"the recipe needs {self._struct.size} bytes of data, not {len(data) - start}")
         return self._struct.unpack_from(data, start)
 
     def packer(self, head: bytes = b"") -> Callable[[Any], bytes]:
-        """A function from a snapshot to ``head`` and the packed data, for every control period.
+        """A function that converts a snapshot to ``head`` followed by the packed data, for every control period.
 
-        One generated expression reads all attributes, in a third of the time a loop over
-        the fields takes. The names in it come from the field table, never from the wire.
+        A single generated expression reads all attributes, in a third of the time of a loop over the fields. The names
+        in it come from the field table, never from the wire.
         """
         arguments = ", ".join(field.expression for field in self.fields)
         pack: Callable[[Any], bytes] = eval(

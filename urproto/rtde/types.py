@@ -1,15 +1,15 @@
-"""Wire types of RTDE variables. Values are packed back to back, big-endian, unaligned."""
+"""Wire types of RTDE variables. Values are packed without gaps, big-endian and unaligned."""
 
 import struct
 from enum import Enum
 
-# What a set-up reply says in place of a type.
+# Words that replace a type in a set-up reply.
 NOT_FOUND = "NOT_FOUND"  # no such variable in this version
 IN_USE = "IN_USE"  # another client controls this input
 
 
 class FieldType(Enum):
-    """A wire type: its name in set-up replies, struct letter and number of elements."""
+    """A wire type: name in set-up replies, struct letter and number of elements."""
 
     BOOL = ("BOOL", "?", 1)
     UINT8 = ("UINT8", "B", 1)
@@ -34,5 +34,5 @@ class FieldType(Enum):
 
     @property
     def size(self) -> int:
-        """Bytes on the wire."""
+        """Size on the wire in bytes."""
         return struct.calcsize(">" + self.layout)

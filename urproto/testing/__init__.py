@@ -1,4 +1,4 @@
-"""Emulators for tests: what the pytest plugin is made of, for other test runners to use as well.
+"""Emulators for tests: the building blocks of the pytest plugin, also for other test runners.
 
     from urproto.testing import EmulatorProcess
 
@@ -6,7 +6,7 @@
         print(robot.host, robot.ports["rtde"])
         robot.press_emergency_stop()
 
-``NotPossible`` and ``BadArguments`` are what verbs raise. Everything is loaded when it is asked for.
+Verbs raise ``NotPossible`` and ``BadArguments``. Everything is imported on first use.
 """
 
 from typing import TYPE_CHECKING, Any, Final

@@ -1,10 +1,10 @@
-"""The project's own packages in a process that may have others of the same names, such as ``client`` and ``emulator``.
+"""Import the project's packages even if others have the same names, such as ``client`` and ``emulator``.
 
-Tests run an emulator by this file, ``python launch.py [options of ur-emulator]``, since ``-m emulator`` would take
-whatever is called ``emulator`` in the folder or on the PYTHONPATH of the test. It ends with the test's own process.
+Tests start an emulator with this file, ``python launch.py [options of ur-emulator]``, because ``-m emulator`` would run
+any ``emulator`` in the folder or on the PYTHONPATH of the test. The emulator ends together with the test's process.
 
-In the test's process ``load`` imports ours beside a user's: theirs stay what ``import emulator`` finds, ours are then
-without a name in ``sys.modules``.
+In the test's process, ``load`` imports our packages next to those of a user: ``import emulator`` still finds the user's
+package, and ours are not in ``sys.modules``.
 """
 
 import importlib
@@ -21,35 +21,35 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-ROOT: Final = Path(__file__).absolute().parents[2]  # the folder that holds the four packages
+ROOT: Final = Path(__file__).absolute().parents[2]  # the folder with the four packages
 PACKAGES: Final = ("client", "emulator", "urproto", "urscript")
-_GOODBYE_S: Final = 5.0  # guess: how long a clean end may take
+_GOODBYE_S: Final = 5.0  # guess: how long a clean shutdown may take
 
-_nameless: dict[str, ModuleType] = {}  # our modules whose names others have
+_nameless: dict[str, ModuleType] = {}  # our modules whose names are taken by others
 
 
 class OwnPackages:
-    """A finder that knows the project's packages only, where they are installed."""
+    """A finder for the project's packages only, where they are installed."""
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """As importlib wants it."""
+        """The method of the importlib finder protocol."""
         return PathFinder.find_spec(name, [str(ROOT)]) if name in PACKAGES else None
 
 
 def pin() -> None:
-    """Let the packages of this process be those of the project, whatever else has their names."""
+    """Make this process import the project's packages, even if others have the same names."""
     sys.meta_path.insert(0, OwnPackages)
 
 
 def check() -> None:
-    """``ur-emulator-check``, which has to work where other packages have our names."""
+    """The command ``ur-emulator-check``, which must work even if other packages have our names."""
     pin()
     importlib.import_module("urproto.entry").run("emulator.check")
 
 
 def load(name: str) -> ModuleType:
-    """A module of the project by its dotted name. It is the one that ``import`` gives, if that finds ours."""
+    """A module of the project by its dotted name: the same as with ``import``, if that finds ours."""
     taken = [package for package in PACKAGES if package != "urproto" and not _finds_ours(package)]
     if not taken:
         return importlib.import_module(name)
@@ -64,7 +64,7 @@ def is_ours(origin: str | None, package: str) -> bool:
 
 
 def _finds_ours(package: str) -> bool:
-    """Whether ``import`` gives ours, without importing it."""
+    """Whether ``import`` would find our package, without importing it."""
     present = sys.modules.get(package)
     if present is not None:
         return is_ours(getattr(present, "__file__", None), package)
@@ -74,7 +74,7 @@ def _finds_ours(package: str) -> bool:
 
 @contextmanager
 def _own_names(taken: list[str]) -> Iterator[None]:
-    """Give our packages their names while something of them is imported."""
+    """Give our packages their names in ``sys.modules`` while one of their modules is imported."""
     theirs = _taken_out(taken)
     sys.modules.update(_nameless)
     sys.meta_path.insert(0, OwnPackages)
@@ -92,7 +92,7 @@ def _taken_out(packages: list[str]) -> dict[str, ModuleType]:
 
 
 def _end_with_parent() -> None:
-    """Standard input is a pipe that nobody writes to: it ends when the process that started this one is gone."""
+    """Exit when the parent process is gone: standard input is a pipe without data, which is closed then."""
     while os.read(0, 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
@@ -102,7 +102,7 @@ def _end_with_parent() -> None:
 
 def _main() -> None:
     if not getattr(sys.flags, "safe_path", False):
-        del sys.path[0]  # the folder of this file, which nobody is to import from
+        del sys.path[0]  # the folder of this file, which must not be searched
     pin()
     threading.Thread(target=_end_with_parent, name="parent watch", daemon=True).start()
     importlib.import_module("emulator.__main__").main()

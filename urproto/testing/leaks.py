@@ -1,4 +1,4 @@
-"""What a test leaves behind in its own process: threads and listening ports."""
+"""Detect resources that a test leaves behind in its process: threads and listening ports."""
 
 import os
 import socket
@@ -12,33 +12,33 @@ from urproto.compat import Self
 
 _DESCRIPTORS: Final = Path("/proc/self/fd")
 _INTERNET: Final = (socket.AF_INET, socket.AF_INET6)
-_PATIENCE_S: Final = 1.0  # guess: what a thread that was told to end may take to do so, or its port to be closed
+_PATIENCE_S: Final = 1.0  # guess: how long a thread may take to finish after a stop request, or a port to close
 _LOOK_S: Final = 0.01
 
 
 @dataclass
 class Belongings:
-    """Threads and listening ports that may be there."""
+    """An inventory of threads and listening ports, which are allowed to exist."""
 
     threads: set[threading.Thread] = field(default_factory=set)
     ports: set[str] = field(default_factory=set)
 
     @classmethod
     def now(cls) -> Self:
-        """All that are there."""
+        """The current threads and ports."""
         return cls(set(threading.enumerate()), listening_sockets())
 
     def add(self, other: "Belongings") -> None:
-        """Those of another inventory may be there as well."""
+        """Also allow those of another inventory."""
         self.threads |= other.threads
         self.ports |= other.ports
 
     def new(self) -> "Belongings":
-        """What is there and may not be."""
+        """The current threads and ports that are not in the inventory."""
         return Belongings(set(threading.enumerate()) - self.threads, listening_sockets() - self.ports)
 
     def complaints(self) -> list[str]:
-        """One line for each kind of thing that is there and may not be; what is ending gets a moment to."""
+        """One line for each kind of leaked resource; waits a moment for those that are closing."""
         end = time.monotonic() + _PATIENCE_S
         for thread in set(threading.enumerate()) - self.threads:
             if thread is not threading.current_thread():
@@ -53,17 +53,17 @@ class Belongings:
 
 
 def listening_sockets() -> set[str]:
-    """TCP ports this process listens on, as the kernel numbers its sockets: "port 8080 (socket:[1234])".
+    """TCP ports this process listens on, with the kernel's socket numbers: "port 8080 (socket:[1234])".
 
-    Linux; empty elsewhere. Every test asks twice, so the descriptors are asked: the kernel's table of all connections
-    of the machine takes it a hundred times as long to write.
+    Linux only; empty on other systems. This runs twice for every test, so it inspects the process's descriptors: the
+    kernel takes a hundred times as long for its table of all connections on the machine.
     """
     found = set()
     for descriptor in os.listdir(_DESCRIPTORS) if _DESCRIPTORS.exists() else ():
         try:
             link = os.readlink(_DESCRIPTORS / descriptor)
             port = _listening_port(int(descriptor)) if link.startswith("socket:") else None
-        except OSError:  # closed meanwhile, as the listing's own descriptor is
+        except OSError:  # closed in the meantime, like the descriptor of the listing itself
             continue
         if port is not None:
             found.add(f"port {port} ({link})")
@@ -71,7 +71,7 @@ def listening_sockets() -> set[str]:
 
 
 def _listening_port(descriptor: int) -> int | None:
-    """Of a TCP server; None of any other socket. Raises OSError if it is none, or no longer."""
+    """The port of a listening TCP socket; None for another socket. Raises OSError if it is not a socket, or closed."""
     borrowed = socket.socket(fileno=descriptor)
     try:
         is_tcp = borrowed.family in _INTERNET and borrowed.type == socket.SOCK_STREAM

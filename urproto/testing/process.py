@@ -1,4 +1,4 @@
-"""An emulator in a process of its own, on a loopback address of its own."""
+"""An emulator in a separate process, on its own loopback address."""
 
 import errno
 import itertools
@@ -38,7 +38,7 @@ def command_line(options: Mapping[str, Any]) -> list[str]:
 
 
 def write_positions(path: Path, q_rad: Sequence[float]) -> Path:
-    """A file for ``--initial-positions``. Raises ValueError unless there are six angles."""
+    """Write a file for ``--initial-positions``. Raises ValueError unless there are six angles."""
     path.write_text("".join(f"{name}: {float(q)}\n" for name, q in zip(JOINT_NAMES, q_rad, strict=True)))
     return path
 
@@ -54,26 +54,26 @@ _ONLY_ADDRESS: Final = "127.0.0.1"
 _next = itertools.count(os.getpid() * _STRIDE)
 
 
-class NoAddress(OSError):  # noqa: N818 - named for what is the case
-    """No loopback address has its usual ports free."""
+class NoAddress(OSError):  # noqa: N818 - named for what happened
+    """The usual ports are not free on any loopback address."""
 
 
 @dataclass
 class ClaimedAddress:
-    """An address that nobody else claims until ``release``. shared: the only one there is; take free ports."""
+    """An address that no other process claims until ``release``. shared: the only address; use free ports."""
 
     host: str
     shared: bool
     _lock: socket.socket | None = None
 
     def release(self) -> None:
-        """Let others have it."""
+        """Give up the claim."""
         if self._lock is not None:
             self._lock.close()
 
 
 def claim_address() -> ClaimedAddress:
-    """An own address. Raises NoAddress when something on this machine has the usual ports of all addresses."""
+    """Claim an address. Raises NoAddress if a process on this machine uses the usual ports on all addresses."""
     for number in itertools.islice(_next, _TRIES):
         host = socket.inet_ntoa((_FIRST + number % _COUNT).to_bytes(4, "big"))
         lock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -99,22 +99,23 @@ def _bind_once(host: str) -> None:
 
 _START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a few
 _STOP_DEADLINE_S: Final = 10.0  # guess
-_LOOK_S: Final = 0.02  # between two looks at whether it is ready
+_LOOK_S: Final = 0.02  # between two checks whether it is ready
 _LOG_LINES: Final = 30
-_LOG_PATIENCE_S: Final = 3.0  # guess: a test has failed already, nobody should wait long for its explanation
+_LOG_PATIENCE_S: Final = 3.0  # guess: short, because a test has already failed when this is used
 _TAIL: Final = 4000  # characters of its output in an error
 
 
 class EmulatorError(AssertionError):
-    """The emulator did not get ready, or did not end; the text has the end of its output."""
+    """The emulator did not become ready, or did not stop; the message includes the end of its output."""
 
 
 class EmulatorProcess:
-    """An emulator with these options of ``ur-emulator``, from ``start`` (or entering) to ``dispose`` (or leaving).
+    """An emulator with options of ``ur-emulator``, which runs from ``start`` (or entering the context) to ``dispose``
+    (or leaving it).
 
-    host: its address, one of its own unless given; only the machine's single loopback address, where there are no
-    more, makes it take free ports. token: what its control API demands. Verbs of the control API are methods:
-    ``robot.press_emergency_stop()``; ``control`` has all of them, also those whose names mean something else here.
+    host: its address; by default, it gets its own. On machines with a single loopback address, it uses free ports
+    instead. token: required by its control API. Verbs of the control API are methods:
+    ``robot.press_emergency_stop()``; ``control`` has all of them, including those whose names mean something else here.
     """
 
     def __init__(self, arguments: Sequence[str] = (), host: str | None = None, token: str = "") -> None:
@@ -142,10 +143,10 @@ class EmulatorProcess:
         self.dispose()
 
     def start(self, *, wait: bool = True) -> Self:
-        """Start it, again too, and wait until it is ready. Raises EmulatorError."""
+        """Start or restart it, and wait until it is ready. Raises EmulatorError."""
         __tracebackhide__ = True
         if self.running:
-            raise EmulatorError(f"the emulator on {self.host} runs already")
+            raise EmulatorError(f"the emulator on {self.host} is already running")
         self._ports_file.unlink(missing_ok=True)
         place = ["--host", self.host, "--no-pendant", "--ports-file", str(self._ports_file)]
         command = [sys.executable, launch.__file__, *place, *self._arguments]
@@ -156,7 +157,7 @@ class EmulatorProcess:
 
     def wait_ready(self, timeout_s: float = _START_DEADLINE_S) -> Self:
         """Wait until every port has answered a handshake. Raises EmulatorError."""
-        __tracebackhide__ = True  # a test's reader wants to know what the emulator said
+        __tracebackhide__ = True  # the emulator's output is more useful than this traceback
         process = self._started()
         deadline = time.monotonic() + timeout_s
         while not self._ports_file.exists():
@@ -174,38 +175,38 @@ class EmulatorProcess:
 
     @property
     def running(self) -> bool:
-        """Whether the process is there."""
+        """Whether the process is running."""
         return self._process is not None and self._process.poll() is None
 
     @property
     def pid(self) -> int:
-        """Of its process, for limits and signals. Raises EmulatorError before it was started."""
+        """Process id, for limits and signals. Raises EmulatorError before it was started."""
         return self._started().pid
 
     @property
     def crashed(self) -> bool:
-        """Whether it ended by itself, other than well."""
+        """Whether it exited by itself with an error."""
         return self._process is not None and not self._ended_here and self._process.poll() not in (None, 0)
 
     @property
     def status(self) -> int | None:
-        """Its exit status, None while it runs."""
+        """Its exit status; None while it runs."""
         return self._started().poll()
 
     @property
     def ports(self) -> Mapping[str, int]:
-        """The port each server listens on, by its name: ``ports["rtde"]``."""
+        """The ports of the servers by name: ``ports["rtde"]``."""
         self.wait_ready()
         ports: dict[str, int] = json.loads(self._ports_file.read_text())
         return ports
 
     @property
     def output(self) -> str:
-        """What it printed since its last start."""
+        """Its output since the last start."""
         return self._output_file.read_text(errors="replace") if self._output_file.exists() else ""
 
     def explanation(self) -> dict[str, str]:
-        """What may explain a failure: what it printed, and the robot's own log. Only what there is."""
+        """Texts that may explain a failure: its output and the robot's own log, if available."""
         texts = {"output": self.output.strip(), "log": "\n".join(self._log_lines())}
         return {name: text for name, text in texts.items() if text}
 
@@ -225,7 +226,7 @@ class EmulatorProcess:
         return getattr(self.control, name)
 
     def stop(self) -> int:
-        """End it the way Ctrl-C does and return its exit status. Raises EmulatorError when it does not end."""
+        """Stop it like Ctrl-C does and return its exit status. Raises EmulatorError if it does not stop."""
         process = self._started()
         self._ended_here = True
         process.send_signal(signal.SIGINT)
@@ -233,12 +234,12 @@ class EmulatorProcess:
             status = process.wait(_STOP_DEADLINE_S)
         except subprocess.TimeoutExpired:
             self.kill()
-            raise EmulatorError(f"the emulator did not end within {_STOP_DEADLINE_S:g} s:\n{self._tail()}") from None
+            raise EmulatorError(f"the emulator did not stop within {_STOP_DEADLINE_S:g} s:\n{self._tail()}") from None
         self._clean_up()
         return status
 
     def kill(self) -> None:
-        """End it without any goodbye, as a power cut does; ``start`` switches it on again."""
+        """End it immediately, like a power cut; ``start`` switches it on again."""
         process = self._started()
         self._ended_here = self._ended_here or process.poll() is None
         process.kill()
@@ -246,7 +247,7 @@ class EmulatorProcess:
         self._clean_up()
 
     def dispose(self) -> None:
-        """Kill what still runs, remove what it left on disk, give its address back."""
+        """Kill the process if it runs, remove its files, and release its address."""
         if self._process is not None:
             self.kill()
         self._folder.cleanup()

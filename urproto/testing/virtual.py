@@ -1,4 +1,4 @@
-"""A robot in this process, in virtual time, from the options a test names."""
+"""A robot in this process, in virtual time, with the options given by a test."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -10,15 +10,15 @@ from urproto.testing.launch import load
 if TYPE_CHECKING:
     from emulator.control.control import VirtualRobot
 
-_NO_MATTER: Final = {"speed", "control_token", "log_level", "ephemeral_ports"}  # of a robot without ports or pace
-_UNDER_ANOTHER_NAME: Final = {"model", "version", "programs_dir", "gripper_object_mm"}  # of a configuration's fields
+_NO_MATTER: Final = {"speed", "control_token", "log_level", "ephemeral_ports"}  # irrelevant without ports and real time
+_UNDER_ANOTHER_NAME: Final = {"model", "version", "programs_dir", "gripper_object_mm"}  # fields of a configuration
 
 
 def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), **options: Any) -> "VirtualRobot":
-    """The arm of this name, with options as ``ur-emulator`` has them; those of ports and pace do not matter here.
+    """A robot with the options of ``ur-emulator``; those for ports and speed are ignored.
 
-    ``fault``: one or several, as on the command line; they get the seed of the robot where they name none.
-    Raises ValueError for a value, TypeError for an option that there is not, NotPossible for a fault of ports.
+    fault: one or several, as on the command line; they use the robot's seed unless they have their own. Raises
+    ValueError for an invalid value, TypeError for an unknown option, NotPossible for a fault that affects ports.
     """
     configure = load("emulator.config").controller_config
     known = {name for name in signature(configure).parameters if name not in ("model", "fields")}
@@ -27,7 +27,7 @@ def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), 
     for option in wanted:
         if option not in known:
             names = ", ".join(sorted(known))
-            raise TypeError(f"a robot in virtual time has no option {option!r}: it has {names}")
+            raise TypeError(f"a robot in virtual time has no option {option!r}: choose from {names}")
     robot: VirtualRobot = load("emulator.control.control").VirtualRobot(configure(model, **wanted))
     catalogue = load("emulator.faults.catalogue")
     for text in [fault] if isinstance(fault, str) else fault:
