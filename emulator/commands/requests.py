@@ -1,4 +1,4 @@
-"""What the ports ask of the controller."""
+"""The commands that the ports send to the controller."""
 
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
@@ -23,9 +23,10 @@ _SHOWN = 60  # characters of a refused script in the log
 
 @dataclass(frozen=True, slots=True)
 class DashboardLine(Command):
-    """One line of the dashboard server, without its line end. Answer: the reply line, or
-    None when there is nothing to reply to (an empty line). ``restricted``: it came over a
-    connection that was opened while the arm was in local control."""
+    """One line of the dashboard server, without its line end. Answer: the reply line; None for an empty line.
+
+    ``restricted``: the connection was opened while the arm was in local control.
+    """
 
     text: str
     restricted: bool = False
@@ -40,14 +41,16 @@ class DashboardLine(Command):
 
 @dataclass(frozen=True, slots=True)
 class ScriptUnit(Command):
-    """One program or line from a script port. A line that is one of the controller's own
-    text commands is carried out as such, everything else goes to the interpreter."""
+    """One program or line from a script port.
+
+    A line that is a text command of the controller is carried out as such; everything else goes to the interpreter.
+    """
 
     text: str
     kind: Literal["block", "line"]
 
     def apply(self, controller: Controller) -> Generator[None, None, None]:
-        """Done when it is decided whether the program starts: what follows may be about it."""
+        """Done when it is decided whether the program starts, because the next unit may refer to it."""
         if self.kind == "line" and text_commands.execute(controller, self.text):
             return
         submission = controller.programs.submit(self.text)
@@ -57,18 +60,18 @@ class ScriptUnit(Command):
 
 @dataclass(frozen=True, slots=True)
 class RefusedScript(Command):
-    """A program or line from a connection that may only read. Nothing is done but to say so: C210."""
+    """A program or line from a read-only connection. It is only reported, with the code C210."""
 
     text: str
 
     def apply(self, controller: Controller) -> None:
         controller.messages.error(READ_ONLY_SOCKET)
-        controller.messages.note(f"not executed, the socket it came from is read-only: {self.text[:_SHOWN]!r}")
+        controller.messages.note(f"script not executed: its connection is read-only: {self.text[:_SHOWN]!r}")
 
 
 @dataclass(frozen=True, slots=True)
 class InterpreterLine(Command):
-    """One line of the interpreter port. ``answer`` is called with what to send back, perhaps much later."""
+    """One line of the interpreter port. ``answer`` is called with the text to send back, possibly much later."""
 
     text: str
     answer: Callable[[str], None]
@@ -91,7 +94,7 @@ class RTDEInputs(Command):
 class PopupAnswer(Command):
     """An operator's answer to a popup or a question; None cancels a question.
 
-    Answer: whether such a dialogue was open and the value is of the type it asks for.
+    Answer: whether this dialogue was open and the value has the requested type.
     """
 
     request_id: int
@@ -101,15 +104,15 @@ class PopupAnswer(Command):
         try:
             return controller.popups.answer(self.request_id, self.value)
         except ValueError as error:
-            controller.messages.note(f"answer refused: {error}")
+            controller.messages.note(f"answer rejected: {error}")
             return False
 
 
 @dataclass(frozen=True, slots=True)
 class MountPayload(Command):
-    """What really hangs on the flange from now on, whatever programs say; None: what they say.
+    """Set the true payload of the flange, independent of the one that programs set; None: the same as programs set.
 
-    Raises ValueError for a negative mass, or a number that is none.
+    Raises ValueError for a negative mass or moment of inertia, and for numbers that are not finite.
     """
 
     payload: Payload | None
@@ -120,9 +123,7 @@ class MountPayload(Command):
             return
         numbers = (payload.mass, *payload.cog, *payload.inertia)
         if not plausible(*numbers) or min(payload.mass, *payload.inertia[:3]) < 0.0:
-            raise ValueError(
-                f"{payload} cannot hang on a flange: mass and moments of inertia are 0 or more, and finite"
-            )
+            raise ValueError(f"{payload} is not a payload: mass and moments of inertia must be finite and at least 0")
 
     def apply(self, controller: Controller) -> None:
         controller.simulation.real.mounted = self.payload
@@ -130,7 +131,7 @@ class MountPayload(Command):
 
 @dataclass(frozen=True, slots=True)
 class ModbusCall(Command):
-    """A request to the Modbus server: function code and data. Answer: the same of the response."""
+    """A request to the Modbus server: function code and data. Answer: function code and data of the response."""
 
     pdu: bytes
 
@@ -150,7 +151,7 @@ class GripperCall(Command):
     session: GripperSession
 
     def apply(self, controller: Controller) -> bytes:
-        assert controller.gripper is not None, "its port is open only then"
+        assert controller.gripper is not None, "the port is open only with a gripper"
         return self.session.answer(controller.gripper, self.requests)
 
     @property
@@ -160,7 +161,7 @@ class GripperCall(Command):
 
 @dataclass(frozen=True, slots=True)
 class ToolBytes(Command):
-    """Bytes for the device on the tool's serial line. Done when the line has room for them."""
+    """Bytes for the device on the tool's serial line. The command is done when the line has room for them."""
 
     data: bytes
 
@@ -172,7 +173,7 @@ class ToolBytes(Command):
 
 @dataclass(frozen=True, slots=True)
 class ServingFailed(Command):
-    """A server could not tell its clients about a control period."""
+    """A server failed to send the state of a control period to its clients."""
 
     server: str
     error: Exception

@@ -1,4 +1,4 @@
-"""What can be done to the safety system from outside, each with its inverse: press and release, lose and restore."""
+"""Commands that act on the safety system from outside, each with its inverse: press and release, lose and restore."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ class SetSafetyDevice(Command):
 
 @dataclass(frozen=True, slots=True)
 class SetSafetyInput(Command):
-    """Drive both channels of a configurable safety input. Answer: False when the function has no pins."""
+    """Set both channels of a configurable safety input. Answer: False if no pins are assigned to the function."""
 
     function: SafetyInput
     high: bool
@@ -45,9 +45,9 @@ class SetSafetyInput(Command):
 
 @dataclass(frozen=True, slots=True)
 class TripSafety(Command):
-    """Let a violation, a fault or a protective stop happen. Answer: whether the safety mode changed.
+    """Trigger a violation, a fault or a protective stop. Answer: whether the safety mode changed.
 
-    What lasts as long as somebody holds it is no such cause: it takes a device.
+    Causes that last as long as somebody holds them, such as an emergency stop, are devices: see `SetSafetyDevice`.
     """
 
     cause: Cause
@@ -63,7 +63,7 @@ class TripSafety(Command):
 
 @dataclass(frozen=True, slots=True)
 class ArmSupply(Command):
-    """Take the arm's 48 V away, or give them back."""
+    """Remove the arm's 48 V supply, or restore it."""
 
     present: bool
 
@@ -73,7 +73,7 @@ class ArmSupply(Command):
 
 @dataclass(frozen=True, slots=True)
 class FreedriveButton(Command):
-    """Hold the pendant's freedrive button, or let it go. The arm is free while no program runs and it may move."""
+    """Press or release the pendant's freedrive button. The arm is free while no program runs and it may move."""
 
     held: bool
 
@@ -83,9 +83,9 @@ class FreedriveButton(Command):
 
 @dataclass(frozen=True, slots=True)
 class Jog(Command):
-    """The pendant's Move tab: joint speeds [rad/s] until the next command, zeros to stop.
+    """Jog as on the pendant's Move tab: joint speeds [rad/s] until the next command, zeros to stop.
 
-    Answer: False when the arm may not move, a program moves it, or these are no speeds.
+    Answer: False if the arm may not move, a program is running, or the speeds are not plausible.
     """
 
     qd: Joints

@@ -1,6 +1,6 @@
-"""What a user does to the world while the controller runs, as commands to post; each with its inverse.
+"""Commands that change the world while the controller runs, each with its inverse.
 
-The answer is "" when it was done, else what was wrong with it.
+The answer is "" after success, otherwise the error.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ HAND = "hand"
 
 
 class WorldCommand(Command):
-    """Base of the commands that change the world. The first one makes it."""
+    """Base of the commands that change the world. The first one creates it."""
 
     def apply(self, controller: Controller) -> str:
         if controller.world is None:
@@ -27,50 +27,50 @@ class WorldCommand(Command):
         return ""
 
     def change(self, world: World) -> None:
-        """Do it. Raises ValueError when it cannot be done; nothing has changed then."""
+        """Carry out the change. Raises ValueError if it is not possible; nothing is changed then."""
         raise NotImplementedError
 
     @property
     def failure(self) -> str:
-        return f"{self!r} failed: see the log"
+        return f"{self!r} failed: see the log of the emulator"
 
 
 @dataclass(frozen=True, slots=True)
 class PushTool(WorldCommand):
-    """Push the tool, until ``push`` is over or ReleaseTool of the same name comes."""
+    """Push the tool until ``push`` is over or ReleaseTool with the same name ends it."""
 
     push: Push
     name: str = HAND
 
     def change(self, world: World) -> None:
-        world.push(self.name, replace(self.push))  # a push counts its time down: each has its own
+        world.push(self.name, replace(self.push))  # a copy: a push counts down its own time
 
 
 @dataclass(frozen=True, slots=True)
 class ReleaseTool(WorldCommand):
-    """Push no more."""
+    """Stop pushing the tool."""
 
     name: str = HAND
 
     def change(self, world: World) -> None:
         if not world.release(self.name):
-            raise ValueError(f"nothing named {self.name!r} pushes the tool")
+            raise ValueError(f"no push of the tool is named {self.name!r}")
 
 
 @dataclass(frozen=True, slots=True)
 class AddObject(WorldCommand):
-    """Put a thing into the world."""
+    """Add an object to the world."""
 
     name: str
-    thing: WorldObject
+    added: WorldObject
 
     def change(self, world: World) -> None:
-        world.add(self.name, self.thing)
+        world.add(self.name, self.added)
 
 
 @dataclass(frozen=True, slots=True)
 class MoveObject(WorldCommand):
-    """Put a thing elsewhere; pose in the base frame."""
+    """Move an object to a pose in the base frame."""
 
     name: str
     pose: Vector6
@@ -91,7 +91,7 @@ class RemoveObject(WorldCommand):
 
 @dataclass(frozen=True, slots=True)
 class ResetWorld(WorldCommand):
-    """Put everything that moves back to where it was at first, at rest; also after a failure of its physics."""
+    """Return all movable objects to their initial poses, at rest; also after a failure of the physics."""
 
     def change(self, world: World) -> None:
         world.restore(None)
@@ -99,7 +99,7 @@ class ResetWorld(WorldCommand):
 
 @dataclass(frozen=True, slots=True)
 class MountTool(WorldCommand):
-    """Touch with another shape; its pose in the frame of the TCP. ``POINT`` is the tool there was at first."""
+    """Change the shape of the tool for contacts; its pose is in the TCP frame. ``POINT`` is the initial tool."""
 
     tool: WorldObject
 

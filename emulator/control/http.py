@@ -1,7 +1,7 @@
 """The control API over HTTP: ``POST /verbs/<name>`` with a JSON object of arguments.
 
-``GET /openapi.json`` documents it, ``GET /verbs`` lists it for command lines. Pages in a browser cannot use it: a
-request names the JSON content type, which makes browsers ask first, and its Host is an address of this robot.
+``GET /openapi.json`` documents it, ``GET /verbs`` lists the verbs for command-line clients. Web pages cannot use it: a
+request needs the JSON content type, for which browsers first ask for permission, and an address of this robot as Host.
 """
 
 import hmac
@@ -43,13 +43,13 @@ _logger = logging.getLogger(__name__)
 
 
 class ControlServer(PortServer):
-    """Calls the verbs of ``control``. ``token``: what a client has to present, "" for nothing."""
+    """Calls the verbs of ``control``. ``token``: the token that clients have to send, "" for none."""
 
     def __init__(self, controller: ServedController, control: LiveControl, token: str = "") -> None:
         super().__init__("control", controller)
         self.control = control
         self.token = token
-        self.unfinished: dict[_ControlConnection, None] = {}  # those whose verb takes time, in order
+        self.unfinished: dict[_ControlConnection, None] = {}  # connections whose verb is not finished, in order
         self._mark: BackdoorMark | None = None
 
     def connect(self) -> Connection:
@@ -67,9 +67,9 @@ class ControlServer(PortServer):
             self._mark = None
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Go on with verbs that take time."""
+        """Resume the verbs that are not finished."""
         for connection in tuple(self.unfinished):
-            connection.go_on()
+            connection.resume()
 
 
 class _ControlConnection(HttpConnection):
@@ -77,7 +77,7 @@ class _ControlConnection(HttpConnection):
 
     def __init__(self, server: ControlServer) -> None:
         super().__init__(server)
-        self._steps: Any = None  # of the verb that takes time
+        self._steps: Any = None  # of the verb that is not finished
 
     def refusal(self, status: int, text: str) -> Any:
         return {"error": text}
@@ -87,8 +87,8 @@ class _ControlConnection(HttpConnection):
         if self._steps is not None:
             self._steps.close()
 
-    def go_on(self) -> None:
-        """A control period is over."""
+    def resume(self) -> None:
+        """Call at the end of a control period: carry out the next step of the verb."""
         if self._steps is not None:
             response = self._outcome_of(self._next_step)
             if response is not None:
@@ -98,7 +98,7 @@ class _ControlConnection(HttpConnection):
         return self._outcome_of(lambda: self._carry_out(request))
 
     def _outcome_of(self, work: Callable[[], Any]) -> Response | None:
-        """What the work returns or how it fails; None, and its steps are kept, if it wants more time."""
+        """Return the response to the result or error of the work; None if it takes more time: its steps are kept."""
         status, content = _outcome(work)
         if is_waiting(content):
             self._steps = content
@@ -109,7 +109,7 @@ class _ControlConnection(HttpConnection):
         return Response(status, content)
 
     def _carry_out(self, request: Request) -> Any:
-        """What the request asks for, or the steps to it."""
+        """Return the result of a request, or the remaining steps to it."""
         method, path = request.method, request.path
         check_host(request, also=lambda _: bool(self.server.token))
         if method == "GET" and path in ("/", "/health"):
@@ -120,9 +120,9 @@ class _ControlConnection(HttpConnection):
         if method == "GET" and path == "/verbs":
             return listing(_VERBS)
         if not path.startswith("/verbs/"):
-            raise Refused(NOT_FOUND, f"there is nothing at {path}: see /openapi.json")
+            raise Refused(NOT_FOUND, f"nothing is served at {path}: see /openapi.json")
         if method != "POST":
-            raise Refused(NOT_ALLOWED, f"a verb takes a POST request, not {method}")
+            raise Refused(NOT_ALLOWED, f"the method {method} is not allowed: call a verb with POST")
         return self._call(path.removeprefix("/verbs/"), request)
 
     def _call(self, name: str, request: Request) -> Any:
@@ -136,7 +136,7 @@ class _ControlConnection(HttpConnection):
         return self._next_step()
 
     def _next_step(self) -> Any:
-        """The verb's steps while it takes more time, else its answer."""
+        """Carry out a step; return the remaining steps, or the result of a finished verb."""
         try:
             next(self._steps)
         except StopIteration as done:
@@ -144,11 +144,11 @@ class _ControlConnection(HttpConnection):
         return self._steps
 
     def _check_token(self, authorization: str) -> None:
-        wanted = self.server.token
-        if wanted and not hmac.compare_digest(to_bytes(authorization), to_bytes(f"Bearer {wanted}")):
+        token = self.server.token
+        if token and not hmac.compare_digest(to_bytes(authorization), to_bytes(f"Bearer {token}")):
             raise Refused(
                 UNAUTHORIZED,
-                "send the header Authorization: Bearer and the token",
+                "the token is missing or wrong: send the header Authorization: Bearer <token>",
                 {"WWW-Authenticate": "Bearer"},
             )
 
@@ -161,7 +161,7 @@ def _arguments(body: bytes) -> dict[str, Any]:
 
 
 def _outcome(work: Callable[[], Any]) -> tuple[int, Any]:
-    """Status and content of the answer. Raises Refused."""
+    """Return the status and the content of the answer. Raises Refused."""
     try:
         return OK, work()
     except Refused:
@@ -172,4 +172,4 @@ def _outcome(work: Callable[[], Any]) -> tuple[int, Any]:
         return CONFLICT, {"error": str(error)}
     except Exception as error:
         _logger.exception("a verb failed")
-        return FAILED, {"error": f"the verb failed, which is a fault of the emulator: {error}"}
+        return FAILED, {"error": f"the verb failed because of a bug in the emulator: {error}"}

@@ -1,1 +1,1 @@
-"""The robot as other machines read and write it: what an RTDE input does, and the memory of the Modbus server."""
+"""The effects of RTDE inputs, and the registers and coils of the Modbus server."""

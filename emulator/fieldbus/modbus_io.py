@@ -1,8 +1,7 @@
 """Inputs and outputs as registers and coils of the robot's Modbus server.
 
-A word packs the standard signals from bit 0 on and the tool's behind them (bits 8 and 9);
-that the lowest bit comes first is a guess, as is the full scale of analog signals: 4-20 mA
-or 0-10 V.
+A word holds the standard signals from bit 0 on, followed by those of the tool (bits 8 and 9). That signal 0 is the
+lowest bit is a guess, and so is the full scale of analog signals: 4-20 mA or 0-10 V.
 """
 
 from collections.abc import Callable
@@ -21,7 +20,7 @@ _FULL_SCALE: Final = 0xFFFF
 
 
 class PortError(ValueError):
-    """An address or a value the server does not take. ``code``: how it says so to a client."""
+    """An address or a value that the server does not accept. ``code``: the exception code for the client."""
 
     def __init__(self, message: str, code: ExceptionCode = ExceptionCode.ILLEGAL_DATA_ADDRESS) -> None:
         super().__init__(message)
@@ -30,7 +29,7 @@ class PortError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One register or coil; None where it cannot be read or written."""
+    """One register or coil; ``read`` or ``write`` is None if it cannot be read or written."""
 
     read: ReadCell | None = None
     write: WriteCell | None = None
@@ -48,7 +47,7 @@ def _outputs(first: DigitalGroup, second: DigitalGroup | None = None) -> ReadCel
 
 
 def _packed(word: int, first: DigitalGroup, second: DigitalGroup | None) -> int:
-    """The first group from bit 0 on, the second behind it."""
+    """Return the signals of the first group from bit 0 on, followed by those of the second."""
     packed = word >> first.first & (1 << first.count) - 1
     if second is None:
         return packed
@@ -58,7 +57,7 @@ def _packed(word: int, first: DigitalGroup, second: DigitalGroup | None) -> int:
 def _set_outputs(
     mask: Callable[[int], int], levels: Callable[[int], int], first: DigitalGroup, second: DigitalGroup | None = None
 ) -> WriteCell:
-    """Write the outputs that ``mask`` takes from the word to the ``levels`` it gives."""
+    """Return a function that writes a word: ``mask`` selects outputs from the word, ``levels`` gives their levels."""
 
     def write(machine: Machine, word: int) -> None:
         machine.signals.apply_outputs(first, mask(word), levels(word))
@@ -81,7 +80,7 @@ def _none(word: int) -> int:
 
 
 def digital_registers() -> dict[int, Cell]:
-    """Words of inputs and outputs, and the masks that set or clear outputs."""
+    """Return the registers that hold inputs and outputs, and those that set or clear outputs by a mask."""
     return {
         0: Cell(_inputs(STANDARD, TOOL)),
         1: Cell(_outputs(STANDARD, TOOL), _set_outputs(_all, _same, STANDARD, TOOL)),
@@ -103,7 +102,7 @@ def digital_registers() -> dict[int, Cell]:
 
 
 def digital_coils() -> dict[int, Cell]:
-    """The same signals one by one."""
+    """Return the coils of the same signals."""
     cells: dict[int, Cell] = {}
     for group, inputs, outputs, set_, clear, offset in (
         (STANDARD, 0, 16, 32, 48, 0),
@@ -116,7 +115,7 @@ def digital_coils() -> dict[int, Cell]:
             cells[outputs + at] = Cell(_output_level(group, index), _output_write(group, index, None))
             cells[set_ + at] = Cell(write=_output_write(group, index, True))
             cells[clear + at] = Cell(write=_output_write(group, index, False))
-    for undefined in range(STANDARD.count + TOOL.count, 16):  # bits of the words
+    for undefined in range(STANDARD.count + TOOL.count, 16):  # unused bits of the words
         cells[undefined] = Cell(read=_zero)
         cells[16 + undefined] = Cell(_zero, _ignore)
         cells[32 + undefined] = cells[48 + undefined] = Cell(write=_ignore)
@@ -146,7 +145,7 @@ def _output_level(group: DigitalGroup, index: int) -> ReadCell:
 
 
 def _output_write(group: DigitalGroup, index: int, level: bool | None) -> WriteCell:
-    """Write the level that is written, or, with a level given, that level if a 1 is written."""
+    """Return a function that sets an output: to the written bit, or to ``level``, if given, when a 1 is written."""
 
     def write(machine: Machine, bit: int) -> None:
         if level is None or bit:
@@ -159,7 +158,7 @@ def _output_write(group: DigitalGroup, index: int, level: bool | None) -> WriteC
 
 
 def analog_registers() -> dict[int, Cell]:
-    """Analog signals, their domains (0 current, 1 voltage), and the tool voltage."""
+    """Return the registers of analog signals, of their domains (0 current, 1 voltage), and of the tool voltage."""
     cells: dict[int, Cell] = {}
     for index in (0, 1):
         cells[4 + 2 * index] = Cell(_analog_input(index))
@@ -221,7 +220,10 @@ def _write_output_domain(index: int) -> WriteCell:
 
 def _put(domains: list[AnalogDomain], index: int, word: int) -> None:
     if word not in (0, 1):
-        raise PortError(f"an analog domain is 0 (current) or 1 (voltage), not {word}", ExceptionCode.ILLEGAL_DATA_VALUE)
+        raise PortError(
+            f"the domain of an analog signal is 0 (current) or 1 (voltage), not {word}",
+            ExceptionCode.ILLEGAL_DATA_VALUE,
+        )
     domains[index] = AnalogDomain(word)
 
 

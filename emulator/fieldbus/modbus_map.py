@@ -1,12 +1,11 @@
-"""The memory of the robot's Modbus server: what each register and coil reads and writes.
+"""The memory map of the robot's Modbus server: what each register and coil reads and writes.
 
-One table for programs (``read_port_register`` and its family) and for clients of the
-server. Registers are 16-bit words; negative quantities are in two's complement. Addresses
-that are not in the table do not exist; some can only be read, some only be written.
+Programs (``read_port_register`` and related functions) and clients of the server share one map. Registers are 16-bit
+words; negative quantities are in two's complement. Addresses that are not in the map do not exist; some can only be
+read, some can only be written.
 
-Source: the vendor's article on the Modbus server (16377), as transcribed in public
-projects. Guesses: that quantities too big for a word saturate, and that a joint's angle is
-given from 0 to a full turn beside its count of turns.
+Source: the vendor's article on the Modbus server (16377), as transcribed in public projects. Guesses: quantities that
+are too large for a word saturate; the angle of a joint is from 0 to a full turn, next to its number of turns.
 """
 
 import math
@@ -37,9 +36,9 @@ from urproto.modes import RobotStatusBits, SafetyStatusBits
 
 
 def answer_request(machine: Machine, pdu: bytes) -> bytes:
-    """Carry a request out; the answer, which says so when the request is refused.
+    """Carry out a request and return the response, an exception response if the request is refused.
 
-    A request that writes to an address that cannot be written changes nothing.
+    A request that includes an address that cannot be written changes nothing.
     """
     try:
         request = decode_request(pdu)
@@ -73,7 +72,7 @@ _TURN: Final = 2.0 * math.pi
 
 
 def read_register(machine: Machine, address: int) -> int:
-    """A register, 0 to 65535. Raises PortError."""
+    """Return the value of a register, 0 to 65535. Raises PortError."""
     return _word(_reader(REGISTERS, address, "register")(machine))
 
 
@@ -83,7 +82,7 @@ def write_register(machine: Machine, address: int, word: int) -> None:
 
 
 def read_coil(machine: Machine, address: int) -> bool:
-    """A coil. Raises PortError."""
+    """Return the level of a coil. Raises PortError."""
     return bool(_reader(COILS, address, "coil")(machine))
 
 
@@ -93,7 +92,7 @@ def write_coil(machine: Machine, address: int, level: bool) -> None:
 
 
 def check_writable(table: dict[int, Cell], addresses: Iterable[int], what: str) -> None:
-    """Raises PortError unless all of these can be written."""
+    """Raises PortError unless all addresses can be written."""
     for address in addresses:
         _writer(table, address, what)
 
@@ -120,7 +119,7 @@ def _cell(table: dict[int, Cell], address: int, what: str) -> Cell:
 
 
 def _word(value: float) -> int:
-    """A quantity as a word: rounded, saturated, negative ones in two's complement."""
+    """Convert a quantity to a word: rounded, saturated, a negative one in two's complement."""
     if not math.isfinite(value):
         return 0
     return min(max(round(value), -0x8000), 0xFFFF) & 0xFFFF
@@ -130,7 +129,7 @@ def _word(value: float) -> int:
 
 
 def _vector(first: int, name: str, factor: float, start: int = 0, count: int = 6) -> dict[int, Cell]:
-    """Registers for elements of a snapshot's vector, from ``start`` on."""
+    """Return registers for elements of a vector in the snapshot, from index ``start`` on."""
 
     def cell(index: int) -> Cell:
         return Cell(lambda machine: getattr(machine.snapshot, name)[index] * factor)
@@ -139,7 +138,7 @@ def _vector(first: int, name: str, factor: float, start: int = 0, count: int = 6
 
 
 def _pose(first: int, name: str, position_factor: float) -> dict[int, Cell]:
-    """Six registers: three for a position or velocity, three in mrad or mrad/s."""
+    """Return six registers: three for a position or velocity, three in mrad or mrad/s."""
     return {**_vector(first, name, position_factor, 0, 3), **_vector(first + 3, name, 1000.0, 3, 3)}
 
 
@@ -193,7 +192,7 @@ def _state_registers() -> dict[int, Cell]:
     }
 
 
-# the server's own memory, and the registers shared with RTDE
+# memory of the server itself, and registers that are shared with RTDE
 
 
 def _general(index: int) -> Cell:

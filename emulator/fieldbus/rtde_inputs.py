@@ -1,8 +1,8 @@
-"""What an RTDE input package does to the machine.
+"""The effect of an RTDE input package on the machine.
 
-A ``*_mask`` names the bits of its companions that apply in the package that carries the
-mask; a companion alone changes nothing until a mask comes (variables keep their last
-value). Registers and the external wrench apply as they arrive.
+A ``*_mask`` selects the bits of its companion variables that take effect with the package that carries the mask. A
+companion without its mask changes nothing; variables keep their last value, so a mask in a later package can select it.
+Registers and the external wrench take effect when they arrive.
 """
 
 from collections.abc import Callable, Mapping
@@ -22,16 +22,16 @@ _Setter = Callable[[Machine, Any], None]
 def apply_inputs(machine: Machine, values: Mapping[str, Any]) -> None:
     """Apply one package; every variable in it counts as refreshed in this period.
 
-    A value that is not a number, or of no use for what it sets, is refused: the variable keeps its last one (guess).
-    Raises KeyError for a name that is not an input variable; nothing has changed then.
+    A value that is not a finite number or not plausible for its variable is rejected: the variable keeps its last value
+    (guess). Raises KeyError for a name that is not an input variable; nothing is changed then.
     """
-    if strange := values.keys() - _SETTERS.keys():
-        raise KeyError(f"no input variables: {', '.join(sorted(strange))}")
+    if unknown := values.keys() - _SETTERS.keys():
+        raise KeyError(f"not RTDE input variables: {', '.join(sorted(unknown))}")
     machine.rtde_refreshed.update(dict.fromkeys(values, machine.step_count))
     usable = {name: value for name, value in values.items() if _usable(name, value)}
     for name in values.keys() - usable.keys() - machine.rtde_refused:
         machine.rtde_refused.add(name)
-        machine.messages.note(f"RTDE input {name} = {values[name]} is refused (said once): it keeps its last value")
+        machine.messages.note(f"RTDE input {name} = {values[name]} is rejected: it keeps its last value (logged once)")
     machine.rtde_inputs.update(usable)
     for name, value in usable.items():
         _SETTERS[name](machine, value)
@@ -44,7 +44,7 @@ def _usable(name: str, value: Any) -> bool:
 
 
 def _keep(machine: Machine, value: Any) -> None:
-    """A companion of a mask: kept in ``rtde_inputs`` until its mask selects it."""
+    """Do nothing with a companion of a mask: its value is in ``rtde_inputs`` until the mask selects it."""
 
 
 def _speed_slider(machine: Machine, mask: int) -> None:

@@ -64,40 +64,40 @@ class Popups:
         return popup
 
     def close_all(self) -> None:
-        """What the dashboard's ``close popup`` does: every plain popup; requests stay."""
+        """Close all plain popups, as the dashboard's ``close popup`` does; questions stay open."""
         self._close([popup for popup in self.shown if popup.requested_type is RequestedType.NONE])
 
     def withdraw(self, popup: Popup) -> None:
-        """Close one dialogue, as when the program that asked has ended."""
+        """Close one dialogue, for example when the program that opened it has ended."""
         self._close([popup])
 
     def answer(self, request_id: int, value: Any) -> bool:
-        """Close a dialogue with an answer. False when no open one has this id.
+        """Close a dialogue with an answer; return False if no open dialogue has this id.
 
-        None cancels a question, which ends the program that asked. Raises ValueError for a
-        value that is not of the requested type; then the dialogue stays open.
+        None cancels a question, which ends the program that asked it. Raises ValueError for a value that does not
+        have the requested type; the dialogue then stays open.
         """
         found = [popup for popup in self.shown if popup.request_id == request_id]
         for popup in found:
-            popup.answer = None if value is None else _fitting(value, popup.requested_type)
+            popup.answer = None if value is None else _checked(value, popup.requested_type)
         self._close(found)
         return bool(found)
 
     @property
     def question(self) -> Popup:
-        """The question asked last, which lies on top of others. Raises ValueError when none is open."""
+        """The question that was asked last, which covers the others. Raises ValueError if none is open."""
         questions = [popup for popup in self.shown if popup.requested_type is not RequestedType.NONE]
         if not questions:
-            raise ValueError("no program waits for an answer")
+            raise ValueError("no question is open: no program is waiting for an answer")
         return questions[-1]
 
     def answer_typed(self, text: str) -> None:
-        """Answer the question on top with what an operator typed. Raises ValueError."""
+        """Answer the question on top with a text that an operator typed. Raises ValueError."""
         question = self.question
-        self.answer(question.request_id, _typed(text, question.requested_type))
+        self.answer(question.request_id, _parse_typed(text, question.requested_type))
 
     def advance(self) -> None:
-        """One control period: close what has been open long enough."""
+        """Call once per control period: close the popups whose time is over."""
         if self.shown and self._auto_close_s is not None:
             now = self._time_s()
             plain = (popup for popup in self.shown if popup.requested_type is RequestedType.NONE)
@@ -118,8 +118,8 @@ class Popups:
         self.shown = [popup for popup in self.shown if popup.open]
 
 
-def _fitting(value: Any, requested: RequestedType) -> Any:
-    """The answer as the program gets it. Raises ValueError for one of another type."""
+def _checked(value: Any, requested: RequestedType) -> Any:
+    """Return the answer as the program gets it. Raises ValueError for a value of another type."""
     kind = value.__class__
     if requested is RequestedType.NONE or (requested is RequestedType.BOOLEAN and kind is bool):
         return value
@@ -129,14 +129,14 @@ def _fitting(value: Any, requested: RequestedType) -> Any:
         return float(value)
     if requested is RequestedType.STRING and kind is str and len(to_bytes(value)) <= MAX_STRING:
         return value
-    raise ValueError(f"{value!r:.60} is not an answer: the program asks for a value of type {requested.name.lower()}")
+    raise ValueError(f"{value!r:.60} is not an answer: the program expects a value of type {requested.name.lower()}")
 
 
-_WORDS: Final = {"true": True, "yes": True, "false": False, "no": False}
+_BOOLEAN_WORDS: Final = {"true": True, "yes": True, "false": False, "no": False}
 
 
-def _typed(text: str, requested: RequestedType) -> Any:
-    """What an operator means by a text; the text itself when it is of another type."""
+def _parse_typed(text: str, requested: RequestedType) -> Any:
+    """Convert a typed text to the requested type; a text of another type is returned unchanged."""
     text = strip(text)
     try:
         if requested is RequestedType.INTEGER:
@@ -145,4 +145,4 @@ def _typed(text: str, requested: RequestedType) -> Any:
             return number(text)
     except ValueError:
         return text
-    return _WORDS.get(lower(text), text) if requested is RequestedType.BOOLEAN else text
+    return _BOOLEAN_WORDS.get(lower(text), text) if requested is RequestedType.BOOLEAN else text

@@ -84,7 +84,7 @@ class RobotApiCall(Command):
 
 class _RobotApiConnection(HttpConnection):
     server: RobotApiServer
-    most_body = MOST_UPLOAD
+    max_body = MOST_UPLOAD
 
     def __init__(self, server: RobotApiServer) -> None:
         super().__init__(server)

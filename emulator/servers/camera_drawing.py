@@ -1,7 +1,8 @@
-"""What clients want of cameras, and the process that draws it: started by the first wish, ended when there are no more.
+"""Requests for camera pictures, and the process that draws them.
 
-Wishes for the same picture share it, and the same picture is not drawn more often than `MOST_HZ`. One is drawn at a
-time, in turns; the state it shows is that of the moment when its turn came.
+The first request starts the process; it is stopped after a while without requests. Requests for the same picture share
+the result, and the same picture is drawn at most `MOST_HZ` times a second. Pictures are drawn one at a time, in turn,
+each from the state at the moment when drawing starts.
 """
 
 import asyncio
@@ -20,20 +21,20 @@ if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
 
 MOST_HZ: Final = 30.0
-"""Pictures of one camera in one form a second, however many look (guess: what cameras of cells do)."""
+"""Maximum rate of one camera in one form, for any number of viewers (guess: the rate of cameras in robot cells)."""
 
-_PIECE: Final = 64 * 1024  # bytes of a picture that are read, and sent, at once
-_IDLE_S: Final = 5.0  # without a wish, and the process ends (guess)
-_DRAWS_S: Final = 60.0  # for one picture: a machine without a graphics card takes part of a second (guess)
-_AGAIN_S: Final = 5.0  # after a failure, whose reason is the answer until then (guess)
-_GOODBYE_S: Final = 10.0  # guess: what is killed ends at once, but on a very busy machine
+_PIECE: Final = 64 * 1024  # bytes of a picture that are read and sent in one go
+_IDLE_S: Final = 5.0  # time without requests after which the process is stopped (guess)
+_DRAW_TIMEOUT_S: Final = 60.0  # for one picture (guess: without a graphics card one takes a fraction of a second)
+_RETRY_S: Final = 5.0  # after a failure; until then its reason is the answer to every request (guess)
+_EXIT_TIMEOUT_S: Final = 10.0  # guess: a killed process ends immediately, except on a very busy machine
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """parts: its bytes, in pieces to be sent at once. time_s: the robot's. pose: of the optical frame, in base."""
+    """A picture. parts: its bytes, each sent in one go. time_s: robot time. pose: optical frame in the base frame."""
 
     parts: Sequence[bytes]
     time_s: float
@@ -41,88 +42,89 @@ class Picture:
 
     @property
     def size(self) -> int:
-        """Bytes of it."""
+        """Number of bytes."""
         return sum(map(len, self.parts))
 
 
 class CannotDraw(Exception):  # noqa: N818 - an answer
-    """There is no picture: why, in a line."""
+    """A picture cannot be drawn; the text is the reason, in one line."""
 
 
-Take = Callable[[Picture | CannotDraw], None]
+PictureCallback = Callable[[Picture | CannotDraw], None]
 
 
 class Drawing:
-    """Draws a world. now_s: the robot's time. Use it in an event loop, and close it."""
+    """Draws pictures of a world. now_s: returns the robot time. Use it in an event loop, and close it."""
 
     def __init__(self, world: "PhysicsWorld", now_s: Callable[[], float]) -> None:
         from emulator.physics.drawing import first_message
 
         self._world = world
         self._now_s = now_s
-        self._scene = first_message(world)  # here, at the start: a large model takes many control periods
-        self._wishes: dict[tuple[str, str], list[Take]] = {}  # by camera and form
+        # encoded when the port opens, before the robot runs: a large model takes as long as many control periods
+        self._scene = first_message(world)
+        self._requests: dict[tuple[str, str], list[PictureCallback]] = {}  # by camera and form
         self._drawn_s: dict[tuple[str, str], float] = {}
-        self._news = asyncio.Event()
-        self._working: asyncio.Task[None] | None = None
-        self._tasks: set[asyncio.Task[None]] = set()  # that one, and those that still see a process end
+        self._new_request = asyncio.Event()
+        self._worker: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[None]] = set()  # the worker, and former ones whose process is still ending
         self._failed: tuple[float, CannotDraw] | None = None
 
     @property
     def at_work(self) -> bool:
-        """Whether there is a process now, or one begins."""
-        return self._working is not None
+        """Whether the process is running or being started."""
+        return self._worker is not None
 
-    def want(self, name: str, form: str, take: Take) -> None:
-        """Have a picture taken from now on; ``take`` is given it, or why there is none."""
+    def request(self, name: str, form: str, callback: PictureCallback) -> None:
+        """Request a picture that is not older than the request; ``callback`` gets it, or the reason for a failure."""
         if self._failed is not None and self._failed[0] > asyncio.get_running_loop().time():
-            take(self._failed[1])
+            callback(self._failed[1])
             return
-        self._wishes.setdefault((name, form), []).append(take)
-        self._news.set()
-        if self._working is None:
-            self._working = asyncio.get_running_loop().create_task(self._work())
-            self._tasks.add(self._working)
-            self._working.add_done_callback(self._tasks.discard)
+        self._requests.setdefault((name, form), []).append(callback)
+        self._new_request.set()
+        if self._worker is None:
+            self._worker = asyncio.get_running_loop().create_task(self._work())
+            self._tasks.add(self._worker)
+            self._worker.add_done_callback(self._tasks.discard)
 
-    def forget(self, take: Take) -> None:
-        """Who wanted it has gone."""
-        for key, takes in tuple(self._wishes.items()):
-            if take in takes:
-                takes.remove(take)
-            if not takes:
-                del self._wishes[key]
+    def forget(self, callback: PictureCallback) -> None:
+        """Drop the requests of a client that has disconnected."""
+        for key, callbacks in tuple(self._requests.items()):
+            if callback in callbacks:
+                callbacks.remove(callback)
+            if not callbacks:
+                del self._requests[key]
 
     async def close(self) -> None:
-        """End the process."""
-        if self._working is not None:
-            self._working.cancel()
+        """Stop the process."""
+        if self._worker is not None:
+            self._worker.cancel()
         if self._tasks:
             await asyncio.wait(self._tasks)
 
     async def _work(self) -> None:
-        """Draw what is wanted until nothing has been for a while."""
+        """Draw the requested pictures until there has been no request for a while."""
         key: tuple[str, str] | None = None
-        takes: list[Take] = []
+        callbacks: list[PictureCallback] = []
         process: Process | None = None
         try:
             process = await self._start()
-            while (key := await self._next()) is not None:
-                takes = self._wishes.pop(key)
+            while (key := await self._next_due()) is not None:
+                callbacks = self._requests.pop(key)
                 picture = await self._draw(process, *key)
-                for take in takes:
-                    take(picture)
-                takes = []
+                for callback in callbacks:
+                    callback(picture)
+                callbacks = []
         except (CannotDraw, OSError, TimeoutError, ValueError) as error:
-            why = error if isinstance(error, CannotDraw) else CannotDraw(_lost(error))
-            _logger.warning("cameras: %s", why)
-            self._failed = asyncio.get_running_loop().time() + _AGAIN_S, why
-            takes += [take for wished in self._wishes.values() for take in wished]
-            self._wishes.clear()
-            for take in takes:
-                take(why)
+            reason = error if isinstance(error, CannotDraw) else CannotDraw(_lost(error))
+            _logger.warning("cameras: %s", reason)
+            self._failed = asyncio.get_running_loop().time() + _RETRY_S, reason
+            callbacks += [callback for pending in self._requests.values() for callback in pending]
+            self._requests.clear()
+            for callback in callbacks:
+                callback(reason)
         finally:
-            self._working = None
+            self._worker = None
             if process is not None:
                 await _end(process)
 
@@ -140,15 +142,15 @@ class Drawing:
             raise
         return process
 
-    async def _next(self) -> tuple[str, str] | None:
-        """The wish whose turn it is, when it is time for it; None when there is none for a while."""
+    async def _next_due(self) -> tuple[str, str] | None:
+        """Wait until a request is due and return its key; None if there has been no request for a while."""
         loop = asyncio.get_running_loop()
         idle_at_s = loop.time() + _IDLE_S
         while True:
-            self._news.clear()
-            due_s = {key: self._drawn_s.get(key, -1e9) + 1.0 / MOST_HZ for key in self._wishes}
+            self._new_request.clear()
+            due_s = {key: self._drawn_s.get(key, -1e9) + 1.0 / MOST_HZ for key in self._requests}
             if due_s:
-                key = min(due_s, key=due_s.__getitem__)  # who was not drawn longest is the first
+                key = min(due_s, key=due_s.__getitem__)  # the one that was drawn least recently
                 if due_s[key] <= loop.time():
                     self._drawn_s[key] = loop.time()
                     return key
@@ -159,7 +161,7 @@ class Drawing:
                     return None
             with suppress(TimeoutError):
                 async with timeout(wait_s):
-                    await self._news.wait()
+                    await self._new_request.wait()
 
     async def _draw(self, process: Process, name: str, form: str) -> Picture:
         """Raises CannotDraw, OSError, TimeoutError, ValueError."""
@@ -170,10 +172,10 @@ class Drawing:
         assert process.stdout is not None
         time_s = self._now_s()
         process.stdin.write(request(self._world, name, form))
-        async with timeout(_DRAWS_S):
+        async with timeout(_DRAW_TIMEOUT_S):
             try:
-                said, size = HEADER.unpack(await process.stdout.readexactly(HEADER.size))
-                message = json.loads(await process.stdout.readexactly(said))
+                length, size = HEADER.unpack(await process.stdout.readexactly(HEADER.size))
+                message = json.loads(await process.stdout.readexactly(length))
                 parts = []
                 while size:
                     parts.append(await process.stdout.readexactly(min(size, _PIECE)))
@@ -188,14 +190,14 @@ class Drawing:
 def _lost(error: Exception) -> str:
     what = "takes too long" if isinstance(error, TimeoutError) else "has ended"
     if isinstance(error, OSError) and error.strerror:
-        what = f"is not there ({error.strerror})"
-    return f"the process that draws pictures {what}: its last words are among the emulator's"
+        what = f"is not available ({error.strerror})"
+    return f"the process that draws pictures {what}: its error output is among that of the emulator"
 
 
 async def _end(process: Process) -> None:
-    """Without waiting for the picture that it draws; what it has written of one is read, or its pipe stays open."""
+    """Kill the process without waiting for its picture; unread output is read, since otherwise the pipe stays open."""
     with suppress(ProcessLookupError):
         process.kill()
     with suppress(TimeoutError):
-        async with timeout(_GOODBYE_S):
+        async with timeout(_EXIT_TIMEOUT_S):
             await process.communicate()

@@ -1,6 +1,7 @@
-"""The cameras of a scene over HTTP, as an IP camera has them: streams and single pictures (`urproto.cameras`).
+"""Serves the cameras of a scene over HTTP like an IP camera: streams and single pictures (`urproto.cameras`).
 
-Nothing is drawn while nobody looks. Clients read only; pages of other sites are kept out, and may not show a picture.
+Pictures are drawn only on request. Clients can only read. Pages of other web sites have no access and cannot embed a
+picture.
 """
 
 import asyncio
@@ -33,20 +34,20 @@ from urproto.errors import RemoteProtocolError
 if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
 
-_USUAL_HZ: Final = 10.0
-_LEAST_HZ: Final = 0.01
-_MOST_VIEWERS: Final = 32  # who wait for a picture or look at a stream (guess)
-_BUFFER: Final = 128 * 1024  # bytes that may wait for a client before it is sent more
-_MOST_AHEAD: Final = 64 * 1024  # bytes of requests that come before a picture is through (guess)
+_DEFAULT_HZ: Final = 10.0
+_MIN_HZ: Final = 0.01
+_MOST_VIEWERS: Final = 32  # clients that wait for a picture or receive a stream (guess)
+_BUFFER: Final = 128 * 1024  # bytes that may be buffered for a client; above that, sending pauses
+_MOST_AHEAD: Final = 64 * 1024  # bytes of further requests that a client may send before its picture is sent (guess)
 _JPEG: Final = "rgb.jpg"
 _BOUNDARY: Final = "picture"
-_COMMON: Final = {
+_COMMON_HEADERS: Final = {
     "Cache-Control": "no-store",
     "Cross-Origin-Resource-Policy": "same-origin",
     "X-Content-Type-Options": "nosniff",
 }
 _PAGE_HEADERS: Final = {
-    **_COMMON,
+    **_COMMON_HEADERS,
     "Content-Type": "text/html; charset=utf-8",
     "Content-Security-Policy": "default-src 'none'; img-src 'self'; frame-ancestors 'none'",
 }
@@ -56,10 +57,10 @@ _PAGE: Final = """<!DOCTYPE html>
 {cameras}
 </body></html>
 """
-_ON_PAGE: Final = """<h2>{name}</h2>
-<p><img src="{picture}" width="{width}" height="{height}" alt="What the camera {name} sees now"></p>
+_PAGE_ENTRY: Final = """<h2>{name}</h2>
+<p><img src="{picture}" width="{width}" height="{height}" alt="Live picture of camera {name}"></p>
 <p>{links}</p>"""
-_NONE: Final = "<p>The scene has no cameras: name some in the section <code>cameras</code> of the world file.</p>"
+_NO_CAMERAS: Final = "<p>The scene has no cameras. Add them to the world file, section <code>cameras</code>.</p>"
 
 
 class CameraServer(PortServer):
@@ -75,7 +76,7 @@ class CameraServer(PortServer):
 
     @property
     def drawing(self) -> Drawing:
-        """What draws them."""
+        """The process that draws the pictures, and its queue of requests."""
         assert self._drawing is not None, "the port is open"
         return self._drawing
 
@@ -89,7 +90,7 @@ class CameraServer(PortServer):
             await self._drawing.close()
 
     def index(self) -> dict[str, Any]:
-        """What cameras there are, and the names of what segmentation shows."""
+        """Return the index: the cameras, and the names of the bodies that segmentation pictures number."""
         from emulator.physics.cameras import describe
 
         model = self.world.model
@@ -100,9 +101,9 @@ class CameraServer(PortServer):
         }
 
     def page(self) -> bytes:
-        """The index for people."""
+        """Return the index as a web page."""
         shown = [
-            _ON_PAGE.format(
+            _PAGE_ENTRY.format(
                 name=escape(name),
                 picture=picture_path(name, STREAM),
                 width=camera.size[0],
@@ -111,24 +112,24 @@ class CameraServer(PortServer):
             )
             for name, camera in self.world.cameras.items()
         ]
-        return _PAGE.format(cameras="\n".join(shown) or _NONE).encode()
+        return _PAGE.format(cameras="\n".join(shown) or _NO_CAMERAS).encode()
 
     def check_room(self) -> None:
-        """Raises Refused when there are too many viewers."""
+        """Raises Refused if the maximum number of viewers is reached."""
         if sum(isinstance(one, HttpConnection) and one.waiting for one in self.connections) >= _MOST_VIEWERS:
-            raise Refused(UNAVAILABLE, f"{_MOST_VIEWERS} viewers look at the cameras already: close one")
+            raise Refused(UNAVAILABLE, f"the limit of {_MOST_VIEWERS} viewers of cameras is reached: close one")
 
 
 class _CameraConnection(HttpConnection):
     server: CameraServer
-    most_body = 0
+    max_body = 0
 
     def __init__(self, server: CameraServer) -> None:
         super().__init__(server)
-        self._look: _Look | None = None
-        self._ahead = 0  # bytes that came during this look
+        self._viewing: _Viewing | None = None
+        self._bytes_ahead = 0  # bytes received while the present request is being answered
         self._parts: deque[bytes] = deque()
-        self._full = False  # as much waits for the client as may
+        self._full = False  # the write buffer of the connection is full
         self._pumping: asyncio.Handle | None = None
 
     def refusal(self, status: int, text: str) -> Any:
@@ -138,38 +139,37 @@ class _CameraConnection(HttpConnection):
         check_host(request, also=is_local)
         check_site(request)
         if request.method != "GET":
-            raise Refused(NOT_ALLOWED, f"pictures are for reading: GET, not {request.method}", {"Allow": "GET"})
+            raise Refused(NOT_ALLOWED, f"the method {request.method} is not allowed: use GET", {"Allow": "GET"})
         if request.path == "/":
             return Response(OK, self.server.page(), _PAGE_HEADERS)
         if request.path == CAMERAS:
-            return Response(OK, self.server.index(), _COMMON)
-        name, form = self._wanted(request.path)
+            return Response(OK, self.server.index(), _COMMON_HEADERS)
+        name, form = self._camera_and_form(request.path)
         every_s = 1.0 / _fps(request.query) if form == STREAM else None
         self.server.check_room()
-        self._ahead = 0
-        self._look = _Look(self, name, _JPEG if form == STREAM else form, every_s)
+        self._bytes_ahead = 0
+        self._viewing = _Viewing(self, name, _JPEG if form == STREAM else form, every_s)
         return None
 
-    def _wanted(self, path: str) -> tuple[str, str]:
-        """Camera and form. Raises Refused."""
+    def _camera_and_form(self, path: str) -> tuple[str, str]:
+        """Return the camera and the form of the picture that a path names. Raises Refused."""
         top, _, rest = path.removeprefix("/").partition("/")
         name, _, form = rest.partition("/")
         if f"/{top}" != CAMERAS or not form:
-            raise Refused(NOT_FOUND, f"there is nothing at {path}: see {CAMERAS}")
+            raise Refused(NOT_FOUND, f"nothing is served at {path}: see {CAMERAS}")
         name, known = unquote(name), self.server.world.cameras
         if name not in known:
             raise Refused(NOT_FOUND, f"there is no camera {name!r}; there are: {', '.join(known) or 'none'}")
         if form != STREAM and form not in FORMS:
-            raise Refused(NOT_FOUND, f"a camera has no {form}; it has: {', '.join((STREAM, *FORMS))}")
+            raise Refused(NOT_FOUND, f"a camera does not serve {form}; it serves: {', '.join((STREAM, *FORMS))}")
         return name, form
 
     def received(self, data: bytes) -> None:
-        if (
-            self._look is not None
-        ):  # whoever looks at a stream may have asked for what comes next, but not go on talking
-            self._ahead += len(data)
-            if self._ahead > _MOST_AHEAD:
-                raise RemoteProtocolError(f"it sent more than {_MOST_AHEAD} bytes while it is sent pictures")
+        # A client may send its next request during a stream, but no more than that: it is buffered until the end.
+        if self._viewing is not None:
+            self._bytes_ahead += len(data)
+            if self._bytes_ahead > _MOST_AHEAD:
+                raise RemoteProtocolError(f"it sent more than {_MOST_AHEAD} bytes while it was being sent pictures")
         super().received(data)
 
     def opened(self) -> None:
@@ -177,15 +177,15 @@ class _CameraConnection(HttpConnection):
         self._transport.set_write_buffer_limits(high=_BUFFER)
 
     def lost(self) -> None:
-        if self._look is not None:
-            self._look.leave()
+        if self._viewing is not None:
+            self._viewing.cancel()
         if self._pumping is not None:
             self._pumping.cancel()
 
-    # a picture is sent in pieces, between which the robot has its turn
+    # a picture is sent in pieces, so that the control period can run between them
 
     def send_parts(self, parts: Sequence[bytes]) -> None:
-        """Send all of them, as fast as the client reads; then the look goes on."""
+        """Send parts of the answer as fast as the client reads, then let the viewing continue."""
         self._parts.extend(parts)
         self._pump()
 
@@ -200,58 +200,60 @@ class _CameraConnection(HttpConnection):
         if self._full or self._pumping is not None or not self.is_open:
             return
         if self._parts:
-            self.part(self._parts.popleft())
-            self._pumping = asyncio.get_running_loop().call_soon(self._pump_on)
-        elif self._look is not None and self._look.sent():
-            self._look = None
-            self.end()
+            self.send_part(self._parts.popleft())
+            self._pumping = asyncio.get_running_loop().call_soon(self._continue_pumping)
+        elif self._viewing is not None and self._viewing.sent():
+            self._viewing = None
+            self.end_response()
 
-    def _pump_on(self) -> None:
+    def _continue_pumping(self) -> None:
         self._pumping = None
         self._pump()
 
 
-class _Look:
-    """One request for a picture, or for a stream of them. every_s: of a stream."""
+class _Viewing:
+    """One request for a picture or a stream. every_s: period of a stream, None for a single picture."""
 
     def __init__(self, connection: _CameraConnection, name: str, form: str, every_s: float | None) -> None:
         self._connection = connection
         self._name, self._form, self._every_s = name, form, every_s
-        self._begun = False
+        self._stream_started = False
         self._sending = False
-        self._wanted_s = 0.0
+        self._requested_s = 0.0
         self._next: asyncio.TimerHandle | None = None
-        self._took: Callable[[Picture | CannotDraw], None] = self._take
-        asyncio.get_running_loop().call_soon(self._want)  # the answer may come at once: not before the request is over
 
-    def leave(self) -> None:
-        """The client has gone."""
-        self._connection.server.drawing.forget(self._took)
+        self._callback: Callable[[Picture | CannotDraw], None] = self._send_picture
+        # later: the drawing may answer immediately, but the request has to be handled completely before
+        asyncio.get_running_loop().call_soon(self._request_picture)
+
+    def cancel(self) -> None:
+        """The client has disconnected."""
+        self._connection.server.drawing.forget(self._callback)
         if self._next is not None:
             self._next.cancel()
 
     def sent(self) -> bool:
-        """All that was to be sent has been; True when that was the answer."""
+        """Call when all parts have been sent; returns True if that completes the answer, False for a stream."""
         if not self._sending:
             return False
         self._sending = False
         if self._every_s is None:
             return True
         loop = asyncio.get_running_loop()
-        self._next = loop.call_at(max(loop.time(), self._wanted_s + self._every_s), self._want)
+        self._next = loop.call_at(max(loop.time(), self._requested_s + self._every_s), self._request_picture)
         return False
 
-    def _want(self) -> None:
+    def _request_picture(self) -> None:
         self._next = None
         if self._connection.is_open:
-            self._wanted_s = asyncio.get_running_loop().time()
-            self._connection.server.drawing.want(self._name, self._form, self._took)
+            self._requested_s = asyncio.get_running_loop().time()
+            self._connection.server.drawing.request(self._name, self._form, self._callback)
 
-    def _take(self, picture: Picture | CannotDraw) -> None:
+    def _send_picture(self, picture: Picture | CannotDraw) -> None:
         connection = self._connection
         if isinstance(picture, CannotDraw):
-            if self._begun:
-                connection.close()  # in the middle of a stream there is no other way to say it
+            if self._stream_started:
+                connection.close()  # the status of a stream has been sent already: closing is the only signal left
             else:
                 connection.reply(connection.refuse(Refused(UNAVAILABLE, str(picture))))
             return
@@ -263,26 +265,26 @@ class _Look:
         }
         self._sending = True
         if self._every_s is None:
-            connection.begin(OK, {**_COMMON, **head})
+            connection.begin_response(OK, {**_COMMON_HEADERS, **head})
             connection.send_parts(picture.parts)
             return
         lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
-        begin = [] if self._begun else [f"--{_BOUNDARY}\r\n".encode()]
-        if not self._begun:
+        begin = [] if self._stream_started else [f"--{_BOUNDARY}\r\n".encode()]
+        if not self._stream_started:
             kind = f"multipart/x-mixed-replace; boundary={_BOUNDARY}"
-            connection.begin(OK, {**_COMMON, "Content-Type": kind})
-            self._begun = True
-        # the next boundary follows at once: browsers show a picture when they see that it has ended
+            connection.begin_response(OK, {**_COMMON_HEADERS, "Content-Type": kind})
+            self._stream_started = True
+        # the next boundary follows immediately: browsers show a picture once they see the boundary after it
         connection.send_parts([*begin, f"{lines}\r\n".encode(), *picture.parts, f"\r\n--{_BOUNDARY}\r\n".encode()])
 
 
 def _fps(query: str) -> float:
-    """Pictures a second. Raises Refused."""
-    given = parse_qs(query).get("fps", [str(_USUAL_HZ)])[-1]
+    """Return the rate that a query asks for, in pictures per second. Raises Refused."""
+    given = parse_qs(query).get("fps", [str(_DEFAULT_HZ)])[-1]
     try:
-        wanted = float(given)
+        rate_hz = float(given)
     except ValueError:
-        wanted = 0.0
-    if not _LEAST_HZ <= wanted <= MOST_HZ:
-        raise Refused(BAD, f"fps must be a number from {_LEAST_HZ:g} to {MOST_HZ:g}, not {given[:20]!r}")
-    return wanted
+        rate_hz = 0.0
+    if not _MIN_HZ <= rate_hz <= MOST_HZ:
+        raise Refused(BAD, f"fps must be a number from {_MIN_HZ:g} to {MOST_HZ:g}, not {given[:20]!r}")
+    return rate_hz

@@ -1,4 +1,4 @@
-"""The commands of one connection, carried out one after the other."""
+"""The queue of commands of one connection."""
 
 from collections import deque
 from collections.abc import Callable
@@ -8,46 +8,46 @@ from typing import Any, Final
 from emulator.mailbox import Command
 from emulator.servers.port import Reply, ServedController
 
-_MOST_WAITING: Final = 64  # requests of one connection before it is not read further (guess)
+_MOST_WAITING: Final = 64  # requests of one connection; above that, reading from it pauses (guess)
 
 
 class CommandQueue:
-    """Hands one connection's commands to the controller in order, ``at_once`` of them unanswered.
+    """Passes the commands of one connection to the controller in order, at most ``max_unanswered`` at a time.
 
-    ``read_on`` is called with False when too many wait and with True when they are done.
-    The queue outlives its connection: a script sent just before closing still runs.
+    ``read_on`` is called with False when too many are waiting, and with True when none is waiting any more.
+    The queue outlives its connection: a script that was sent just before closing still runs.
     """
 
-    def __init__(self, controller: ServedController, read_on: Callable[[bool], None], at_once: int = 1) -> None:
+    def __init__(self, controller: ServedController, read_on: Callable[[bool], None], max_unanswered: int = 1) -> None:
         self._controller = controller
         self._read_on = read_on
-        self._at_once = at_once
+        self._max_unanswered = max_unanswered
         self._waiting: deque[tuple[Command, Reply | None]] = deque()
         self._unanswered = 0
 
     @property
     def full(self) -> bool:
-        """True when no more should be put into it for now."""
+        """Whether no more commands should be added for now."""
         return len(self._waiting) > _MOST_WAITING
 
     @property
     def idle(self) -> bool:
-        """True when everything has been answered."""
+        """Whether all commands have been answered."""
         return not self._waiting and not self._unanswered
 
     def put(self, command: Command, reply: Reply | None = None) -> None:
-        """Carry out a command after those before it."""
+        """Add a command; ``reply`` is called with its answer."""
         self._waiting.append((command, reply))
         self._post()
         if self.full:
             self._read_on(False)
 
     def clear(self) -> None:
-        """Forget what was not yet handed over."""
+        """Drop the commands that have not been passed to the controller yet."""
         self._waiting.clear()
 
     def _post(self) -> None:
-        while self._waiting and self._unanswered < self._at_once:
+        while self._waiting and self._unanswered < self._max_unanswered:
             command, reply = self._waiting.popleft()
             self._unanswered += 1
             self._controller.post(command, partial(self._answered, reply))

@@ -9,7 +9,7 @@ from urproto.dashboard import DISCONNECTED, GREETING, LineDecoder, encode_line
 
 
 class DashboardServer(PortServer):
-    """Lines in, one answer a line out; each client's lines wait for the answers before them."""
+    """Answers each line with one line; a line waits until the previous one of its client is answered."""
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("dashboard", controller)
@@ -24,7 +24,8 @@ class _DashboardConnection(Connection):
         self._decoder = LineDecoder()
         self._queue = CommandQueue(server.controller, self.read_on)
         self._ended = False
-        self._restricted = server.controller.snapshot.local_control  # for good: the refusal says "reconnect"
+        # until the connection is closed: the text of the refusal asks to reconnect
+        self._restricted = server.controller.snapshot.local_control
 
     def opened(self) -> None:
         self._send_line(GREETING)

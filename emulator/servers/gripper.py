@@ -1,4 +1,4 @@
-"""The gripper software that the maker of the gripper installs on the controller (TCP 63352)."""
+"""The server of the software that the gripper's manufacturer installs on the controller (TCP 63352)."""
 
 from emulator.commands.requests import GripperCall
 from emulator.devices.gripper_requests import GripperSession
@@ -20,7 +20,7 @@ class GripperServer(PortServer):
         return _GripperConnection(self)
 
     def publish(self, snapshot: Snapshot) -> None:
-        """A request whose line end has not come within the period has none."""
+        """Call at the end of a control period: a request without a line end is then taken as complete."""
         for connection in self.connections:
             if isinstance(connection, _GripperConnection):
                 connection.flush()
@@ -48,9 +48,9 @@ class _GripperConnection(Connection):
     def _call(self, requests: list[Request]) -> None:
         hooks = self.server.hooks
         passed = [hooks.message(self, Direction.RECEIVED, request) for request in requests]
-        wanted = tuple(request for request in passed if request is not None)
-        if wanted:
-            self._queue.put(GripperCall(wanted, self._session), self._answer)
+        kept = tuple(request for request in passed if request is not None)
+        if kept:
+            self._queue.put(GripperCall(kept, self._session), self._answer)
 
     def _answer(self, answer: bytes) -> None:
         passed = self.server.hooks.message(self, Direction.SENT, answer)

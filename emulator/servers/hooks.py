@@ -1,7 +1,7 @@
-"""Functions that see, and may change, what passes through a port: faults, and whoever listens.
+"""Functions that see and may change the data that passes through a port, such as faults and observers.
 
-A hook that keeps bytes back says how many (``Connection.keep``) and passes them on later (``Connection.pass_on``), to
-the hooks after it; meanwhile they count as bytes that wait for the client.
+A hook that holds bytes back reports their number (``Connection.keep``) and passes them on later
+(``Connection.pass_on``) to the hooks after it; meanwhile they count as bytes that wait for the client.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ ConnectionT = TypeVar("ConnectionT")
 
 
 class Direction(Enum):
-    """Which way something travels, as the controller sees it."""
+    """Direction of data, as seen by the controller."""
 
     RECEIVED = "received"
     SENT = "sent"
@@ -26,12 +26,11 @@ BytesHook: TypeAlias = Callable[[ConnectionT, Direction, bytes], bytes]
 
 @dataclass
 class Hooks(Generic[ConnectionT]):
-    """Functions that see, and may change, what passes through a port. Called in order.
+    """Functions that see and may change the data that passes through a port. They are called in order.
 
-    on_connect: False turns the client away. on_bytes: returns the bytes that pass instead,
-    possibly none. on_message: as on_bytes for one decoded request or encoded-to-be answer;
-    None drops it. State broadcasts pass on_bytes only. on_state: what the state ports show
-    instead of a period's snapshot.
+    on_connect: returns False to reject the client. on_bytes: returns the bytes to pass on instead, possibly none.
+    on_message: the same for one decoded request, or for an answer before it is encoded; None drops it. Broadcast
+    states pass through on_bytes only. on_state: returns the snapshot that the state ports show instead of a period's.
     """
 
     on_connect: list[Callable[[ConnectionT], bool]] = field(default_factory=list)
@@ -40,13 +39,13 @@ class Hooks(Generic[ConnectionT]):
     on_state: list[Callable[[Snapshot], Snapshot]] = field(default_factory=list)
 
     def admits(self, connection: ConnectionT) -> bool:
-        """True when no hook turns the client away."""
+        """Return whether all hooks accept the client."""
         return all(hook(connection) for hook in self.on_connect)
 
     def bytes(
         self, connection: ConnectionT, direction: Direction, data: bytes, after: BytesHook[ConnectionT] | None = None
     ) -> bytes:
-        """The bytes that pass, of all hooks or of those after one."""
+        """Return the bytes that pass through all hooks, or through those after ``after``."""
         hooks = self.on_bytes
         for hook in hooks if after is None else hooks[_place_after(hooks, after) :]:
             if not data:
@@ -55,13 +54,13 @@ class Hooks(Generic[ConnectionT]):
         return data
 
     def state(self, snapshot: Snapshot) -> Snapshot:
-        """The snapshot that is shown."""
+        """Return the snapshot to show."""
         for hook in self.on_state:
             snapshot = hook(snapshot)
         return snapshot
 
     def message(self, connection: ConnectionT, direction: Direction, message: Any) -> Any:
-        """The message that passes, None when one of the hooks dropped it."""
+        """Return the message that passes through all hooks, None if one of them dropped it."""
         for hook in self.on_message:
             if message is not None:
                 message = hook(connection, direction, message)

@@ -1,8 +1,9 @@
-"""HTTP for servers of this package: requests in, JSON out, or bytes in parts, one after the other on each connection.
+"""HTTP for the servers of this package: a request in, JSON or bytes in parts out, one after the other per connection.
 
-A server says what a request is answered with; what h11 finds wrong with a request, and bodies that are too large, are
-answered here. ``check_host`` and ``check_type`` keep pages of web browsers out: a page's own name, which somebody made
-point to this machine, is no address; and a browser asks first before it sends a page's JSON, or sends it not as JSON.
+A server decides how a request is answered. Requests that h11 rejects and bodies that are too large are answered here.
+``check_host`` and ``check_type`` keep web pages out. A web site whose name was made to resolve to this machine (DNS
+rebinding) sends that name as the Host, which is not an address. For a page that sends JSON to another site, a browser
+first asks that site for permission (a preflight request); without permission a page can only send other types.
 """
 
 import logging
@@ -28,7 +29,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Refused(Exception):  # noqa: N818 - an answer
-    """A request is answered with an error: a status, what is wrong, and headers that say more."""
+    """A request is refused: the status of the answer, the error message, and additional headers."""
 
     def __init__(self, status: int, text: str, headers: Mapping[str, str] | None = None) -> None:
         super().__init__(text)
@@ -38,7 +39,7 @@ class Refused(Exception):  # noqa: N818 - an answer
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A whole request. path: without the query; headers by their names in lower case."""
+    """A complete request. path: without the query. headers: by name, in lower case."""
 
     method: str
     path: str
@@ -49,7 +50,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """An answer. content: what JSON can say, or bytes."""
+    """An answer. content: an object that is encoded as JSON, or bytes."""
 
     status: int
     content: Any
@@ -57,13 +58,13 @@ class Response:
 
 
 class HttpConnection(Connection):
-    """One client. A request is answered by `reply`, at once or later; the next one waits until then.
+    """One client. A request is answered immediately or later, by `reply`; until then the next request waits.
 
-    most_body: bytes; more is answered with 413, and not kept.
+    max_body: limit for the body of a request [bytes]. A larger body is discarded and answered with 413.
     """
 
-    for_browsers = True  # or those that speak as they do: the requests say whether they are pages
-    most_body = 4 * 1024 * 1024
+    for_browsers = True  # HTTP is all that a browser sends; the headers of a request show whether it is from a page
+    max_body = 4 * 1024 * 1024
 
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
@@ -74,40 +75,40 @@ class HttpConnection(Connection):
 
     @abstractmethod
     def answer(self, request: Request) -> Response | None:
-        """The answer; None when ``reply`` comes later. Raises Refused."""
+        """Return the answer, or None if ``reply`` is called later. Raises Refused."""
 
     @abstractmethod
     def refusal(self, status: int, text: str) -> Any:
-        """The content of an answer that is an error."""
+        """Return the content of an error answer."""
 
     def reply(self, response: Response) -> None:
-        """Answer the request that waits, and go on with the next."""
+        """Answer the pending request and continue with the next one."""
         self._waiting = False
         self._send(response)
         self._proceed()
 
-    def begin(self, status: int, headers: Mapping[str, str]) -> None:
-        """Begin to answer the request that waits; ``part`` goes on with it, and ``end`` ends it."""
+    def begin_response(self, status: int, headers: Mapping[str, str]) -> None:
+        """Start the answer to the pending request; ``send_part`` continues and ``end_response`` completes it."""
         self.send(self._http.send(h11.Response(status_code=status, headers=list(headers.items()))) or b"")
 
-    def part(self, content: bytes) -> None:
-        """More of the answer."""
+    def send_part(self, content: bytes) -> None:
+        """Send the next part of the answer."""
         self.send(self._http.send(h11.Data(data=content)) or b"")
 
-    def end(self) -> None:
-        """That was the answer; go on with the next request."""
+    def end_response(self) -> None:
+        """Complete the answer and continue with the next request."""
         self.send(self._http.send(h11.EndOfMessage()) or b"")
         self._waiting = False
         self._next_cycle()
         self._proceed()
 
     def refuse(self, error: Refused) -> Response:
-        """The answer to a request that is refused."""
+        """Return the answer to a request that is refused."""
         return Response(error.status, self.refusal(error.status, str(error)), error.headers)
 
     @property
     def waiting(self) -> bool:
-        """Whether a request is not answered yet."""
+        """Whether a request has not been answered yet."""
         return self._waiting
 
     def received(self, data: bytes) -> None:
@@ -115,7 +116,7 @@ class HttpConnection(Connection):
         self._proceed()
 
     def at_end(self) -> bool:
-        """Who ends its side waits no longer for an answer."""
+        """A client that closes its sending side no longer waits for an answer."""
         self._feed(b"")
         return False
 
@@ -124,7 +125,7 @@ class HttpConnection(Connection):
             self._http.receive_data(data)
 
     def _proceed(self) -> None:
-        """Carry out the requests that are complete, one after the other."""
+        """Handle the complete requests one after the other."""
         while not self._waiting:
             try:
                 event = self._http.next_event()
@@ -134,14 +135,14 @@ class HttpConnection(Connection):
                 return
             if event is h11.NEED_DATA or event is h11.PAUSED or isinstance(event, h11.ConnectionClosed):
                 return
-            self._take(event)
+            self._handle(event)
 
-    def _take(self, event: Any) -> None:
+    def _handle(self, event: Any) -> None:
         if isinstance(event, h11.Request):
             self._request, self._body = event, bytearray()
             if self._http.they_are_waiting_for_100_continue:
                 self.send(self._http.send(h11.InformationalResponse(status_code=CONTINUE, headers=[])) or b"")
-        elif isinstance(event, h11.Data) and len(self._body) <= self.most_body:
+        elif isinstance(event, h11.Data) and len(self._body) <= self.max_body:
             self._body += event.data
         elif isinstance(event, h11.EndOfMessage):
             response = self._outcome(self._answer)
@@ -153,8 +154,8 @@ class HttpConnection(Connection):
         assert self._request is not None
         headers = {name.decode(): from_bytes(value) for name, value in self._request.headers}
         path, _, query = from_bytes(self._request.target).partition("?")
-        if len(self._body) > self.most_body:
-            raise Refused(TOO_LARGE, f"more than {self.most_body} bytes")
+        if len(self._body) > self.max_body:
+            raise Refused(TOO_LARGE, f"the body has more than {self.max_body} bytes")
         return self.answer(Request(self._request.method.decode(), path, query, headers, bytes(self._body)))
 
     def _outcome(self, work: Callable[[], Response | None]) -> Response | None:
@@ -164,7 +165,7 @@ class HttpConnection(Connection):
             return self.refuse(error)
         except Exception as error:
             _logger.exception("%s: a request failed", self.server.name)
-            return self.refuse(Refused(FAILED, f"the request failed, which is a fault of the emulator: {error}"))
+            return self.refuse(Refused(FAILED, f"the request failed because of a bug in the emulator: {error}"))
 
     def _send(self, response: Response) -> None:
         if self._http.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
@@ -183,49 +184,49 @@ class HttpConnection(Connection):
     def _next_cycle(self) -> None:
         try:
             self._http.start_next_cycle()
-        except h11.LocalProtocolError:  # the request was broken, or the client wants the connection closed
+        except h11.LocalProtocolError:  # the request was invalid, or the client asked to close the connection
             self.hang_up()
 
 
 def as_json(content: Any) -> bytes:
-    """Content as JSON."""
+    """Encode content as JSON."""
     try:
         return msgspec.json.encode(content)
-    except UnicodeEncodeError:  # seldom enough that the whole is only looked through then
+    except UnicodeEncodeError:  # lone surrogates are rare, so the content is only searched for them after a failure
         return msgspec.json.encode(readable_in(content))
 
 
 def check_host(request: Request, *, also: Callable[[str], bool] = lambda _: False) -> None:
-    """A page whose name was made to point here must not get in. also: names that are right beside addresses.
+    """Require the Host of a request to be an address, localhost, or a name that ``also`` accepts. Raises Refused.
 
-    Raises Refused.
+    This keeps out pages of web sites whose name was made to resolve to this machine (DNS rebinding).
     """
     host = request.headers.get("host", "")
     name = host.rpartition(":")[0] if ":" in host.rpartition("]")[2] else host
     name = name.strip("[]")
     if name != "localhost" and not is_address(name) and not also(name):
-        raise Refused(FORBIDDEN, f"ask for an address, not for {host!r}")
+        raise Refused(FORBIDDEN, f"the Host {host!r} is not allowed: use an IP address in the URL")
 
 
 def check_site(request: Request) -> None:
-    """No page of another site. Browsers say it of every request to this machine. Raises Refused."""
+    """Keep out pages of other sites: browsers mark all their requests to this machine. Raises Refused."""
     if request.headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
-        raise Refused(FORBIDDEN, "not for pages of other sites")
+        raise Refused(FORBIDDEN, "pages of other web sites have no access")
 
 
-def check_type(request: Request, wanted: str) -> None:
-    """A page may send other types of content without being asked. Raises Refused."""
-    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != wanted:
-        raise Refused(WRONG_TYPE, f"send the header Content-Type: {wanted}")
+def check_type(request: Request, expected: str) -> None:
+    """Require a content type that web pages cannot send to another site without its permission. Raises Refused."""
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != expected:
+        raise Refused(WRONG_TYPE, f"send the header Content-Type: {expected}")
 
 
 def is_local(name: str) -> bool:
-    """Names that nobody else can own: a page cannot come from them."""
+    """Whether a name only has a meaning in the local network, so that no site on the internet can have it."""
     return bool(name) and ("." not in name or name.endswith(".local"))
 
 
 def is_address(text: str) -> bool:
-    """Whether it is an IP address."""
+    """Whether a text is an IP address."""
     try:
         ip_address(text)
     except ValueError:

@@ -1,8 +1,8 @@
-"""Interpreter mode (TCP 30020): lines of statements in, an answer for each.
+"""Interpreter mode (TCP 30020): lines of statements in, one answer per line out.
 
-The port is open all the time; without a running program every line is discarded. Lines go to the
-controller at once, not one after the other, because commands such as ``abort`` must not wait for
-the answers of statements before them.
+The port is always open; without a running program every line is discarded. A line is passed to the controller without
+waiting for the answers to the lines before it, because commands such as ``abort`` must not wait for the statements
+that they are to end.
 """
 
 import logging
@@ -14,13 +14,13 @@ from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from urproto.interpreter import Reason, StatementDecoder, TooLong, discard, encode_answer
 
-_AT_ONCE = 64  # lines of one connection in a control period (guess)
+_LINES_PER_PERIOD = 64  # of one connection in a control period (guess)
 
 _logger = logging.getLogger(__name__)
 
 
 class InterpreterServer(PortServer):
-    """What any client sends goes into one queue; the answers go to who sent it."""
+    """Puts the lines of all clients into one queue; an answer goes to the client that sent the line."""
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("interpreter", controller)
@@ -33,7 +33,7 @@ class _InterpreterConnection(Connection):
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
         self._decoder = StatementDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on, _AT_ONCE)
+        self._queue = CommandQueue(server.controller, self.read_on, _LINES_PER_PERIOD)
         self._unanswered = 0
         self._ended = False
 
@@ -48,9 +48,9 @@ class _InterpreterConnection(Connection):
                 self._queue.put(InterpreterLine(passed, self._answer))
 
     def at_end(self) -> bool:
-        """Statements need a line end (Script Manual); those that have one are answered before the connection ends."""
+        """Statements need a line end (Script Manual); those that have one are answered before the connection closes."""
         if self._decoder.rest:
-            _logger.warning("%s: a line of %s has no end and is ignored", self.server.name, self.peer)
+            _logger.warning("%s: the last line from %s has no line end and is ignored", self.server.name, self.peer)
         self._ended = True
         return self._unanswered > 0
 

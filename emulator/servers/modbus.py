@@ -9,11 +9,11 @@ from emulator.servers.hooks import Direction
 from emulator.servers.port import PortServer, ServedController
 from urproto.modbus import Frame, FrameDecoder, encode_frame
 
-_AT_ONCE = 16  # requests of one connection in a control period (guess): clients may send several without waiting
+_REQUESTS_PER_PERIOD = 16  # of one connection (guess); a client may send several without waiting for the answers
 
 
 class ModbusServer(PortServer):
-    """Requests in, one answer each, in the next control period. Any unit number is the robot."""
+    """Answers each request in the next control period. The robot answers to every unit number."""
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("modbus", controller)
@@ -26,7 +26,7 @@ class _ModbusConnection(Connection):
     def __init__(self, server: PortServer) -> None:
         super().__init__(server)
         self._decoder = FrameDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on, at_once=_AT_ONCE)
+        self._queue = CommandQueue(server.controller, self.read_on, max_unanswered=_REQUESTS_PER_PERIOD)
         self._ended = False
 
     def received(self, data: bytes) -> None:

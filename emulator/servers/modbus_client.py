@@ -1,8 +1,8 @@
-"""The connections to Modbus units that signals of programs live on.
+"""The connections to Modbus units that serve the Modbus signals of programs.
 
-One connection for each unit, opened by the first request and, once it is lost, by the first
-request after a pause that grows from one failure to the next. A request that no answer came
-to in time has failed; several of them in a row end the connection.
+Each unit has one connection. The first request opens it. After it was lost, the first request after a pause opens it
+again; the pause grows with each failure. A request that is not answered in time has failed, and several consecutive
+time-outs close the connection.
 """
 
 import asyncio
@@ -27,30 +27,30 @@ from urproto.modbus import (
     encode_request,
 )
 
-_CONNECT_S: Final = 2.0  # guess, as a script socket's
+_CONNECT_S: Final = 2.0  # guess, the same as for a script socket
 _ANSWER_S: Final = 1.0  # guess
-_PAUSES_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)  # before another attempt to connect (guess)
-_MOST_TIMEOUTS: Final = 3  # in a row, then the connection is taken for dead (guess)
-_MOST_UNITS: Final = 512  # guess; signals are fewer, only custom commands can name more
-_MOST_WAITING: Final = 256  # requests to one unit that are not sent yet (guess)
+_PAUSES_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)  # before the next attempt to connect (guess)
+_MOST_TIMEOUTS: Final = 3  # consecutive ones, after which the connection is considered dead (guess)
+_MOST_UNITS: Final = 512  # guess; there are fewer signals, only custom commands can address more units
+_MOST_WAITING: Final = 256  # requests to one unit that have not been sent yet (guess)
 
 _logger = logging.getLogger(__name__)
 
 
 class ModbusClient:
-    """Carries requests to units in the running event loop. ``port``: where units listen, as URScript names none.
+    """Sends requests to units in the running event loop. ``port``: TCP port of the units; URScript does not name one.
 
-    own_ports: where the controller itself is reached, which is a unit too.
+    own_ports: the ports of the controller itself, which is a unit as well.
     """
 
     def __init__(self, port: int = 502, own_ports: OwnPorts | None = None) -> None:
         self._port = port
         self._own_ports = own_ports or OwnPorts()
-        self._links: dict[ModbusUnit, _Link] = {}
-        self._ending: list[_Link] = []
+        self._connections: dict[ModbusUnit, _UnitConnection] = {}
+        self._closing: list[_UnitConnection] = []
 
     def ask(self, unit: ModbusUnit, request: ModbusRequest, *, sequential: bool) -> ModbusExchange:
-        """Send a request to a unit and take its answer."""
+        """Send a request to a unit; the exchange that is returned gets the answer."""
         exchange = ModbusExchange()
         try:
             pdu = encode_request(request)
@@ -58,45 +58,46 @@ class ModbusClient:
             _logger.warning("%s", error)
             exchange.complete(connection_error=errno.EMSGSIZE)
             return exchange
-        self._put(unit, _Item(pdu, sequential, request, exchange))
+        self._put(unit, _PendingRequest(pdu, sequential, request, exchange))
         return exchange
 
     def send(self, unit: ModbusUnit, pdu: bytes) -> None:
-        """Send function code and data; the answer is ignored."""
-        self._put(unit, _Item(pdu, False))
+        """Send a function code with its data to a unit; the answer is ignored."""
+        self._put(unit, _PendingRequest(pdu, False))
 
     def reset(self, address: str) -> None:
         """Close the connections to an address."""
-        for unit in [unit for unit in self._links if unit.address == address]:
+        for unit in [unit for unit in self._connections if unit.address == address]:
             self.release(unit)
 
     def release(self, unit: ModbusUnit) -> None:
         """Close the connection to a unit."""
-        link = self._links.pop(unit, None)
-        if link is not None:
-            link.close()
-            self._ending = [*(other for other in self._ending if not other.gone), link]
+        connection = self._connections.pop(unit, None)
+        if connection is not None:
+            connection.close()
+            self._closing = [*(other for other in self._closing if not other.disconnected), connection]
 
     async def close(self) -> None:
-        """Close every connection and wait until they are gone."""
-        for unit in tuple(self._links):
+        """Close all connections and wait until they are closed."""
+        for unit in tuple(self._connections):
             self.release(unit)
-        for link in self._ending:
-            await link.closed()
+        for connection in self._closing:
+            await connection.closed()
 
-    def _put(self, unit: ModbusUnit, item: "_Item") -> None:
-        link = self._links.get(unit)
-        if link is None:
-            if len(self._links) >= _MOST_UNITS:
-                item.fail(errno.EMFILE)
+    def _put(self, unit: ModbusUnit, pending: "_PendingRequest") -> None:
+        connection = self._connections.get(unit)
+        if connection is None:
+            if len(self._connections) >= _MOST_UNITS:
+                pending.fail(errno.EMFILE)
                 return
-            link = self._links[unit] = _Link(unit, *self._own_ports.reach(unit.address, self._port))
-        link.put(item)
+            connection = _UnitConnection(unit, *self._own_ports.reach(unit.address, self._port))
+            self._connections[unit] = connection
+        connection.put(pending)
 
 
 @dataclass(slots=True, eq=False)
-class _Item:
-    """A request on its way. Without an exchange nobody wants its answer."""
+class _PendingRequest:
+    """A request that is queued or sent but not answered. exchange: gets the answer; None to ignore it."""
 
     pdu: bytes
     sequential: bool
@@ -111,7 +112,7 @@ class _Item:
             self.exchange.complete(connection_error=connection_error)
 
     def answered(self, pdu: bytes) -> None:
-        """Raises RemoteProtocolError when this is not an answer to the request."""
+        """Complete the exchange with the answer. Raises RemoteProtocolError if it does not fit the request."""
         if self.request is None or self.exchange is None:
             return
         try:
@@ -120,16 +121,16 @@ class _Item:
             self.exchange.complete(device_error=error.code)
 
 
-class _Link(asyncio.Protocol):
-    """The connection to one unit, there or not."""
+class _UnitConnection(asyncio.Protocol):
+    """The connection to one unit, open or not, and the requests to it."""
 
     def __init__(self, unit: ModbusUnit, address: str, port: int) -> None:
         self._unit = unit
         self._address = address
         self._port = port
         self._loop = asyncio.get_running_loop()
-        self._waiting: deque[_Item] = deque()
-        self._sent: dict[int, _Item] = {}
+        self._waiting: deque[_PendingRequest] = deque()
+        self._sent: dict[int, _PendingRequest] = {}
         self._transport: asyncio.Transport | None = None
         self._connecting: asyncio.Task[None] | None = None
         self._lost = asyncio.Event()  # set while there is no connection
@@ -143,12 +144,12 @@ class _Link(asyncio.Protocol):
         self._closed = False
 
     @property
-    def gone(self) -> bool:
-        """True when no connection is there or coming."""
+    def disconnected(self) -> bool:
+        """Whether there is no connection, and none is being opened."""
         return self._connecting is None and self._transport is None
 
-    def put(self, item: _Item) -> None:
-        """Send a request when it is its turn; connect first if need be."""
+    def put(self, item: _PendingRequest) -> None:
+        """Send a request when its turn comes; connect first if necessary."""
         if len(self._waiting) >= _MOST_WAITING:
             item.fail(errno.EAGAIN)
             return
@@ -161,7 +162,7 @@ class _Link(asyncio.Protocol):
         self._send()
 
     def close(self) -> None:
-        """End the connection; whatever waits has failed."""
+        """Close the connection; all pending requests fail."""
         self._closed = True
         if self._connecting is not None:
             self._connecting.cancel()
@@ -170,7 +171,7 @@ class _Link(asyncio.Protocol):
         self._fail_all(DISCONNECTED)
 
     async def closed(self) -> None:
-        """Wait until the connection is gone."""
+        """Wait until the connection is closed."""
         if self._connecting is not None:
             await asyncio.gather(self._connecting, return_exceptions=True)
         await self._lost.wait()
@@ -182,18 +183,18 @@ class _Link(asyncio.Protocol):
                 await self._loop.create_connection(lambda: self, self._address, self._port)
         except TimeoutError:
             error = errno.ETIMEDOUT
-        except OSError as failure:  # the resolver's numbers are its own, and negative
+        except OSError as failure:  # the resolver has error numbers of its own, which are negative
             error = failure.errno if failure.errno is not None and failure.errno > 0 else errno.EHOSTUNREACH
-        except (OverflowError, ValueError):  # no port, or no name of a host
+        except (OverflowError, ValueError):  # the port is out of range, or the host name is malformed
             error = errno.EINVAL
         finally:
             self._connecting = None
         if error:
-            self._failed(error, f"cannot connect to it: {os.strerror(error)}")
+            self._failed(error, f"cannot connect: {os.strerror(error)}")
 
     def _failed(self, error: int, why: str) -> None:
-        """No connection: everything that waits has failed, and so has what is asked before the pause is over."""
-        level = logging.DEBUG if self._failures else logging.INFO  # say it once
+        """There is no connection: all pending requests fail, and so do new ones until the pause is over."""
+        level = logging.DEBUG if self._failures else logging.INFO  # only the first of several failures is news
         _logger.log(level, "Modbus unit %d at %s port %d: %s", self._unit.slave, self._unit.address, self._port, why)
         pause = _PAUSES_S[min(self._failures, len(_PAUSES_S) - 1)]
         self._failures += 1
@@ -209,7 +210,7 @@ class _Link(asyncio.Protocol):
             item.fail(error)
 
     def _send(self) -> None:
-        """Send what may be sent: a sequential request and its answer have the connection for themselves."""
+        """Send the requests that may be sent now; while a sequential one is unanswered, no other request is."""
         while self._waiting and self._transport is not None:
             alone = self._waiting[0].sequential or any(item.sequential for item in self._sent.values())
             if alone and self._sent:
@@ -230,7 +231,7 @@ class _Link(asyncio.Protocol):
 
     def _take(self, frame: Frame) -> None:
         item = self._sent.pop(frame.transaction, None)
-        if item is None:  # too late
+        if item is None:  # the request has timed out already
             return
         self._timeouts = 0
         self._failures = 0

@@ -1,4 +1,4 @@
-"""The robot state of the primary interface, out of a snapshot."""
+"""Builds the robot state of the primary interface from a snapshot."""
 
 import struct
 from dataclasses import replace
@@ -30,21 +30,21 @@ from urproto.robots.model import Joints
 from urproto.versions import Series
 from urscript.polyscope.safety_configuration import elbow_radius
 
-_MASTERBOARD_VERSION = 6  # as a UR5e simulator of 5.24 sends it; that all send the same is a guess
-# added to each joint's highest speed: a UR5e simulator of 5.24 sends pi + 0.2; that all do so is a guess
+_MASTERBOARD_VERSION = 6  # from a UR5e simulator 5.24; that all others send the same is a guess
+# added to each joint's highest speed: a UR5e simulator 5.24 sends pi + 0.2; that all others do so is a guess
 _SPEED_MARGIN_RAD_S = 0.2
 _POWERED = frozenset({RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.BACKDRIVE, RobotMode.RUNNING})
 
 
 def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
-    """All parts of the state; the encoder leaves out those a version or a repeated state does not have."""
+    """Return all parts of the state; the encoder omits those that a version or a repeated state does not have."""
     on_e_series = model.series is Series.E
     return RobotStateData(
         mode=_mode(snapshot),
         joints=_joints(snapshot, on_e_series),
         cartesian=CartesianInfo(pose_base_tcp=snapshot.actual_TCP_pose, tcp_offset=snapshot.tcp_offset),
         kinematics=kinematics_info(model),
-        # internal: zero in captures of simulators, of the size of a sensed force in that of an arm (guess)
+        # internal: zero in captures of simulators, in the one of an arm about as large as its sensed force (guess)
         calibration=CalibrationData(wrench=snapshot.actual_TCP_force),
         masterboard=_masterboard(snapshot, on_e_series),
         tool=_tool(snapshot),
@@ -68,20 +68,20 @@ def robot_state(snapshot: Snapshot, model: RobotModel) -> RobotStateData:
 
 
 def kinematics_info(model: RobotModel) -> KinematicsInfo:
-    """Nominal Denavit-Hartenberg parameters, as a simulator sends them, or those of a calibrated arm."""
+    """Return the Denavit-Hartenberg parameters: nominal, as a simulator sends them, or those of a calibrated arm."""
     dh = model.dh if model.calibration is None else model.calibration
     info = KinematicsInfo(dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha)
     return info if model.calibration is None else replace(info, checksum=_checksums(dh))
 
 
 def _checksums(dh: DH) -> tuple[int, ...]:
-    """Of each joint's parameters: CRC-32 of their bytes. What a robot sums up is not known: a guess."""
+    """Return the CRC-32 of the bytes of each joint's parameters. How a robot computes it is unknown: a guess."""
     joints = zip(dh.theta, dh.a, dh.d, dh.alpha, strict=True)
     return tuple(crc32(struct.pack(">4d", *joint)) for joint in joints)
 
 
 def configuration_data(model: RobotModel) -> ConfigurationData:
-    """Limits, defaults and type numbers of the arm."""
+    """Return the limits, defaults and type numbers of the arm."""
     dh = model.dh
     return ConfigurationData(
         q_min=model.q_min,
@@ -127,7 +127,7 @@ def _mode(snapshot: Snapshot) -> ModeData:
 
 
 def _joints(snapshot: Snapshot, on_e_series: bool) -> JointData:
-    # a CB3 arm's micro temperatures, deprecated, stay near the room's; e-Series sends none
+    # the deprecated micro temperatures of a CB3 arm stay near room temperature; e-Series sends none
     micro_temperature = 0.0 if on_e_series else ROOM_C
     rows = zip(
         snapshot.actual_q,

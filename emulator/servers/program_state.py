@@ -1,7 +1,7 @@
-"""Program state messages and program threads for the primary clients, once in 100 ms.
+"""Program state and program threads messages for the primary clients, once every 100 ms.
 
-What goes out costs a bounded amount of work and of bytes, whatever the program: values that
-do not fit into one cycle follow in the next ones, and a value too big for a message is cut.
+Work and bytes per cycle are bounded for any program: values that do not fit into one cycle follow in the next ones, and
+a value that is too large for a message is truncated.
 """
 
 import math
@@ -23,18 +23,18 @@ from urproto.versions import PolyscopeVersion
 from urscript import values as script
 from urscript.values import cut_text
 
-_MESSAGE: Final = 2000  # bytes; one public client reads into 2048, another believes in no size above 2000
-_CYCLE: Final = 2000  # bytes of values in a cycle, to the end of a message: about 0.3 ms of work (guess)
+_MESSAGE: Final = 2000  # bytes; one public client has a buffer of 2048, another accepts no size above 2000
+_CYCLE: Final = 2000  # bytes of values in a cycle, rounded up to a complete message: about 0.3 ms of work (guess)
 _HEADER: Final = 16  # bytes of a message before its names or values
-_SMALLEST: Final = 28  # bytes: what is left of a message when nothing more is put into a list
-_MOST_VARIABLES: Final = 65536  # an index travels in two bytes
+_SMALLEST: Final = 28  # bytes that must be left in a message to add another item to a list
+_MOST_VARIABLES: Final = 65536  # an index has two bytes in the message
 _LONGEST_LABEL: Final = 255  # bytes (guess)
 _FLOAT32_MAX: Final = 3.4028234e38
 
 
 @dataclass(frozen=True, slots=True)
 class ProgramReport:
-    """One cycle. ``names`` are for clients that do not know the program, all of them when it is ``new``."""
+    """The packages of one cycle. ``names``: for clients that do not know the program, all of them if it is ``new``."""
 
     new: bool
     names: bytes
@@ -42,34 +42,34 @@ class ProgramReport:
 
 
 class ProgramReporter:
-    """Tells the clients of one port about the main program."""
+    """Reports the main program to the clients of one port."""
 
     def __init__(self, programs: Programs, version: PolyscopeVersion) -> None:
         self._programs = programs
         self._version = version
         self._fitter = _Fitter(has_matrices(version))
         self._announced = 0  # number of the program whose names were sent
-        self._over = 0  # number of the last program whose end was told
+        self._reported_end = 0  # number of the last program whose end was reported
         self._names = b""
-        self._cursor = 0  # variable the next cycle begins with
+        self._cursor = 0  # index of the first variable of the next cycle
 
-    def first_listener(self) -> None:
-        """Somebody listens after a time when nobody did: what has ended meanwhile is no news."""
+    def first_client_connected(self) -> None:
+        """Call when a client connects to a port without clients: a program that has ended is not reported to it."""
         view = self._programs.view
         if view is not None and not view.running:
-            self._over = view.number
+            self._reported_end = view.number
 
     def cycle(self, time_us: int) -> ProgramReport | None:
-        """What there is to say; None without a program. After its end a program is reported once more."""
+        """Return the report of this cycle; None without a program. A program that has ended is reported once more."""
         view = self._programs.view
-        if view is None or view.number == self._over:
+        if view is None or view.number == self._reported_end:
             return None
         new = view.number != self._announced
         if new:
             self._announced, self._cursor = view.number, 0
             self._names = self._encode_names(view.names)
         if not view.running:
-            self._over, self._cursor = view.number, 0
+            self._reported_end, self._cursor = view.number, 0
         return ProgramReport(new, self._names, self._threads(view, time_us) + self._values(view))
 
     def _encode_names(self, names: tuple[str, ...]) -> bytes:
@@ -98,7 +98,7 @@ class ProgramReporter:
         return ProgramThreadsMessage(timestamp_us=time_us, threads=tuple(threads)).encode(self._version)
 
     def _values(self, view: ProgramView) -> bytes:
-        """Messages with as many values as a cycle may have, from the cursor on and once around."""
+        """Return messages with as many values as fit into a cycle, from the cursor on, each variable at most once."""
         count = min(len(view.names), _MOST_VARIABLES)
         if not count:  # a simulator sends it for a program without variables too
             return GlobalVariableValues(values=()).encode(self._version)
@@ -114,7 +114,7 @@ class ProgramReporter:
         return b"".join(messages)
 
     def _message(self, view: ProgramView, stop: int) -> list[Value]:
-        """The values of one message, at least one."""
+        """Return the values of one message, at least one."""
         room = _MESSAGE - _HEADER
         fitted: list[Value] = []
         for value in view.values(self._cursor, min(stop, self._cursor + room // 2)):
@@ -127,14 +127,14 @@ class ProgramReporter:
 
 
 class _Fitter:
-    """Makes wire values of the language's, cut to a size in bytes."""
+    """Converts values of URScript to those of the message, truncated to a size in bytes."""
 
     def __init__(self, matrices: bool) -> None:
         self._matrices = matrices
         self._room = 0
 
     def fit(self, value: script.Value, room: int) -> tuple[Value, int]:
-        """The value, cut where it would take more than ``room`` bytes, and the bytes it takes."""
+        """Return the value, truncated to at most ``room`` bytes, and its size in bytes."""
         self._room = room
         return self._fit(value), room - self._room
 
@@ -159,7 +159,7 @@ class _Fitter:
         if value is None:
             self._room -= 1
             return None
-        return self._text(value)  # how a struct is coded is not known: it goes out as its text
+        return self._text(value)  # the encoding of a struct is not known: its text is sent
 
     def _text(self, value: script.Value) -> str:
         text = cut_text(value, self._room - 3)
@@ -183,5 +183,5 @@ class _Fitter:
 
 
 def _float32(value: float) -> float:
-    """The value, infinite where a 32-bit float ends."""
+    """Return the value, or infinity outside the range of a 32-bit float."""
     return math.copysign(math.inf, value) if abs(value) > _FLOAT32_MAX else float(value)

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
-_INPUTS_AT_ONCE: Final = 16  # packages of one client in a control period (guess; clients send one)
+_INPUTS_PER_PERIOD: Final = 16  # input packages of one client in a control period (guess; clients send one)
 
 
 class RTDEServer(PortServer):
-    """Input packages are applied in the next control period; each distinct output recipe is encoded once."""
+    """Applies input packages in the next control period; encodes each distinct output recipe once per period."""
 
     def __init__(self, controller: ServedController) -> None:
         super().__init__("rtde", controller)
@@ -45,7 +45,7 @@ class RTDEServer(PortServer):
                 if packer not in encoded:
                     encoded[packer] = packer(snapshot)
                 self.send_scheduler.send(snapshot.step, connection, encoded[packer])
-            except Exception as error:  # the others shall hear of it
+            except Exception as error:  # the other clients still get their packages
                 failures.append(error)
         if failures:
             raise failures[0]
@@ -58,7 +58,7 @@ class _RTDEConnection(Connection):
         super().__init__(server)
         self.session = RTDESession(host, self._write_inputs, self._note)
         self._decoder = RTDEDecoder()
-        self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_AT_ONCE)
+        self._queue = CommandQueue(server.controller, self.read_on, _INPUTS_PER_PERIOD)
 
     def received(self, data: bytes) -> None:
         for package in self._decoder.feed(data):
@@ -98,7 +98,7 @@ class _RTDEConnection(Connection):
 
 @dataclass(frozen=True, slots=True)
 class _Note(Command):
-    """A client's remark, for the controller's log."""
+    """A text message of a client, for the controller's log."""
 
     text: str
 

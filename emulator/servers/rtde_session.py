@@ -1,17 +1,17 @@
-"""One RTDE connection's conversation, without its socket.
+"""The protocol of one RTDE connection, without its socket.
 
-States of the output side, by event:
+States of the output side:
 
     NO_RECIPE  no valid output recipe: a start is refused
-    PAUSED     a recipe, no data
-    STARTED    data flows
+    PAUSED     a valid output recipe, but no data is sent
+    STARTED    data is sent
 
-Inputs do not depend on that state: a public client sends them without ever starting.
-Undocumented and therefore guesses: a new output recipe while data flows goes on flowing; an
-empty recipe, and a frequency that is not a positive number, are refused.
+Inputs do not depend on this state: a public client sends them without ever starting.
+Undocumented and therefore guesses: after a new output recipe in the state STARTED, data continues with that recipe; an
+empty recipe and a frequency that is not a positive number are refused.
 
-A variable has one writer at a time: another connection that asks for it is told IN_USE
-until the first one has closed.
+An input variable has one writer at a time: another connection that requests it gets IN_USE until the first one has
+closed.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -52,19 +52,19 @@ from urproto.versions import PolyscopeVersion
 
 Packer = Callable[[Snapshot], bytes]
 
-# The RTDE guide supports 2048; the official client's tests ask PolyScope 3.14, 5.9 and later for 9 kB at once.
-_MOST_NAME_BYTES: Final = 12 * 1024  # guess: what these names can ask for fits the packages, which have 64 kB
+# The RTDE guide allows 2048; the official client's tests request 9 kB in one recipe from PolyScope 3.14, 5.9 and later.
+_MOST_NAME_BYTES: Final = 12 * 1024  # guess: the variables that so many names can stand for fit into a package of 64 kB
 _MOST_NAMES: Final = _MOST_NAME_BYTES // 2
 _MOST_INPUT_RECIPES: Final = 255  # the id is one byte, 0 means refused
 _OUTPUT_RECIPE: Final = 1
 _REFUSED: Final = 0
-# The official C++ client finds it in front of the answer to its next request; the words around these are a guess
+# The official C++ client receives it before the answer to its next request; the words around the quotation are a guess
 _UNCONFIRMED: Final = "SafetySetup has not been confirmed yet: switch the arm on first"
 _SOURCE: Final = "RTDE"  # of the controller's text messages (guess)
 
 
 class SessionState(Enum):
-    """What the output side is doing."""
+    """State of the output side."""
 
     NO_RECIPE = "no recipe"
     PAUSED = "paused"
@@ -72,7 +72,7 @@ class SessionState(Enum):
 
 
 class SessionEvent(Enum):
-    """What changes it."""
+    """An event that changes the state of the output side."""
 
     VALID_RECIPE = "valid recipe"
     INVALID_RECIPE = "invalid recipe"
@@ -98,28 +98,29 @@ TRANSITIONS: Final[Mapping[tuple[SessionState, SessionEvent], SessionState]] = {
 
 
 class Reservations:
-    """Which connection writes which input variable."""
+    """Records which connection writes which input variable."""
 
     def __init__(self) -> None:
         self._owners: dict[str, object] = {}
 
     def taken(self, name: str, owner: object) -> bool:
-        """True when somebody else writes the variable."""
+        """Return whether another connection writes the variable."""
         return self._owners.get(name, owner) is not owner
 
     def take(self, names: tuple[str, ...], owner: object) -> None:
-        """Reserve variables that are not taken."""
+        """Reserve variables, none of which is taken."""
         self._owners.update(dict.fromkeys(names, owner))
 
     def release(self, owner: object) -> None:
-        """Give back everything an owner holds."""
+        """Release all variables of an owner."""
         self._owners = {name: holder for name, holder in self._owners.items() if holder is not owner}
 
 
 class RTDEHost:
-    """What all sessions of one controller share: the variables there are, the protocols spoken, who writes what.
+    """The data that all sessions of one controller share: its variables, its protocol versions, and the reservations.
 
-    switched_on: whether the arm was, since the controller is there; before that PolyScope X warns each client.
+    switched_on: returns whether the arm has been switched on since the controller started; until then PolyScope X
+    warns each client.
     """
 
     def __init__(self, version: PolyscopeVersion, switched_on: Callable[[], bool] = lambda: True) -> None:
@@ -129,16 +130,16 @@ class RTDEHost:
         self.inputs = available_fields(INPUT_FIELDS, version)
         self.protocols: Collection[int] = KNOWN_PROTOCOLS
         self.reservations = Reservations()
-        self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes are encoded once a period
+        self.packer = lru_cache(maxsize=256)(self._packer)  # equal recipes share a packer: encoded once per period
         self._hidden: set[str] = set()
 
     @property
     def safety_confirmed(self) -> bool:
-        """Clients need no warning."""
+        """Whether clients need no warning that the safety settings have not been confirmed."""
         return not self.version.is_polyscope_x or self._switched_on()
 
     def hide(self, name: str, hidden: bool) -> None:
-        """Let recipes with a variable be refused, as if it were not there, or no longer."""
+        """Make recipes with a variable fail as if it did not exist (``hidden``), or make it available again."""
         (self._hidden.add if hidden else self._hidden.discard)(name)
         self.outputs = _without(available_fields(OUTPUT_FIELDS, self.version), self._hidden)
         self.inputs = _without(available_fields(INPUT_FIELDS, self.version), self._hidden)
@@ -152,10 +153,10 @@ def _without(fields: Mapping[str, Field], hidden: Collection[str]) -> Mapping[st
 
 
 class RTDESession:
-    """Answers one client's requests.
+    """Answers the requests of one client.
 
-    write_inputs gets the values of every input package by variable name; note gets remarks
-    for the controller's log.
+    write_inputs: called with the values of each input package, by variable name. note: called with lines for the
+    controller's log.
     """
 
     def __init__(
@@ -168,13 +169,13 @@ class RTDESession:
         self._note = note
         self._outputs: tuple[str, ...] = ()
         self._packer: Packer | None = None
-        self._every = 1  # control periods between two packages
+        self._every = 1  # a package is sent every so many control periods
         self._periods_left = 0
         self._inputs: dict[int, Recipe] = {}
-        self._said: set[str] = set()
+        self._warned: set[str] = set()  # warnings that were sent
 
     def due(self) -> Packer | None:
-        """Call once per control period: what encodes this period's package, None when none is due."""
+        """Return the packer for this period's package, None if none is due. Call it once per control period."""
         if self.state is not SessionState.STARTED:
             return None
         self._periods_left -= 1
@@ -184,21 +185,21 @@ class RTDESession:
         return self._packer
 
     def close(self) -> None:
-        """The client is gone: others may write its inputs."""
+        """Call when the client has disconnected: others may then write its inputs."""
         self._host.reservations.release(self)
 
     def read(self, package: Package) -> Request | TextMessage:
-        """What a package asks for; the answer, when it makes no sense."""
+        """Decode a request; for an invalid one, return the answer to it."""
         try:
             return decode_request(package, self.protocol)
         except RemoteProtocolError as error:
             return _warning(f"ignored: {error}")
 
     def answer(self, request: Request) -> list[Reply]:
-        """Carry a request out; the answers, in order."""
+        """Carry out a request and return the answers in order."""
         return _HANDLERS[type(request)](self, request)
 
-    # one method a request
+    # one method for each kind of request
 
     def _request_protocol(self, request: RequestProtocol) -> list[Reply]:
         accepted = request.version in self._host.protocols
@@ -231,7 +232,7 @@ class RTDESession:
         )
         problem = _problem(request.names, types)
         if len(self._inputs) >= _MOST_INPUT_RECIPES:
-            problem = f"there are {_MOST_INPUT_RECIPES} input recipes on this connection already"
+            problem = f"this connection has {_MOST_INPUT_RECIPES} input recipes already, the maximum"
         if problem:
             return [SetupInputsReply(types, _REFUSED), _error(f"the input recipe is not valid: {problem}")]
         recipe_id = len(self._inputs) + 1
@@ -241,28 +242,29 @@ class RTDESession:
 
     def _start(self, request: Start) -> list[Reply]:
         self._event(SessionEvent.START)
-        # a period of the rate asked for, so that a client that reads its answer at once does not get data with it
+        # the first package is sent one period of the requested rate later than the answer, so that a client that reads
+        # the answer immediately does not receive data in the same read
         self._periods_left = self._every + 1
         if self.state is SessionState.STARTED:
             return [StartReply(True)]
-        return [StartReply(False), _error("cannot start without a valid output recipe")]
+        return [StartReply(False), _error("cannot start: set up a valid output recipe first")]
 
     def _pause(self, request: Pause) -> list[Reply]:
         self._event(SessionEvent.PAUSE)
         return [PauseReply(True)]
 
     def _input_data(self, request: InputData) -> list[Reply]:
-        """A package that is too long is used as far as its recipe goes: ur_rtde sends such."""
+        """Of a package that is too long, the bytes of its recipe are used: ur_rtde sends such packages."""
         recipe = self._inputs.get(request.recipe_id)
         if recipe is None:
-            return self._once(f"input data for recipe {request.recipe_id}, which was not set up, is ignored")
+            return self._warn_once(f"input data ignored: this connection has no input recipe {request.recipe_id}")
         data, size = request.data, recipe.size
         if len(data) >= size:
             self._write_inputs(dict(zip(recipe.names, recipe.unpack(data[:size]), strict=True)))
         if len(data) == size:
             return []
-        fate = "used up to that size" if len(data) > size else "ignored"
-        return self._once(f"input data of recipe {request.recipe_id} has {len(data)} bytes, not {size}: {fate}")
+        result = f"only the first {size} are used" if len(data) > size else "ignored"
+        return self._warn_once(f"input data of recipe {request.recipe_id} has {len(data)} bytes, not {size}: {result}")
 
     def _client_message(self, request: ClientMessage) -> list[Reply]:
         level = MessageLevel(request.level).name if request.level in list(MessageLevel) else str(request.level)
@@ -275,45 +277,46 @@ class RTDESession:
         self.state = TRANSITIONS[self.state, event]
 
     def _types(self, names: tuple[str, ...], fields: Mapping[str, Field]) -> tuple[str, ...]:
-        """The types to answer with; an over-long list is not looked at, yet answered name by name.
+        """Return the types for the answer. The names of a list that is too long are not looked up: all are NOT_FOUND.
 
-        (As far as names of at least one letter can go: the answer has to fit its package.)
+        Such an answer has at most as many types as a list of the maximum size could have names, because it has to fit
+        into its package.
         """
         return (NOT_FOUND,) * min(len(names), _MOST_NAMES) if _too_long(names) else type_names(names, fields)
 
     def _set_frequency(self, frequency_hz: float | None) -> str:
-        """Every how many control periods a package goes out; a problem when that makes no sense."""
+        """Set the number of control periods per package; return the problem of an invalid frequency, else ""."""
         most_hz = self._host.version.series.frequency_hz
         if frequency_hz is None:
             frequency_hz = most_hz
         if not 0.0 < frequency_hz < float("inf"):
-            return f"a frequency of {frequency_hz} Hz"
-        # whole periods, rounded down as the guide says; the addend forgives binary fractions
+            return f"its frequency is {frequency_hz} Hz: it must be positive and finite"
+        # whole periods, rounded down as the guide says; the addend compensates for rounding of binary fractions
         self._every = max(1, int(min(most_hz / frequency_hz + 1e-9, 2.0**31)))
-        # where data flow, the next package comes at the new rate; nobody waits out a slow one
+        # if data is being sent, the next package follows at the new rate, not after what is left of a longer period
         self._periods_left = min(self._periods_left, self._every + 1)
         return ""
 
     def _renew_packer(self) -> None:
         self._packer = self._host.packer(self._outputs, self.protocol) if self._outputs else None
 
-    def _once(self, text: str) -> list[Reply]:
-        """A warning that would otherwise repeat with every package."""
-        if text in self._said or len(self._said) > _MOST_INPUT_RECIPES:
+    def _warn_once(self, text: str) -> list[Reply]:
+        """Return a warning the first time only: it would otherwise be repeated for every package."""
+        if text in self._warned or len(self._warned) > _MOST_INPUT_RECIPES:
             return []
-        self._said.add(text)
+        self._warned.add(text)
         return [_warning(text)]
 
 
 def _problem(names: tuple[str, ...], types: tuple[str, ...]) -> str:
-    """Why a recipe cannot be, empty when it can."""
+    """Return the reason why a recipe is invalid, "" for a valid one."""
     if _too_long(names):
         return f"its names take more than {_MOST_NAME_BYTES} bytes"
     for bad in (NOT_FOUND, IN_USE):
         refused = [name for name, kind in zip(names, types, strict=True) if kind == bad]
         if refused:
             return f"{bad} {', '.join(refused)}"
-    return "" if names else "it names no variable"
+    return "" if names else "it has no variables"
 
 
 def _too_long(names: tuple[str, ...]) -> bool:

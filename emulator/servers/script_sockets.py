@@ -1,10 +1,10 @@
-"""TCP connections that scripts open (``socket_open`` and its family, remote procedure calls).
+"""TCP connections that scripts open (``socket_open`` and related functions, remote procedure calls).
 
-Where they may lead is decided by address, after a name was resolved, and the connection goes
-to the address that was judged: a name cannot mean something else a moment later. A control API or a teach pendant on
-this machine is no place for them, this robot's or another's, unless the script network says so.
+A host name is resolved first, then each address is checked, and the connection is opened to the address that was
+checked: the name cannot resolve to something else in between. Connections to a control API or a teach pendant on this
+machine, of this robot or another one, are refused unless the script network permits them.
 
-Their bytes pass hooks like those of a port, one that listens nowhere (``ScriptPort``).
+The bytes of these connections pass through hooks like those of a port; the port does not listen (``ScriptPort``).
 """
 
 import asyncio
@@ -20,36 +20,36 @@ from emulator.servers.port import PortServer, ServedController
 from emulator.services.sockets import ScriptNetwork, SocketState
 from urproto.backdoors import LOOPBACK_OF, leads_behind_a_robot
 
-_ITSELF: Final = frozenset({"127.0.0.1", "::1", "localhost"})
+_LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
 class OwnPorts:
-    """The controller's ports by their usual numbers; none until they are open."""
+    """The controller's own ports by their usual numbers; empty until they are open."""
 
     def __init__(self) -> None:
         self._listening: Mapping[int, tuple[str, int]] = {}
 
     def opened(self, host: str, ports: Mapping[int, int]) -> None:
-        """The controller listens on this address; usual port to real port."""
+        """Set the address on which the controller listens, and its ports: usual number to real number."""
         address = LOOPBACK_OF.get(host, host)
         self._listening = {usual: (address, real) for usual, real in ports.items()}
 
     def reach(self, address: str, port: int) -> tuple[str, int]:
-        """Where to connect instead, for one of the controller's own ports on loopback; else the same again."""
-        return self._listening.get(port, (address, port)) if address in _ITSELF else (address, port)
+        """Return the real address and port of one of the controller's own ports on loopback; others are unchanged."""
+        return self._listening.get(port, (address, port)) if address in _LOOPBACK else (address, port)
 
 
-_MOST_UNREAD: Final = 1024 * 1024  # bytes a peer may be ahead of the script (guess)
-_MOST_UNSENT: Final = 1024 * 1024  # bytes the script may be ahead of a peer (guess)
+_MOST_UNREAD: Final = 1024 * 1024  # received bytes that the script has not read; above that, reading pauses (guess)
+_MOST_UNSENT: Final = 1024 * 1024  # bytes from the script that wait for the peer; above that, sends fail (guess)
 
 _logger = logging.getLogger(__name__)
 
 
 class ScriptPort(PortServer):
-    """Keeps the connections of scripts, and their hooks. robot_time: tells the controller's uptime [s], for the log."""
+    """Holds the connections of scripts and their hooks. robot_time: returns the uptime [s] of the controller."""
 
     def __init__(self, robot_time: Callable[[], float] = lambda: 0.0) -> None:
-        super().__init__("scripts", cast(ServedController, None))  # it publishes nothing and commands nobody
+        super().__init__("scripts", cast(ServedController, None))  # it neither publishes states nor sends commands
         self._robot_time = robot_time
 
     @property
@@ -58,10 +58,10 @@ class ScriptPort(PortServer):
 
 
 class NetworkSockets:
-    """Opens connections in the running event loop; the script looks at them once per control period.
+    """Opens connections in the running event loop; the script checks them once per control period.
 
-    network: where they may lead; what it forbids fails as a refused connection does, and `note`
-    is told why. own_ports: where the controller itself is reached. port: where the connections are kept.
+    network: the permitted destinations. Other connections fail like a refused connection, and `note` is called with
+    the reason. own_ports: the ports of the controller itself. port: holds the connections.
     """
 
     def __init__(
@@ -78,25 +78,25 @@ class NetworkSockets:
         self._own_ports = own_ports or OwnPorts()
 
     def __len__(self) -> int:
-        """Connections that are open or being opened."""
+        """Number of connections that are open or being opened."""
         return len(self._open)
 
     def open(self, address: str, port: int) -> "_NetworkSocket":
-        """Begin to connect. A refused connection, or an impossible address, turns ``closed``."""
+        """Start to connect. The state becomes ``closed`` if the connection is refused or the address is invalid."""
         opened = _NetworkSocket(self._port, self._permitted, self._open.discard)
         self._open.add(opened)
         opened.connect(address, port)
         return opened
 
     async def close(self) -> None:
-        """Close every connection and wait until they are gone."""
+        """Close all connections and wait until they are closed."""
         while self._open:
             for opened in tuple(self._open):
                 opened.close()
             await asyncio.sleep(0)
 
     async def _permitted(self, address: str, port: int) -> list[tuple[str, int]]:
-        """The numeric addresses and ports to try, in order. Raises OSError when none is there, or permitted."""
+        """Return the numeric addresses and ports to try, in order. Raises OSError if none is found or permitted."""
         network = self._network
         found = [] if network is ScriptNetwork.NONE else await _resolve(address, port)
         near = (ScriptNetwork.LOOPBACK, ScriptNetwork.NONE)
@@ -108,7 +108,7 @@ class NetworkSockets:
             where = f"{address}:{port}" + (f" ({', '.join(found)})" if found and found != [address] else "")
             if permitted:
                 permits = f"--script-network {ScriptNetwork.ANY_AND_CONTROL} permits it"
-                why = f"there is an emulator's control API or teach pendant ({permits})"
+                why = f"the port belongs to a control API or a teach pendant of an emulator ({permits})"
             else:
                 why = f"the script network is {network}"
             text = f"a script may not connect to {where}: {why}"
@@ -132,17 +132,17 @@ def _is_loopback(numeric: str) -> bool:
 
 
 def _reason(error: Exception) -> str:
-    """As the system puts it; asyncio's own texts begin with what it tried."""
+    """Return the system's text for an error, without the description of the attempt that asyncio puts before it."""
     if isinstance(error, OSError) and error.errno and not isinstance(error, socket.gaierror):
         return os.strerror(error.errno)
     return str(getattr(error, "strerror", None) or error)
 
 
 class _ScriptConnection(Connection):
-    """The connection itself. ``opened``, ``received`` and ``lost`` of its owner are called."""
+    """The network connection of a script's socket, which it informs by ``opened``, ``received`` and ``lost``."""
 
-    most_undelivered = 2 * _MOST_UNSENT  # the script is told before, and waits
-    for_browsers = True  # it is the script who connects: the peer may say what it likes
+    most_undelivered = 2 * _MOST_UNSENT  # not reached: sends of the script fail before
+    for_browsers = True  # the script opened the connection: the peer may send anything, also what a browser sends
 
     def __init__(self, server: PortServer, owner: "_NetworkSocket") -> None:
         super().__init__(server)
@@ -164,22 +164,22 @@ class _NetworkSocket:
         self,
         port: PortServer,
         permitted: Callable[[str, int], Awaitable[list[tuple[str, int]]]],
-        gone: Callable[["_NetworkSocket"], None],
+        on_closed: Callable[["_NetworkSocket"], None],
     ) -> None:
         self.inbox = bytearray()
         self.failure = ""
         self._permitted = permitted
-        self._gone = gone
+        self._on_closed = on_closed
         self._connection = _ScriptConnection(port, self)
         self._connected_once = False
-        self._ahead = False  # the peer, of the script
+        self._paused = False  # reading, because the script has not read what was received
         self._connecting: asyncio.Task[None] | None = None
         self._state: SocketState = "connecting"
 
     @property
     def state(self) -> SocketState:
-        if self._ahead and len(self.inbox) < _MOST_UNREAD:  # the script, which looks here every period, has caught up
-            self._ahead = False
+        if self._paused and len(self.inbox) < _MOST_UNREAD:  # the script, which checks every period, has caught up
+            self._paused = False
             self._connection.read_on(True)
         return self._state
 
@@ -203,13 +203,13 @@ class _NetworkSocket:
     async def _connect(self, address: str, port: int) -> None:
         try:
             for numeric, real_port in await self._permitted(address, port):
-                if await self._reach(numeric, real_port):
+                if await self._try_connect(numeric, real_port):
                     return
         except (OSError, OverflowError, ValueError) as error:  # ValueError: a NUL in the name
             self.failure = self.failure or _reason(error)
             _logger.info("a script cannot connect to %s:%d: %s", address, port, error)
 
-    async def _reach(self, numeric: str, port: int) -> bool:
+    async def _try_connect(self, numeric: str, port: int) -> bool:
         try:
             await asyncio.get_running_loop().create_connection(lambda: self._connection, numeric, port)
         except OSError as error:
@@ -219,15 +219,15 @@ class _NetworkSocket:
         return True
 
     def _connected(self, _: "asyncio.Task[None]") -> None:
-        if not self._connected_once:  # refused, or given up
+        if not self._connected_once:  # refused or cancelled
             self._state = "closed"
-            self._gone(self)
+            self._on_closed(self)
 
-    # of the connection
+    # called by the connection
 
     def opened(self) -> None:
         self._connected_once = True
-        if self._state == "closed":  # by the script, while it was connecting
+        if self._state == "closed":  # the script closed it while it was connecting
             self._connection.close()
         else:
             self._state, self.failure = "open", ""
@@ -235,10 +235,10 @@ class _NetworkSocket:
     def received(self, data: bytes) -> None:
         self.inbox += data
         if len(self.inbox) >= _MOST_UNREAD:
-            self._ahead = True
+            self._paused = True
             self._connection.read_on(False)
 
     def lost(self, exc: Exception | None) -> None:
         self.failure = _reason(exc) if exc is not None else ""
         self._state = "closed"
-        self._gone(self)
+        self._on_closed(self)

@@ -99,7 +99,7 @@ async def test_nothing_is_drawn_before_somebody_looks(rig: Rig) -> None:
     assert [camera["name"] for camera in index["cameras"]] == ["over all", "wrist"]
     assert [camera["frame"] for camera in index["cameras"]] == ["base", "flange"]
     page = await rig.get("/")
-    assert b'alt="What the camera over all sees now"' in page.body
+    assert b'alt="Live picture of camera over all"' in page.body
     assert page.headers["content-type"].startswith("text/html")
     await what_there_is_not_is_one_clear_line(rig)
     await pages_of_other_sites_are_kept_out(rig)
@@ -174,8 +174,8 @@ async def test_a_stream_goes_on_with_the_robot_and_ends_with_its_viewer(
 async def what_there_is_not_is_one_clear_line(rig: Rig) -> None:
     for path, status, error in (
         ("/cameras/none/rgb.jpg", 404, "there is no camera 'none'; there are: over all, wrist"),
-        (f"{OVER}/rgb.gif", 404, "a camera has no rgb.gif; it has: rgb.mjpeg, rgb.jpg"),
-        ("/cameras/wrist", 404, "there is nothing at /cameras/wrist: see /cameras"),
+        (f"{OVER}/rgb.gif", 404, "a camera does not serve rgb.gif; it serves: rgb.mjpeg, rgb.jpg"),
+        ("/cameras/wrist", 404, "nothing is served at /cameras/wrist: see /cameras"),
         (f"{OVER}/{STREAM}?fps=31", 400, "fps must be a number from 0.01 to 30, not '31'"),
         (f"{OVER}/{STREAM}?fps=nan", 400, "fps must be a number"),
         (f"{OVER}/{STREAM}?fps=x", 400, "fps must be a number"),
@@ -185,10 +185,11 @@ async def what_there_is_not_is_one_clear_line(rig: Rig) -> None:
 
 
 async def pages_of_other_sites_are_kept_out(rig: Rig) -> None:
-    assert (await rig.get("/cameras", Sec_Fetch_Site="cross-site")).error == "not for pages of other sites"
+    assert (await rig.get("/cameras", Sec_Fetch_Site="cross-site")).error == "pages of other web sites have no access"
     assert (await rig.get("/cameras", Sec_Fetch_Site="same-site")).status == 403
     assert (await rig.get("/cameras", Sec_Fetch_Site="none")).status == 200
-    assert (await rig.get("/cameras", Host="cameras.example")).error == "ask for an address, not for 'cameras.example'"
+    refused = "the Host 'cameras.example' is not allowed: use an IP address in the URL"
+    assert (await rig.get("/cameras", Host="cameras.example")).error == refused
     assert (await rig.get("/cameras", method="POST")).status == 405
     for path in ("/", "/cameras"):
         assert (await rig.get(path)).headers["cross-origin-resource-policy"] == "same-origin"
@@ -200,7 +201,7 @@ async def viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None
     writer.write(f"GET {OVER}/{STREAM}?fps=0.01 HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
     async with timeout(PATIENCE_S):
         await reader.readuntil(b"\r\n\r\n")
-    assert (await rig.get(f"{OVER}/rgb.jpg")).error == "1 viewers look at the cameras already: close one"
+    assert (await rig.get(f"{OVER}/rgb.jpg")).error == "the limit of 1 viewers of cameras is reached: close one"
     assert (await rig.get("/cameras")).status == 200
     writer.write(b"x" * 70_000)  # who looks at a stream does not go on talking
     async with timeout(PATIENCE_S):
@@ -215,13 +216,13 @@ async def viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None
 async def test_who_draws_ends_when_nobody_looks_and_comes_back_when_killed(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(camera_drawing, "_AGAIN_S", 0.0)
+    monkeypatch.setattr(camera_drawing, "_RETRY_S", 0.0)
     assert (await rig.get("/cameras/wrist/rgb.jpg")).status == 200
     monkeypatch.setattr(camera_drawing, "_IDLE_S", 0.1)
-    rig.server.drawing._news.set()
+    rig.server.drawing._new_request.set()
     await rig.until(lambda: not rig.server.drawing.at_work)
     monkeypatch.undo()
-    monkeypatch.setattr(camera_drawing, "_AGAIN_S", 0.0)
+    monkeypatch.setattr(camera_drawing, "_RETRY_S", 0.0)
     started = []
     start = rig.server.drawing._start
 

@@ -82,7 +82,7 @@ def test_a_client_is_dropped_when_what_must_be_delivered_piles_up(
 def test_commands_of_one_connection_keep_their_order() -> None:
     controller = FakeController()
     answers: list[Any] = []
-    queue = CommandQueue(controller, lambda going: None, at_once=2)
+    queue = CommandQueue(controller, lambda going: None, max_unanswered=2)
     for number in range(5):
         queue.put(Numbered(number), answers.append)
     seen = []
