@@ -1,12 +1,11 @@
-"""What went over the wires of a robot: recorded on the way, played back, compared.
+"""Network traffic of a robot: record, replay and compare it.
 
 - ports: the ports of a controller, and those of a driver
-- recorder: byte streams with their times into a pcapng file
-- proxy: carries the connections of all ports, and has them recorded
-- recording: a capture file's connections
+- proxy, relay: relay the connections of all ports
+- recording: write connections to a pcapng file, and read those of a capture file
 - tracks, rtde_log: the states in a recording
-- players, rtde_player, replay: a recording as a robot
-- trajectories, align, messages, compare, report: two recordings held against each other
+- players, dialogues, rtde_player, replay: a recording as a robot
+- trajectories, alignment, messages, compare, report: compare two recordings
 
     from client.traffic.proxy import record
 

@@ -1,8 +1,8 @@
-"""When two recordings show the same: the difference of their clocks, found from what moved.
+"""Align two recordings in time: find the offset of their clocks from what moved.
 
-Both clocks count from the start of their controllers, so nothing but the values tells how they belong together.
-Of three guesses that one is taken with which the recordings agree longest: their motions begin at one moment, their
-programs do, or the whole of them is as like as it gets.
+Both clocks count from the start of their controllers, so only the values show how they correspond. There are three
+candidates: the motions start at the same time, the programs start at the same time, or the recordings as a whole are
+most similar. The candidate with which the recordings agree longest wins.
 """
 
 from dataclasses import dataclass
@@ -15,24 +15,24 @@ from client.traffic.tracks import Track, base_name
 
 Numbers = NDArray[np.float64]
 
-# What moves most smoothly and depends least on the arm comes first.
+# The smoothest fields, which depend least on the arm, come first.
 _PREFERRED: Final = ("target_q", "actual_q", "actual_TCP_pose", "target_TCP_pose", "joints")
 _MOST_COLUMNS: Final = 12
 _MOST_SAMPLES: Final = 1 << 17
-_MOVED: Final = 1e-3  # how much a column has to change to tell anything; rad, mostly (guess)
-_EXACT: Final = "target_"  # how fields begin that have no sensor's noise
-_STILL: Final = 1e-6  # of those: less than this is no motion
+_MOVED: Final = 1e-3  # smallest change of a column that counts as motion; mostly rad (guess)
+_EXACT: Final = "target_"  # prefix of fields without sensor noise
+_STILL: Final = 1e-6  # the same for those
 _PROGRAM: Final = ("runtime_state",)
-_FINER: Final = 40  # steps a sample that the last search takes
+_FINER: Final = 40  # steps per sample in the final search
 _LEAST_OVERLAP: Final = 0.5  # of the shorter recording
 _EQUALLY_GOOD: Final = 1e-9  # of mean squares of columns that have variance 1
 
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """seconds: what to add to the first recording's time to get the second's. by: the fields that told.
+    """seconds: to add to the first recording's time to get the second's. by: the fields that determined it.
 
-    by is empty when nothing moved: then the first states are taken to be of one moment.
+    If nothing moved, by is empty, and the first states of both are taken as simultaneous.
     """
 
     seconds: float
@@ -40,27 +40,27 @@ class Offset:
 
 
 def numbers(values: Any) -> Numbers:
-    """An array over the same memory."""
+    """A numpy array that shares the memory of the values."""
     return np.asarray(values, dtype=np.float64)
 
 
 def find_offset(first: Track, second: Track) -> Offset:
-    """Where the second track is most like the first one."""
-    columns = _telling(first, second)
+    """Find the offset at which the two tracks agree longest."""
+    columns = _informative_columns(first, second)
     if not columns:
         return Offset(second.times_s[0] - first.times_s[0], ())
     step_s = _step(first, second)
-    guesses = [_most_alike(first, second, columns, step_s)]
+    candidates = [_most_similar(first, second, columns, step_s)]
     for names in (columns, [name for name in _PROGRAM if name in first.columns and name in second.columns]):
         begins = [_first_change(track, names) for track in (first, second)]
         if begins[0] is not None and begins[1] is not None:
-            guesses.append(begins[1] - begins[0])
-    best = max(guesses, key=lambda seconds: _agreement_s(first, second, columns, seconds))
+            candidates.append(begins[1] - begins[0])
+    best = max(candidates, key=lambda seconds: _agreement_s(first, second, columns, seconds))
     return Offset(best, tuple(dict.fromkeys(map(base_name, columns))))
 
 
 def _first_change(track: Track, names: list[str]) -> float | None:
-    """When the first of these columns leaves the value it began with; None when none does."""
+    """Time at which the first of these columns leaves its initial value; None if none does."""
     times = numbers(track.times_s)
     changes = [np.flatnonzero(np.abs(values - values[0]) > (_STILL if name.startswith(_EXACT) else _MOVED))
                for name in names for values in [numbers(track.columns[name])]]  # fmt: skip
@@ -68,7 +68,7 @@ def _first_change(track: Track, names: list[str]) -> float | None:
 
 
 def _agreement_s(first: Track, second: Track, columns: list[str], offset_s: float) -> float:
-    """How long these columns are alike, from the first moment that both recordings have."""
+    """How long these columns agree, from the first moment that both recordings cover."""
     times, other_times = numbers(first.times_s), numbers(second.times_s)
     inside = (times + offset_s >= other_times[0]) & (times + offset_s <= other_times[-1])
     common = times[inside]
@@ -82,7 +82,7 @@ def _agreement_s(first: Track, second: Track, columns: list[str], offset_s: floa
     return float(common[ends] - common[0])
 
 
-def _telling(first: Track, second: Track) -> list[str]:
+def _informative_columns(first: Track, second: Track) -> list[str]:
     moving = [name for name in first.columns if name in second.columns and _moves(first, name) and _moves(second, name)]
     for base in _PREFERRED:
         if preferred := [name for name in moving if base_name(name).split(".")[0] == base]:
@@ -96,13 +96,13 @@ def _moves(track: Track, name: str) -> bool:
 
 
 def _step(first: Track, second: Track) -> float:
-    """Of the grid both are looked at on [s]."""
+    """Step of the grid on which both are compared [s]."""
     periods = [float(np.median(np.diff(numbers(track.times_s)))) for track in (first, second)]
     longest = max(track.times_s[-1] - track.times_s[0] for track in (first, second))
     return max(*periods, longest / _MOST_SAMPLES)
 
 
-def _most_alike(first: Track, second: Track, columns: list[str], step_s: float) -> float:
+def _most_similar(first: Track, second: Track, columns: list[str], step_s: float) -> float:
     a, b = ([_sampled(track, name, step_s) for name in columns] for track in (first, second))
     coarse = second.times_s[0] - first.times_s[0] + _best_lag(a, b) * step_s
     return _refined(first, second, columns, coarse, step_s)
@@ -115,7 +115,7 @@ def _sampled(track: Track, name: str, step_s: float) -> Numbers:
 
 
 def _best_lag(a: list[Numbers], b: list[Numbers]) -> int:
-    """Samples to go on in b for the mean square of the difference to be least."""
+    """Lag of b, in samples, with the smallest mean square difference."""
     sizes = len(a[0]), len(b[0])
     lags = np.arange(-sizes[0] + 1, sizes[1])
     overlap = np.minimum(sizes[0], sizes[1] - lags) - np.maximum(0, -lags)
@@ -129,7 +129,7 @@ def _best_lag(a: list[Numbers], b: list[Numbers]) -> int:
 
 
 def _squares(a: Numbers, b: Numbers, lags: NDArray[np.int64]) -> Numbers:
-    """The sum of (a[i] - b[i + lag])^2 where both are, for each lag."""
+    """The sum of (a[i] - b[i + lag])^2 over the overlap, for each lag."""
     size = 1 << (len(a) + len(b)).bit_length()
     products = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)[lags]
     sums_a, sums_b = (np.concatenate(([0.0], np.cumsum(values**2))) for values in (a, b))

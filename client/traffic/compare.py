@@ -1,4 +1,4 @@
-"""Two recordings, of a robot and an emulator say: whether they show the same, and where they part."""
+"""Compare two recordings, for example of a robot and an emulator: whether they agree, and where they diverge."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from client.traffic.trajectories import Difference, Tolerances, TrackPair, compa
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What is compared: states, and the recording they are of, None for a table of states."""
+    """One side of a comparison: states, and their recording, or None for a table of states."""
 
     path: Path
     tracks: tuple[Track, ...]
@@ -22,18 +22,21 @@ class Source:
 
     @property
     def remarks(self) -> list[str]:
-        """What the file says about itself."""
+        """Comments in the file."""
         return self.recording.comments if self.recording else []
 
     @property
     def problems(self) -> list[str]:
-        """What could not be read."""
+        """Problems found while reading."""
         return self.recording.problems if self.recording else []
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """pairs: tracks of states that belong together; unpaired: labels of those without a partner; talks: messages."""
+    """Result of a comparison.
+
+    pairs: corresponding tracks of states. unpaired: tracks without a counterpart, as (A or B, label). talks: messages.
+    """
 
     first: Source
     second: Source
@@ -43,13 +46,13 @@ class Comparison:
 
     @property
     def differences(self) -> list[tuple[TrackPair, Difference]]:
-        """Of all pairs, by the time they begin at in the first recording."""
+        """Differences of all pairs, in the order of their start in the first recording."""
         found = [(pair, difference) for pair in self.pairs for difference in pair.differences]
         return sorted(found, key=lambda one: one[0].first.times_s[0] + one[1].begins.time_s)
 
     @property
     def same(self) -> bool:
-        """Whether there is no difference at all; False too when there was nothing to compare."""
+        """Whether there is no difference at all; also False if there was nothing to compare."""
         compared = any(pair.states for pair in self.pairs) or any(min(talk.counts) for talk in self.talks)
         missed = any(not pair.states for pair in self.pairs)
         parted = self.differences or self.unpaired or any(talk.partings for talk in self.talks)
@@ -57,7 +60,7 @@ class Comparison:
 
 
 def read_source(path: Path, port_offset: int = 0) -> Source:
-    """A recording, or a table of states when its name ends with .csv. Raises FileError."""
+    """Read a recording, or a table of states if the name ends in .csv. Raises FileError."""
     if path.suffix.lower() == ".csv":
         return Source(path, tuple(tracks_of_csv(path)))
     recording = Recording.read(path, port_offset)
@@ -67,7 +70,7 @@ def read_source(path: Path, port_offset: int = 0) -> Source:
 def compare(
     first: Recording, second: Recording, tolerances: Iterable[str] = (), offset_s: float | None = None
 ) -> Comparison:
-    """Two recordings. tolerances: ``rad=0.01`` or ``actual_q=0.01`` each; offset_s: between the clocks, if known."""
+    """Compare two recordings. tolerances: such as ``rad=0.01`` or ``actual_q=0.01``. offset_s: between the clocks."""
     sources = [Source(one.path, tuple(tracks_of(one)), one) for one in (first, second)]
     return compare_sources(sources[0], sources[1], tolerances, offset_s)
 
@@ -75,7 +78,7 @@ def compare(
 def compare_sources(
     first: Source, second: Source, tolerances: Iterable[str] = (), offset_s: float | None = None
 ) -> Comparison:
-    """As ``compare``, for tables too. Raises FileError when one is a table and the other has no states."""
+    """Like ``compare``, also for tables. Raises FileError if one is a table and the other has no states."""
     allowed = Tolerances(tolerances)
     partners, unpaired = _partners(first.tracks, second.tracks)
     common = Offset(offset_s, ()) if offset_s is not None else _common_offset(partners)
@@ -91,7 +94,7 @@ def compare_sources(
 def _partners(
     first: tuple[Track, ...], second: tuple[Track, ...]
 ) -> tuple[list[tuple[Track, Track]], tuple[tuple[str, str], ...]]:
-    """Tracks of the same interface with most columns in common; those that are left, as (which recording, label)."""
+    """Pair the tracks of the same interface with most columns in common; also return the rest, as (A or B, label)."""
     left = list(second)
     partners: list[tuple[Track, Track]] = []
     alone: list[tuple[str, str]] = []
@@ -107,7 +110,7 @@ def _partners(
 
 
 def _common_offset(partners: list[tuple[Track, Track]]) -> Offset | None:
-    """Between the controllers' clocks: from the pair that has most states, of those in which something moved."""
+    """Offset between the controllers' clocks, from the pair with most states, preferably one with motion."""
     found = [(find_offset(a, b), min(len(a.times_s), len(b.times_s)))
              for a, b in partners if a.robot_time and b.robot_time]  # fmt: skip
     return max(found, key=lambda one: (bool(one[0].by), one[1]))[0] if found else None

@@ -1,4 +1,4 @@
-"""Ports that answer requests, played from a recording: the dashboard, interpreter mode, grippers, Modbus."""
+"""Replay of ports that answer requests: the dashboard, interpreter mode, grippers, Modbus."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -18,10 +18,10 @@ CutRequests = Callable[[bytearray], Iterator[bytes]]
 
 @dataclass(slots=True)
 class Requests:
-    """The requests of a recording's connections to one port, in order, with their answers; shared by all clients.
+    """The recorded requests to one port, in order, with their answers; shared by all clients.
 
-    An answer is that of the next time the request was made, in the recording. After the last such time it stays as it
-    was then, or with ``loop`` begins again with the first.
+    A request gets the answer of its next occurrence in the recording. After the last occurrence, it keeps getting that
+    answer, or with ``loop`` starts again with the first.
     """
 
     loop: bool = False
@@ -29,11 +29,11 @@ class Requests:
     _position: int = 0
 
     def add(self, request: bytes, answer: bytes) -> None:
-        """A recorded pair."""
+        """Add a recorded pair."""
         self._pairs.append((request, answer))
 
     def answer(self, request: bytes) -> bytes | None:
-        """None when this was never asked."""
+        """The answer to a request; None if the recording does not contain the request."""
         places = [place for place, (known, _) in enumerate(self._pairs) if known == request]
         if not places:
             return None
@@ -45,7 +45,7 @@ class Requests:
 
 
 class Dialogue:
-    """Greets, then answers. ``unknown``: the robot's own way to say no to a request; raises UnansweredError."""
+    """Greets, then answers. answer: finds the answer to a request; raises UnansweredError if there is none."""
 
     def __init__(
         self, greeting: bytes, requests: Requests, cut: CutRequests, answer: Callable[[Requests, bytes], bytes]
@@ -57,10 +57,10 @@ class Dialogue:
         self._buffer = bytearray()
 
     def begin(self, now_s: float) -> None:
-        """Nothing depends on the time."""
+        """Does nothing: answers do not depend on the time."""
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """The answers to the requests these bytes complete."""
+        """The answers to the requests that these bytes complete."""
         self._buffer += data
         return b"".join(self._answer(self._requests, request) for request in self._cut(self._buffer))
 
@@ -71,17 +71,17 @@ class Dialogue:
 
     @property
     def next_s(self) -> float | None:
-        """Nothing comes without a request."""
+        """None: nothing is sent without a request."""
         return None
 
     @property
     def over(self) -> bool:
-        """The client ends it."""
+        """False: the client closes the connection."""
         return False
 
 
 def cut_lines(buffer: bytearray) -> Iterator[bytes]:
-    """Lines with their ends, off the front of a buffer. Raises RemoteProtocolError for an endless one."""
+    """Take complete lines off the front of a buffer. Raises RemoteProtocolError for an endless line."""
     while (end := buffer.find(b"\n") + 1) > 0:
         yield bytes(buffer[:end])
         del buffer[:end]
@@ -90,7 +90,7 @@ def cut_lines(buffer: bytearray) -> Iterator[bytes]:
 
 
 def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[bytes, Requests]:
-    """The greeting of a port that speaks in lines, and what it answered."""
+    """The greeting of a line-based port, and its answers."""
     greeting, requests = b"", Requests(loop)
     for one in conversations:
         hello, pairs = _line_pairs(one.pieces)
@@ -101,7 +101,7 @@ def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[by
 
 
 def _line_pairs(pieces: Iterable[Piece]) -> tuple[bytes, list[tuple[bytes, bytes]]]:
-    """The n-th line is answered by the n-th answer; without as many, by what came until the next line."""
+    """Pair the n-th line with the n-th answer; if the counts differ, with the data received before the next line."""
     greeting, requests, near, buffer = b"", list[bytes](), list[bytes](), bytearray()
     for piece in pieces:
         if piece.from_server and not requests:
@@ -122,7 +122,7 @@ def _bare(line: bytes) -> bytes:
 
 
 def answer_line(requests: Requests, line: bytes) -> bytes:
-    """Of any port that speaks in lines."""
+    """Answer a request to a line-based port. Raises UnansweredError."""
     answer = requests.answer(_bare(line))
     if answer is None:
         raise UnansweredError(readable(from_bytes(line.strip())))
@@ -130,14 +130,14 @@ def answer_line(requests: Requests, line: bytes) -> bytes:
 
 
 def answer_dashboard(requests: Requests, line: bytes) -> bytes:
-    """The dashboard has words for what it does not know."""
+    """Answer a dashboard command; an unknown one gets the dashboard's own answer to that."""
     answer = requests.answer(_bare(line))
     if answer is None:
         return dashboard.encode_line(dashboard.not_understood(from_bytes(line.strip())))
     return answer
 
 
-# Modbus: the same, whatever the number of a transaction
+# Modbus: requests are equal regardless of their transaction number
 
 _NUMBER: Final = 2  # bytes of it
 _UNIT_AND_FUNCTION: Final = slice(6, 8)
@@ -145,12 +145,12 @@ _NO_SUCH_ADDRESS: Final = 2
 
 
 def cut_frames(buffer: bytearray) -> Iterator[bytes]:
-    """Modbus frames off the front of a buffer. Raises RemoteProtocolError."""
+    """Take Modbus frames off the front of a buffer. Raises RemoteProtocolError."""
     return cut(buffer, MODBUS)
 
 
 def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> Requests:
-    """What was asked, without its number, and the answer."""
+    """The recorded requests without their transaction numbers, and the answers."""
     requests = Requests(loop)
     for one in conversations:
         unanswered: dict[bytes, bytes] = {}
@@ -166,7 +166,7 @@ def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> Reques
 
 
 def answer_modbus(requests: Requests, frame: bytes) -> bytes:
-    """What was never read is not an address of this robot."""
+    """Answer a Modbus request; one that is not in the recording gets the exception for an illegal address."""
     answer = requests.answer(frame[_NUMBER:])
     if answer is None:
         unit, function = frame[_UNIT_AND_FUNCTION]

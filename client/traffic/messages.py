@@ -1,4 +1,4 @@
-"""The messages of two recordings held against each other: what was said, in which order, without the states."""
+"""Compare the messages of two recordings and their order, without the states."""
 
 import re
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from client.decoding.codecs import CODECS, Codec, Side, codec_of_port
 from client.traffic.ports import port_name
 from client.traffic.recording import Conversation, Recording
 
-_STATES = re.compile(r"(state:|state of |data \d+: |data: |input \d+: )")  # compared as tracks, or by nobody
+_STATES = re.compile(r"(state:|state of |data \d+: |data: |input \d+: )")  # compared as tracks, or not at all
 _TIMES = re.compile(r"\btimestamp_us=\S+ ?")
 _ANSWERING: Final = ("dashboard", "rtde", "interpreter", "modbus", "gripper")  # each answer belongs to its request
 _MOST_COMPARED: Final = 4000  # messages of a connection: the comparison's time grows with their square
@@ -19,7 +19,7 @@ _LONGEST: Final = 400  # characters of a message
 
 @dataclass(frozen=True, slots=True)
 class Parting:
-    """Messages that one side has where the other has others. after: the last one that both have; index: its number."""
+    """A place where the messages differ. after: the last common message; index: number of messages before the place."""
 
     index: int
     after: str
@@ -29,7 +29,11 @@ class Parting:
 
 @dataclass(frozen=True, slots=True)
 class Talk:
-    """A connection of each recording. name: which one; count: messages in each; partings: where they differ."""
+    """The messages of one connection in both recordings.
+
+    name: the connection. counts: number of messages in each. partings: places where they differ. cut: whether only the
+    first ones were compared.
+    """
 
     name: str
     counts: tuple[int, int]
@@ -38,7 +42,7 @@ class Talk:
 
 
 def compare_messages(first: Recording, second: Recording) -> Iterator[Talk]:
-    """The n-th connection to a port is held against the other recording's n-th."""
+    """Compare the n-th connection to each port with the n-th in the other recording."""
     for port in sorted({*first.ports, *second.ports}):
         mine, other = first.on_port(port), second.on_port(port)
         if len(mine) != len(other):
@@ -76,7 +80,7 @@ def _partings(first: list[str], second: list[str]) -> Iterator[Parting]:
 
 
 def messages_of(conversation: Conversation) -> list[str]:
-    """Texts of the messages, as ``ur-client decode`` has them: ``>`` is the client's, ``<`` the server's."""
+    """The messages as ``ur-client decode`` prints them, after ``>`` if from the client, ``<`` if from the server."""
     codec = codec_of_port(conversation.port) or CODECS["bytes"]
     channel = codec.open()
     streams = {True: channel.stream(_side(codec, True), codec.usual)}
@@ -95,7 +99,7 @@ def _side(codec: Codec, from_server: bool) -> Side:
 
 
 def _without_repetitions(texts: list[str], length: int) -> list[str]:
-    """Each run of ``length`` messages once that is said again and again: how often somebody asks is chance."""
+    """Keep a repeated group of ``length`` messages only once: the number of repetitions depends on chance."""
     kept: list[str] = []
     for text in texts:
         kept.append(text)

@@ -1,13 +1,13 @@
-"""One connection of a fake robot, without I/O: what it says at which time, and what it answers.
+"""One connection of a replayed robot, without I/O: what it sends at which time, and its answers.
 
-Three kinds, by what a port speaks:
+There are four kinds, depending on the port's protocol:
 
-- Broadcast: what the robot sends anyway, by the recorded times (primary, secondary, realtime)
-- InOrder: the recorded bytes; what followed bytes of the client waits for as many from this one (the tool's line)
-- Dialogue: an answer for each request, wherever in the recording that was asked (dashboard, gripper, ...)
-- RTDEPlayer: states for recipes, by the recorded times
+- Broadcast: unsolicited messages at the recorded times (primary, secondary, realtime)
+- InOrder: the recorded bytes; those after bytes of the client wait for the same number of bytes (the tool's line)
+- Dialogue: an answer for each request, wherever it is in the recording (dashboard, gripper, ...)
+- RTDEPlayer: states for recipes, at the recorded times
 
-The last two have modules of their own.
+The last two have separate modules.
 """
 
 from bisect import bisect_right
@@ -20,32 +20,32 @@ from client.traffic.recording import Conversation
 
 
 class UnansweredError(Exception):
-    """The recording has no answer to what a client sent; the text says to what."""
+    """The recording has no answer to a client's request, which is the text of the error."""
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """speed: recorded seconds a second. loop: begin again at the end, instead of closing the connection."""
+    """speed: recorded seconds per second. loop: start again at the end instead of closing the connection."""
 
     speed: float = 1.0
     loop: bool = False
 
 
 class Player(Protocol):
-    """One connection. Times are seconds of any clock that only goes on."""
+    """One connection. Times are seconds of any monotonic clock."""
 
     def begin(self, now_s: float) -> None:
         """The client has connected."""
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """The client sent bytes: what to answer at once. Raises UnansweredError, RemoteProtocolError."""
+        """Take bytes from the client; return the immediate answer. Raises UnansweredError, RemoteProtocolError."""
 
     def due(self, now_s: float) -> bytes:
-        """What is to be sent by now, apart from answers."""
+        """The bytes due by now, apart from answers."""
 
     @property
     def next_s(self) -> float | None:
-        """When there is more to send; None when that depends on the client."""
+        """Time of the next bytes to send; None if that depends on the client."""
 
     @property
     def over(self) -> bool:
@@ -56,7 +56,7 @@ class Player(Protocol):
 
 
 class Script:
-    """Messages and when they come, from 0 on [s]. end_s: when the robot closed the connection, or began again."""
+    """Messages and their times from 0 on [s]. end_s: when the connection is closed, or the script starts again."""
 
     def __init__(self, messages: Iterable[tuple[float, bytes]]) -> None:
         pairs = list(messages)
@@ -68,7 +68,7 @@ class Script:
 
     @classmethod
     def of(cls, conversation: Conversation, framing: Framing) -> "Script":
-        """Whole messages of the server; each comes when its last byte came. Raises RemoteProtocolError."""
+        """Complete messages of the server, at the time of their last byte. Raises RemoteProtocolError."""
         return cls(_timed(conversation, framing))
 
 
@@ -84,7 +84,7 @@ def _timed(conversation: Conversation, framing: Framing) -> Iterator[tuple[float
 
 
 def cut(buffer: bytearray, framing: Framing) -> Iterator[bytes]:
-    """Take the whole messages off the front of a buffer."""
+    """Take complete messages off the front of a buffer."""
     while len(buffer) >= framing.header:
         size = framing.size(bytes(buffer[: framing.header]))
         if len(buffer) < size:
@@ -94,7 +94,7 @@ def cut(buffer: bytearray, framing: Framing) -> Iterator[bytes]:
 
 
 class Broadcast:
-    """A script from its beginning, whatever the client sends."""
+    """Plays a script from its start, regardless of what the client sends."""
 
     def __init__(self, script: Script, timing: Timing) -> None:
         self._script = script
@@ -103,11 +103,11 @@ class Broadcast:
         self._next = 0
 
     def begin(self, now_s: float) -> None:
-        """Position 0 is now."""
+        """Start at position 0 now."""
         self._begin_s = now_s
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """Scripts and other texts have no answer."""
+        """Returns nothing: scripts and other input get no answer."""
         return b""
 
     def due(self, now_s: float) -> bytes:
@@ -122,14 +122,14 @@ class Broadcast:
 
     @property
     def next_s(self) -> float | None:
-        """When the next message is due, or the end."""
+        """Time of the next message, or of the end."""
         times = self._script.times_s
         position_s = times[self._next] if self._next < len(times) else self._script.end_s
         return self._begin_s + position_s / self._timing.speed
 
     @property
     def over(self) -> bool:
-        """Whether all was said."""
+        """Whether everything was sent."""
         return self._next == len(self._script.messages) and not self._timing.loop
 
 
@@ -137,37 +137,37 @@ class Broadcast:
 
 
 class InOrder:
-    """The recorded bytes of the server, each as long after what came before it as it was recorded."""
+    """Plays the recorded bytes of the server with the recorded delays after the preceding bytes."""
 
     def __init__(self, conversation: Conversation, timing: Timing) -> None:
         self._pieces = conversation.pieces
         self._timing = timing
-        self._time_ns = conversation.begin_ns  # of what was last played
-        self._now_s = 0.0  # when that was
+        self._time_ns = conversation.begin_ns  # recorded time of the last piece played
+        self._now_s = 0.0  # time at which it was played
         self._next = 0
-        self._taken = 0  # bytes of the client that no piece has used up
+        self._taken = 0  # bytes of the client not yet matched to a recorded piece
 
     def begin(self, now_s: float) -> None:
-        """The recording begins now."""
+        """Start the recording now."""
         self._now_s = now_s
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """Count them."""
+        """Count the bytes."""
         self._taken += len(data)
-        self._use_up(now_s)
+        self._match_client_pieces(now_s)
         return b""
 
     def due(self, now_s: float) -> bytes:
-        """What the server said by now."""
+        """The server's bytes due by now."""
         said = b""
-        self._use_up(now_s)
+        self._match_client_pieces(now_s)
         while (due_s := self.next_s) is not None and due_s <= now_s and not self.over:
             said += self._pieces[self._next].data
             self._step(due_s)
-            self._use_up(due_s)
+            self._match_client_pieces(due_s)
         return said
 
-    def _use_up(self, now_s: float) -> None:
+    def _match_client_pieces(self, now_s: float) -> None:
         while self._next < len(self._pieces) and not (piece := self._pieces[self._next]).from_server:
             if len(piece.data) > self._taken:
                 return
@@ -180,7 +180,7 @@ class InOrder:
 
     @property
     def next_s(self) -> float | None:
-        """When the server speaks next; None while it waits for the client."""
+        """Time at which the server sends next; None while it waits for the client."""
         if self._next < len(self._pieces) and self._pieces[self._next].from_server:
             wait_s = (self._pieces[self._next].time_ns - self._time_ns) / 1e9 / self._timing.speed
             return self._now_s + max(0.0, wait_s)
@@ -188,5 +188,5 @@ class InOrder:
 
     @property
     def over(self) -> bool:
-        """Whether the server has said all."""
+        """Whether the server has sent everything."""
         return not any(piece.from_server for piece in self._pieces[self._next :])

@@ -1,4 +1,4 @@
-"""The ports of a controller, and those of a driver that its programs connect to."""
+"""The ports of a controller, and the ports of a driver to which the controller's programs connect."""
 
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
@@ -15,7 +15,7 @@ _UNKNOWN = "unknown"
 
 
 async def ask_identity(host: str, port_offset: int = 0) -> list[str]:
-    """Model and version, asked of the dashboard: nothing that changes the robot, nor its serial number."""
+    """Ask the dashboard for model and version. This changes nothing on the robot and leaves out its serial number."""
     try:
         async with DashboardClient(host, PORT + port_offset, _PATIENCE_S) as dashboard:
             version = await _ask(dashboard, POLYSCOPE_VERSION)
@@ -43,18 +43,18 @@ def is_traffic(port: int) -> bool:
 
 
 def port_name(port: int) -> str:
-    """A port's name, its number when it has none."""
+    """A port's name, or its number if it has none."""
     return _NAMES.get(port, str(port))
 
 
 def server_is_robot(port: int) -> bool:
-    """Whether the robot is the one that listens there."""
+    """Whether the robot, rather than the driver, listens on this port."""
     codec = codec_of_port(port)
     return codec is None or codec.server is Side.ROBOT
 
 
 def choose_ports(wanted: Iterable[str]) -> dict[str, int]:
-    """Ports by name or number, all of a robot's when none is named. Raises LocalProtocolError for others."""
+    """Ports by name or number; all of a robot's if none is given. Raises LocalProtocolError for unknown ports."""
     chosen = {port_name(port): port for port in map(_port, _split(wanted))}
     return chosen or dict(ROBOT_PORTS)
 
@@ -70,5 +70,5 @@ def _port(text: str) -> int:
     if text.isdecimal() and 0 < int(text) < 1 << 16:
         return int(text)
     close = get_close_matches(text, ROBOT_PORTS, 1)
-    hint = f"did you mean {close[0]}?" if close else f"a robot has {', '.join(ROBOT_PORTS)}; or give a number"
+    hint = f"did you mean {close[0]}?" if close else f"choose one of {', '.join(ROBOT_PORTS)}, or give a number"
     raise LocalProtocolError(f"{text!r} is not a port of a robot: {hint}")

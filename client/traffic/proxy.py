@@ -1,11 +1,11 @@
-"""A proxy for every port of a robot, that lets whoever records see what it carries.
+"""A proxy for every port of a robot that can record everything it relays.
 
-    async with Proxy("192.168.56.101", robot_routes(listen="127.0.0.1"), recorder) as proxy:
+    async with Proxy(robot_routes("192.168.56.101", "127.0.0.1"), recorder) as proxy:
         await asyncio.Event().wait()
 
-A client of the proxy gets a connection of its own to the robot. What one end sends goes to the other unchanged;
-an end that sends nothing more, or breaks off, looks so to the other one; an end that does not read stops the other
-one's sending, and nobody else's. A port that the robot does not offer is closed here too, until it does.
+Each client of the proxy gets a separate connection to the robot. Data is passed on unchanged, and so are the end of
+sending and resets. An end that does not read stops only the sending of its counterpart. A port that the robot does not
+offer is also closed on the proxy, until the robot opens it.
 """
 
 import asyncio
@@ -26,18 +26,18 @@ from urproto.compat_asyncio import timeout
 from urproto.errors import LocalProtocolError
 
 _LAST_PORT: Final = 65535
-_LOOK_AGAIN_S: Final = 2.0  # how often a port that was closed is tried (guess)
+_PROBE_S: Final = 2.0  # interval at which closed ports are probed (guess)
 
 _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Where one port of the proxy leads.
+    """One port of the proxy and its destination.
 
-    port: the usual one of what it carries, by which it is recorded. listen, listen_port: where the proxy is; 0 is
-    any port. host, target: where it leads. mirrored: the port is closed here while it is closed there; else it is
-    always open and never tried, since some servers take a connection that ends at once for a loss.
+    port: the usual port of the protocol, under which it is recorded. listen, listen_port: address of the proxy; 0 is
+    any port. host, target: the destination. mirrored: the port is closed here while it is closed there. Otherwise it
+    is always open and never probed, since some servers take a connection that ends immediately for a lost one.
     """
 
     name: str
@@ -57,9 +57,9 @@ def robot_routes(
     port_offset: int = 0,
     listen_offset: int = 0,
 ) -> list[Route]:
-    """The ports of a robot. The offsets are what is added to the usual numbers there and here.
+    """Routes for the ports of a robot. The offsets are added to the usual ports of the robot and of the proxy.
 
-    Raises LocalProtocolError when that is not a port number.
+    Raises LocalProtocolError if the sum is not a port number.
     """
     routes = [Route(name, port, listen, port + listen_offset, robot, port + port_offset) for name, port in ports]
     for route in routes:
@@ -70,14 +70,14 @@ def robot_routes(
 
 
 def driver_routes(driver: str, listen: str) -> list[Route]:
-    """The ports of a driver, for the programs of a robot that are told to connect to ``listen``."""
+    """Routes for the ports of a driver, for programs of a robot that connect to ``listen`` instead of the driver."""
     return [Route(name, port, listen, port, driver, port, mirrored=False) for name, port in DRIVER_PORTS.items()]
 
 
 class Proxy:
-    """The routes, open while the context is entered. ``say`` is told in words what a user should know.
+    """The routes, open while the context is entered.
 
-    not_open: why a port cannot be listened on here, by its route's name.
+    say: called with messages for the user. not_open: reason why a port cannot be listened on, by the route's name.
     """
 
     def __init__(
@@ -102,11 +102,11 @@ class Proxy:
         return {name: self._ports[name] for name in self._servers}
 
     async def __aenter__(self) -> Self:
-        """Raises RobotUnreachableError when none of the ports is offered, OSError when none can be listened on."""
+        """Open the ports. Raises RobotUnreachableError if none is open there, OSError if none can be opened here."""
         try:
-            await self._look(self.routes.values())
+            await self._probe(self.routes.values())
             self._check()
-            self._tasks = [asyncio.create_task(self._keep_looking())]
+            self._tasks = [asyncio.create_task(self._keep_probing())]
             if self._recorder is not None:
                 self._tasks.append(asyncio.create_task(self._keep_flushing(self._recorder)))
         except BaseException:
@@ -143,13 +143,13 @@ class Proxy:
 
     # which ports are open
 
-    async def _keep_looking(self) -> None:
+    async def _keep_probing(self) -> None:
         while True:
-            await asyncio.sleep(_LOOK_AGAIN_S)
+            await asyncio.sleep(_PROBE_S)
             closed = self.routes.keys() - self._servers.keys() - self.not_open.keys()
-            await self._look(self.routes[name] for name in sorted(closed))
+            await self._probe(self.routes[name] for name in sorted(closed))
 
-    async def _look(self, routes: Iterable[Route]) -> None:
+    async def _probe(self, routes: Iterable[Route]) -> None:
         await asyncio.gather(*(self._open_if_offered(route) for route in routes))
 
     async def _open_if_offered(self, route: Route) -> None:
@@ -157,12 +157,14 @@ class Proxy:
         if refusal is None:
             await self._open(route)
         else:
-            self._tell_refused(route, refusal)
+            self._report_refused(route, refusal)
 
-    def _tell_refused(self, route: Route, reason: str) -> None:
+    def _report_refused(self, route: Route, reason: str) -> None:
         if route.name not in self._reported:
             self._reported.add(route.name)
-            self._say(f"{route.name}: {route.host}:{route.target} is not there ({reason}); closed here as well")
+            self._say(
+                f"{route.name}: {route.host}:{route.target} does not accept connections ({reason}); closed here as well"
+            )
 
     async def _open(self, route: Route) -> None:
         loop = asyncio.get_running_loop()
@@ -177,7 +179,7 @@ class Proxy:
         self._ports[route.name] = server.sockets[0].getsockname()[1]
         if route.name in self._reported:
             self._reported.discard(route.name)
-            self._say(f"{route.name}: {route.host}:{route.target} is there now")
+            self._say(f"{route.name}: {route.host}:{route.target} accepts connections now")
 
     def _shut(self, name: str) -> None:
         self._servers.pop(name).close()
@@ -188,7 +190,7 @@ class Proxy:
         def over(relay: Relay) -> None:
             self._relays.discard(relay)
             if relay.refusal is not None:
-                self._tell_refused(route, relay.refusal)
+                self._report_refused(route, relay.refusal)
                 if route.mirrored and route.name in self._servers:
                     self._shut(route.name)
 
@@ -203,7 +205,7 @@ class Proxy:
 
 
 async def _refusal(route: Route) -> str | None:
-    """Why a port cannot be connected to; None when it can."""
+    """Why a connection to the port fails; None if it succeeds."""
     try:
         async with timeout(DIAL_S):
             _, writer = await asyncio.open_connection(route.host, route.target)

@@ -1,4 +1,4 @@
-"""A capture file's connections: who sent what, and when. It is held in memory as a whole."""
+"""Write connections to a capture file, and read a whole capture file into memory: who sent what, and when."""
 
 import os
 import time
@@ -17,22 +17,22 @@ from client.traffic.ports import is_traffic
 from urproto.compat import Self
 from urproto.errors import RemoteProtocolError
 
-FLUSH_S: Final = 0.25  # how often ``flush`` is to be called [s]
-_KEPT_BYTES: Final = 1 << 18  # in memory, before they are written out of turn
+FLUSH_S: Final = 0.25  # interval at which to call ``flush`` [s]
+_KEPT_BYTES: Final = 1 << 18  # a larger buffer is written immediately
 _APPLICATION: Final = "ur-client proxy"
 
 
 def wall_clock() -> Callable[[], int]:
-    """Nanoseconds since 1970, that never go back."""
+    """A clock of nanoseconds since 1970 that never goes back."""
     begin = time.time_ns() - time.monotonic_ns()
     return lambda: begin + time.monotonic_ns()
 
 
 class Recorder:
-    """A file of recorded connections. Raises FileError when it cannot be made.
+    """Writes connections to a capture file. Raises FileError if it cannot be created.
 
-    comments: remarks that the file begins with. now_ns: the time of each packet. problem: called once, with the
-    reason, when the file cannot be written any more. failed: that reason, None while all is well.
+    comments: stored at the start of the file. now_ns: clock for the packets. problem: called once with the reason if
+    the file can no longer be written. failed: that reason; None if there is none.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Recorder:
         self._problem = problem
         self._now_ns = now_ns or wall_clock()
         self._kept = bytearray()
-        self._written = 0  # bytes, up to the end of a packet
+        self._written = 0  # bytes of complete packets
         self._connections = 0
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0), 0o666)
@@ -58,12 +58,12 @@ class Recorder:
         self.flush()
 
     def connection(self, client: Endpoint, server: Endpoint) -> "Recorded":
-        """A connection has begun."""
+        """Start recording a connection."""
         self._connections += 1
         return Recorded(self._packets, ConnectionFrames(client, server, self._connections))
 
     def flush(self) -> None:
-        """Hand what is kept to the operating system."""
+        """Pass the buffered data to the operating system."""
         kept, self._kept = self._kept, bytearray()
         size = len(kept)
         try:
@@ -74,7 +74,7 @@ class Recorder:
             self._fail(error)
 
     def close(self) -> None:
-        """The recording has ended."""
+        """Finish the recording."""
         if self._file >= 0:
             self.flush()
             os.close(self._file)
@@ -90,14 +90,14 @@ class Recorder:
             self.flush()
 
     def _fail(self, error: OSError) -> None:
-        self.failed = f"{self.path} is not written any more, after {self._written} bytes: {error.strerror}"
-        with suppress(OSError):  # a pipe cannot be cut
+        self.failed = f"{self.path} can no longer be written, after {self._written} bytes: {error.strerror}"
+        with suppress(OSError):  # a pipe cannot be truncated
             os.ftruncate(self._file, self._written)
         self._problem(self.failed)
 
 
 class Recorded:
-    """One connection of a recording; each call is a moment of it."""
+    """Records one connection; each call is an event at the current time."""
 
     def __init__(self, write: Callable[[Iterable[bytes]], None], frames: ConnectionFrames) -> None:
         self._write = write
@@ -105,15 +105,15 @@ class Recorded:
         write(frames.open())
 
     def data(self, from_client: bool, data: bytes) -> None:
-        """Bytes of one end."""
+        """One end has sent bytes."""
         self._write(self._frames.data(from_client, data))
 
     def end(self, from_client: bool) -> None:
-        """This end sends nothing more."""
+        """This end has closed its sending direction."""
         self._write((self._frames.end(from_client),))
 
     def reset(self, from_client: bool) -> None:
-        """This end broke the connection off."""
+        """This end has reset the connection."""
         self._write((self._frames.reset(from_client),))
 
 
@@ -122,7 +122,7 @@ _CHUNK = 1 << 20  # bytes
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """What one end sent at a time: bytes, or none when it said that there are no more. time_ns: since 1970."""
+    """Bytes that one end sent at a time; empty if it closed its sending direction. time_ns: since 1970."""
 
     time_ns: int
     from_server: bool
@@ -131,7 +131,7 @@ class Piece:
 
 @dataclass(slots=True)
 class Conversation:
-    """One connection. port: the usual one of its protocol; begin_ns: when it was opened; lost: bytes not captured."""
+    """One connection. port: the usual port of its protocol. begin_ns: time it was opened. lost: bytes not captured."""
 
     port: int
     client: Endpoint
@@ -141,15 +141,15 @@ class Conversation:
     lost: int = 0
 
     def sent(self, from_server: bool) -> bytes:
-        """All bytes of one end."""
+        """All bytes that one end sent."""
         return b"".join(piece.data for piece in self.pieces if piece.from_server == from_server)
 
 
 @dataclass(slots=True)
 class Recording:
-    """All connections to the ports of a robot or its driver, as they began.
+    """All connections to the ports of a robot or its driver, in the order in which they were opened.
 
-    comments: what the file says about itself. problems: what could not be read, in words.
+    comments: remarks stored in the file. problems: messages about parts that could not be read.
     """
 
     path: Path
@@ -159,9 +159,9 @@ class Recording:
 
     @classmethod
     def read(cls, path: Path, port_offset: int = 0) -> Self:
-        """A pcap or pcapng file, of ``ur-client proxy``, tcpdump or Wireshark.
+        """Read a pcap or pcapng file of ``ur-client proxy``, tcpdump or Wireshark.
 
-        port_offset: what the robot added to each usual port, as it was recorded. Raises FileError.
+        port_offset: offset of the robot's ports when it was recorded. Raises FileError.
         """
         reader = _Reader(port_offset)
         try:
@@ -169,7 +169,7 @@ class Recording:
                 magic = file.read(MAGIC_SIZE)
                 packets = open_capture(magic)
                 if packets is None:
-                    raise FileError(path, "this is not a pcap or pcapng file; `ur-client proxy --record` makes one")
+                    raise FileError(path, "is not a pcap or pcapng file: record one with ur-client proxy --record")
                 reader.take(packets, magic)
                 while data := file.read(_CHUNK):
                     reader.take(packets, data)
@@ -178,21 +178,21 @@ class Recording:
         reader.end(packets)
         if not reader.conversations:
             why = "; ".join(reader.problems) or "check the port offset, and that the clients went through the proxy"
-            raise FileError(path, f"holds no connection to a port of a robot: {why}")
+            raise FileError(path, f"contains no connection to a port of a robot: {why}")
         return cls(path, reader.conversations, packets.comments, reader.problems)
 
     def on_port(self, *ports: int) -> list[Conversation]:
-        """The connections to these ports, in their order."""
+        """The connections to these ports, in the order in which they were opened."""
         return [one for one in self.conversations if one.port in ports]
 
     @property
     def ports(self) -> list[int]:
-        """The usual ports of which there are connections."""
+        """The usual port numbers of all connections."""
         return sorted({one.port for one in self.conversations})
 
 
 class _Reader:
-    """Packets in, conversations out."""
+    """Turns packets into conversations."""
 
     def __init__(self, port_offset: int) -> None:
         self.conversations: list[Conversation] = []
@@ -205,7 +205,7 @@ class _Reader:
         self._broken = False
 
     def take(self, packets: PacketReader, data: bytes) -> None:
-        """Bytes of the file."""
+        """Process bytes of the file."""
         if self._broken:
             return
         try:
@@ -217,7 +217,7 @@ class _Reader:
             self._problem(str(error))
 
     def end(self, packets: PacketReader) -> None:
-        """The file has ended."""
+        """Finish at the end of the file."""
         for ends, event in self._connections.finish():
             self._event(ends, event)
         if packets.rest and not self._broken:
@@ -240,14 +240,14 @@ class _Reader:
         if segment is None:
             return
         ends = frozenset((segment.source, segment.destination))
-        if len(ends) < 2 or not self._is_wanted(ends, segment):
+        if len(ends) < 2 or not self._is_relevant(ends, segment):
             return
         for of, event in self._connections.add(segment):
             self._event(of, event)
-        if opens(segment) and ends not in self._open:  # there it is one that was sent again
+        if opens(segment) and ends not in self._open:  # otherwise it is a retransmission
             self._begin(ends)
 
-    def _is_wanted(self, ends: Ends, segment: Segment) -> bool:
+    def _is_relevant(self, ends: Ends, segment: Segment) -> bool:
         if ends in self._servers and not opens(segment):
             return True
         servers = (end for end in possible_servers(segment) if is_traffic(end.port - self._port_offset))
@@ -272,7 +272,7 @@ class _Reader:
 
 
 class _Open:
-    """A conversation that goes on."""
+    """A conversation that is still open."""
 
     def __init__(self, conversation: Conversation) -> None:
         self._conversation = conversation

@@ -1,4 +1,4 @@
-"""One connection through a proxy: what one end does, the other one sees."""
+"""One connection through a proxy: everything that one end does is passed on to the other."""
 
 import asyncio
 import os
@@ -12,13 +12,14 @@ from client.traffic.recording import Recorded, Recorder
 from urproto.compat_asyncio import pause_reading, timeout
 
 DIAL_S: Final = 5.0  # how long a robot may take to accept a connection (guess)
-_LINGER: Final = struct.pack("ii", 1, 0)  # closing breaks off
+_LINGER: Final = struct.pack("ii", 1, 0)  # closing sends a reset
 
 
 class Relay:
-    """From a client's connection on. over: set at the end. refusal: why there was no connection to the server.
+    """Relays one client's connection to its server.
 
-    client: the protocol of the accepted connection. port: the number the server is recorded under.
+    over: set at the end. refusal: why the server could not be reached. client: the protocol of the accepted
+    connection. port: the port number under which the server is recorded.
     """
 
     def __init__(
@@ -37,14 +38,14 @@ class Relay:
         self._dialing: asyncio.Task[None] | None = None
 
     def close(self) -> None:
-        """End both connections; what is on its way is lost."""
+        """End both connections; data in transit is lost."""
         if self._dialing is not None:
             self._dialing.cancel()
         for end in (self.client, self._server):
             if end is not None and end.transport is not None:
                 end.transport.abort()
 
-    # what the ends do
+    # events of the two ends
 
     def made(self, end: "_End") -> None:
         """An end is connected."""
@@ -63,7 +64,7 @@ class Relay:
             other.transport.write(data)
 
     def half_closed(self, end: "_End") -> None:
-        """An end sends nothing more."""
+        """An end has closed its sending direction."""
         if self._recorded is not None:
             self._recorded.end(end.from_client)
         other = self._other(end)
@@ -76,7 +77,7 @@ class Relay:
                 each.transport.close()
 
     def held(self, end: "_End", held: bool) -> None:
-        """An end does not read, or does again: so the other one is not read either."""
+        """An end does not read (held), or reads again: reading from the other end is paused or resumed."""
         other = self._other(end)
         if other is None or other.transport is None:
             return
@@ -92,7 +93,7 @@ class Relay:
         if other is not None and other.transport is not None and not other.transport.is_closing():
             if self._recorded is not None:
                 self._recorded.reset(end.from_client)
-            _break_off(other.transport)
+            _reset(other.transport)
         if end is self.client and self._dialing is not None:
             self._dialing.cancel()
         self._finish_if_over()
@@ -113,7 +114,7 @@ class Relay:
         except OSError as error:  # TimeoutError is one
             self.refusal = reason_of(error)
             assert self.client.transport is not None
-            _break_off(self.client.transport)
+            _reset(self.client.transport)
         finally:
             asyncio.get_running_loop().call_soon(self._finish_if_over)
 
@@ -132,14 +133,14 @@ class Relay:
         self.client.transport.resume_reading()
 
     def connected(self, server: "_End") -> None:
-        """Both ends are there: the recording of them begins."""
+        """Both ends are connected: start recording."""
         if self._recorder is not None:
             client, address = self.client.peer, server.peer.address
             self._recorded = self._recorder.connection(client, Endpoint(address, self._port))
 
 
 class _End(asyncio.Protocol):
-    """One end, and its connection with the proxy. ended: it sends nothing more."""
+    """One end and its connection to the proxy. ended: it has closed its sending direction."""
 
     def __init__(self, relay: Relay, *, from_client: bool) -> None:
         self.transport: asyncio.Transport | None = None
@@ -149,7 +150,7 @@ class _End(asyncio.Protocol):
         self._relay = relay
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self.transport = cast(asyncio.Transport, transport)  # uvloop's is of no such class
+        self.transport = cast(asyncio.Transport, transport)  # uvloop's transport is not a subclass
         address, port = transport.get_extra_info("peername")[:2]
         self.peer = Endpoint(address, port)
         if not self.from_client:
@@ -175,7 +176,7 @@ class _End(asyncio.Protocol):
         self.transport = None
 
 
-def _break_off(transport: asyncio.Transport) -> None:
+def _reset(transport: asyncio.Transport) -> None:
     """End a connection so that the other side sees a reset."""
     with_socket = transport.get_extra_info("socket")
     if with_socket is not None:
@@ -184,9 +185,9 @@ def _break_off(transport: asyncio.Transport) -> None:
 
 
 def reason_of(error: OSError) -> str:
-    """Why a connection did not come about, in a few words."""
+    """The reason why a connection failed, in a few words."""
     if isinstance(error, TimeoutError):
-        return f"nobody answered within {DIAL_S:g} s"
+        return f"no answer within {DIAL_S:g} s"
     if isinstance(error, socket.gaierror) or error.errno is None:
         return error.strerror or str(error)
     return os.strerror(error.errno)  # asyncio's own texts repeat the address

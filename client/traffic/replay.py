@@ -1,10 +1,11 @@
-"""A recording as a robot: clients connect to it as to the one that was recorded.
+"""Replay a recording as a robot: clients connect to it as to the recorded one.
 
     async with ReplayRobot(Recording.read(Path("robot.pcapng")), "127.0.0.1") as robot:
         await robot.played.wait()
 
-It listens on the ports that have connections in the recording. What it was never asked it cannot answer: the
-dashboard then says that it does not understand, Modbus that there is no such address, and others close; ``say`` tells.
+It listens on the ports that have connections in the recording. It cannot answer requests that are not in the
+recording: the dashboard then answers that it does not understand, Modbus that there is no such address, and other
+ports close the connection, which ``say`` reports.
 """
 
 import asyncio
@@ -46,15 +47,16 @@ Recorded = TypeVar("Recorded")
 _VERSION: Final = "PolyScope: "
 _FRAMINGS: Final[dict[int, Framing]] = {30001: PRIMARY, 30002: PRIMARY, 30011: PRIMARY, 30012: PRIMARY,
                                         30003: REALTIME, 30013: REALTIME}  # fmt: skip
-_MOST_AT_ONCE_S: Final = 1.0  # of silence, then the clock is looked at again
+_MOST_AT_ONCE_S: Final = 1.0  # longest sleep until the clock is checked again
 
 
 class ReplayRobot:
     """The ports of a recording, open while the context is entered.
 
-    speed: recorded seconds a second; loop: states begin again at their end, instead of closing the connection.
-    port_offset is added to each usual port; free_ports takes any that are free instead. ports: those it listens on, by
-    name. not_open: why one cannot be listened on. played: set when a connection has got all its states.
+    speed: recorded seconds per second. loop: states start again at their end instead of closing the connection.
+    port_offset: added to each usual port. free_ports: use any free ports instead. say: called with messages for the
+    user. ports: those it listens on, by name. not_open: reason why a port cannot be opened, by name. played: set when a
+    connection has received all its states.
     """
 
     def __init__(
@@ -69,7 +71,7 @@ class ReplayRobot:
         say: Callable[[str], None] = _logger.info,
     ) -> None:
         if not 0.0 < speed < math.inf:
-            raise LocalProtocolError(f"a recording cannot be played {speed} times as fast: give a positive number")
+            raise LocalProtocolError(f"a recording cannot be replayed at speed {speed}: give a positive number")
         self.ports: dict[str, int] = {}
         self.not_open: dict[str, str] = {}
         self.played = asyncio.Event()
@@ -83,7 +85,7 @@ class ReplayRobot:
         self._connections: set[_Connection] = set()
 
     async def __aenter__(self) -> Self:
-        """Open the ports. Raises OSError when none of them can be."""
+        """Open the ports. Raises OSError if none can be opened."""
         try:
             for port, make in self._makers.items():
                 await self._open(port, make)
@@ -135,7 +137,7 @@ class ReplayRobot:
 
 
 class _Connection(asyncio.Protocol):
-    """A client's. problem: why it was closed; played: all was sent; lost: set at the end."""
+    """A client's connection. problem: why it was closed. played: everything was sent. lost: set at the end."""
 
     def __init__(self, name: str, player: Player, ended: Callable[["_Connection"], None]) -> None:
         self.name = name
@@ -150,7 +152,7 @@ class _Connection(asyncio.Protocol):
         self._loop = asyncio.get_running_loop()
 
     def abort(self) -> None:
-        """End it at once."""
+        """End the connection immediately."""
         if self._transport is not None:
             self._transport.abort()
 
@@ -248,7 +250,7 @@ def _maker(
 
 
 def _in_turn(recorded: Sequence[Recorded], play: Callable[[Recorded], Player]) -> MakePlayer:
-    """The n-th client gets the n-th recorded connection; after the last one the first again."""
+    """Give the n-th client the n-th recorded connection, and start again after the last."""
     turns = cycle(recorded)
     return lambda: play(next(turns))
 

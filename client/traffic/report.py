@@ -1,4 +1,4 @@
-"""A comparison in words, as Markdown: to be read in a terminal, and pasted into an issue."""
+"""Report of a comparison as Markdown, readable in a terminal and ready to paste into an issue."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
@@ -11,19 +11,19 @@ from client.traffic.tracks import base_name
 from client.traffic.trajectories import Difference, TrackPair
 
 _ROWS = 15  # of a table
-_PARTINGS = 3  # told of a connection
-_MESSAGES = 3  # told of a place
+_PARTINGS = 3  # of a connection
+_MESSAGES = 3  # of a place
 _NAMES = 20
-_EXACTLY = 1e-3  # stands for the tolerance of what has none, such as modes
+_EXACTLY = 1e-3  # in place of the tolerance of fields without one, such as modes
 
 
 def report(comparison: Comparison) -> str:
-    """The whole text."""
+    """The report as text."""
     return "\n".join(_report(comparison)) + "\n"
 
 
 def as_object(comparison: Comparison) -> dict[str, Any]:
-    """The same for programs."""
+    """The report as an object for JSON."""
     return {
         "same": comparison.same,
         "sources": [
@@ -70,7 +70,7 @@ def _first_parting(comparison: Comparison) -> Iterator[str]:
         moment, unit = first.begins, f" {first.unit}" if first.unit else ""
         yield ""
         yield (
-            f"**They part {moment.time_s:.3f} s after A began, in `{first.column}`**: "
+            f"**They diverge {moment.time_s:.3f} s after the start of A, in `{first.column}`**: "
             f"A {moment.first:.6g}{unit}, B {moment.second:.6g}{unit} ({pair.first.label})."
         )
 
@@ -101,16 +101,16 @@ def _pair(pair: TrackPair) -> Iterator[str]:
         if names:
             yield f"  - only {which} has {', '.join(names[:_NAMES])}{_more(len(names) - _NAMES)}"
     if not pair.states:
-        yield "  - ! the two have no moment in common; --offset sets how they belong together"
+        yield "  - ! the two do not overlap in time; set the offset of their clocks with --offset"
 
 
 def _offset(pair: TrackPair) -> str:
     clock = f"B's clock is {pair.offset.seconds:+.3f} s against A's"
-    return f"{clock}, by {', '.join(pair.offset.by)}" if pair.offset.by else f"{clock}, as nothing moved to tell it"
+    return f"{clock}, by {', '.join(pair.offset.by)}" if pair.offset.by else f"{clock}, from the start: nothing moved"
 
 
 def _table(comparison: Comparison) -> Iterator[str]:
-    """The element of each field that is furthest beyond its tolerance, of the first pair that has the field."""
+    """For each field, the element furthest beyond its tolerance, from the first pair that has the field."""
     worst: dict[tuple[str, str], Difference] = {}
     for pair in comparison.pairs:
         found: dict[tuple[str, str], Difference] = {}
@@ -159,7 +159,7 @@ def _talks(talks: Iterable[Talk]) -> Iterator[str]:
 
 
 def _verdict(talk: Talk) -> str:
-    cut = ", of which the first ones were compared" if talk.cut else ""
+    cut = ", only the first of which were compared" if talk.cut else ""
     if not talk.partings:
         return f"the same, {talk.counts[0]} messages{cut}"
     places = len(talk.partings)

@@ -1,4 +1,4 @@
-"""The states of a recording as columns of numbers over time: what RTDE, realtime and primary interface told."""
+"""The states of a recording as columns of numbers over time, from the RTDE, realtime and primary interfaces."""
 
 import csv
 import re
@@ -27,10 +27,10 @@ _TRUTHS = {"True": "1", "False": "0"}
 
 @dataclass(slots=True)
 class Track:
-    """States of one connection. source: which interface; label: the same for people.
+    """The states of one connection. source: the interface. label: the same, to display.
 
-    times_s: the robot's own time of each state [s], or since the first when it told none (``robot_time``).
-    columns: by name, ``actual_q[2]`` for the element of a vector; a number for each state, nan where it was not sent.
+    times_s: robot time of each state [s], or the time since the first state if it has none. robot_time: which of them.
+    columns: by name, such as ``actual_q[2]`` for the element of a vector; one number per state, nan if it was not sent.
     """
 
     source: str
@@ -40,7 +40,7 @@ class Track:
     columns: "dict[str, array[float]]" = field(default_factory=dict)
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
-        """A state. One whose time is not after the last one's is left out: it was sent twice, or time began again."""
+        """Add a state, unless its time is not after the last: it was sent twice, or the robot's clock was reset."""
         if self.times_s and not time_s > self.times_s[-1]:
             return
         count = len(self.times_s)
@@ -52,12 +52,12 @@ class Track:
 
 
 def base_name(column: str) -> str:
-    """The field that a column is of."""
+    """The field to which a column belongs."""
     return _INDEX.sub("", column)
 
 
 def tracks_of(recording: Recording) -> list[Track]:
-    """All states of a recording, in the order of its connections. Adds to its ``problems`` what cannot be read."""
+    """All states of a recording, in the order of its connections. Adds read errors to its ``problems``."""
     tracks: list[Track] = []
     for number, one in enumerate(recording.conversations, 1):
         for track in _tracks(one, f"connection {number}", recording.problems):
@@ -134,7 +134,7 @@ def _primary_state(message: Any) -> State | None:
 
 
 def flat(items: Iterable[tuple[str, Any]]) -> dict[str, float]:
-    """Numbers by name: of vectors and of dataclasses, one for each part. What is not a number is left out."""
+    """Numbers by name, with an entry for each element of vectors and dataclasses. Other values are left out."""
     found: dict[str, float] = {}
     for name, value in items:
         if isinstance(value, int | float):
@@ -150,9 +150,9 @@ def flat(items: Iterable[tuple[str, Any]]) -> dict[str, float]:
 
 
 def tracks_of_csv(path: Path) -> list[Track]:
-    """A table with a header, as ``ur-client watch --csv`` writes it, with a column ``timestamp`` [s].
+    """Read a table with a header and a column ``timestamp`` [s], as ``ur-client watch --csv`` writes it.
 
-    Raises FileError. Columns that are not numbers throughout are left out.
+    Columns that are not entirely numbers are left out. Raises FileError.
     """
     track = Track("rtde", path.name)
     try:
@@ -173,7 +173,7 @@ def tracks_of_csv(path: Path) -> list[Track]:
 
 
 def _column(name: str) -> str:
-    """``actual_q_0`` of a table is ``actual_q[0]``."""
+    """The column name ``actual_q[0]`` for ``actual_q_0`` in a table."""
     if name not in OUTPUT_FIELDS and (vector := _CSV_VECTOR.fullmatch(name)) and vector["name"] in OUTPUT_FIELDS:
         return f"{vector['name']}[{vector['index']}]"
     return name

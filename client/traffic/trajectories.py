@@ -1,4 +1,4 @@
-"""Two tracks of states held against each other: field by field, at the same moments."""
+"""Compare two tracks of states, field by field, at the same moments."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,7 +12,7 @@ from client.traffic.tracks import Track, base_name
 from urproto.errors import LocalProtocolError
 from urproto.rtde.fields import OUTPUT_FIELDS
 
-# All guesses: several times what an encoder or a sensor of an arm resolves, far less than a user would notice.
+# All guesses: several times the resolution of an arm's encoders and sensors, far less than a user would notice.
 TOLERANCES: Final[Mapping[str, float]] = {
     "rad": 1e-3,
     "rad/s": 1e-2,
@@ -33,7 +33,7 @@ TOLERANCES: Final[Mapping[str, float]] = {
     "ms": 1.0,
     "": 1e-3,
 }
-# what counts, or tells of the controller's computer and not of the robot
+# counters, and fields about the controller's computer rather than the robot
 IGNORED: Final = frozenset({"timestamp", "control_step", "actual_execution_time", "target_execution_time"})
 
 _VECTORS: Final[Mapping[str, tuple[str, str]]] = {  # units of six numbers: the first three, the last three

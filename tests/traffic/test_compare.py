@@ -43,7 +43,7 @@ def test_a_changed_acceleration_is_found_where_it_begins(folder, usual):
     assert first.column in ("target_q[2]", "actual_q[2]", "target_q[1]", "actual_q[1]")
     assert 0.2 < first.begins.time_s < 0.4  # the program begins after 0.2 s
     text = report(comparison)
-    assert f"**They part {first.begins.time_s:.3f} s after A began, in `{first.column}`**" in text
+    assert f"**They diverge {first.begins.time_s:.3f} s after the start of A, in `{first.column}`**" in text
     assert "dashboard: the same, 3 messages" in text
     assert "| rtde | target_q[2] | rad | 0.001 |" in text
 

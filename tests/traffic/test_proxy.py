@@ -139,7 +139,7 @@ async def test_a_port_without_a_robot_is_closed_and_told_once():
             assert list(proxy.ports) == ["there"]
             with pytest.raises(ConnectionRefusedError):
                 await asyncio.open_connection(HOST, gone)
-    assert told == [f"gone: {HOST}:{gone} is not there (Connection refused); closed here as well"]
+    assert told == [f"gone: {HOST}:{gone} does not accept connections (Connection refused); closed here as well"]
     with pytest.raises(RobotUnreachableError):
         async with Proxy([Route("gone", 2, HOST, 0, HOST, gone)], None, told.append):
             pass
@@ -158,12 +158,12 @@ async def test_a_robot_that_goes_away_while_the_proxy_runs():
         await ended(writer)
         with pytest.raises(ConnectionRefusedError):
             await asyncio.open_connection(HOST, port)
-        assert told == [f"one: {HOST}:{target} is not there (Connection refused); closed here as well"]
+        assert told == [f"one: {HOST}:{target} does not accept connections (Connection refused); closed here as well"]
         async with serving(echo_until_end, target), timeout(30):
             while "one" not in proxy.ports:
                 await asyncio.sleep(0.05)
         assert proxy.ports["one"] == port
-        assert told[1:] == [f"one: {HOST}:{target} is there now"]
+        assert told[1:] == [f"one: {HOST}:{target} accepts connections now"]
 
 
 async def ended(*writers: asyncio.StreamWriter) -> None:
@@ -233,7 +233,7 @@ async def test_the_command_ends_by_ctrl_c_and_leaves_a_whole_recording(tmp_path)
             command.kill()
             command.communicate()
     assert lines == [
-        f"tool line: {listen}:{port} leads to {HOST}:{port}\n", f"Recording to {tmp_path / 'file'}. Ctrl-C ends it.\n",
+        f"tool line: {listen}:{port} -> {HOST}:{port}\n", f"Recording to {tmp_path / 'file'}. Ctrl-C ends it.\n",
     ]  # fmt: skip
     assert command.returncode == 0
     (one,) = Recording.read(tmp_path / "file").conversations
@@ -245,7 +245,10 @@ async def test_the_command_ends_by_ctrl_c_and_leaves_a_whole_recording(tmp_path)
     [
         (["--ports", "rtd"], "'rtd' is not a port of a robot: did you mean rtde?"),
         (["--port-offset", "40000"], "dashboard would be on port 69999"),
-        (["--robot-ip", HOST, "--listen", HOST], "the proxy cannot listen where dashboard is"),
+        (
+            ["--robot-ip", HOST, "--listen", HOST],
+            f"the proxy cannot listen on {HOST}:29999, which is the robot's own dashboard",
+        ),
     ],
 )
 def test_mistakes_are_told(options, told):

@@ -168,12 +168,12 @@ def test_garbage_is_one_clear_line(tmp_path, command):
     arguments = [command, str(path), *([str(path)] if command == "compare" else [])]
     error = CliRunner().invoke(app, arguments).exception
     assert isinstance(error, FileError)
-    assert str(error) == f"{path}: this is not a pcap or pcapng file; `ur-client proxy --record` makes one"
+    assert str(error) == f"{path}: is not a pcap or pcapng file: record one with ur-client proxy --record"
 
 
 def test_a_recording_of_nothing(tmp_path):
     Recorder(tmp_path / "file").close()
-    with pytest.raises(FileError, match="holds no connection to a port of a robot"):
+    with pytest.raises(FileError, match="contains no connection to a port of a robot"):
         Recording.read(tmp_path / "file")
     with pytest.raises(FileError, match="cannot be read: No such file"):
         Recording.read(tmp_path / "missing")

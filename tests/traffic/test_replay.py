@@ -92,7 +92,7 @@ async def test_looped_states_begin_again(recording):
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan"), float("inf")])
 def test_impossible_speeds(recording, speed):
-    with pytest.raises(LocalProtocolError, match="cannot be played"):
+    with pytest.raises(LocalProtocolError, match="cannot be replayed at speed"):
         asyncio.run(_make(recording, speed))
 
 
