@@ -50,11 +50,11 @@ def leads_behind_a_robot(address: str, port: int) -> bool:
     """
     scope_free = ip_address(address.partition("%")[0])
     mapped = scope_free.ipv4_mapped if isinstance(scope_free, IPv6Address) else None
-    wanted: IPv4Address | IPv6Address = mapped or scope_free
-    numeric = LOOPBACK_OF.get(str(wanted), str(wanted))
-    anywhere = "0.0.0.0" if wanted.version == 4 else "::"
+    target: IPv4Address | IPv6Address = mapped or scope_free
+    numeric = LOOPBACK_OF.get(str(target), str(target))
+    anywhere = "0.0.0.0" if target.version == 4 else "::"
     return _is_marked(_name_of(numeric, port)) or (
-        _is_marked(_name_of(anywhere, port)) and _is_here(numeric, wanted.version)
+        _is_marked(_name_of(anywhere, port)) and _is_here(numeric, target.version)
     )
 
 

@@ -36,8 +36,8 @@ def application(help: str | None = None, *, completion: bool = True, **options: 
 def version_of(program: str) -> Any:
     """The Typer option ``--version`` of a program."""
 
-    def show(wanted: bool) -> None:
-        if wanted:
+    def show(requested: bool) -> None:
+        if requested:
             typer.echo(f"{program} {distribution_version('ur-emulator')}")
             raise typer.Exit
 

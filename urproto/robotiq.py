@@ -90,9 +90,9 @@ def _parse(text: str) -> Request:
         return Get(found[1])
     if found := _SET.fullmatch(text):
         values = [(name, _whole(word)) for name, word in _VALUE.findall(found[1])]
-        wanted = tuple((name, value) for name, value in values if value is not None)
-        if len(wanted) == len(values):
-            return Set(wanted)
+        assigned = tuple((name, value) for name, value in values if value is not None)
+        if len(assigned) == len(values):
+            return Set(assigned)
     return Unclear(text)
 
 

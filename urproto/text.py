@@ -63,7 +63,7 @@ def readable(text: str) -> str:
 
 
 def from_readable(text: str) -> str:
-    """What `readable` was given. Text in which somebody wrote such an escape by hand is taken for the byte."""
+    """The inverse of `readable`. An escape that was typed in manually is also converted to the byte."""
     return _SHOWN_BYTE.sub(lambda match: chr(0xDC00 + int(match[1], 16)), text)
 
 

@@ -114,26 +114,26 @@ class Unit:
     def explain(self, error: CompileError) -> Steps[None]:
         """Add "did you mean ...?" to the message for an unknown name; the search for a similar name takes steps."""
         name, candidates = self.unexplained.pop(id(error), ("", list[str]))
-        meant = (yield from _meant(name, candidates())) if name else ""
-        if meant:
-            error.message += f"; did you mean '{meant}'?"
+        closest = (yield from _closest_name(name, candidates())) if name else ""
+        if closest:
+            error.message += f"; did you mean '{closest}'?"
             error.args = (error.message,)
 
 
 _MAX_CANDIDATES = 2000
 """Limit for the search for a similar name: the number of known names, and the length of the unknown one."""
 
-_ALIKE = 0.6  # ratio of `difflib`, from 0 to 1, above which a name counts as similar
+_SIMILAR = 0.6  # ratio of `difflib`, from 0 to 1, above which a name counts as similar
 _COMPARING_WORK = 3, 12  # to compare which letters two names have, and in which order
 _COMPARED = 60  # work between two yields
 
 
-def _meant(name: str, candidates: list[str]) -> Steps[str]:
+def _closest_name(name: str, candidates: list[str]) -> Steps[str]:
     if len(name) > _MAX_CANDIDATES or len(candidates) > _MAX_CANDIDATES:
         return ""
     by_small_letters = {candidate.lower(): candidate for candidate in candidates}
     matcher = difflib.SequenceMatcher[str](b=name.lower())
-    best, work = (_ALIKE, ""), 0.0
+    best, work = (_SIMILAR, ""), 0.0
     for candidate in by_small_letters:  # as `difflib.get_close_matches` does
         matcher.set_seq1(candidate)
         work += 0.5
@@ -388,15 +388,15 @@ class ExpressionCompiler:
             if builtin is not None:
                 return self._builtin_call(node, builtin, place)
         except BindingError as error:
-            self._look_through(node)
+            self._check_arguments(node)
             if node.name not in self.unit.program.damaged:
                 self.unit.warnings.append(CallWarning(str(error), node.line, node.column))
             return call("_fault", place, constant(str(error), place))
         self.name_not_found(node.name, node, "function")
-        self._look_through(node)
+        self._check_arguments(node)
         return constant(None, place)
 
-    def _look_through(self, node: Call) -> None:
+    def _check_arguments(self, node: Call) -> None:
         """Find the errors in the arguments of a call that itself cannot be compiled."""
         for argument in [*node.arguments, *[value for _, value in node.keywords]]:
             self.expression(argument)

@@ -21,7 +21,7 @@ from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
 from urscript.parser import forget, normalize, parse
 from urscript.syntax import Label, Program, ProgramKind
-from urscript.work import Steps, let_go, run_to_end
+from urscript.work import Steps, release, run_to_end
 
 FILE_NAME = "<urscript>"
 """The file name of compiled programs in tracebacks."""
@@ -100,9 +100,9 @@ def compile_steps(
     return program
 
 
-def _make_room(wanted: int) -> Steps[None]:
+def _make_room(needed: int) -> Steps[None]:
     """Remove the least recently used programs until there is room for another one with this many characters."""
-    characters = wanted + sum(len(text) for text, *_ in _cache)
+    characters = needed + sum(len(text) for text, *_ in _cache)
     while _cache and (len(_cache) >= _CACHE_SIZE or characters > _CACHE_CHARACTERS):
         oldest = next(iter(_cache))
         characters -= len(oldest[0])
@@ -113,8 +113,8 @@ def _make_room(wanted: int) -> Steps[None]:
         while code:
             del code[-_SLICE:]
             yield _SLICE * _FORGETTING_WORK
-        yield from let_go(labels)
-        yield from let_go(plans)
+        yield from release(labels)
+        yield from release(plans)
 
 
 def find_problems(
@@ -177,7 +177,7 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
 
 def _forget(unit: Unit) -> Steps[None]:
     """Free the syntax tree and the results of its analysis, in steps."""
-    yield from let_go(unit.errors)
+    yield from release(unit.errors)
     unit.unexplained.clear()
     yield from unit.kinds.forget()
     yield from forget(unit.program)

@@ -72,7 +72,7 @@ class ExpressionParser:
         self.at = 0
         self.started = 0  # index of the statement's first token
         self.measured = 0  # index of the first token of the expression or element whose length is limited
-        self.odd_end: int | None = None  # index of the first ``end if``, ``end while`` or similar
+        self.end_with_word_at: int | None = None  # index of the first ``end if``, ``end while`` or similar
         self.scope = Scope("")
         self._depth = 0
         self._operands: dict[str, Callable[[Any, Token], Expression]] = {  # not bound methods: see `ExpressionCompiler`
@@ -122,8 +122,8 @@ class ExpressionParser:
             problem += f"; the string that starts on line {string.line} is closed only here"
         else:
             at = bisect_left(self.tokens, (token.line, token.column), key=attrgetter("line", "column"))
-            odd = self.odd_end is not None and self.odd_end < at - 1
-            cause = end_with_word(self.tokens, self.odd_end or 0) if odd else blamed
+            odd = self.end_with_word_at is not None and self.end_with_word_at < at - 1
+            cause = end_with_word(self.tokens, self.end_with_word_at or 0) if odd else blamed
             hint = cause.text if cause else syntax_hint(self.tokens, at, self.started)
             problem += f"; {hint}" if hint else ""
         message = f"syntax error at {found}: {problem}"
@@ -150,7 +150,7 @@ class ExpressionParser:
     def expression(self, power: int = 0) -> Expression:
         """Read one expression whose operators bind tighter than `power`."""
         depth = self._depth
-        self._deeper()
+        self._count_depth()
         operand = self._operands.get(self.token.kind)
         if operand is None:
             self.fail("expected an expression")
@@ -161,7 +161,7 @@ class ExpressionParser:
     def _operators(self, left: Expression, power: int) -> Expression:
         """Continue after the first operand of an expression."""
         while (binding := _BINARY_POWER.get(self.token.kind, 0)) > power:
-            self._deeper()
+            self._count_depth()
             operator = self.take()
             left = Binary(operator.line, operator.column, operator.kind, left, self.expression(binding))
         return left
@@ -170,7 +170,7 @@ class ExpressionParser:
         """Like `expression`, for an expression that begins with a list, which may be long."""
         depth = self._depth
         opening = self.take()
-        self._deeper()
+        self._count_depth()
         items: list[Expression] = []
         counted = self.at
         while self.token.kind != "]" or items:
@@ -189,7 +189,7 @@ class ExpressionParser:
         self._depth = depth
         return left
 
-    def _deeper(self) -> None:
+    def _count_depth(self) -> None:
         """Count a level of nesting. A chain of operators counts too, because the code compiled from it nests."""
         self._depth += 1
         if self._depth > _MAX_DEPTH:
@@ -303,7 +303,7 @@ class ExpressionParser:
                 value = self._member(value, self.expect("name", "after '.'"))
             else:
                 break
-            self._deeper()
+            self._count_depth()
         self._depth = depth
         return value
 

@@ -179,9 +179,9 @@ def _begins_statement(word: Token, following: Token) -> bool:
 def _signs_around(tokens: Sequence[Token], at: int) -> str:
     """The operators and punctuation directly adjacent to this one, joined."""
     first = last = at
-    while first > 0 and _is_sign(tokens[first - 1]) and _touch(tokens[first - 1], tokens[first]):
+    while first > 0 and _is_sign(tokens[first - 1]) and _adjacent(tokens[first - 1], tokens[first]):
         first -= 1
-    while last + 1 < len(tokens) and _is_sign(tokens[last + 1]) and _touch(tokens[last], tokens[last + 1]):
+    while last + 1 < len(tokens) and _is_sign(tokens[last + 1]) and _adjacent(tokens[last], tokens[last + 1]):
         last += 1
     return "".join(token.text for token in tokens[first : last + 1]) if _is_sign(tokens[at]) else ""
 
@@ -190,7 +190,7 @@ def _is_sign(token: Token) -> bool:
     return token.kind == "invalid" or (token.kind == token.text and not token.text[:1].isalpha())
 
 
-def _touch(left: Token, right: Token) -> bool:
+def _adjacent(left: Token, right: Token) -> bool:
     return left.line == right.line and left.column + len(left.text) == right.column
 
 

@@ -35,7 +35,7 @@ from urscript.syntax import (
     While,
 )
 from urscript.values import Pose
-from urscript.work import Steps, let_go
+from urscript.work import Steps, release
 
 KindSet: TypeAlias = int
 """The kinds a value may have: a sum of the four below; 0 when no value is known."""
@@ -102,7 +102,7 @@ class Kinds:
 
     def forget(self) -> Steps[None]:
         """Free all results, in steps, when they are no longer needed."""
-        yield from let_go(self._variables, _FORGETTING_WORK)
+        yield from release(self._variables, _FORGETTING_WORK)
 
     def variable(self, scope: Scope, name: str) -> KindSet:
         """The kinds a variable may have once a value was assigned to it."""
@@ -195,7 +195,7 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
     """
     stores: list[_Store] = []
     kinds = yield from _kinds(program, builtins, stores)
-    yield from let_go(stores, _FORGETTING_WORK)
+    yield from release(stores, _FORGETTING_WORK)
     return kinds
 
 

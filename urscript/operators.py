@@ -229,7 +229,8 @@ def _product(left: Matrix, right: Value) -> Value:
 
 
 _MAX_PRODUCTS = 100_000
-"""Most multiplications in one matrix operation, so that it fits a few control periods (46 by 46 elements)."""
+"""Maximum number of multiplications in one matrix operation, so that it fits into a few control periods (46 by 46
+elements)."""
 
 
 def check_product_size(multiplications: int) -> None:

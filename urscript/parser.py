@@ -41,7 +41,7 @@ from urscript.syntax import (
     Word,
 )
 from urscript.tokens import Token, tokenize
-from urscript.work import Steps, let_go
+from urscript.work import Steps, release
 
 _LEADING = re.compile(r"(?:[ \t\r\f\v\n]|#[^\n]*)*")
 _SECONDARY = re.compile(rf"\ufeff?{_LEADING.pattern}sec\b")
@@ -77,7 +77,7 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
         program = yield from parser.statements() if statements else parser.program()
     except CompileError as found:
         error = found.with_traceback(None)
-    yield from let_go(tokens)
+    yield from release(tokens)
     if error is None:
         return program
     yield from forget(parser.syntax)
@@ -90,13 +90,13 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
 def forget(program: Program) -> Steps[None]:
     """Free a syntax tree that is no longer needed, in steps."""
     for block in program.blocks:
-        yield from let_go(block, _STATEMENTS_WORK)
-    yield from let_go(program.blocks)
+        yield from release(block, _STATEMENTS_WORK)
+    yield from release(program.blocks)
     for scope in program.scopes:
-        yield from let_go(scope.calls, _STATEMENTS_WORK)
-        yield from let_go(scope.methods, _STATEMENTS_WORK)
+        yield from release(scope.calls, _STATEMENTS_WORK)
+        yield from release(scope.methods, _STATEMENTS_WORK)
         yield _FORGETTING_WORK
-    yield from let_go(program.scopes)
+    yield from release(program.scopes)
     while program.functions:
         program.functions.popitem()
         yield _FORGETTING_WORK
@@ -149,7 +149,7 @@ class _Parser(RecoveringParser):
         else:
             yield from self.statements()
         if self.token.kind != "end of text":
-            yield from self.complain("the program ended before this", misplaced_end)
+            yield from self.report("the program ended before this", misplaced_end)
         return program
 
     def _program_name(self) -> None:
@@ -173,12 +173,12 @@ class _Parser(RecoveringParser):
     def _close(self, where: str, body: list[Statement]) -> Steps[None]:
         """Step past the ``end`` of a block; during recovery, branches that do not belong there join the body."""
         while self.recovering and self.token.kind in ("else", "elif"):
-            yield from self.complain(f"expected 'end' {where}", unclosed_block)
+            yield from self.report(f"expected 'end' {where}", unclosed_block)
             self.skip_header()
             body += yield from self._open_block()
         if self.token.kind == "end":
-            if self.odd_end is None and is_end_with_word(self.tokens, self.at):
-                self.odd_end = self.at
+            if self.end_with_word_at is None and is_end_with_word(self.tokens, self.at):
+                self.end_with_word_at = self.at
             self.take()
             if self.recovering and is_end_with_word(self.tokens, self.at - 1):
                 self.take()
@@ -186,7 +186,7 @@ class _Parser(RecoveringParser):
         elif self._at_end_word():
             self.at_end_word(self.take())
         else:
-            yield from self.complain(f"expected 'end' {where}", unclosed_block)
+            yield from self.report(f"expected 'end' {where}", unclosed_block)
 
     def _at_end_word(self) -> bool:
         """True at an ``endif`` or similar, which ends a block when looking for more errors."""

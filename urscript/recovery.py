@@ -29,7 +29,7 @@ class RecoveringParser(ExpressionParser):
     def __init__(self, source: str, tokens: list[Token], errors: list[CompileError] | None) -> None:
         super().__init__(source, tokens)
         self._errors = errors
-        self._hopeless = False
+        self._unrecoverable = False
         self.damaged: set[str] = set()  # names in text that did not parse
 
     @property
@@ -37,7 +37,7 @@ class RecoveringParser(ExpressionParser):
         """True when errors are collected."""
         return self._errors is not None
 
-    def complain(self, problem: str, blamed: Callable[[Sequence[Token]], Steps[Cause | None]]) -> Steps[None]:
+    def report(self, problem: str, blamed: Callable[[Sequence[Token]], Steps[Cause | None]]) -> Steps[None]:
         """Report a syntax error at the next token and continue there.
 
         blamed: finds the cause of the error among all tokens.
@@ -45,11 +45,11 @@ class RecoveringParser(ExpressionParser):
         try:
             self.fail(problem, None, (yield from blamed(self.tokens)))
         except CompileError as error:
-            self._note(error)
+            self._record(error)
 
     def give_up(self, problem: str, token: Token | None = None) -> NoReturn:
         """Raise a syntax error that would only be repeated if parsing continued."""
-        self._hopeless = True
+        self._unrecoverable = True
         self.fail(problem, token)
 
     def header(self, read: Callable[[], ResultT], instead: ResultT) -> ResultT:
@@ -58,20 +58,20 @@ class RecoveringParser(ExpressionParser):
         try:
             return read()
         except CompileError as error:
-            self._note(error)
-            self._go_on(start, self._header_end(self.at))
+            self._record(error)
+            self._resume_at(start, self._header_end(self.at))
             return instead
 
     def skip_header(self) -> None:
         """Step past a misplaced keyword and the rest of its header."""
-        self._go_on(self.at, self._header_end(self.at + 1))
+        self._resume_at(self.at, self._header_end(self.at + 1))
 
     def recover(self, error: CompileError, start: int) -> bool:
         """Continue after the statement that began at token `start`; raises `error` when errors are not collected.
 
         Returns True when the block of a statement follows that URScript does not have, such as ``for``.
         """
-        self._note(error)
+        self._record(error)
         at = max(self.at, start + 1)
         while not self._begins_line(start):  # the text before it on the line may be part of the mistake
             start -= 1
@@ -79,7 +79,7 @@ class RecoveringParser(ExpressionParser):
         if opens:
             end = self._header_end(at)
             opens = self.tokens[end - 1].kind == ":"
-        self._go_on(start, end if opens else self._statement_end(self._past_brackets(start, at)))
+        self._resume_at(start, end if opens else self._statement_end(self._past_brackets(start, at)))
         return opens
 
     def at_end_word(self, word: Token) -> None:
@@ -87,18 +87,18 @@ class RecoveringParser(ExpressionParser):
         try:
             self.fail("a block ends with 'end' alone", word)
         except CompileError as error:
-            self._note(error)
+            self._record(error)
 
-    def _note(self, error: CompileError) -> None:
-        if self._errors is None or self._hopeless:
+    def _record(self, error: CompileError) -> None:
+        if self._errors is None or self._unrecoverable:
             raise error
         if all((known.line, known.column) != (error.line, error.column) for known in self._errors):
             self._errors.append(error)
         if self.string_before(error.line):  # a quote is missing: from here on, strings and code are swapped
-            self._hopeless = True
+            self._unrecoverable = True
             raise error
 
-    def _go_on(self, start: int, at: int) -> None:
+    def _resume_at(self, start: int, at: int) -> None:
         self.damaged.update(token.text for token in self.tokens[start:at] if token.kind == "name")
         self.at = at
         self._depth = 0

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from urproto.text import BLANKS
 from urscript.errors import CompileError
-from urscript.work import Steps, let_go
+from urscript.work import Steps, release
 
 _KEYWORDS = """
 def end thread sec if elif else while break continue return halt global local run kill join
@@ -81,7 +81,7 @@ def tokenize(source: str) -> Steps[list[Token]]:
             continue
         column = match.start(group) - line_start + 1
         if len(text) >= _LONGEST:
-            yield from let_go(tokens)
+            yield from release(tokens)
             message = f"syntax error: this {group} is longer than {_LONGEST - 2} characters"
             raise CompileError.syntax(message, line, column, source)
         if group == "name":

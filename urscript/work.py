@@ -16,7 +16,7 @@ Steps: TypeAlias = Generator[int, None, ResultT]
 _SLICE = 100  # elements removed at a time
 
 
-def let_go(items: list[Any] | dict[Any, Any], work: int = 10) -> Steps[None]:
+def release(items: list[Any] | dict[Any, Any], work: int = 10) -> Steps[None]:
     """Empty a collection that is no longer needed. In steps, because Python takes half a second to free millions of
     objects in one go.
 

@@ -119,9 +119,7 @@ def calibration_hash(dh: DH) -> str:
 def chain_of(dh: DH) -> Chain:
     """The frames of joints 1 to 6, all near the arm. Raises CalibrationError if no such chain equals the parameters."""
     if dh.a[5] or dh.alpha[5]:
-        raise CalibrationError(
-            f"a6 and alpha6 must be 0, as the flange is joint 6's frame; they are {dh.a[5]:g}, ..."
-        )
+        raise CalibrationError(f"a6 and alpha6 must be 0, as the flange is joint 6's frame; they are {dh.a[5]:g}, ...")
     theta, d, a, between = list(dh.theta), list(dh.d), list(dh.a), [0.0] * 6
     for i in (1, 2):
         if d[i] == 0.0:

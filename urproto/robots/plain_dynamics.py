@@ -320,14 +320,14 @@ def _sum(a: Matrix3, b: Matrix3) -> Matrix3:
     return (c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8])
 
 
-def _solved(matrix: Jacobian, wanted: Sequence[float]) -> Joints:
+def _solved(matrix: Jacobian, right: Sequence[float]) -> Joints:
     """Solve a linear system with a symmetric positive definite matrix by Cholesky decomposition."""
     lower = [[0.0] * _JOINTS for _ in range(_JOINTS)]
     for i in range(_JOINTS):
         for j in range(i + 1):
             rest = matrix[i][j] - sum(lower[i][k] * lower[j][k] for k in range(j))
             lower[i][j] = rest**0.5 if i == j else rest / lower[j][j]
-    found = list(wanted)
+    found = list(right)
     for i in range(_JOINTS):
         found[i] = (found[i] - sum(lower[i][k] * found[k] for k in range(i))) / lower[i][i]
     for i in reversed(range(_JOINTS)):

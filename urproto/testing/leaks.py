@@ -13,7 +13,7 @@ from urproto.compat import Self
 _DESCRIPTORS: Final = Path("/proc/self/fd")
 _INTERNET: Final = (socket.AF_INET, socket.AF_INET6)
 _PATIENCE_S: Final = 1.0  # guess: how long a thread may take to finish after a stop request, or a port to close
-_LOOK_S: Final = 0.01
+_POLL_S: Final = 0.01
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Belongings:
                 thread.join(max(end - time.monotonic(), 0.0))
         left = self.new()
         while left.ports and time.monotonic() < end:
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)
             left = self.new()
         threads = ", ".join(sorted(thread.name for thread in left.threads))
         ports = ", ".join(sorted(left.ports))

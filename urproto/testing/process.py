@@ -99,7 +99,7 @@ def _bind_once(host: str) -> None:
 
 _START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a few
 _STOP_DEADLINE_S: Final = 10.0  # guess
-_LOOK_S: Final = 0.02  # between two checks whether it is ready
+_POLL_S: Final = 0.02  # between two checks whether it is ready
 _LOG_LINES: Final = 30
 _LOG_PATIENCE_S: Final = 3.0  # guess: short, because a test has already failed when this is used
 _TAIL: Final = 4000  # characters of its output in an error
@@ -162,11 +162,11 @@ class EmulatorProcess:
         deadline = time.monotonic() + timeout_s
         while not self._ports_file.exists():
             try:
-                status = process.wait(timeout=_LOOK_S)
+                status = process.wait(timeout=_POLL_S)
             except subprocess.TimeoutExpired:
                 pass
             else:
-                self._ended_here = True  # and told, here
+                self._ended_here = True  # reported by this error
                 raise EmulatorError(f"the emulator ended with status {status} before it was ready:\n{self._tail()}")
             if time.monotonic() > deadline:
                 self.kill()

@@ -23,14 +23,14 @@ def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), 
     configure = load("emulator.config").controller_config
     known = {name for name in signature(configure).parameters if name not in ("model", "fields")}
     known |= {field.name for field in fields(load("emulator.controller").ControllerConfig)} - _UNDER_ANOTHER_NAME
-    wanted = {name: value for name, value in options.items() if name not in _NO_MATTER and value is not None}
-    for option in wanted:
+    given = {name: value for name, value in options.items() if name not in _NO_MATTER and value is not None}
+    for option in given:
         if option not in known:
             names = ", ".join(sorted(known))
             raise TypeError(f"a robot in virtual time has no option {option!r}: choose from {names}")
-    robot: VirtualRobot = load("emulator.control.control").VirtualRobot(configure(model, **wanted))
+    robot: VirtualRobot = load("emulator.control.control").VirtualRobot(configure(model, **given))
     catalogue = load("emulator.faults.catalogue")
     for text in [fault] if isinstance(fault, str) else fault:
         chosen = catalogue.parse_fault(text)
-        robot.inject_fault(chosen.kind, **{"seed": wanted.get("seed", 0), **catalogue.describe(chosen)})
+        robot.inject_fault(chosen.kind, **{"seed": given.get("seed", 0), **catalogue.describe(chosen)})
     return robot

@@ -23,27 +23,32 @@ class ProgramsFolder:
         Absolute paths are those of a controller, below one of its programs folders. Links that leave the folder are not
         followed.
         """
-        wanted = _relative(name)
-        if self.root is None or self._base is None or wanted is None or "\0" in name:
+        requested = _relative(name)
+        if self.root is None or self._base is None or requested is None or "\0" in name:
             return None
         bases = (self.root,) if PurePosixPath(name.strip()).is_absolute() else (self._base, self.root)
-        return next((path for base in bases if (path := self._inside(base, wanted))), None)
+        return next((path for base in bases if (path := self._inside(base, requested))), None)
 
-    def _inside(self, base: Path, wanted: PurePosixPath) -> Path | None:
+    def _inside(self, base: Path, requested: PurePosixPath) -> Path | None:
         assert self.root is not None
         try:
-            path = base.joinpath(*wanted.parts).resolve()
+            path = base.joinpath(*requested.parts).resolve()
             return path if path.is_relative_to(self.root) and path.is_file() else None
         except (OSError, RuntimeError, ValueError):  # names too long, loops of links
             return None
 
     def place(self, name: str) -> Path | None:
         """The path in the folder for a file of this name, existing or not; None for a name that leaves the folder."""
-        wanted = _relative(name)
-        if self.root is None or wanted is None or "\0" in name or any(part.startswith(".") for part in wanted.parts):
+        requested = _relative(name)
+        if (
+            self.root is None
+            or requested is None
+            or "\0" in name
+            or any(part.startswith(".") for part in requested.parts)
+        ):
             return None
         try:
-            path = self.root.joinpath(*wanted.parts)
+            path = self.root.joinpath(*requested.parts)
             return path if path.resolve().is_relative_to(self.root) and path.name == path.resolve().name else None
         except (OSError, RuntimeError, ValueError):  # names too long, loops of links
             return None
@@ -61,12 +66,12 @@ class ProgramsFolder:
 
 
 def _relative(name: str) -> PurePosixPath | None:
-    wanted = PurePosixPath(name.strip())
+    requested = PurePosixPath(name.strip())
     for shown in ROOTS:
-        if wanted.is_relative_to(shown):
-            return wanted.relative_to(shown)
-    if not wanted.is_absolute():
-        return wanted if wanted.parts else None
+        if requested.is_relative_to(shown):
+            return requested.relative_to(shown)
+    if not requested.is_absolute():
+        return requested if requested.parts else None
     # a path of a simulator: /home/someone/ursim-5.11/programs/x.urp
-    parts = wanted.parts
+    parts = requested.parts
     return PurePosixPath(*parts[parts.index(_PROGRAMS) + 1 :]) if _PROGRAMS in parts else None

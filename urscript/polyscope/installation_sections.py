@@ -76,9 +76,9 @@ class Field:
         limits = f"between {self.low:g} and {self.high:g}{' ' * bool(self.unit)}{self.unit}"
         return self._require(self.low <= value <= self.high, value, limits)  # type: ignore[no-any-return]
 
-    def _require(self, right: bool, value: Any, wanted: str) -> Any:
+    def _require(self, right: bool, value: Any, requirement: str) -> Any:
         if not right:
-            raise SettingError(f"{self.title} must be {wanted}, not {value!r:.60}")
+            raise SettingError(f"{self.title} must be {requirement}, not {value!r:.60}")
         return value
 
 

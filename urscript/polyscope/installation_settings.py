@@ -294,16 +294,16 @@ class DefaultProgram(Section):
         ]
 
     def write(self, root: Element, row: Row, changes: Row) -> None:
-        wanted = {**row, **changes}
+        updated = {**row, **changes}
         names = {pin["name"]: pin["pin"] for pin in SECTIONS["io"].rows(root) if pin["name"]}
         for purpose in ("start", "release"):
-            pin = wanted[f"{purpose}_pin"]
+            pin = updated[f"{purpose}_pin"]
             found = find_pin(names.get(pin, pin), {}) if pin else None
             if pin and (found is None or found[0] not in self._INPUTS):
                 raise SettingError(
                     f"{pin!r} is not a digital input: digital_in[0], config_in[0], tool_in[0], GP_bool_in[0]"
                 )
-        if (wanted["load"] or wanted["start_pin"]) and not wanted["file"]:
+        if (updated["load"] or updated["start_pin"]) and not updated["file"]:
             raise SettingError(
                 "a default program that is loaded or started needs a file: give its path in the programs folder"
             )
@@ -311,10 +311,10 @@ class DefaultProgram(Section):
         kept = {key: value for key, value in settings.attributes.items() if key not in self._ATTRIBUTES.values()}
         written = {}
         for name, key in self._ATTRIBUTES.items():  # in PolyScope's order, and without empty values
-            value = wanted[name]
+            value = updated[name]
             text = flag_text(value) if isinstance(value, bool) else value
             purpose = name.partition("_")[0]
-            if name == "load" or (text and (name == "file" or wanted[f"{purpose}_pin"])):
+            if name == "load" or (text and (name == "file" or updated[f"{purpose}_pin"])):
                 written[key] = text
         settings.attributes.clear()
         settings.attributes.update({**written, **kept})

@@ -133,18 +133,18 @@ class Places:
 
     def whole(self, nodes: Iterable[str]) -> list[Spot]:
         """The nodes in the order of the tree, without those inside other ones; an If includes its branches."""
-        wanted = {self.spot(node).id for node in nodes}
-        if not wanted:
+        selected = {self.spot(node).id for node in nodes}
+        if not selected:
             raise EditError("name at least one node")
         for spot in self.all():
-            if spot.id in wanted and spot.kind is not None and spot.kind.key == "if":
-                wanted.update(other.id for other in self.branches(spot))
+            if spot.id in selected and spot.kind is not None and spot.kind.key == "if":
+                selected.update(other.id for other in self.branches(spot))
         found = []
         for spot in self.all():
             around = spot.parent
-            while around is not None and around.id not in wanted:
+            while around is not None and around.id not in selected:
                 around = around.parent
-            if spot.id in wanted and around is None:
+            if spot.id in selected and around is None:
                 found.append(spot)
         return found
 

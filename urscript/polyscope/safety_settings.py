@@ -89,7 +89,7 @@ class SafetySection(Section):
         """The rows of this page."""
         raise NotImplementedError
 
-    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
         """Section, key and value of each line that a change affects. Raises SettingError."""
         raise NotImplementedError
 
@@ -113,7 +113,7 @@ class RobotLimits(SafetySection):
             if isfinite(normal := getattr(safety.normal, name)) and isfinite(reduced := getattr(safety.reduced, name))
         ]
 
-    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
         key = next(key for key in LIMIT_KEYS if row["limit"].startswith(f"{_WORDS[key]} ["))
         most = getattr(PRESETS["least restricted"], LIMIT_KEYS[key])
         for mode, value in changes.items():
@@ -159,14 +159,14 @@ class JointLimits(SafetySection):
             rows.append(row)
         return rows
 
-    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
         n = _JOINTS.index(row["joint"])
         found: list[tuple[str, str, str | None]] = []
         for mode in _MODES:
             section, own = f"SafetyLimits {mode} Joints", mode.lower()
-            if wanted["limited"] and wanted[f"{own}_min"] >= wanted[f"{own}_max"]:
+            if updated["limited"] and updated[f"{own}_min"] >= updated[f"{own}_max"]:
                 raise SettingError(f"{row['joint']}: the minimum position of {own} mode must be below the maximum")
-            if wanted[f"{own}_speed"] <= 0.0:
+            if updated[f"{own}_speed"] <= 0.0:
                 raise SettingError(f"{row['joint']}: the speed of {own} mode must be more than 0")
             for side in ("min", "max"):
                 if f"{own}_{side}" in changes:
@@ -216,11 +216,11 @@ class Planes(SafetySection):
                 )
         return rows
 
-    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
         section = f"SafetyLimits BoundaryPlane{row['plane']}"
-        x, y, z = wanted["normal"]
+        x, y, z = updated["normal"]
         length = (x * x + y * y + z * z) ** 0.5
-        if wanted["mode"] != "DISABLED" and length < 1e-6:
+        if updated["mode"] != "DISABLED" and length < 1e-6:
             raise SettingError(f"plane {row['plane']} is active but has no normal: set its normal")
         if changes.get("elbow") is not None and "elbowRestricted" not in keys_of(text, section):
             raise SettingError("planes of this PolyScope version do not restrict the elbow")
@@ -263,12 +263,12 @@ class ToolDirection(SafetySection):
             }
         ]
 
-    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
-        x, y, z = wanted["direction"]
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        x, y, z = updated["direction"]
         length = (x * x + y * y + z * z) ** 0.5
         if length < 1e-6:
             raise SettingError("the tool direction must not be a zero vector")
-        if wanted["mode"] != "DISABLED" and not 0.0 < wanted["deviation"] < pi:
+        if updated["mode"] != "DISABLED" and not 0.0 < updated["deviation"] < pi:
             raise SettingError("the limit of the tool direction must be more than 0° and less than 180°")
         values: dict[str, Callable[[], str]] = {
             "mode": lambda: str(changes["mode"]),
@@ -301,8 +301,8 @@ class SafetySignals(SafetySection):
                     rows.append({"function": key[:-1], "pins": used})
         return rows
 
-    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
-        function, pins = row["function"], wanted["pins"]
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        function, pins = row["function"], updated["pins"]
         which = "Inputs" if function.endswith("Input") else "Outputs"
         section = f"SafetyIOConfiguration {which}"
         for other in self.rows_of(text, read_safety_settings(text)):
@@ -329,11 +329,11 @@ class SafeHome(SafetySection):
         home = safety.safe_home
         return [{"defined": home is not None} | {f"q{n}": angle for n, angle in enumerate(home or (0.0,) * 6)}]
 
-    def lines(self, text: str, row: Row, wanted: Row, changes: Row) -> list[tuple[str, str, str | None]]:
-        home = [wanted[f"q{n}"] for n in range(6)] if wanted["defined"] else None
+    def lines(self, text: str, row: Row, updated: Row, changes: Row) -> list[tuple[str, str, str | None]]:
+        home = [updated[f"q{n}"] for n in range(6)] if updated["defined"] else None
         lines: list[tuple[str, str, str | None]] = [("SafeHome", "safeHomePosition", home_text(home))]
         if "safeHomeEnabled" in keys_of(text, "SafeHome"):
-            lines.append(("SafeHome", "safeHomeEnabled", "1" if wanted["defined"] else "0"))
+            lines.append(("SafeHome", "safeHomeEnabled", "1" if updated["defined"] else "0"))
         return lines
 
 

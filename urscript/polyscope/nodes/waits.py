@@ -46,9 +46,9 @@ def pin_shown(element: Element) -> str:
 
 def _choose(element: Element, value: str, program: Surroundings) -> None:
     """Choose another type of wait, with the children that files have for it."""
-    wanted = {"Sleep": ["waitTime"], "DigitalInput": ["pin", "digitalValue"], "Condition": ["expression"]}
-    wanted["AnalogInput"] = ["pin", "analogComparison", "analogValue"]
-    keep = wanted.get(value, [])
+    kept = {"Sleep": ["waitTime"], "DigitalInput": ["pin", "digitalValue"], "Condition": ["expression"]}
+    kept["AnalogInput"] = ["pin", "analogComparison", "analogValue"]
+    keep = kept.get(value, [])
     for child in list(element.resolved().children):
         if child.tag not in keep or child.tag == "pin":
             program.set_child(element, child.tag, None)
@@ -147,10 +147,10 @@ def _condition(writer: Writer, element: Element, kind: str) -> tuple[str, str]:
         expression = element.child("expression")
         return expression_label(writer, expression), f"not({expression_text(writer, expression)})"
     if kind == "DigitalInput":
-        wanted = truth(child_text(element, "digitalValue"))
-        other = "False" if wanted == "True" else "True"
+        expected = truth(child_text(element, "digitalValue"))
+        other = "False" if expected == "True" else "True"
         pin = element.child("pin")
-        return f"{pin_name(pin)}={wanted}", f"{pin_reading(writer, pin)} == {other}"
+        return f"{pin_name(pin)}={expected}", f"{pin_reading(writer, pin)} == {other}"
     if kind == "AnalogInput":
         condition = analog_condition(writer, element)
         return condition, f"not({condition})"

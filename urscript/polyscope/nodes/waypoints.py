@@ -368,7 +368,7 @@ def _followed(writer: Writer, element: Element, way: Move, pose: str) -> str:
 
 
 def _relative(writer: Writer, element: Element) -> str:
-    """As far from where the arm is as the second taught position is from the first."""
+    """The target of a relative waypoint: displaced from the arm's current pose like its two taught positions."""
     start, goal = element.child("relativeFromPosition"), element.child("position")
     if start is None or goal is None:
         raise DocumentError(f"the relative waypoint {element.get('name')} was never taught")
@@ -405,7 +405,7 @@ CIRCLE: Final = Kind(
 
 @node("CircleMove", CIRCLE)
 def circle_move(writer: Writer, element: Element) -> None:
-    """An arc through one waypoint to another."""
+    """Move on an arc through one waypoint to another."""
     way = move_of(element)
     children = element.child("children")
     points = [child for child in children or () if child.tag == "Waypoint"]
