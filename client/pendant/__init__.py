@@ -1,5 +1,5 @@
 """The teach pendant in a browser: NiceGUI pages over a robot's public ports.
 
-`Station` knows the robot, `Mover` moves it, `Page` is what one browser shows, and each screen is one module in
-`client.pendant.screens`. Nothing here needs an emulator; one has a control API, which adds the Simulation screen.
+`Station` holds the state of the robot, `Mover` moves it, and `Page` is the page of one browser. Each screen is a module
+in `client.pendant.screens`. The pendant does not need an emulator; the control API of one adds the Simulation screen.
 """

@@ -1,12 +1,12 @@
-"""The arm in three dimensions: made from the model's own numbers, or out of the user's meshes.
+"""The 3D scene of the arm, built from the parameters of its model or from the user's meshes.
 
-The scene's axes are those of the robot's base. Joints are groups that turn about their z axes, each in the frame that
-its arm's calibration gives it; the browser turns them (static/screen_arm.js), so nothing else is sent when the arm
-moves. They are found by their names, "joint 0" to "joint 5", as is "tcp". What others add to the scene stays when the
-arm changes.
+The axes of the scene are those of the robot's base. Joints are groups that rotate about their z axes, in the frames
+given by the calibration of the arm. The browser rotates them (static/screen_arm.js), so only joint angles are sent when
+the arm moves. It finds the groups by their names: "joint 0" to "joint 5", and "tcp". Objects that other modules add to
+the scene stay when the arm changes.
 
-Beside the arm: the frames of its links under the names that the ROS driver's URDF has, the way of the TCP, and where
-the arm is to be, as a ghost.
+The scene also shows the frames of the links, with the names from the ROS driver's URDF, the trace of the TCP, and the
+target configuration as a ghost.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -38,7 +38,7 @@ _COLLISION: Final = (".stl",)
 
 
 class ServedMesh(NamedTuple):
-    """One link's. url: on this pendant."""
+    """The mesh of one link. url: its address on this pendant."""
 
     url: str
     placed: PlacedMesh
@@ -71,14 +71,14 @@ _SEGMENTS: Final = 28
 
 
 class Lathe(Object3D, component=Path(__file__).with_name("static") / "lathe.js"):
-    """About its z axis. profile: (radius, z), from bottom to top."""
+    """A solid of revolution about its z axis. profile: (radius, z), from bottom to top."""
 
     def __init__(self, profile: Sequence[tuple[float, float]]) -> None:
         super().__init__([list(point) for point in profile], _SEGMENTS)
 
 
 class TcpTrace(Object3D, component=Path(__file__).with_name("static") / "tcp_trace.js"):
-    """The way of the TCP: static/screen_arm.js adds a point whenever the arm has moved by a millimetre."""
+    """The trace of the TCP: static/screen_arm.js adds a point each time the TCP has moved by a millimetre."""
 
     def __init__(self) -> None:
         super().__init__(_TRACE_POINTS)
@@ -127,7 +127,7 @@ def link_frames(model: RobotModel) -> list[dict[str, Pose]]:
 
 
 class ArmScene(ui.scene):
-    """A scene with the arm. arm: what is drawn. preview: where a person wants the arm to be, joints [rad], or None."""
+    """A scene with the arm. arm: the drawn arm. preview: the target configuration for the ghost [rad], or None."""
 
     arm: "DrawnArm"
     trace: Object3D
@@ -229,10 +229,10 @@ def chain(model: RobotModel, kinematics: KinematicsInfo | None) -> Chain:
 
 @dataclass(slots=True)
 class DrawnArm:
-    """The arm in a scene. meshes: folder of the user's. complain: told when they cannot be used.
+    """The arm in a scene. meshes: the user's folder of meshes. complain: called with the reason if they are unusable.
 
-    ghost: seen through, hidden until the browser has angles for it, with joints that are called "ghost joint 0" and so
-    on below "ghost"; no frames, no TCP, no meshes.
+    ghost: draw a transparent ghost instead, which is hidden until the browser has joint angles for it. Its group is
+    "ghost", with joints "ghost joint 0" and so on; it has no frames, no TCP and no meshes.
     """
 
     scene: ui.scene
@@ -336,7 +336,7 @@ class DrawnArm:
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """Puts what a link looks like into the group that is open."""
+    """Adds the shapes or the mesh of a link to the group that is open."""
 
     parts: Sequence[Part] = ()
     mesh: ServedMesh | None = None

@@ -1,7 +1,7 @@
-"""What an arm looks like, made up from its model's numbers: housings at the joints, tubes between them, caps, a flange.
+"""The shapes of an arm, generated from its model: housings at the joints, tubes between them, caps and a flange.
 
-Every part is turned on a lathe: a profile around an axis. Where two joints' housings meet and how long the tubes are
-follows from the model, how thick they are is measured; rims, caps and colours are made up (guess: as photographs look).
+Each part is a solid of revolution. The positions where housings meet and the lengths of the tubes follow from the
+model, and the radii are measured; rims, caps and colours are invented (guess: similar to photographs).
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,9 @@ Profile = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A solid of revolution: profile of (radius, distance along the axis) [m], from the far side of nothing to nothing.
+    """A solid of revolution. profile: (radius, distance along the axis) [m]; starts and ends with radius 0.
 
-    origin, axis: in the frame that turns with the link, as ur_description's link frames.
+    origin, axis: in the frame that rotates with the link, like the link frames of ur_description.
     """
 
     profile: Profile
@@ -51,7 +51,8 @@ def link_parts(model: RobotModel) -> tuple[tuple[Part, ...], ...]:
 class _Arm:
     """Radii of the joints' housings and of the foot [m], and where the housings end.
 
-    half: half of the way from the upper arm's plane to the forearm's, where the elbow's housings meet.
+    half: half of the distance from the plane of the upper arm to that of the forearm; the housings of the elbow meet
+    there.
     """
 
     def __init__(self, model: RobotModel) -> None:

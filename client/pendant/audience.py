@@ -1,4 +1,4 @@
-"""Who looks: while no browser has a page open, a robot is asked for less."""
+"""Tracks open pages: while no browser has one open, the pendant requests less from the robot."""
 
 import asyncio
 from contextlib import suppress

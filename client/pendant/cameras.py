@@ -1,7 +1,7 @@
-"""Cameras of an emulator's scene, for the pages: which there are, what they see, and their pictures.
+"""The cameras of an emulator's scene, for the pages: a list of them, and their pictures.
 
-Browsers get pictures through the pendant: they may be where the robot's ports are not, and the pages may show nothing
-from elsewhere.
+Browsers get pictures through the pendant: they may have no access to the ports of the robot, and the security policy of
+the pages allows nothing from another origin.
 """
 
 import io
@@ -31,7 +31,7 @@ _MOST_NAMED: Final = 8
 
 
 class CameraLink:
-    """The cameras at one address. tell: called when there is news to show. port: 0 for none."""
+    """The cameras at one address. tell: called when something to show has changed. port: 0 for no cameras."""
 
     def __init__(self, host: str, port: int, tell: Callable[[], object]) -> None:
         self._http = httpx.AsyncClient(base_url=f"http://{host}:{port}", timeout=_TIMEOUT_S, trust_env=False)

@@ -1,7 +1,7 @@
-"""What the checker says of a script: ``urscript check``, in a process of its own.
+"""Checks a script with ``urscript check`` in a separate process.
 
-The client does not import the language; it runs its command, as any editor would. So a long script costs neither the
-arm's motion nor the pages a moment.
+Like an editor, the client runs the command and does not import the URScript packages. Checking a long script therefore
+delays neither the motion of the arm nor the pages.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""Popups and questions that the robot shows on its pendant."""
+"""Popups and questions of the robot, and its protective stops."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ _SAME_S: Final = 1.0  # guess: a report so close to the stop is its cause
 
 @dataclass(slots=True)
 class ProtectiveStop:
-    """at_s: by the robot's clock, the first state that showed it. cause: the report that came with it, if one did."""
+    """A protective stop. at_s: robot time of the first state that showed it. cause: the report of its cause, if any."""
 
     at_s: float
     cause: ErrorCodeMessage | None = None
@@ -24,9 +24,9 @@ class ProtectiveStop:
 
 
 class Stops:
-    """current: the stop that holds the arm now, None while none does.
+    """The protective stops of a robot. current: the stop that is in effect, None without one.
 
-    All times are the robot's own, so that an emulator may be faster or slower.
+    All times are robot times, so that an emulator may run faster or slower than real time.
     """
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ _INT_MAX: Final = 2**31 - 1  # of URScript's integers
 
 @dataclass(frozen=True, slots=True)
 class Dialogue:
-    """type: what answer is wanted, RequestedType.NONE for a plain popup. severity: info, warning or error."""
+    """One dialogue. type: of the answer, RequestedType.NONE for a plain popup. severity: info, warning or error."""
 
     number: int
     title: str
@@ -97,7 +97,7 @@ class Dialogue:
 
 
 class Dialogues:
-    """Those that are open as far as anybody can tell: a robot tells when one opens, an emulator which ones are."""
+    """The dialogues that are open as far as known: a robot reports that one opens, an emulator also which are open."""
 
     def __init__(self) -> None:
         self.open: dict[int, Dialogue] = {}

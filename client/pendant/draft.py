@@ -1,4 +1,4 @@
-"""The script that is being written on the pendant, and what the robot says about it once it was sent."""
+"""The script that is being edited on the pendant, and the errors that the checker and the robot report for it."""
 
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -21,9 +21,10 @@ Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
 
 @dataclass(frozen=True, slots=True)
 class ScriptError:
-    """What is wrong with a script, and where in the text as it was written; line and column from 1.
+    """An error in a script, with its position in the text as it was written; line and column count from 1.
 
-    found_by: the checker, or the robot, which did not start it, or while it ran.
+    found_by: "check" for the checker; "start" for the robot, which did not start the script; "run" while it was
+    running.
     """
 
     line: int
@@ -34,10 +35,10 @@ class ScriptError:
 
 
 class Draft:
-    """One text for all browsers. author: the page that wrote it last. revision: counts what changed.
+    """One script for all browsers. author: the page that wrote it last. revision: number of changes.
 
-    phase: of the script that was sent last, "" before the first; silent: it has not started, and nobody said why.
-    error: what the robot says is wrong with that script. diagnoses: what the checker says of the text as it is.
+    phase: of the script that was sent last, "" before the first; "silent": it has not started, and no reason is known.
+    error: the error that the robot reports for that script. diagnoses: the results of the checker for the present text.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Behind the scenes of an emulator: its control API, which a robot does not have."""
+"""The control API of an emulator, which a real robot does not have."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
@@ -20,7 +20,7 @@ _UNAUTHORIZED: Final = 401
 
 
 class EmulatorControlError(ClientError):
-    """An emulator's control API refused a verb, or is not there."""
+    """The control API of an emulator refused a verb, or is not available."""
 
 
 async def _rest() -> None:
@@ -28,11 +28,12 @@ async def _rest() -> None:
 
 
 class EmulatorControl:
-    """Verbs of an emulator's control API (docs/control_verbs.md). available: there is one; so this is not a robot.
+    """Verbs of an emulator's control API (docs/control_verbs.md).
 
-    port: 0 for none. token: what the emulator was told to ask for. locked: it asks for another one. time: what the
-    verb of this name says, empty before. catalogue: results of verbs that stay the same. tell: called when there is
-    news to show. rest: waits between two looks of ``follow``.
+    available: the API answers, so this is not a real robot. port: 0 for none. token: the token that the emulator
+    expects. locked: the emulator expects another token. time: the result of the verb of this name, empty before the
+    first. catalogue: results of verbs that do not change. tell: called when something to show has changed. rest: waits
+    between two queries of ``follow``.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The log: what a robot's primary interface says, as lines with a severity."""
+"""The log: the messages of a robot's primary interface as lines with a severity."""
 
 import csv
 import io
@@ -34,7 +34,10 @@ _LONGEST: Final = 2000  # characters of a line; downloads have all of it
 
 
 class LogView:
-    """severities, words: what passes the filter; words are looked for in text, code and source. paused: nothing new."""
+    """The log as one browser shows it, filtered. paused: no new events are shown.
+
+    severities, words: the events that pass the filter; words are searched for in text, code and source.
+    """
 
     def __init__(self, log: "EventLog") -> None:
         self.severities = set(SEVERITIES)
@@ -136,8 +139,11 @@ _OF_PROGRAMS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """number counts from 1. uptime_s: the controller's, None if it did not say. time_s: when it was heard, since the
-    epoch. code: ``C<code>A<argument>``, empty for what has none."""
+    """One line of the log.
+
+    number: counts from 1. uptime_s: of the controller, None if unknown. time_s: when it was received, since the epoch.
+    code: ``C<code>A<argument>``, empty for an event without one.
+    """
 
     number: int
     time_s: float
@@ -149,7 +155,7 @@ class Event:
 
 
 class EventLog:
-    """The last ten thousand events, oldest first. count: how many there were ever."""
+    """The last ten thousand events, oldest first. count: number of all events so far."""
 
     def __init__(self) -> None:
         self.events: deque[Event] = deque(maxlen=_KEPT)

@@ -1,4 +1,4 @@
-"""Faults as a form: fields made from what the verb ``fault_kinds`` tells of a kind."""
+"""Faults as a form: the fields of a kind are created from its description by the verb ``fault_kinds``."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ JOINTS: Final = dict(enumerate(JOINT_LABELS))
 
 @dataclass(frozen=True, slots=True)
 class FaultField:
-    """One argument. choices: value -> text, empty for what is typed. required: it has no default."""
+    """One argument of a fault. choices: value -> text, empty for a typed value. required: it has no default."""
 
     name: str
     type: Literal["text", "int", "float", "bool"]
@@ -55,7 +55,7 @@ class FaultField:
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """occasion: on what it strikes, empty for what lasts."""
+    """A kind of fault. occasion: the event at which it strikes, empty for a fault that lasts."""
 
     name: str
     subject: str

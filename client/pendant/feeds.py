@@ -1,6 +1,6 @@
-"""States that somebody looks at: beside the pendant's own few, any recipe, as often as wanted.
+"""Streams of RTDE states for the pages: any recipe at any rate, in addition to the pendant's own.
 
-Browsers that look at the same share a connection, which ends when nobody looks any more.
+Browsers that show the same data share a connection, which is closed when no browser shows it any more.
 """
 
 import asyncio
@@ -19,10 +19,10 @@ OpenClient = Callable[[Sequence[str], float], RTDEClient]
 
 
 class Feed:
-    """States of one recipe, collected one row of numbers each; texts and gaps are NaN.
+    """The states of one recipe, collected as rows of numbers; texts and missing values are NaN.
 
-    names: the RTDE outputs. values: the newest state, empty before the first and after a loss. rate_hz: at which they
-    come. problem: why they do not. end: rows that ever came; those before ``begin`` were dropped, oldest first.
+    names: the RTDE outputs. values: the newest state, empty before the first one and after a loss. rate_hz: the actual
+    rate. problem: why no states arrive. end: number of rows received so far; rows before ``begin`` have been dropped.
     """
 
     def __init__(self, names: Sequence[str], keeps: bool) -> None:
@@ -133,7 +133,7 @@ def _typed(value: float, letter: str) -> Any:
 
 
 class Feeds:
-    """Those of one robot."""
+    """The feeds of one robot."""
 
     def __init__(self, open_client: OpenClient) -> None:
         self._open_client = open_client

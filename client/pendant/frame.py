@@ -1,4 +1,4 @@
-"""The frame around the screens: what the robot is and does on top, program and speed below."""
+"""The frame around the screens: the state of the robot at the top, program and speed at the bottom."""
 
 from typing import TypeAlias
 

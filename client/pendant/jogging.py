@@ -1,7 +1,7 @@
-"""How fast an arm goes while a button is held: ramps, and slower near a joint limit or a singularity.
+"""Speeds of an arm while a button is held: ramps, and lower speeds near a joint limit or a singularity.
 
-Nothing here waits or talks to a robot. `Ramp.next` is asked once in every period of the mover and gives the speeds of
-the next one.
+Nothing here waits or communicates with a robot. The mover calls `Ramp.next` once per period to get the speeds of the
+next period.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _SLOW: Final = 0.98  # less of what was asked for is called slowed
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Of the joints (6,) [rad/s], or of the TCP in the base frame (6,) [m/s, rad/s]."""
+    """Speeds of the joints (6,) [rad/s], or of the TCP in the base frame (6,) [m/s, rad/s]."""
 
     of: Literal["joints", "tool"]
     values: tuple[float, ...]
@@ -38,9 +38,9 @@ class Velocity:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Of one arm: lowest and highest joint angles (6,) [rad], infinite where there is no end, and top speeds [rad/s].
+    """The limits of an arm: joint angles (6,) [rad], infinite for a joint without limits, and top speeds [rad/s].
 
-    kinematics: None for an arm whose geometry is not known here; then only its joints are slowed.
+    kinematics: None for an arm with unknown geometry; then speeds are reduced only near joint limits.
     """
 
     q_min: Joints
@@ -50,7 +50,7 @@ class Bounds:
 
 
 class Ramp:
-    """From rest, through the speeds wanted, to rest. speeds: the present ones. slowed: why not as fast as wanted."""
+    """Ramps speeds up from rest and down to rest. speeds: the present ones. slowed: why they are below the request."""
 
     def __init__(self, of: Literal["joints", "tool"], bounds: Bounds) -> None:
         self._of = of

@@ -1,8 +1,8 @@
-"""What changes by itself on a page: texts, states and the arm, thirty times a second.
+"""Updates what changes on a page: texts, states and the arm, thirty times a second.
 
-NiceGUI lays pages out and answers clicks; what follows the robot goes past it over a web socket of its own, as lists
-of changes that ``static/pendant.js`` applies. Nothing is sent for what looks the same, nor for screens that nobody
-sees, and a slow browser skips frames.
+NiceGUI lays out pages and handles clicks. Live values bypass it on a separate web socket, as lists of changes that
+``static/pendant.js`` applies. Values that look the same are not sent, nor are those of hidden screens, and a slow
+browser skips frames.
 """
 
 import asyncio
@@ -56,11 +56,12 @@ class _Stream:
 
 
 class Live:
-    """Of one browser's page. screen: which one it shows; ``building``: which one its elements are made for now.
+    """The live values of one browser's page.
 
-    on_held: told by the browser which jog button is held, several times a second, and None when it is let go.
-    on_show: told which screen is in view, "" when the browser is gone.
-    on_lost: told that the browser is gone, or not reachable for now.
+    screen: the visible screen. building: the screen whose elements are being built. on_held: called with the jog button
+    that is held, several times a second, and with None when it is released. on_show: called with the screen that
+    becomes visible, "" when the browser has disconnected. on_lost: called when the browser has disconnected or is
+    unreachable.
     """
 
     pages: ClassVar[dict[str, "Live"]] = {}

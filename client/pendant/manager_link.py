@@ -1,4 +1,4 @@
-"""The controller manager that is running for the pendant's robot: what it has, and sliders that drive the arm by it."""
+"""The controller manager that runs for the pendant's robot: its controllers, and sliders that move the arm."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -18,9 +18,9 @@ Controllers = tuple[dict[str, Any], ...]
 
 
 class ManagerLink:
-    """Looking at ``controllers`` keeps them new. tell: called when they are others.
+    """The connection to the controller manager. Reading ``controllers`` keeps them current. tell: called on a change.
 
-    driver: who drives the arm by sliders now, for only one browser may.
+    driver: the control panel that moves the arm now; only one browser may do so at a time.
     """
 
     def __init__(self, robot_ip: str, rtde_port: int, tell: Callable[[], object]) -> None:
@@ -85,13 +85,14 @@ def choices(controllers: Controllers) -> list[str]:
 
 
 class ControlPanel:
-    """Six sliders: while they are enabled the arm follows them, else they follow the arm.
+    """Six sliders: while enabled, the arm follows them; otherwise they follow the arm.
 
-    As rqt_joint_trajectory_controller does it: ten times a second a trajectory of one point, which the fastest joint
-    would reach at its highest speed times the speed scaling, and which takes half a second at least.
+    As in rqt_joint_trajectory_controller, a trajectory with one point is sent ten times a second. Its duration is what
+    the slowest joint takes at its top speed times the speed scaling, and at least half a second.
 
-    link: to the manager. read: the arm's angles (6,) [rad] and its model, None while they are not known. controller:
-    which one is used. scaling: 0.01 to 1. on_end: told why the arm follows no longer, "" when somebody wanted it so.
+    link: to the manager. read: returns the joint angles (6,) [rad] and the model of the arm, None while they are
+    unknown. controller: the controller in use. scaling: 0.01 to 1. on_end: called with the reason when the arm stops
+    following, with "" if a user disabled the panel.
     """
 
     COMMAND_HZ: ClassVar[float] = 10.0

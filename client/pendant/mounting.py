@@ -1,4 +1,4 @@
-"""Tool, load and mounting of an arm: what to tell a robot, and what it says it has."""
+"""Tool, payload and mounting of an arm: commands that set them, and the values that the robot reports."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,8 @@
-"""Moves the arm for a pendant: as long as a button is held, to a target, by hand.
+"""Moves the arm for a pendant: while a button is held, to a target, or by freedrive.
 
-The driver's control program does it. It is on the robot only while it is needed, since the robot runs one program at
-a time: the first motion starts it, some seconds without one end it. A program of somebody else's is not replaced.
+The driver's control program carries out the motion. It is on the robot only while it is needed, because the robot runs
+one program at a time: the first motion starts it, and some seconds without motion end it. It does not replace another
+client's program.
 """
 
 import asyncio
@@ -37,11 +38,11 @@ _FREEDRIVE: Final = "Freedrive"
 
 
 class Mover:
-    """One motion at a time, whichever browser wants it. Errors of the robot come out of the calls that wait.
+    """Moves the arm, one motion at a time for all browsers. The methods that wait raise the robot's errors.
 
-    doing: what moves the arm, for people; empty when nothing does. slowed: why a jog is slower than wanted.
-    stops: how often motions were to be ended, by anyone. on_error: told what ended a jog. holder: whoever holds a
-    button, by which it is also let go.
+    doing: the present motion, as a text for people; empty without one. slowed: why a jog is slower than requested.
+    stops: number of requests, by anyone, to stop a motion. on_error: called with the reason why a jog ended. holder:
+    identifies the page that holds a button, and that has to release it.
     """
 
     RATE_HZ: ClassVar[float] = 50.0

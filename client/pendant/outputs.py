@@ -1,7 +1,7 @@
-"""Switching a robot's outputs over its public ports.
+"""Switches the outputs of a robot over its public ports.
 
-RTDE does it, with masks, so that only what is meant changes. Where another client holds these inputs, a program beside
-whatever runs does it instead. Either works with the arm switched off.
+RTDE inputs with masks do it, so that only the selected outputs change. If another client has reserved these inputs, a
+secondary program does it instead. Both work with the arm switched off.
 """
 
 from collections.abc import Awaitable, Callable
@@ -14,7 +14,7 @@ from urproto.signals import DigitalGroup
 
 
 class Robot(Protocol):
-    """What is needed of `client.pendant.station.Station`."""
+    """The part of `client.pendant.station.Station` that is needed here."""
 
     async def write(self, **inputs: Any) -> None:
         """RTDE inputs."""
@@ -25,7 +25,7 @@ class Robot(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Of an analog signal on the screen: mA or V; ``factor`` makes it from A or V."""
+    """Range of an analog signal on the screen, in mA or V; ``factor`` converts from A or V."""
 
     low: float
     high: float

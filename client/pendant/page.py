@@ -1,4 +1,4 @@
-"""What one browser shows: the frame around the screens, and what all screens share."""
+"""The page of one browser: the frame around the screens, and functions that all screens share."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ _SOON_S: Final = 1.5  # guess: states and answers come within a tenth of that
 
 
 class NotTakenError(ClientError):
-    """The robot was told something, did not say no, and did not do it either."""
+    """The robot accepted a command without an error, but did not carry it out."""
 
 
 def choice(
@@ -71,9 +71,9 @@ async def happens(station: Station, condition: Callable[[Station], bool]) -> boo
 
 
 class Views:
-    """A row of buttons and what they show; ``name`` is that of the screen.
+    """Tabs with their panels; ``name`` is that of the screen.
 
-    on_look: told which view a person sees now, "" when it is none of these.
+    on_look: called with the view that becomes visible, "" if none of them is.
     """
 
     def __init__(self, page: "Page", name: str, titles: Mapping[str, str]) -> None:
@@ -124,10 +124,10 @@ Deed = Callable[[], Awaitable[Any]]
 
 
 class Page:
-    """Handed to every screen that builds a part of it.
+    """The page of one browser, passed to every screen that builds a part of it.
 
-    station: the robot, shared by all pages. live: what changes by itself. confirmed: somebody has agreed that this
-    real arm may be moved from here. on_close: called when the browser is gone.
+    station: the robot, shared by all pages. live: the live values. confirmed: the user has agreed that this page may
+    move a real arm. on_close: called when the browser has disconnected.
     """
 
     def __init__(self, station: Station, live: Live) -> None:

@@ -1,4 +1,4 @@
-"""The plots of one browser: what is in them, the states they need, what the browser has of these already."""
+"""The plots of one browser: their signals, the states they need, and which of these the browser has already."""
 
 import asyncio
 import math
@@ -21,16 +21,16 @@ _MOST_SERIES: Final = 24  # in one pane
 
 @dataclass(slots=True, eq=False)
 class Pane:
-    """One diagram. auto: its vertical range follows what is in view."""
+    """One diagram. auto: the vertical range follows the visible values."""
 
     series: list[Series] = field(default_factory=list)
     auto: bool = True
 
 
 class Plots:
-    """panes, window_s, rate_hz, paused, si: as chosen. feed: the states, None before anybody has looked.
+    """The diagrams of a browser. feed: the states, None before the screen was shown for the first time.
 
-    Changes of these are announced by ``changed``.
+    panes, window_s, rate_hz, paused, si: the settings that the user chose; call ``changed`` after changing them.
     """
 
     def __init__(self, feeds: Feeds) -> None:

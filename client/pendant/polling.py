@@ -1,4 +1,4 @@
-"""What nobody tells by itself is asked for while a page shows it, and connections that are lost are made again."""
+"""Polls values that are not sent unasked while a page shows them, and reopens lost connections."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -29,9 +29,9 @@ _UNSEEN: Final = 2  # answers; a page in view may have had no frame since the la
 
 
 class Poller(Generic[Answer]):
-    """The newest answer to a question. Looking at ``value`` is what keeps it new.
+    """Polls for the newest answer to a question. Reading ``value`` keeps it up to date.
 
-    tell: called when an answer is another one. rest: called when nobody looks any more, to end what asking needs.
+    tell: called when the answer changes. rest: called when ``value`` is not read any more, to release resources.
     problem: why there is no answer, "" when there is one.
     """
 
@@ -124,7 +124,7 @@ _AT_ONCE: Final = 64  # a request takes 125 at most
 
 
 class PortRegisters:
-    """The registers of the robot's Modbus server that are free for any use, while a page looks at them."""
+    """The general purpose registers of the robot's Modbus server, polled while a page shows them."""
 
     def __init__(self, host: str, port: int, tell: Callable[[], object]) -> None:
         self.host = host
@@ -176,9 +176,9 @@ _NOTHING: Final = object()
 
 
 class Newest(Generic[Wish]):
-    """One wish at a time; those that were overtaken meanwhile are never carried out.
+    """Carries out one request at a time; a request that is superseded before its turn is dropped.
 
-    complain: told what went wrong.
+    complain: called with the error of a request that failed.
     """
 
     def __init__(self, do: Callable[[Wish], Awaitable[object]], complain: Callable[[str], object]) -> None:

@@ -1,4 +1,4 @@
-"""The robot's dialogues, and its protective stop, on whatever screen one is."""
+"""Shows the robot's dialogues and protective stops on every screen."""
 
 from math import ceil
 from typing import Any, Final

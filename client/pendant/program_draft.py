@@ -1,7 +1,8 @@
-"""The program that is being made: one for all browsers of a station, kept on this machine as it changes.
+"""The program that is being edited: one for all browsers of a station, saved on this machine after each change.
 
-Every edit is one operation on a node, known by an id that stays when others are moved; so what two people do at once is
-done one after the other, and nothing is lost. What cannot be done raises a ValueError that says why.
+An edit is one operation on a node, identified by an id that does not change when other nodes are moved. Simultaneous
+edits of two users are applied one after the other, and none is lost. An edit that is not possible raises a ValueError
+with the reason.
 """
 
 import asyncio
@@ -35,11 +36,11 @@ _Answer = TypeVar("_Answer")
 
 
 class ProgramDraft:
-    """path: of the file in the robot's programs folder, "" before the first save.
+    """The program that is being edited. path: in the robot's programs folder, "" before the program is saved there.
 
-    version: counts the changes of all that pages show. view: what is shown of it. played_version: which of them the
-    robot got last. note: told what goes wrong with the file that keeps the program. tell: called when there is news to
-    show. known: the robot's version and arm, None while they are not known.
+    version: counts the changes that pages show. view: what pages show. played_version: the version that the robot got
+    last. note: called with errors of the file that keeps the program. tell: called when something to show has changed.
+    known: returns version and arm of the robot, None while they are unknown.
     """
 
     def __init__(
@@ -300,7 +301,7 @@ class ProgramDraft:
 
 
 class Selection:
-    """The node that one browser has selected; the robot program when that is gone."""
+    """The node that one browser has selected; the robot program after that node was deleted."""
 
     def __init__(self, draft: ProgramDraft) -> None:
         self._draft = draft

@@ -1,4 +1,4 @@
-"""The program that is being made on a pendant, as this machine keeps it: it outlives pendant, browsers and emulator."""
+"""The file on this machine that keeps the edited program, independent of pendant, browsers and emulator."""
 
 import base64
 import os
@@ -16,9 +16,9 @@ _UNFIT: Final = re.compile(r"[^A-Za-z0-9.-]")  # in names of files
 
 @dataclass(frozen=True, slots=True)
 class KeptProgram:
-    """path: of the file in the robot's programs folder, "" for one that was never saved. changed: since it was saved.
+    """A saved draft. data: the bytes of its ``.urp`` file in the present state.
 
-    data: the bytes that its ``.urp`` would have now.
+    path: in the robot's programs folder, "" if it was never saved there. changed: since it was saved there.
     """
 
     path: str
@@ -27,7 +27,7 @@ class KeptProgram:
 
 
 class ProgramFile:
-    """In a folder, one file for each robot address; without a folder nothing is kept."""
+    """Files in a folder, one for each robot address; without a folder nothing is kept."""
 
     def __init__(self, folder: Path | None, address: str) -> None:
         self.path = None if folder is None else folder / f"{_UNFIT.sub('_', address)}.json"

@@ -1,4 +1,4 @@
-"""Playing the program that is being made: an emulator gets it as a file, a robot and PolyScope X as a script."""
+"""Plays the edited program: it is sent to an emulator as a file, to a robot and to PolyScope X as a script."""
 
 import base64
 from collections.abc import Iterable
@@ -28,7 +28,7 @@ _PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
 
 
 class PlayError(ClientError):
-    """The program cannot be played as it is, or not here."""
+    """The program cannot be played in its present state, or not on this robot."""
 
 
 def saves_here(station: Station) -> bool:

@@ -1,4 +1,4 @@
-"""What pages show of the program that is being made: the tree, forms, waypoints, and what can be inserted."""
+"""What pages show of the edited program: the tree, the forms, the waypoints, and the nodes that can be inserted."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ _Answer = TypeVar("_Answer")
 
 
 class ProgramView:
-    """editor: the program, another one after New or Open. breakpoints: ids of nodes."""
+    """The view of one program. editor: the program; New and Open create another one. breakpoints: ids of nodes."""
 
     def __init__(self, editor: Callable[[], ProgramEditor]) -> None:
         self._editor = editor

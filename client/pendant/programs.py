@@ -1,4 +1,4 @@
-"""Which program is loaded and runs, and as much of its text as the robot tells."""
+"""The program that is loaded and running, and its text as far as it is known."""
 
 import asyncio
 from collections.abc import Mapping
@@ -29,7 +29,7 @@ _LINE: Final = "script_control_line"
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A node of a program tree. number: by which the program's labels name it."""
+    """A node of a program tree. number: as in the labels of the program."""
 
     number: int
     depth: int
@@ -39,7 +39,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class ShownProgram:
-    """text: its script. running: the lines and labels that the robot tells are of this program."""
+    """A program that is shown. text: its script. running: the lines and labels that the robot reports are of it."""
 
     text: str = ""
     tree: tuple[Node, ...] = ()
@@ -50,7 +50,7 @@ NOTHING_SHOWN: Final = ShownProgram()
 
 
 class Robot(Protocol):
-    """What `Programs` needs of the robot it looks at; a `client.pendant.station.Station` is one."""
+    """The part of `client.pendant.station.Station` that `Programs` needs."""
 
     values: Mapping[str, Any]
     unavailable: frozenset[str]
@@ -66,10 +66,11 @@ class Robot(Protocol):
 
 
 class Programs:
-    """loaded: path of the loaded file, as the dashboard says. running: name of what runs or ran last.
+    """The robot's programs. loaded: path of the loaded file, from the dashboard. running: name of the last program.
 
-    shown: the program that runs, else the loaded one, if its text is known: an emulator tells all of it, of a robot's
-    only what was sent from here is. threads: where each thread stands, in programs that have labels.
+    running is the present program or the one that ran last. shown: the running program, else the loaded one, if its
+    text is known. An emulator provides every text; of a robot, only scripts that were sent from here are known.
+    threads: position of each thread, in programs that have labels.
     """
 
     def __init__(self) -> None:

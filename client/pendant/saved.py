@@ -1,4 +1,4 @@
-"""Files of a pendant's own: what people have saved under names, as JSON, shared by all browsers."""
+"""Files in which the pendant saves named data of its users as JSON, shared by all browsers."""
 
 import json
 import os
@@ -14,9 +14,9 @@ from urproto.text import json_document
 
 
 class Tools:
-    """Those in a JSON file ``{"gripper": [x, y, z, rx, ry, rz]}`` [m, rad], or without one in memory only.
+    """TCPs in a JSON file ``{"gripper": [x, y, z, rx, ry, rz]}`` [m, rad]; without a file, in memory only.
 
-    Raises FileError when the file cannot be read or written, and ValueError for what is no TCP.
+    Raises FileError if the file cannot be read or written, and ValueError for an invalid TCP.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -70,9 +70,9 @@ BUILT_IN: Final[Mapping[str, Joints]] = {
 
 
 class Poses:
-    """Those in a JSON file ``{"ur5e": {"above the box": [six angles in rad]}}``, or without one in memory only.
+    """Poses in a JSON file ``{"ur5e": {"above the box": [six angles in rad]}}``; without a file, in memory only.
 
-    Raises FileError when the file cannot be read or written, and ValueError for names that cannot be.
+    Raises FileError if the file cannot be read or written, and ValueError for an invalid name.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -137,10 +137,10 @@ _LONGEST_NAME: Final = 60
 
 
 class OwnFile(Generic[_T]):
-    """What has been saved, by name, in a file of JSON, or without a path in memory only.
+    """Named data in a JSON file; without a path, in memory only.
 
-    Read when asked for the first time, written whole or not at all at every change. parse: makes it of the file's
-    content; its ValueError, as all that goes wrong with the file, is a FileError. version: counts the changes.
+    The file is read on first use, and each change writes it completely or not at all. parse: converts the content of
+    the file; its ValueError, like all errors of the file, becomes a FileError. version: number of changes.
     """
 
     def __init__(self, path: Path | None, parse: Callable[[Any], dict[str, _T]], what: str) -> None:

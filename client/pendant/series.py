@@ -1,4 +1,4 @@
-"""What can be plotted: every number that RTDE gives, by itself. Vectors fall into elements, words of I/O into bits."""
+"""The signals that can be plotted: all numbers of the RTDE outputs, elements of vectors and bits of I/O words."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,9 +36,9 @@ _WORDS: Final = {"actual_digital_input_bits": "I", "actual_digital_output_bits":
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One number over time: an element ``index`` of an RTDE output, or one ``bit`` of it.
+    """One number over time: element ``index`` of an RTDE output, or one ``bit`` of it.
 
-    unit: as RTDE has it. shown_unit and factor: as a screen has it.
+    unit: in RTDE. shown_unit: on a screen, converted by ``factor``.
     """
 
     field: str

@@ -1,4 +1,4 @@
-"""Serves the pendant: pages, the web sockets beside them, and who may come in."""
+"""Serves the pendant: its pages, their web sockets, and access control."""
 
 import asyncio
 import os

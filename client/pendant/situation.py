@@ -1,8 +1,8 @@
-"""What the arm may do now, and why not: one answer, which every screen shows.
+"""Decides which actions the arm permits now, and why not: one answer for all screens.
 
-`situation` is a function of nothing but what is known of the robot, so no two screens can contradict each other. The
-order in which it looks is that of a person: does the robot answer, does a stop hold the arm, how far is it switched on,
-does a program run.
+`situation` is a function only of what is known about the robot, so screens cannot contradict each other. It checks in
+the order in which a person would: does the robot answer, is the arm stopped, how far is it switched on, is a program
+running.
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ _OFF, _BOOTING, _IDLE, _RELEASED = range(len(STAGES))
 
 
 class Action(Enum):
-    """What a person may want of the arm."""
+    """An action that a user may request."""
 
     MOVE = auto()  # jog, go to a target, freedrive
     PLAY = auto()
@@ -40,16 +40,16 @@ class Action(Enum):
 
 
 class NotNowError(ClientError):
-    """The arm may not do that now; the text says why, and what to do about it."""
+    """The arm does not permit the action now; the text says why, and what to do about it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What is known of a robot.
+    """What is known about a robot.
 
-    safety_mode: the finest one it tells. moved_here: the program that runs is the pendant's own, which moves the arm.
-    safeguard_open: whether the safeguard itself is open, or the enabling device not held; None where nobody tells,
-    as robots do not. unlock_in_s: for how long a protective stop cannot be unlocked yet.
+    safety_mode: the most specific one that it reports. moved_here: the running program is the one with which the
+    pendant moves the arm. safeguard_open: whether the safeguard itself is open, or the enabling device is not pressed;
+    None if unknown, as with real robots. unlock_in_s: time until a protective stop can be unlocked.
     """
 
     connected: bool = False
@@ -63,11 +63,11 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """title: in two words what the arm's state is. hint: what that means, and what leads on. tone: of lamps.
+    """The state of the arm in words. title: in two words. hint: its meaning, and the next step. tone: of the lamps.
 
-    safety, advice, safety_tone: of the safety mode alone. way_out: what leads on from a stop, may it be now or later.
-    stage: index of `STAGES`, -1 while there is nothing to switch on. program: what the program does. refusals: why the
-    arm may not, for everything that it may not.
+    safety, advice, safety_tone: the same for the safety mode alone. way_out: the action that ends a stop, even if it is
+    not permitted yet. stage: index of `STAGES`, -1 while nothing can be switched on. program: state of the program.
+    refusals: the reason for each action that is not permitted.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""One robot as a pendant knows it: what it says, and what can be asked of it. All browsers share it."""
+"""The state of one robot and the requests to it, as a pendant needs them. All browsers share it."""
 
 import asyncio
 import socket
@@ -79,10 +79,10 @@ _READ_ONLY_CODE: Final = 210  # of a script over a connection that was made in l
 class Station:
     """The connections of one pendant to one robot; use it with ``async with``.
 
-    values: the newest RTDE state, by variable name; empty before the first and while the robot is lost. core: what the
-    primary interface said. log, variables, dialogues, stops, programs: collected from its messages and states.
-    connected: whether states arrive. problem: why they do not. emulator: its control API, which a real arm lacks.
-    cameras: those of an emulator's scene. remote_control: e-Series from 5.6. frame: number of states received.
+    values: the newest RTDE state, by variable name; empty before the first one and while the robot is unreachable.
+    core: data of the primary interface. log, variables, dialogues, stops, programs: collected from its messages and
+    states. connected: whether states arrive. problem: why they do not. emulator: its control API, which a real arm
+    lacks. cameras: those of an emulator's scene. remote_control: e-Series from 5.6. frame: number of states received.
     feeds: states of other recipes. port_registers: registers of its Modbus server for any client. meshes: the user's
     folder of meshes. poses, tools: saved poses and TCPs. manager: the controller manager that runs for the robot, if
     any. program_draft: the program that is being edited; drafts: the folder where it is saved, None for memory only.

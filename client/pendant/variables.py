@@ -1,4 +1,4 @@
-"""The global variables of the running program, as the primary interface tells them."""
+"""The global variables of the running program, from the primary interface."""
 
 from typing import Any, Final
 
@@ -9,7 +9,10 @@ _LONGEST: Final = 400  # characters of a value on the screen
 
 
 class Variables:
-    """names: all, in the order of the program. values: by name. revision: counts what was heard; program: the names."""
+    """All variables. names: in the order of the program. values: by name.
+
+    revision: counts the messages that were applied. program: counts those with new names.
+    """
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -51,7 +54,7 @@ class Variables:
 
 
 class VariablesView:
-    """What one browser shows: only what has changed travels."""
+    """The variables that one browser shows: only changes are sent."""
 
     def __init__(self, variables: Variables) -> None:
         self._variables = variables

@@ -1,7 +1,7 @@
-"""What comes in from the web: who may ask, for what, what a page may do in its browser, and what becomes of nonsense.
+"""Security of the web server: which requests are accepted, what a page may do in its browser, and invalid messages.
 
-A pendant moves an arm, so nobody is let in whose page another site has served, no other site may show a pendant's page,
-and whatever makes no sense is refused or dropped with a line in the log, not with a traceback each.
+Because a pendant moves an arm, requests of pages from other sites are rejected, no other site may embed a page of the
+pendant, and an invalid message is rejected or dropped with one line in the log instead of a traceback.
 """
 
 import logging
@@ -86,10 +86,11 @@ class Nonsense:
 
 
 class Gate:
-    """Middleware around everything that a pendant serves.
+    """Middleware for all requests to a pendant.
 
-    A request's Host is an address of this machine or its name, and its Origin, if it has one, the same. It asks for
-    what there is: pages by their names, files, uploads of a page, web sockets. full: whether so many pages are open.
+    The Host of a request must be an address or a name of this machine, and its Origin, if it has one, the same. Only
+    existing resources are served: pages by name, files, uploads of a page, web sockets. full: returns whether the limit
+    of open pages is reached.
     """
 
     def __init__(self, inner: Any, screens: Collection[str], full: Callable[[int], bool], nonsense: Nonsense) -> None:

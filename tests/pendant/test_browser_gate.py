@@ -98,11 +98,11 @@ def test_a_page_comes_back_with_its_pendant_and_says_what_happened(rig: Rig, bro
             first.kill()
             expect(page.get_by_text("Connection lost")).to_be_visible()
         with pendant(rig.host, *options):
-            expect(page.get_by_text("The pendant has ended and was started anew")).to_be_visible()
+            expect(page.get_by_text("The pendant was restarted")).to_be_visible()
             expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
             page.get_by_role("button", name="OK").click()
             page.reload()
             expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
-            expect(page.get_by_text("started anew")).to_have_count(0)
+            expect(page.get_by_text("was restarted")).to_have_count(0)
     finally:
         context.close()

@@ -1,4 +1,4 @@
-"""The screens of the pendant, named as PolyScope names them: one module each, one row here."""
+"""The screens of the pendant, named as in PolyScope: one module and one entry here for each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ __all__ = ["SCREENS", "Screen"]
 
 @dataclass(frozen=True, slots=True)
 class Screen:
-    """name: also the path of its address. build: puts it on a page. shown: for which robots, if not for all."""
+    """A screen. name: also the path of its address. build: adds it to a page. shown: whether a robot has it."""
 
     name: str
     title: str

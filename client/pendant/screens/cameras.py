@@ -1,4 +1,4 @@
-"""Cameras: what those of an emulator's scene see, in a picture and in words."""
+"""Cameras: the pictures of the cameras in an emulator's scene, and their data."""
 
 from typing import Any, Final
 
@@ -37,7 +37,7 @@ def _absent(station: Station) -> str:
 
 
 class _View:
-    """The picture of one camera: nothing is drawn for it while another screen is in view."""
+    """The picture of one camera. No pictures are requested while another screen is visible."""
 
     def __init__(self, choice: ui.select, pause: ui.button) -> None:
         self._choice, self._pause = choice, pause

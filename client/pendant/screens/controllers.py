@@ -1,4 +1,4 @@
-"""Controllers: what a running controller manager has, buttons that change it, and sliders that the arm follows."""
+"""Controllers: those of a running controller manager, buttons that change them, and sliders that move the arm."""
 
 from collections.abc import Callable
 from functools import partial
@@ -30,7 +30,7 @@ def build(page: Page) -> None:
 
 
 class _List:
-    """All controllers, a row each; ticked ones are switched together."""
+    """All controllers, one per row; the selected ones are switched together."""
 
     def __init__(self, page: Page) -> None:
         self._page = page

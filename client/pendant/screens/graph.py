@@ -1,4 +1,4 @@
-"""Graph: diagrams of any RTDE outputs, live; paused, read with a cursor, exported."""
+"""Graph: live diagrams of any RTDE outputs, with pause, cursor and export."""
 
 from datetime import datetime
 from typing import Any, Final
@@ -21,7 +21,7 @@ _CHECKBOX: Final = '<q-checkbox v-model="props.selected" :aria-label="{name}" />
 
 
 class Picker:
-    """A dialog over the page."""
+    """A dialog over the page, in which signals are selected."""
 
     def __init__(self, page: Page, plots: Plots) -> None:
         self._page = page

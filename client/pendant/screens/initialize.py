@@ -1,4 +1,4 @@
-"""Initialize: power and brakes, what the safety system says, payload, and the state of every joint."""
+"""Initialize: power and brakes, the state of the safety system, payload, and the state of each joint."""
 
 from collections.abc import Callable
 from math import ceil, degrees

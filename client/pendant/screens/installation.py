@@ -1,4 +1,4 @@
-"""Installation: tool, load, mounting, External Control; what the arm is."""
+"""Installation: tool, payload, mounting, External Control, and data of the arm."""
 
 import math
 from typing import Any, Final

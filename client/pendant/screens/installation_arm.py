@@ -1,4 +1,4 @@
-"""What the robot is: model, software, calibration, limits, safety."""
+"""Data of the robot: model, software, calibration, limits, safety."""
 
 import asyncio
 import math

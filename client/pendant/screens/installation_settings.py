@@ -1,4 +1,4 @@
-"""The installation file of an emulator: every setting of it, in forms made from the table of settings."""
+"""The installation file of an emulator: forms for all settings, generated from the table of settings."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
@@ -33,7 +33,7 @@ def build(page: Page, views: Views) -> None:
 
 
 class _Form:
-    """One section at a time, and of a list one row at a time. What is typed stays until it is saved or left."""
+    """The form of one section, one list entry at a time. Typed values stay until they are saved or the form is left."""
 
     def __init__(self, page: Page, views: Views) -> None:
         self._page, self._views = page, views
@@ -139,7 +139,7 @@ class _Form:
 
 
 class _Input:
-    """The fields of one value, in units for people."""
+    """The fields of one value, in the units that people use."""
 
     def __init__(self, field: Field, row: Row | None) -> None:
         self._field = field

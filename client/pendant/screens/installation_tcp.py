@@ -1,4 +1,4 @@
-"""Tool centre points: the one in effect, and those somebody has saved."""
+"""Tool centre points: the active one and the saved ones."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Final

@@ -1,4 +1,4 @@
-"""I/O: digital signals as lamps that switch, analog signals, the tool; registers and the Modbus server beside them."""
+"""I/O: digital signals as lamps and switches, analog signals, the tool; views of registers and of the Modbus server."""
 
 from collections.abc import Callable
 from typing import Any, Final

@@ -1,4 +1,4 @@
-"""Registers shared by programs and clients: booleans, integers, doubles, each way, some at a time."""
+"""The registers shared by programs and clients: Booleans, integers and doubles, inputs and outputs, in parts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ _HIGH: Final = "clients"  # the half that is theirs
 
 @dataclass(frozen=True, slots=True)
 class Bank:
-    """Which registers are in view: their kind, and the lower or the upper half."""
+    """The visible registers: their type, and the lower or the upper half."""
 
     kind: str = "int"
     half: str = _HIGH
@@ -128,7 +128,7 @@ class Bank:
 
 
 class _Registers:
-    """Of one page: what is in view, and the states of it."""
+    """The registers on one page: the visible bank, and its states."""
 
     def __init__(self, page: Page, views: Views) -> None:
         self.page = page

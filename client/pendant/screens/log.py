@@ -1,4 +1,4 @@
-"""Log: what happened, with severity and the text of its code."""
+"""Log: events with their severity and the text of their code."""
 
 from collections.abc import Callable, Iterable
 from datetime import datetime

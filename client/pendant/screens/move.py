@@ -1,4 +1,4 @@
-"""Move: the arm in three dimensions, buttons that move it while they are held, targets, freedrive, poses."""
+"""Move: the arm in 3D, buttons that move it while they are held, targets, freedrive, poses."""
 
 from nicegui import ui
 

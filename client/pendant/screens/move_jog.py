@@ -1,4 +1,4 @@
-"""Buttons that move the arm while they are held, with the numbers they change; freedrive; how fast."""
+"""Buttons that move the arm while they are held, next to the values that they change; freedrive; the jog speed."""
 
 import asyncio
 import json
@@ -29,10 +29,11 @@ _IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 class MoveSettings:
-    """speed: 0 to 1 of the top speeds. feature: of `FEATURES`. as_rpy: rotations in RPY [deg], not rotation vectors.
+    """The settings of the Move screen. speed: fraction of the top speeds, 0 to 1. feature: of `FEATURES`.
 
-    on_rotation: told when as_rpy has changed. preview: joints [rad] that somebody has typed or dragged as a target,
-    until the arm is moved otherwise or the target is taken back. on_target: told a target that was not typed.
+    as_rpy: rotations are RPY [deg], not rotation vectors. on_rotation: called when as_rpy has changed. preview: target
+    configuration [rad] that was typed or dragged, until the arm is moved in another way or the target is discarded.
+    on_target: called with a target that was not typed.
     """
 
     def __init__(self, page: Page) -> None:
@@ -109,7 +110,7 @@ _NOTHING: Final = "\N{EN DASH}"
 
 
 class JogPanels:
-    """Of one page. What is held comes from the browser again and again: see static/pendant.js."""
+    """The jog panels of one page. The browser keeps reporting the held button: see static/pendant.js."""
 
     def __init__(self, page: Page, settings: MoveSettings) -> None:
         self._page = page

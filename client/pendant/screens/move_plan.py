@@ -1,4 +1,4 @@
-"""The Plan tab of the Move screen: drag a target in the 3D view, plan a collision-free path, see it, execute it."""
+"""The Plan tab of the Move screen: drag a target in the 3D view, plan a collision-free path, preview it, execute it."""
 
 import asyncio
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Targets that are typed: joint angles in degrees, or a pose of the TCP in mm and its rotation."""
+"""Typed targets: joint angles in degrees, or a pose of the TCP in mm with its rotation."""
 
 from collections.abc import Awaitable, Callable
 from functools import partial

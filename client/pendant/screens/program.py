@@ -1,4 +1,4 @@
-"""Program: a tree of nodes that is made here, played, stepped through, and shown in three dimensions."""
+"""Program: the tree of nodes of a program, which is edited, played, stepped through and shown in 3D here."""
 
 import json
 from collections.abc import Awaitable, Callable
@@ -41,7 +41,7 @@ def build(page: Page) -> None:
 
 
 class Deeds:
-    """What buttons and keys do with the selected node."""
+    """The actions of buttons and keys on the selected node."""
 
     def __init__(self, page: Page, selection: Selection) -> None:
         self.page = page

@@ -1,4 +1,4 @@
-"""New, open, save and download of the program that is being made."""
+"""New, open, save and download for the edited program."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,7 +13,7 @@ _LARGEST = 2_000_000  # bytes
 
 
 class FileButtons:
-    """What stands first in the toolbar. why_not_saved: what the hint of Save says where there is no folder."""
+    """The first buttons of the toolbar. why_not_saved: hint of the Save button if there is no folder to save to."""
 
     def __init__(self, page: Page, button: Callable[..., ui.button]) -> None:
         self._page = page

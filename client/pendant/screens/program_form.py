@@ -1,4 +1,4 @@
-"""The form of the selected node, made from the fields of its type: a new type or field needs nothing here."""
+"""The form of the selected node, generated from the fields of its type: new types and fields need no code here."""
 
 from collections.abc import Callable, Mapping
 from math import degrees
@@ -21,9 +21,9 @@ _POSITION: Final = "position"
 
 
 class NodeForm:
-    """The panel with it. It is made anew when another node is selected or other fields have a meaning.
+    """The panel with the form. It is rebuilt when another node is selected or when other fields apply.
 
-    Its fields say in ``data-node`` whose they are: they come a moment after the tree shows the selection.
+    The attribute ``data-node`` of the fields names their node: they arrive a moment after the tree shows the selection.
     """
 
     def __init__(self, page: Page, selection: Selection) -> None:

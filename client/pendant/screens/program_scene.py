@@ -1,4 +1,4 @@
-"""The arm, with the waypoints of the program and the way through them."""
+"""The arm in 3D, with the waypoints of the program and the path through them."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""Run: which program is loaded and how it goes, its variables, its text or tree, and a script of one's own."""
+"""Run: the loaded program and its state, its variables, its text or tree, and a script editor."""
 
 from collections.abc import Callable
 from functools import partial
@@ -46,7 +46,7 @@ def build_program(page: Page, edit: Callable[[], object]) -> None:
 
 
 class _Content:
-    """What the box shows, made anew only when it is another; equal contents are the same object."""
+    """The content of the box, replaced only if it changes; equal contents are the same object."""
 
     def __init__(self, page: Page, shows_tree: Callable[[ShownProgram], bool]) -> None:
         self._page = page

@@ -1,4 +1,4 @@
-"""An editor for URScript: what is in it can be sent, and errors are marked on their line."""
+"""An editor for URScript: its text can be sent to the robot, and errors are marked at their line."""
 
 import asyncio
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Simulation: what an emulator can be made to do and a robot cannot."""
+"""Simulation: functions of an emulator that a robot does not have."""
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""The arm put elsewhere at once, what really hangs on its flange, and its whole state as a file."""
+"""Teleport the arm, set the true payload at its flange, and save its whole state to a file."""
 
 import json
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Faults: a form for every kind, made of what the emulator says about it, and those that wait, are in force or over."""
+"""Faults: a form for each kind, generated from its description, and the list of pending, active and past faults."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -33,7 +33,7 @@ def faults_tab(page: Page) -> None:
 
 
 class _Form:
-    """The kind that is chosen, and what is in its fields."""
+    """The selected kind of fault, and the content of its fields."""
 
     def __init__(self, page: Page) -> None:
         self._page = page
@@ -134,7 +134,7 @@ def _list(page: Page) -> None:
 
 
 class _Row:
-    """A fault in the list. It stays as long as the fault does, since a click on what is being replaced is lost."""
+    """A fault in the list. It stays as long as the fault, because a click on an element being replaced is lost."""
 
     def __init__(self, page: Page, fault: Mapping[str, Any]) -> None:
         over = fault["state"] == "over"

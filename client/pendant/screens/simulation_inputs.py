@@ -1,4 +1,4 @@
-"""What is wired to an emulator's inputs: switches and voltages."""
+"""The inputs of an emulator: switches and voltages."""
 
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple

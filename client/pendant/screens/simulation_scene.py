@@ -1,4 +1,4 @@
-"""The arm among the things that surround it; a ball at its tool that is dragged to push it."""
+"""The arm and the objects around it, in 3D; a ball at its tool is dragged to push it."""
 
 from collections.abc import Mapping, Sequence
 from math import dist
@@ -110,7 +110,7 @@ def _things(station: Station) -> Any:
 
 
 class _Surroundings:
-    """For the browser: where the tool is, which force pushes it (base frame), what stands around."""
+    """The data for the browser: position of the tool, force that pushes it (base frame), objects around it."""
 
     def __init__(self) -> None:
         self._things: Any = None

@@ -1,4 +1,4 @@
-"""Things around the arm: a list, a form to add one, numbers to move one."""
+"""The objects around the arm: a list, a form to add one, and fields to move one."""
 
 from collections.abc import Mapping
 from functools import partial

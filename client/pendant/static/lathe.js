@@ -1,6 +1,6 @@
 import { THREE } from "nicegui-scene";
 
-// A solid of revolution about z, smooth but for its edges. Profile: [radius, z] from bottom to top.
+// A solid of revolution about z, smooth except at its edges. Profile: [radius, z] from bottom to top.
 export default class Lathe {
   create_geometry(profile, segments) {
     const points = profile.map(([radius, z]) => new THREE.Vector2(radius, z));

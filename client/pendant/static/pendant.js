@@ -1,16 +1,17 @@
 "use strict";
-// What follows the robot on a page: see client/pendant/live.py. Changes are [element id, kind, value].
+// Applies live changes to a page and reports held buttons: see client/pendant/live.py. A change is
+// [element id, kind, value].
 const pendant = (() => {
   const followers = new Map(); // element id -> function of a value, for kinds that are not plain DOM
-  const receivers = {}; // kinds of single screens -> function of a value, an element id and the element, if it is there
-  const waiting = new Map(); // changes whose element is not there yet: newest only, but all lines
-  const elements = new Map(); // found once, since those of a hidden screen are not in the document
+  const receivers = {}; // kind, used by one screen -> function of a value, an element id, and the element if it exists
+  const waiting = new Map(); // changes whose element does not exist yet: only the newest, but all of kind "lines"
+  const elements = new Map(); // a cache, because the elements of a hidden screen are not in the document
   let socket = null;
-  let held = null; // what the button that is held says, and that button
+  let held = null; // the message of the held button; `holder` is the button
   let holder = null;
   let beat = 0;
-  let lost = null; // notes that the connection is gone
-  const context = {}; // functions by name: what else is said with every held button
+  let lost = null; // records that the connection was lost
+  const context = {}; // functions by name, whose values are sent with every message of a held button
 
   function element(id) {
     let found = elements.get(id);
@@ -28,7 +29,7 @@ const pendant = (() => {
     width: (value, target) => void (target.style.width = `${value}%`),
   };
 
-  // Whether it could be shown: the element may not be there yet, or not be ready.
+  // Returns false if the change cannot be applied yet: the element may not exist, or may not be ready.
   function apply([id, kind, value]) {
     const target = element(id);
     if (receivers[kind]) return receivers[kind](value, id, target) !== false;
@@ -53,16 +54,16 @@ const pendant = (() => {
 
   setInterval(() => waiting.forEach(work), 100);
 
-  // A pendant that was started anew does not know this page, and one that heard nothing of it for a while has forgotten
-  // it: NiceGUI then loads it again. What had happened is told by the page that comes.
+  // After a restart the pendant does not know this page, and after a time without messages it has forgotten it. NiceGUI
+  // then reloads the page, and the reloaded page tells the user what happened.
   function tellLoss(process) {
     const [since, before] = JSON.parse(sessionStorage.getItem("pendant lost") || "[]");
     sessionStorage.removeItem("pendant lost");
     if (since) {
       const seconds = Math.max(1, Math.round((Date.now() - since) / 1000));
-      const what = before === process ? "Its connection was lost" : "The pendant has ended and was started anew";
-      const text = `${what}: this page was away for ${seconds} s and is loaded anew. What was held here was let go.`;
-      sessionStorage.setItem("pendant told", text); // until somebody has read it: the page may be loaded once more
+      const what = before === process ? "Connection to the pendant lost" : "The pendant was restarted";
+      const text = `${what}: this page was disconnected for ${seconds} s and has been reloaded. Held buttons were released.`;
+      sessionStorage.setItem("pendant told", text); // until it is confirmed: the page may be reloaded again before that
     }
     const message = sessionStorage.getItem("pendant told");
     if (!message) return;
@@ -70,7 +71,7 @@ const pendant = (() => {
     Quasar.Notify.create({ message, type: "warning", position: "top", timeout: 0, actions: [read] });
   }
 
-  // process: of the pendant that has made this page.
+  // process: identifies the pendant process that created this page.
   function start(page, process) {
     tellLoss(process);
     let leaving = false;
@@ -79,7 +80,7 @@ const pendant = (() => {
       if (leaving || sessionStorage.getItem("pendant lost")) return;
       sessionStorage.setItem("pendant lost", JSON.stringify([Date.now(), process]));
     };
-    // NiceGUI loads the page again after a time-out too, which ends at a browser's own page while nobody answers.
+    // NiceGUI also reloads the page after a time-out, which would show the browser's error page if nothing answers.
     window.socket.off("connect_error");
     window.socket.on("connect_error", (error) => error.message === "Implicit handshake failed" && location.reload());
     follow(page);
@@ -106,7 +107,7 @@ const pendant = (() => {
     say({ held: { ...held, ...Object.fromEntries(more) } });
   }
 
-  // Buttons with data-hold move the arm as long as they are held; the robot stops when this is not said any more.
+  // Buttons with data-hold move the arm while they are held; the robot stops when these messages stop.
   function hold(button) {
     letGo();
     holder = button;
@@ -127,8 +128,8 @@ const pendant = (() => {
 
   const holdable = (event) => event.target.closest && event.target.closest("[data-hold]");
 
-  // All of these listen in the capture phase of the window, before anybody can stop an event, as Quasar's buttons do
-  // with keys.
+  // All of these listen in the capture phase of the window, before another listener can stop the event, as Quasar's
+  // buttons do with keys.
   function listen(type, does) {
     window.addEventListener(type, does, true);
   }
@@ -146,10 +147,10 @@ const pendant = (() => {
     if (!event.repeat) hold(button);
   });
   for (const end of ["pointerup", "pointercancel", "keyup"]) listen(end, letGo);
-  listen("blur", (event) => (event.target === window || event.target === holder) && letGo()); // elements' blur passes too
+  listen("blur", (event) => (event.target === window || event.target === holder) && letGo()); // also gets blur of elements
   listen("visibilitychange", () => document.hidden && letGo());
   listen("contextmenu", (event) => {
-    if (holdable(event)) event.preventDefault(); // a long touch means hold
+    if (holdable(event)) event.preventDefault(); // a long touch holds the button, and opens no menu
     else letGo();
   });
 

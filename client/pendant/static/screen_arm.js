@@ -1,7 +1,7 @@
 "use strict";
 // The arm in a NiceGUI scene: see client/pendant/arm_scene.py.
 (() => {
-  const scenes = new Map(); // element id -> its THREE scene, and the joints' angles
+  const scenes = new Map(); // element id -> its THREE scene, and the joint angles of the arm and the ghost
 
   const colors = () =>
     document.body.classList.contains("body--dark")
@@ -10,7 +10,7 @@
 
   function paint(scene) {
     const { background, ground, grid } = colors();
-    scene.renderer.setClearColor(background); // seen with the ground's new colour
+    scene.renderer.setClearColor(background); // takes effect when the new colour of the ground is rendered
     for (const child of scene.scene.children) {
       if (child.object_id === "ground") {
         child.material.color.set(ground);
@@ -26,14 +26,14 @@
       if (!child.isDirectionalLight) continue;
       child.intensity = 1.5;
       child.position.set(2, -3, 5);
-      const other = child.clone(); // from the other side, so that no side is flat
+      const other = child.clone(); // from the other side, so that no side looks flat
       other.intensity = 0.9;
       other.position.set(-4, 3, 2);
       scene.scene.add(other);
     }
   }
 
-  // A number that is another one when something has moved; sines keep moves from adding up to nothing.
+  // A number that changes when anything has moved; the sines keep movements from cancelling each other out.
   function looks(scene) {
     let sum = scene.$el.clientWidth + 3 * scene.$el.clientHeight;
     let i = 1;
@@ -52,7 +52,7 @@
     return sum;
   }
 
-  // Keeps to the size of its place; in a narrow one it looks wider, so that the arm is in it.
+  // Adapts the scene to the size of its container; in a narrow one the field of view is wider, so that the arm fits.
   function fit(scene) {
     const { clientWidth, clientHeight } = scene.$el;
     if (!clientWidth || !clientHeight) return;
@@ -62,7 +62,7 @@
     scene.resize();
   }
 
-  // Renders only what somebody sees, and only when it has changed: graphics may be slow, and batteries small.
+  // Renders a scene only while it is visible, and only after a change: graphics may be slow, and batteries small.
   function render(id, scene) {
     const draw = scene.renderer.render.bind(scene.renderer);
     let last = null;
@@ -77,7 +77,7 @@
     new ResizeObserver(() => fit(scene)).observe(scene.$el);
   }
 
-  // A scene is made anew when its browser's graphics were lost.
+  // NiceGUI creates a scene again after the browser has lost its graphics context.
   function dress(id) {
     const scene = getElement(id);
     if (!scene || !scene.renderer || !scene.controls) return;
@@ -89,7 +89,7 @@
     render(id, scene);
   }
 
-  // Joints are groups that are called "joint 0" and so on, those of the ghost "ghost joint 0".
+  // Joints are groups with the names "joint 0" and so on, those of the ghost "ghost joint 0" and so on.
   function turn(id, scene) {
     const { angles, way } = scenes.get(id);
     const ghost = along(way) || scenes.get(id).ghost;
@@ -101,16 +101,16 @@
     if (angles) trace(scene.scene);
   }
 
-  // Where the ghost is that plays along a way; none where a person wants to see little motion.
+  // The configuration of a ghost that plays a path; null if the user prefers reduced motion.
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const REST_S = 1; // at the way's end, before it begins again
+  const REST_S = 1; // pause at the end of the path before it is played again
   function along(way) {
     if (!way?.angles.length || still.matches) return null;
     const share = ((performance.now() / 1000 - way.since) % (way.duration + REST_S)) / way.duration;
     return way.angles[Math.min(way.angles.length - 1, Math.floor(share * way.angles.length))];
   }
 
-  // One more point of the TCP's way, if it is shown and the TCP has moved.
+  // Adds a point to the trace of the TCP, if the trace is shown and the TCP has moved.
   function trace(scene) {
     const line = scene.getObjectByName("trace");
     const tcp = scene.getObjectByName("tcp");
@@ -147,7 +147,7 @@
     scenes.get(id).way = way && { ...way, since: performance.now() / 1000 };
   };
 
-  // A thing as world files have it, in the colour of its kind or another one.
+  // Creates an object from its description in a world file, in the colour of its kind unless one is given.
   pendant.thing = (THREE, thing, color) => {
     const [radius, length] = thing.cylinder || [];
     const geometry = thing.box
@@ -183,7 +183,7 @@
     mesh.position.set(...pose.slice(0, 3));
   };
 
-  // What a pointer points at in a scene: a raycaster.
+  // Returns a raycaster for the position of the pointer in a scene.
   pendant.ray = (THREE, view, event) => {
     const box = view.renderer.domElement.getBoundingClientRect();
     const at = new THREE.Vector2(
@@ -194,7 +194,7 @@
     return caster;
   };
 
-  // Where a place of a scene is on the screen, in pixels of the page.
+  // Returns the position of a point of a scene in pixels of the page.
   pendant.pixels = (view, place) => {
     const at = place.clone().project(view.camera);
     const box = view.renderer.domElement.getBoundingClientRect();
@@ -206,7 +206,7 @@
     pendant.followers.set(id, (angles) => {
       scenes.get(id).angles = angles;
       const scene = getElement(id);
-      if (scene?.scene?.getObjectByName("trace")?.visible) turn(id, scene); // its way is finer than its pictures
+      if (scene?.scene?.getObjectByName("trace")?.visible) turn(id, scene); // the trace gets more points than frames
     });
   };
 
@@ -216,7 +216,7 @@
     { attributeFilter: ["class"] },
   );
 
-  // For feature View: how far what the camera calls right is turned from the base's x axis.
+  // For feature View: the angle from the x axis of the base to the direction that is right in the view.
   pendant.context.azimuth = () => {
     const seen = [...scenes.keys()].map(getElement).find((scene) => scene?.camera && scene.$el.offsetParent);
     if (!seen) return 0;

@@ -1,16 +1,16 @@
 "use strict";
-// Six sliders with their numbers: see client/pendant/screens/controllers.py.
+// Six sliders with number fields: see client/pendant/screens/controllers.py.
 (() => {
-  const EVERY_MS = 100; // between what the pendant is told: it sends no more often either
+  const EVERY_MS = 100; // between messages to the pendant, which does not send trajectories more often either
   let enabled = false;
   let grid = null;
-  let moved = false; // and not told yet
-  let waiting = 0; // until it may be told
+  let moved = false; // a value has changed and has not been sent yet
+  let waiting = 0; // timer until the next message may be sent
 
   const ranges = () => [...grid.querySelectorAll("input[type=range]")];
   const numbers = () => [...grid.querySelectorAll("input[type=number]")];
 
-  // What has been set is told at once, or as soon as it is time again.
+  // Sends the values immediately, or when the time since the last message is over.
   function tell() {
     if (waiting || !moved || !enabled) return;
     moved = false;
@@ -30,7 +30,7 @@
     tell();
   }
 
-  // [whether the arm follows, angles or null, lowest and highest angles or null], in degrees
+  // [whether the arm follows, angles or null, lowest angles or null, highest angles or null], in degrees
   pendant.receivers.sliders = (value, id, element) => {
     if (!element || element.querySelectorAll("input").length < 12) return false;
     if (grid !== element) {

@@ -1,10 +1,10 @@
 "use strict";
-// Diagrams of samples as they come: see client/pendant/plots.py. Drawn by hand: with twelve signals of a minute at 125 Hz
-// ECharts took 0.6 s for a frame where this takes 2 ms (measured side by side on a busy machine).
+// Live diagrams: see client/pendant/plots.py. They are drawn without a library: for twelve signals over one minute at
+// 125 Hz, ECharts took 0.6 s for a frame and this takes 2 ms (measured side by side on a machine under load).
 (() => {
   const KEPT = 80000; // rows
-  const BACK_S = 0.5; // a clock that goes back so far is another one
-  const GAP_S = 0.3; // between two states is a hole in the line
+  const BACK_S = 0.5; // a time stamp that is older by this much is from another clock: all samples are dropped
+  const GAP_S = 0.3; // a longer time between two states is shown as a gap in the line
   const COLORS = ["#2f7fb8", "#d9542b", "#2e9e5b", "#8e5cc2", "#c79a00", "#17a2b0", "#d1498b", "#7a8b2a", "#5b6ee1", "#a0522d", "#607d8b", "#e07b39"];
   const MARGIN = { left: 66, right: 10, top: 8, bottom: 20 };
 
@@ -13,9 +13,9 @@
   let width = 1;
   let capacity = 0;
   let count = 0;
-  let data = new Float64Array(0); // row by row
+  let data = new Float64Array(0); // all rows, one after the other
   let pausedAt = null; // time of the right edge
-  let cursor = null; // x as a share of the diagram's width
+  let cursor = null; // x as a fraction of the width of the diagram
   let drawing = false;
   let textsAt = 0;
   const hidden = new Set();
@@ -85,7 +85,7 @@
     canvas.addEventListener("pointermove", move);
     canvas.addEventListener("pointerdown", move);
     canvas.addEventListener("pointerleave", (event) => {
-      if (event.pointerType === "touch") return; // stays where the finger was
+      if (event.pointerType === "touch") return; // the cursor stays where the finger was
       cursor = null;
       schedule();
     });
@@ -115,7 +115,7 @@
       pane.list.append(entry);
       return value;
     });
-    if (!pane.series.length) pane.list.textContent = "Choose signals with the button on the right.";
+    if (!pane.series.length) pane.list.textContent = "Select signals with the button on the right.";
     legends.set(pane.list, values);
     textsAt = 0;
   }
@@ -204,7 +204,8 @@
     if (cursor !== null && row >= first && row < last) drawCursor(pen, style, area, view, row);
   }
 
-  // What a line looks like at this width: x in pixels, values; the least and the greatest of each pixel where there are more.
+  // Reduces a line to the width of the diagram: x in pixels, values. With several samples per pixel, these are the
+  // smallest and the largest value of each pixel.
   function thin(series, view, area, first, last) {
     const place = places.get(series.key);
     const scale = area.width / (view.right - view.left);
@@ -348,7 +349,7 @@
     pen.fillText(text, left + size / 2, area.top + area.height + 10);
   }
 
-  // a picture of all diagrams with their legends
+  // export: a picture of all diagrams with their legends
 
   pendant.savePlots = () => {
     if (!config) return;

@@ -6,12 +6,12 @@
     if (name.textContent !== text) name.textContent = text;
   }
 
-  // The element is there, with all that is in it.
+  // Whether the element exists, with all its content.
   function ready(element) {
     return element && element.lastElementChild?.lastElementChild;
   }
 
-  // A digit each; with [first, digits] the lamps are numbered, and null hides them.
+  // One digit per lamp; [first, digits] also numbers the lamps, and null hides them.
   pendant.receivers.bits = (value, id, row) => {
     if (!ready(row)) return false;
     row.hidden = value === null;
@@ -25,7 +25,7 @@
     return true;
   };
 
-  // [first, texts]: numbered from first on; null hides the table.
+  // [first, texts]: the cells, numbered from `first` on; null hides the table.
   pendant.receivers.cells = (value, id, table) => {
     if (!ready(table)) return false;
     table.hidden = value === null;

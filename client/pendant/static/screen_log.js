@@ -1,5 +1,5 @@
 "use strict";
-// The lines of the log: changes are [whether what is shown goes, rows to add], see client/pendant/log_view.py.
+// The lines of the log: a change is [whether to clear the list, rows to add], see client/pendant/events.py.
 const pendantLog = (() => {
   const clock = new Intl.DateTimeFormat(undefined, {
     hour: "2-digit",

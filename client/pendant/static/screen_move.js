@@ -1,22 +1,22 @@
 "use strict";
-// Move, Plan: the obstacles around the arm, a handle that drags the target, the planned path. See screens/move_plan.py.
+// Plan tab: obstacles, the handle with which the target is dragged, and the planned path. See screens/move_plan.py.
 (() => {
   const TELL_MS = 60;
   const ARROW_M = 0.17;
   const RING_M = 0.12;
-  const PATH_M = 0.004; // radius of its line
+  const PATH_M = 0.004; // radius of the line that shows the path
   const PATH = "#b0267a";
   const TARGET = "#e07b00";
   const RED = "#d02020";
   const FAR = "#8a949d";
   const AXES = ["#d6453d", "#3d9a4a", "#2f6fd0"];
   const views = new Map(); // element id of a scene -> its view
-  const shown = new Map(); // element id of a scene -> what it was last told of each kind
+  const shown = new Map(); // element id of a scene -> the last value of each kind
   let THREE = null;
 
   class View {
     constructor(scene) {
-      this.scene = scene; // NiceGUI's
+      this.scene = scene; // NiceGUI's element
       this.root = scene.scene;
       this.objects = [];
       this.version = 1;
@@ -31,7 +31,7 @@
       window.addEventListener("blur", () => this.up());
     }
 
-    // The handle: a ball, and for each axis an arrow and a ring, with thicker shapes that are not seen to be caught by.
+    // The handle: a ball, and an arrow and a ring per axis. Thicker invisible shapes make them easier to grab.
     build() {
       this.handle = new THREE.Group();
       this.handle.name = "handle";
@@ -74,10 +74,10 @@
       this.objects = [];
       for (const object of value?.objects || []) {
         const color = value.red.includes(object.name) ? RED : undefined;
-        // what the arm carries is at its flange and at the ghost's, in the frame of the last joint
+        // an attached object is shown at the arm and at the ghost, in the frame of the last joint
         for (const name of object.attached ? ["joint 5", "ghost joint 5"] : [null]) {
           const parent = name ? this.root.getObjectByName(name) : this.root;
-          if (!parent) return false; // the arm is not drawn yet
+          if (!parent) return false; // the arm has not been drawn yet
           const mesh = pendant.thing(THREE, object, color);
           mesh.name = `object ${object.name}`;
           mesh.userData.version = this.version++;
@@ -130,7 +130,7 @@
       if (!value) return;
       const points = value.points.map((point) => new THREE.Vector3(...point));
       const apart = points.filter((point, i) => i === 0 || point.distanceTo(points[i - 1]) > 1e-4);
-      if (apart.length < 2) return; // the tool turns on the spot
+      if (apart.length < 2) return; // the TCP does not move: the path only rotates the tool
       const curve = new THREE.CatmullRomCurve3(apart, false, "centripetal");
       const geometry = new THREE.TubeGeometry(curve, 2 * apart.length, PATH_M, 6);
       this.path = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: PATH }));
@@ -231,7 +231,7 @@
       return true;
     };
 
-  // A scene is made anew when its browser's graphics were lost, and an arm when its calibration has come.
+  // A scene is created again after the browser has lost its graphics context, and an arm when its calibration arrives.
   setInterval(() => {
     for (const [id, values] of shown) {
       const known = views.get(id);
@@ -243,7 +243,7 @@
 
   pendant.plan = async (id) => {
     THREE = (await import("nicegui-scene")).THREE;
-    // Where on the screen a place of the handle is, in its axes [m], null without a handle.
+    // Returns where a point of the handle, given in its axes [m], is on the page [px]; null without a handle.
     pendant.handle = (...place) => {
       const found = view(id);
       if (!found?.handle.visible) return null;

@@ -1,9 +1,10 @@
 "use strict";
-// Program: the tree of nodes, by pointer, touch and keyboard. What is done in it is said by its event "said".
+// Program: the tree of nodes, used by mouse, touch and keyboard. The user's actions are sent as the event "said".
 const pendantProgram = (() => {
-  // Rows are [id, number, depth, icon, text, marks, problem]; marks are words: undefined, problem, suppressed, breakpoint.
+  // A row is [id, number, depth, icon, text, marks, problem]. The marks are words: undefined, problem, suppressed,
+  // breakpoint.
   const ID = 0, NUMBER = 1, DEPTH = 2, ICON = 3, TEXT = 4, MARKS = 5, PROBLEM = 6;
-  const DRAG_PX = 6; // less is a click with an unsteady hand
+  const DRAG_PX = 6; // a shorter movement counts as a click
 
   function part(parent, kind, text) {
     const made = document.createElement("span");
@@ -13,7 +14,7 @@ const pendantProgram = (() => {
     return made;
   }
 
-  // Keys of the whole screen, wherever the focus is but in a field; keys of a node only in the tree.
+  // Keys for the whole screen work everywhere except in a field; keys for a node work only in the tree.
   const DEEDS = {
     "ctrl+z": "undo", "ctrl+y": "redo", "ctrl+shift+z": "redo", "ctrl+s": "save",
   };
@@ -32,15 +33,15 @@ const pendantProgram = (() => {
 
   const writes = (target) => target.closest && target.closest("input, textarea, [contenteditable=true], .q-dialog");
 
-  // boxId: the tree; marksId: numbers of the nodes that are carried out; chosenId: the selected node; formId: its fields.
+  // boxId: the tree; marksId: numbers of the nodes that are executing; chosenId: the selected node; formId: its fields.
   function tree(boxId, marksId, chosenId, formId) {
     const closed = new Set(); // ids of nodes whose children are hidden
     let rows = [];
     let order = new Map(); // id -> index of its row
     let items = new Map(); // id -> element of a row in view
-    let drawn = new Map(); // id -> [what its element was made of, the element]; trees may have thousands of rows
+    let drawn = new Map(); // id -> [content of the row, its element]; kept because trees may have thousands of rows
     let first = null; // the row that has the tab stop while none is selected
-    let marked = new Set(); // ids of rows that are selected or carried out
+    let marked = new Set(); // ids of rows that are selected or executing
     let running = new Set();
     let chosen = null;
     let box = null;
@@ -52,12 +53,12 @@ const pendantProgram = (() => {
 
     function draw() {
       if (!box) return;
-      if (indexOf(chosen) < 0) chosen = fields()?.dataset.node ?? chosen; // somebody has deleted it
+      if (indexOf(chosen) < 0) chosen = fields()?.dataset.node ?? chosen; // the selected node was deleted
       const focused = box.contains(document.activeElement);
       items = new Map();
       const before = drawn;
       drawn = new Map();
-      let hidden = Infinity; // depth below which nothing is shown
+      let hidden = Infinity; // deeper rows are hidden
       rows.forEach((row, index) => {
         if (row[DEPTH] > hidden) return;
         const opens = hasChildren(index);
@@ -68,7 +69,7 @@ const pendantProgram = (() => {
         items.set(row[ID], drawn.get(row[ID])[1]);
       });
       for (const [id, item] of [...before].map(([id, [, item]]) => [id, item])) if (items.get(id) !== item) item.remove();
-      let at = box.firstChild; // rows that stay where they are keep the scroll position and the focus
+      let at = box.firstChild; // rows in place stay: this preserves the scroll position and focus
       for (const item of items.values()) {
         if (item === at) at = at.nextSibling;
         else box.insertBefore(item, at);
@@ -119,12 +120,12 @@ const pendantProgram = (() => {
       }
       const item = items.get(chosen);
       if (item && focus) item.focus();
-      first = !item && items.size ? items.values().next().value : null; // the keyboard has to come in somewhere
+      first = !item && items.size ? items.values().next().value : null; // the tree needs a tab stop
       if (first) first.tabIndex = 0;
       guard();
     }
 
-    // Until the fields of the node that was selected last are there, nobody types into those of the one before.
+    // The fields are inert until they are those of the selected node, so that nothing is typed into the previous ones.
     function guard() {
       const form = fields();
       if (form) form.inert = form.dataset.node !== chosen;
@@ -184,8 +185,8 @@ const pendantProgram = (() => {
       choose(id);
     }
 
-    // A node is dragged by the mouse anywhere in its row; by touch, which scrolls the tree, at its icon.
-    let drag = null; // {id, x, y, begun, at: [id of a node, place]}
+    // A mouse drags a node anywhere in its row; touch drags it at its icon, because elsewhere it scrolls the tree.
+    let drag = null; // {id, x, y, begun, at: [id of a node, "before", "onto" or "after"]}
 
     function press(event) {
       const item = event.target.closest(".program-row");
@@ -265,7 +266,7 @@ const pendantProgram = (() => {
     });
   }
 
-  // The first field of the form, for whoever pressed Enter at a node.
+  // Moves the focus to the first field of the form, after Enter was pressed at a node.
   const edit = (formId) => document.getElementById(`c${formId}`)?.querySelector("input, textarea, button")?.focus();
 
   return { tree, edit };

@@ -1,5 +1,5 @@
 "use strict";
-// Run: variables that flash when they change, and the program with the line that is carried out.
+// Run: variables, which flash when they change, and the program, with the executing line marked.
 const pendantRun = (() => {
   function span(parent, kind, text) {
     const made = document.createElement("span");
@@ -9,7 +9,7 @@ const pendantRun = (() => {
     return made;
   }
 
-  // Changes are [names of a new program or null, {index: [kind, value]}]: see client/pendant/variables.py.
+  // A change is [names of a new program or null, {index: [kind, value]}]: see client/pendant/variables.py.
   function variables(id) {
     let rows = [];
     pendant.followers.set(id, (change, box) => {
@@ -40,7 +40,8 @@ const pendantRun = (() => {
     line.animate([{ backgroundColor: "rgba(86, 160, 211, .45)" }, { backgroundColor: "transparent" }], 900);
   }
 
-  // The content of a box is {text} or {tree: [[number, depth, text, suppressed], ...]}; marks are lines or numbers.
+  // The content of a box is {text} or {tree: [[number, depth, text, suppressed], ...]}. Marks are the numbers of lines
+  // or nodes.
   function program(boxId, marksId) {
     let lines = new Map();
     let marked = [];
@@ -98,7 +99,7 @@ const pendantRun = (() => {
     return [number, line];
   }
 
-  // The editor is as dark or light as the page.
+  // Gives the editor the dark or light theme of the page.
   function editor(id) {
     let made = null;
     function adapt() {
@@ -117,7 +118,7 @@ const pendantRun = (() => {
     }, 200);
   }
 
-  // What screen readers call an editor, which its element takes no name for.
+  // Sets the name of an editor for screen readers, which NiceGUI's element cannot do.
   function name(id, text) {
     const content = document.querySelector(`#c${id} .cm-content`);
     if (content) content.setAttribute("aria-label", text);

@@ -1,7 +1,7 @@
 "use strict";
-// What surrounds an arm: things that are dragged about, and a ball at its tool that is dragged to push it.
+// The surroundings of an arm: objects that can be dragged, and a ball at the tool that is dragged to push it.
 (() => {
-  const N_PER_M = 120; // guess: a hand's width is 12 N
+  const N_PER_M = 120; // guess: dragging by the width of a hand gives 12 N
   const MOST_N = 150; // guess
   const HEAD_M = 0.06;
   const TELL_MS = 60;
@@ -145,12 +145,12 @@
       this.view.controls.enabled = true;
       if (this.view.$el.hasPointerCapture?.(drag.pointer)) this.view.$el.releasePointerCapture(drag.pointer);
       if (drag.what === "push") {
-        if (drag.force) this.tell({ push: drag.force }, true); // the newest may have been too soon to be told
+        if (drag.force) this.tell({ push: drag.force }, true); // the last one may not have been sent
         this.tell({ push: null }, true);
       } else if (drag.moved) this.tell(drag.moved, true);
     }
 
-    // where something is on the screen, in pixels of the page
+    // Returns the position of an object, or of the ball without a name, in pixels of the page.
     where(name) {
       const mesh = name === undefined ? this.ball : this.things.get(name);
       if (!mesh) return null;

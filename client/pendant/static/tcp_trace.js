@@ -1,6 +1,6 @@
 import { THREE } from "nicegui-scene";
 
-// A line of at most so many points, the oldest of which goes when a new one comes.
+// A line with at most `most` points; a new one then replaces the oldest.
 export default class TcpTrace {
   create_mesh(most) {
     const geometry = new THREE.BufferGeometry();
