@@ -1,1 +1,1 @@
-"""The ROS 2 driver: a robot with its controllers as nodes on rclpy. `driver` puts it together, `host` runs nodes."""
+"""The ROS 2 driver: a robot and its controllers as nodes on rclpy. `driver` assembles the nodes, `host` runs them."""

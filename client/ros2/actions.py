@@ -1,7 +1,7 @@
-"""Actions of controllers: following trajectories, motion primitives, and watching for contact of the tool.
+"""Actions of controllers: following trajectories, motion primitives, and tool contact detection.
 
-A goal is handed to the controller when it is accepted, so that what the controller refuses is refused to the client;
-its end comes from the controller, in the event loop, and wakes the action's coroutine in the node's thread.
+A goal is passed to the controller before it is accepted, so that the client is refused what the controller refuses.
+The controller ends the goal in the event loop, which wakes the action's coroutine in the node's thread.
 """
 
 import math
@@ -43,20 +43,22 @@ _ARGUMENTS: Final = ("velocity", "acceleration", "move_time")  # of motion primi
 def serve_actions(
     host: NodeHost, node: Node, controller: Controller[Any], robot: ControlledRobot, transforms: Transforms
 ) -> None:
-    """Offer a controller's actions on its node, which spins already."""
+    """Offer a controller's actions on its node, which must already spin."""
     if isinstance(controller, (JointTrajectoryController, PassthroughTrajectoryController)):
         FollowTrajectoryAction(host, node, controller, robot)
     elif isinstance(controller, ToolContactController):
         ToolContactAction(host, node, controller)
     elif isinstance(controller, MotionPrimitivesForwardController):
         if interface_if_any(MotionSequenceAction.type_name) is None:
-            node.get_logger().warning(f"~/motion_sequence: this distribution has no {MotionSequenceAction.type_name}")
+            node.get_logger().warning(
+                f"~/motion_sequence is not offered: this distribution has no {MotionSequenceAction.type_name}"
+            )
         else:
             MotionSequenceAction(host, node, controller, robot, transforms)
 
 
 class _Action:
-    """An action of a controller; goals are accepted one at a time, and executed in the order they were.
+    """An action of a controller; goals are accepted one at a time and executed in that order.
 
     A subclass begins a goal in the event loop, executes it in the node's thread, and stops it in the event loop.
     """
@@ -69,7 +71,7 @@ class _Action:
         self._node = node
         self._controller = controller
         self._type = interface(self.type_name)
-        self._accepted: Any = None  # what was begun and is not executed yet: callbacks come in turn
+        self._accepted: Any = None  # the goal begun but not yet executed: callbacks come one after the other
         self._server = ActionServer(
             node,
             self._type,
@@ -80,22 +82,22 @@ class _Action:
         )
 
     async def _begin(self, request: Any) -> Any:
-        """In the event loop; what is begun. Raises URError for a goal that is refused."""
+        """Begin a goal, in the event loop. Raises URError if the goal is refused."""
         raise NotImplementedError
 
     async def _execute(self, goal: Any) -> Any:
-        """In the node's thread, when a goal has been accepted: wait for its end, and give the action's result."""
+        """Wait for the end of an accepted goal, in the node's thread; return the action's result."""
         raise NotImplementedError
 
     def _stop(self, goal: Any) -> None:
-        """In the event loop: a client wants it to end. Raises ClientError when it does not."""
+        """Cancel a goal, in the event loop. Raises ClientError if it cannot be cancelled."""
         raise NotImplementedError
 
     def _accept(self, request: Any) -> GoalResponse:
         try:
             self._accepted = self._host.wait(self._begin(request))
         except URError as error:
-            self._node.get_logger().error(f"a goal is refused: {error}")
+            self._node.get_logger().error(f"goal refused: {error}")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
@@ -108,20 +110,20 @@ class _Action:
         try:
             self._host.do(lambda: self._stop(goal))
         except ClientError as error:
-            self._node.get_logger().error(f"a goal cannot be canceled: {error}")
+            self._node.get_logger().error(f"cannot cancel the goal: {error}")
             return CancelResponse.REJECT
         return CancelResponse.ACCEPT
 
 
 class _GoalAction(_Action):
-    """Of a controller whose goals have a `GoalHandle`."""
+    """An action of a controller whose goals have a `GoalHandle`."""
 
     def __init__(self, host: NodeHost, node: Node, controller: Any) -> None:
         self._goals: dict[bytes, _Begun] = {}
         super().__init__(host, node, controller)
 
     async def _send(self, request: Any) -> GoalHandle:
-        """In the event loop. Raises URError for a goal that is refused."""
+        """Send the goal to the controller, in the event loop. Raises URError if the goal is refused."""
         raise NotImplementedError
 
     async def _begin(self, request: Any) -> "_Begun":
@@ -143,7 +145,7 @@ class _GoalAction(_Action):
         return self._type.Result(error_code=int(result.error_code), error_string=result.error_string)
 
     def _stop(self, goal: Any) -> None:
-        """A goal that was replaced or has ended stops nothing."""
+        """Cancel the controller's goal, unless this one was replaced or has ended."""
         begun = self._goals.get(bytes(goal.goal_id.uuid))
         if begun is not None and self._controller.goal is begun.handle:
             self._controller.cancel()
@@ -163,17 +165,17 @@ class FollowTrajectoryAction(_GoalAction):
         goal = _goal(request, Moment(self._robot.manager.time_s, time.time_ns()), self._controller)
         self._controller.check_active()
         self._controller.check(goal.trajectory)
-        self._robot.check_reach(goal.trajectory, speeds=False)  # the tolerances judge those, as of ros2_controllers
+        self._robot.check_reach(goal.trajectory, speeds=False)  # speeds: by tolerances, as in ros2_controllers
         handle: GoalHandle = self._controller.send_goal(goal)
         return handle
 
     async def _begin(self, request: Any) -> "_Begun":
         begun = await super()._begin(request)
-        begun.handle.on_feedback.append(lambda feedback: self._feed_back(begun, feedback))
+        begun.handle.on_feedback.append(lambda feedback: self._on_feedback(begun, feedback))
         return begun
 
-    def _feed_back(self, begun: "_Begun", feedback: Feedback) -> None:
-        """In the event loop, within a control cycle."""
+    def _on_feedback(self, begun: "_Begun", feedback: Feedback) -> None:
+        """Note feedback to publish, in the event loop, within a control cycle."""
         if begun.goal is None or 0.0 <= feedback.time_s - begun.fed_back_s < _FEEDBACK_S:
             return
         begun.fed_back_s = feedback.time_s
@@ -194,7 +196,7 @@ class FollowTrajectoryAction(_GoalAction):
 
 
 class _Begun:
-    """A goal between the controller, which has it, and its client."""
+    """A goal that the controller executes for a client."""
 
     def __init__(self, handle: GoalHandle, ended: Any) -> None:
         self.handle = handle
@@ -204,9 +206,9 @@ class _Begun:
 
 
 def _goal(request: Any, now: Moment, controller: Any) -> FollowJointTrajectory:
-    """Raises ControllerError for what only other controllers could do."""
+    """Convert a request to a goal. Raises ControllerError for features that this controller lacks."""
     if request.multi_dof_trajectory.points or request.component_path_tolerance or request.component_goal_tolerance:
-        raise controller.error("trajectories of joints with several degrees of freedom are not for this arm")
+        raise controller.error("trajectories of joints with several degrees of freedom are not supported by this arm")
     return FollowJointTrajectory(
         trajectory(request.trajectory, now),
         _tolerances(request.path_tolerance),
@@ -220,7 +222,7 @@ def _tolerances(messages: Any) -> dict[str, Tolerance]:
 
 
 class MotionSequenceAction(_GoalAction):
-    """``~/motion_sequence``: motion primitives that the robot itself executes. No feedback, as the official one."""
+    """``~/motion_sequence``: motion primitives that the robot executes. No feedback, as in the official driver."""
 
     name = "~/motion_sequence"
     type_name = "control_msgs/action/ExecuteMotionPrimitiveSequence"
@@ -247,10 +249,10 @@ class MotionSequenceAction(_GoalAction):
         refuse = self._controller.error
         if message.type not in set(PrimitiveType):
             known = ", ".join(f"{kind.name} ({kind:d})" for kind in PrimitiveType)
-            raise refuse(f"primitive {number}: there is no type {message.type}: there are {known}")
+            raise refuse(f"primitive {number}: there is no type {message.type}: choose one of {known}")
         given = {argument.name: argument.value for argument in message.additional_arguments}
         for unknown in given.keys() - _ARGUMENTS:
-            text = f"primitive {number}: the argument {quoted(unknown)} is not known, and has no effect"
+            text = f"primitive {number}: the argument {quoted(unknown)} is unknown and has no effect"
             self._node.get_logger().warning(text)
         goal, via, *_ = (*(pose_in(frames, pose, refuse) for pose in message.poses[:2]), (), ())
         return MotionPrimitive(
@@ -264,7 +266,7 @@ class MotionSequenceAction(_GoalAction):
 
 
 class ToolContactAction(_Action):
-    """``~/detect_tool_contact``: ends when the tool has touched something and the arm is back where it did."""
+    """``~/detect_tool_contact``: ends when the tool has touched something and the arm is back at the contact point."""
 
     name = "~/detect_tool_contact"
     type_name = "ur_msgs/action/ToolContact"

@@ -1,7 +1,7 @@
-"""The node ``cameras``: pictures of the cameras of an emulator's scene, as drivers of cameras publish them.
+"""The node ``cameras``: images from the cameras of an emulator's scene, published like those of camera drivers.
 
-Only what somebody subscribes to is drawn. A picture takes milliseconds to be made a message: so it is published from
-the thread that gets it, and not from the event loop, whose setpoints would wait.
+Only images with subscribers are rendered. Converting an image to a message takes milliseconds. Images are therefore
+published from the thread that receives them, and not from the event loop, where they would delay setpoints.
 """
 
 import array
@@ -34,7 +34,7 @@ from client.ros2.host import LATCHED, NodeHost, interface, stamp
 from urproto.cameras import CameraDescription
 from urproto.robots.pose import rotvec_to_quaternion
 
-_QUALITY: Final = QoSProfile(depth=2)  # reliable, as Gazebo's: who takes the best effort gets them too
+_QUALITY: Final = QoSProfile(depth=2)  # reliable, like Gazebo's: best-effort subscribers get them too
 _FRAMES: Final = "tf2_msgs/msg/TFMessage"
 _NS: Final = 1_000_000_000
 
@@ -51,9 +51,9 @@ class _Topics:
 
 
 class CameraNode:
-    """Publishes cameras; creation spins its node. rate_hz: of each camera. prefix: of frames.
+    """Publishes cameras; the node spins from its creation. rate_hz: of each camera. prefix: for frames.
 
-    Tell it the robot's time by ``see``: stamps are when a picture was taken.
+    Stamps are the time at which an image was taken, so the robot's time has to be set with `set_robot_time`.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class CameraNode:
     ) -> None:
         self._host = host
         self._prefix = prefix
-        self._seen = (0.0, 0)  # the robot's time, and this machine's then [ns since 1970]
+        self._robot_time = (0.0, 0)  # robot time [s], and this machine's time at that moment [ns since 1970]
         self.node = host.node("cameras")
         self._topics = {camera: _publishers(self.node, ros_name(camera)) for camera in cameras}
         fixed = [frame for camera in cameras for frame in fixed_frames(camera, prefix)]
@@ -81,29 +81,32 @@ class CameraNode:
         }
         host.spin(self.node)
         warn = self.node.get_logger().warning
-        self._follower = CameraFollower(client, lambda: self._wanted(), rate_hz, self._take, warn)
+        self._follower = CameraFollower(client, lambda: self._subscribed(), rate_hz, self._take, warn)
         self._follower.__enter__()
 
-    def see(self, time_s: float) -> None:
-        """The robot's time is this now."""
-        self._seen = time_s, time.time_ns()
+    def set_robot_time(self, time_s: float) -> None:
+        """Set the current time of the robot."""
+        self._robot_time = time_s, time.time_ns()
 
     def close(self) -> None:
-        """End it."""
+        """End the node."""
         self._follower.close()
         self._host.close(self.node)
 
-    def _wanted(self) -> Iterator[tuple[CameraDescription, str]]:
-        """The fewest pictures that have all that is subscribed to; colours and depth are of one moment."""
+    def _subscribed(self) -> Iterator[tuple[CameraDescription, str]]:
+        """The fewest images that cover all subscriptions; colours and depth are of the same moment."""
         for camera, topics in self._topics.items():
-            rgb, depth = _heard(topics.image), _heard(topics.depth) or _heard(topics.depth_info)
+            rgb, depth = (
+                _has_subscribers(topics.image),
+                _has_subscribers(topics.depth) or _has_subscribers(topics.depth_info),
+            )
             if rgb or depth:
                 yield camera, "rgbd.npz" if rgb and depth else "rgb.npy" if rgb else "depth.npy"
-            if _heard(topics.compressed) or (_heard(topics.info) and not rgb):
+            if _has_subscribers(topics.compressed) or (_has_subscribers(topics.info) and not rgb):
                 yield camera, "rgb.jpg"
 
     def _take(self, shot: Shot) -> None:
-        robot_s, seen_ns = self._seen
+        robot_s, seen_ns = self._robot_time
         time_ns = seen_ns - round(max(0.0, robot_s - shot.time_s) * _NS) if seen_ns else time.time_ns()
         if moving := moving_frames(shot, self._prefix):
             self._moving.publish(_transforms(moving, time_ns))
@@ -148,7 +151,7 @@ def _publishers(node: Node, name: str) -> _Topics:
     )
 
 
-def _heard(publisher: Publisher) -> bool:
+def _has_subscribers(publisher: Publisher) -> bool:
     return bool(publisher.get_subscription_count())
 
 

@@ -1,4 +1,4 @@
-"""The node ``controller_manager``: its services, activity and parameters, as of ros2_control.
+"""The node ``controller_manager``: its services, activity and parameters, as in ros2_control.
 
 Source of names, types and answers: controller_manager and controller_manager_msgs of Humble, Jazzy and Kilted; fields
 that a distribution's messages do not have are left out.
@@ -28,7 +28,7 @@ _STATES: Final = {
 }
 _PRIMARY: Final = {number: state for state, number in _STATES.items()}
 _BASE: Final = "controller_interface::ControllerInterface"
-_ACTIVITY_S: Final = 0.1  # how often it is looked for changes; guess
+_ACTIVITY_S: Final = 0.1  # interval at which changes are checked; guess
 _TYPES: Final = (
     ("list_controllers", "ListControllers"),
     ("list_controller_types", "ListControllerTypes"),
@@ -45,7 +45,7 @@ _TYPES: Final = (
 
 
 class ControllerManagerNode:
-    """Offers a controller manager to ROS 2; creation spins its node."""
+    """Offers a controller manager in ROS 2; the node spins from its creation."""
 
     def __init__(self, host: NodeHost, running: RunningManager) -> None:
         self._host = host

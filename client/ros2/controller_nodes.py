@@ -1,4 +1,4 @@
-"""A node for each controller that is loaded, with its parameters, topics, services and actions."""
+"""A node for each loaded controller, with its parameters, topics, services and actions."""
 
 import time
 from collections.abc import Mapping
@@ -20,11 +20,11 @@ from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
 from client.ros2.transforms import Transforms
 from urproto.log_throttle import LogThrottle
 
-_QUIET_S: Final = 1.0  # the same complaint again only after this; guess
+_QUIET_S: Final = 1.0  # before the same error is logged again; guess
 
 
 class ControllerNodes:
-    """Opens and closes the nodes of controllers; not from the event loop, which would be held up."""
+    """Opens and closes the nodes of controllers. Don't call it in the event loop, which it would block."""
 
     def __init__(self, host: NodeHost, running: RunningManager, outbox: Outbox, transforms: Transforms) -> None:
         self._host = host
@@ -34,29 +34,29 @@ class ControllerNodes:
         self._nodes: dict[str, ControllerNode] = {}
 
     def open(self, controller: Controller[Any]) -> None:
-        """The node of a controller that has been loaded."""
+        """Open the node of a controller that has been loaded."""
         self._nodes[controller.name] = ControllerNode(
             self._host, self._robot, self._outbox, self._transforms, controller
         )
 
     def close(self, controller: Controller[Any]) -> None:
-        """The node of a controller that has been unloaded."""
+        """Close the node of a controller that has been unloaded."""
         self._nodes.pop(controller.name).close()
 
     def set_parameters(self, controller: Controller[Any], values: Mapping[str, Any]) -> None:
-        """Show on a controller's node what was set by another way than its node."""
+        """Update a controller's node after parameters were set without it."""
         node = self._nodes[controller.name].node
         node.set_parameters([Parameter(name, value=value) for name, value in values.items()])
 
     def close_all(self) -> None:
-        """All of them."""
+        """Close all nodes."""
         while self._nodes:
             _, node = self._nodes.popitem()
             node.close()
 
 
 class ControllerNode:
-    """One controller as a node of its name."""
+    """One controller as a node of the same name."""
 
     def __init__(
         self,
@@ -89,7 +89,7 @@ class ControllerNode:
         self._channels = host.do(add)
 
     def close(self) -> None:
-        """End it; not from its own thread."""
+        """End the node; not from its own thread."""
 
         def remove() -> None:
             for channel in self._channels:
@@ -100,7 +100,7 @@ class ControllerNode:
 
 
 class _Listener:
-    """Hands a topic's messages to a controller, the newest only: the queue of the subscription holds one."""
+    """Passes a topic's newest message to a controller: the queue of the subscription has length one."""
 
     def __init__(
         self, host: NodeHost, node: Node, robot: ControlledRobot, controller: Controller[Any], row: Subscription
@@ -118,11 +118,11 @@ class _Listener:
     def _arrived(self, message: Any) -> None:
         try:
             command = self._row.command(message, Moment(self._robot.manager.time_s, time.time_ns()))
-            self._host.do(lambda: self._hand_over(command))
+            self._host.do(lambda: self._pass_on(command))
         except ClientError as error:
-            self._complain(str(error))
+            self._log_refusal(str(error))
 
-    def _hand_over(self, command: Any) -> None:
+    def _pass_on(self, command: Any) -> None:
         if isinstance(command, JointTrajectory):
             self._controller.check_active()
             controller: Any = self._controller
@@ -130,8 +130,8 @@ class _Listener:
             self._robot.check_reach(command, speeds=False)
         self._row.hand_over(self._controller, command)
 
-    def _complain(self, text: str) -> None:
+    def _log_refusal(self, text: str) -> None:
         if text != self._reason:
             self._reason, self._throttle = text, LogThrottle(time.monotonic, _QUIET_S)
         if (more := self._throttle.due()) is not None:
-            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: a message is refused: {text}{more}")
+            self._node.get_logger().error(f"{self._row.name.lstrip('~/')}: message refused: {text}{more}")

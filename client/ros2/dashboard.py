@@ -1,8 +1,8 @@
 """The node ``dashboard_client``: a service for each command of a robot's dashboard.
 
-Names, types and results are those of the ROS 2 driver. A service whose command takes its time answers when the effect
-shows, as a query of the dashboard says: `Effect`. What a service answers in words is the robot's line; where it has no
-success, what is wrong and what to do about it.
+Names, types and results are those of the ROS 2 driver. A service whose command takes time answers when a query of the
+dashboard shows the effect (`Effect`). The message of a response is the robot's line; without success, it says what is
+wrong and what to do about it.
 """
 
 import math
@@ -28,21 +28,22 @@ from urproto.errors import RemoteProtocolError, RobotRefused, URError
 from urproto.modes import RobotMode
 
 NAME: Final = "dashboard_client"
-_RECEIVE_TIMEOUT_S: Final = 20.0  # the parameter's default, and
-_EFFECT_S: Final = 30.0  # how long effects are waited for, and
-_POWER_ON_S: Final = 300.0  # that of power_on, whose command is repeated, and
-_POWER_ON_AGAIN_S: Final = 1.0  # after how long: the ROS 2 driver and its client library
-_LOOK_EVERY_S: Final = 0.1
+# source of these four: the ROS 2 driver and its client library
+_RECEIVE_TIMEOUT_S: Final = 20.0  # default of the parameter
+_EFFECT_S: Final = 30.0  # time limit for an effect
+_POWER_ON_S: Final = 300.0  # the same for power_on, whose command is repeated
+_POWER_ON_AGAIN_S: Final = 1.0  # interval at which it is repeated
+_POLL_S: Final = 0.1
 _LARGEST: Final = 2**64 - 1  # uint64
-_POLYSCOPE_X: Final = "it is for robots with PolyScope X; programs of this one are files that load_program takes"
+_POLYSCOPE_X: Final = "it is for robots with PolyScope X: on this one, use load_program"
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What shows that a command has taken effect.
+    """How to see that a command has taken effect.
 
-    query: what shows it. seen: whether its answer, to this request, is it. within_s: how long it may take.
-    again_s: after how long without effect the command is sent again.
+    query: the query to repeat. seen: whether its answer shows the effect of the request. within_s: time limit.
+    again_s: time without effect after which the command is sent again.
     """
 
     query: Operation[Any]
@@ -55,8 +56,9 @@ class Effect:
 class Service:
     """A row of the table.
 
-    type: in std_srvs or ur_dashboard_msgs. operation: what a request wants of the dashboard. values: fields of the
-    response, dotted, and what they get of the answer. parts: the connection ends with it.
+    type: in std_srvs or ur_dashboard_msgs. operation: the dashboard operation for a request. values: dotted names of
+    fields of the response, and functions that take their values from the answer. parts: whether the robot closes the
+    connection afterwards.
     """
 
     name: str
@@ -84,7 +86,7 @@ def _has_loaded(program: "tuple[ProgramState, str | None]", request: Any) -> boo
 
 
 def _named(operation: Operation[Any], name: Callable[[Any], str | None]) -> Operation[Any]:
-    """An answer in which no program is named is none of success."""
+    """An operation that fails if its answer does not name a program."""
 
     def read(reply: str) -> Any:
         answer = operation.read(reply)
@@ -195,7 +197,7 @@ SERVICES: Final = (
 
 
 class DashboardNode:
-    """The node; it spins from its making until `close`.
+    """The node; it spins from its creation until `close`.
 
     One service at a time: another one waits until the effect of the first shows. The services are there without a
     robot, too. A connection that the robot has ended is opened again by the next service; after ``quit``, and without
@@ -221,7 +223,7 @@ class DashboardNode:
         self.node.create_service(Trigger, "~/connect", self._connect)
         for service in SERVICES:
             kind = Trigger if service.type == "Trigger" else interface_if_any(f"ur_dashboard_msgs/srv/{service.type}")
-            if kind is not None:  # else this distribution of ROS does not have it
+            if kind is not None:  # otherwise this distribution of ROS does not have it
                 self.node.create_service(kind, f"~/{service.name}", partial(self._serve, service))
         host.spin(self.node)
 
@@ -258,7 +260,7 @@ class DashboardNode:
         return _answered(response, True, f"{self._where} is connected")
 
     def _carry_out(self, service: Service, request: Any) -> "tuple[str, Any]":
-        """The robot's line and what it means, once the effect shows."""
+        """The robot's line and its meaning, once the effect shows."""
         operation = service.operation(request)
         both = replace(operation, read=lambda reply: (reply, operation.read(reply)))
         line, answer = self._ask(both)
@@ -280,7 +282,7 @@ class DashboardNode:
             if now - sent > effect.again_s:
                 sent = now
                 self._ask(command)
-            self._ended.wait(_LOOK_EVERY_S)
+            self._ended.wait(_POLL_S)
 
     def _ask(self, operation: Operation[Any]) -> Any:
         if not self._connected():
@@ -336,7 +338,7 @@ def _answered(response: Any, success: bool, words: str) -> Any:
 
 
 def _set(message: Any, path: str, value: Any) -> None:
-    """Of a field of a field, dotted. A text is made one that ROS can carry, whatever the robot has sent."""
+    """Set a field by its dotted name. Text from the robot is converted to text that ROS can transmit."""
     *within, name = path.split(".")
     for part in within:
         message = getattr(message, part)

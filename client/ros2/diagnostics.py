@@ -1,7 +1,7 @@
 """``/diagnostics``, once a second: controllers, hardware, and whether the control cycle keeps its rate.
 
-Source of names, keys, texts and thresholds: controller_manager of Jazzy. The rate is the one by the robot's clock: what
-counts is whether each of its states had a cycle. How long controllers take is not measured.
+Source of names, keys, texts and thresholds: controller_manager of Jazzy. The rate is measured by the robot's clock,
+because every state of the robot should have a cycle. The execution time of controllers is not measured.
 """
 
 import statistics
@@ -23,13 +23,13 @@ _WARN_HZ: Final = (
 )
 _ERROR_HZ: Final = 10.0
 _HARDWARE_ID: Final = "ros2_control"
-_MOST: Final = 10_000  # cycles between two messages; guess: none is so late
+_MOST: Final = 10_000  # cycles between two messages; guess: a message is never later than this
 
 Values = Sequence[tuple[str, str]]
 
 
 class Diagnostics:
-    """Publishes the state of a controller manager by its node."""
+    """Publishes the state of a controller manager through its node."""
 
     def __init__(self, host: NodeHost, node: Node, running: RunningManager) -> None:
         self._host = host
@@ -72,7 +72,7 @@ class Diagnostics:
         return _status("Hardware Components Activity", level, text, values)
 
     def _cycle(self) -> DiagnosticStatus:
-        """In the event loop, as the cycles."""
+        """Status of the control cycle. Runs in the event loop, like the cycles."""
         times_s, wanted_hz = list(self._times_s), self._running.manager.update_rate_hz
         self._times_s.clear()
         rates_hz = [1.0 / (after - before) for before, after in pairwise(times_s) if after > before] or [0.0]

@@ -1,6 +1,6 @@
-"""The ROS 2 driver: a robot with its controllers, as the nodes of the official driver.
+"""The ROS 2 driver: a robot and its controllers, as the nodes of the official driver.
 
-Controllers run in the event loop with each state of the robot; nodes have threads of their own (`client.ros2.host`).
+Controllers run in the event loop with each state of the robot. Each node has a separate thread (`client.ros2.host`).
 """
 
 import asyncio
@@ -40,10 +40,10 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class DriverOptions(ManagerOptions):
-    """What `ur_control.launch.py` takes, by the names of this project. namespace: of all nodes.
+    """Options as in `ur_control.launch.py`, under this project's names.
 
-    cameras: names of those that are published; `client.cameras.ALL_CAMERAS` for all. camera_port:
-    where it has them. camera_hz: pictures of each.
+    namespace: of all nodes. domain: ROS domain, None for ROS_DOMAIN_ID. cameras: names of the cameras to publish;
+    `client.cameras.ALL_CAMERAS` for all. camera_port: the emulator's camera port. camera_hz: images per second of each.
     """
 
     namespace: str = ""
@@ -54,13 +54,13 @@ class DriverOptions(ManagerOptions):
     camera_hz: float = 10.0
 
     def __post_init__(self) -> None:
-        """Raises Ros2Error."""
+        """Raise Ros2Error for an invalid tf_prefix."""
         if not _PREFIX.fullmatch(self.tf_prefix):
-            raise Ros2Error(f"{self.tf_prefix!r} is not a prefix of names: use letters, digits and _, as in left_")
+            raise Ros2Error(f"{self.tf_prefix!r} is not a valid prefix: use letters, digits and _, as in left_")
 
 
 class Ros2Driver:
-    """The nodes of one robot; use it with ``async with``, which waits until the robot can be reached."""
+    """The nodes of one robot. Use it with ``async with``, which waits until the robot can be reached."""
 
     def __init__(self, options: DriverOptions) -> None:
         self._options = options
@@ -69,7 +69,7 @@ class Ros2Driver:
 
     @property
     def robot(self) -> ControlledRobot:
-        """With its control loop."""
+        """The robot and its control loop."""
         return self.running.robot
 
     async def __aenter__(self) -> "Ros2Driver":
@@ -111,7 +111,7 @@ class Ros2Driver:
         running.on_parameters.append(lambda one, values: asyncio.to_thread(controllers.set_parameters, one, values))
         broadcasters = [one for one in loaded if isinstance(one, JointStateBroadcaster)]
         if model is None:
-            _logger.warning("the arm is not a model that is known here: no robot_description, and no frames on /tf")
+            _logger.warning("unknown model of arm: robot_description and the arm's frames on /tf are not published")
         elif broadcasters:
             states = await asyncio.to_thread(RobotStatePublisher, host, outbox, model, broadcasters[0], prefix)
             opening.push_async_callback(asyncio.to_thread, states.close)
@@ -132,19 +132,19 @@ class Ros2Driver:
             opening.push_async_callback(asyncio.to_thread, group.close)
 
     async def _open_cameras(self, opening: AsyncExitStack, host: NodeHost) -> None:
-        """Raises CameraError for cameras that are not there."""
+        """Start the camera node. Raises CameraError for cameras that do not exist."""
         options, manager = self._options, self.running.manager
         client = CameraClient(options.robot_ip, options.camera_port)
         opening.callback(client.close)
-        there = await asyncio.to_thread(client.chosen, options.cameras)
-        node = await asyncio.to_thread(CameraNode, host, client, there, options.camera_hz, options.tf_prefix)
+        cameras = await asyncio.to_thread(client.chosen, options.cameras)
+        node = await asyncio.to_thread(CameraNode, host, client, cameras, options.camera_hz, options.tf_prefix)
         opening.push_async_callback(asyncio.to_thread, node.close)
-        manager.on_cycle.append(lambda: node.see(manager.time_s))
+        manager.on_cycle.append(lambda: node.set_robot_time(manager.time_s))
 
 
 def can_plan() -> bool:
-    """Whether the extra ``plan`` is there; says so if it is not."""
+    """Whether the extra ``plan`` is installed; logs a warning if not."""
     if importlib.util.find_spec("ompl") is not None:
         return True
-    _logger.warning("no move_group: it needs OMPL; in the folder of ur-emulator, pip install '.[plan]'")
+    _logger.warning("no move_group, because OMPL is missing: in the folder of ur-emulator, pip install '.[plan]'")
     return False

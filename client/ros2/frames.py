@@ -1,4 +1,4 @@
-"""Frames of an arm under the names of its description, as robot_state_publisher and tf2 have them."""
+"""Frames of an arm with the names of its description, as in robot_state_publisher and tf2."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -22,24 +22,24 @@ class Frames:
 
     @property
     def names(self) -> set[str]:
-        """Of all of them, the root among them."""
+        """Names of all frames, including the root."""
         return {*self._frames, *(frame.parent for frame in self._frames.values())}
 
     def fixed(self, sec: int, nanosec: int) -> list[TransformStamped]:
-        """Those that never move, for ``/tf_static``."""
+        """Transforms of frames that never move, for ``/tf_static``."""
         return [_transform(frame, frame.pose, sec, nanosec) for frame in self._fixed]
 
     def moving(self, names: Iterable[str], q_rad: Iterable[float], sec: int, nanosec: int) -> list[TransformStamped]:
-        """Those of joints, for ``/tf``; names that are no joints of the arm are left out."""
+        """Transforms of the joints' frames, for ``/tf``; names that are not joints of the arm are left out."""
         joints = ((self._moving[name], q) for name, q in zip(names, q_rad, strict=True) if name in self._moving)
         return [
             _transform(joint, pose_trans(joint.pose, (0.0, 0.0, 0.0, 0.0, 0.0, q)), sec, nanosec) for joint, q in joints
         ]
 
     def pose_in(self, base: str, frame: str, q_rad: Mapping[str, float]) -> Pose | None:
-        """The pose of a frame in another one [m, rotation vector]; None when one of them is none of the arm's.
+        """The pose of a frame in another one [m, rotation vector]; None unless both belong to the arm.
 
-        q_rad: angles by joint.
+        q_rad: angles by joint name.
         """
         if not {base, frame} <= self.names:
             return None
@@ -62,7 +62,7 @@ def _transform(frame: JointFrame, pose: Sequence[float], sec: int, nanosec: int)
 
 
 def set_transform(message: Any, child: str, xyz: Sequence[float], xyzw: Sequence[float]) -> None:
-    """Set all of a geometry_msgs/TransformStamped but its header."""
+    """Set all fields of a geometry_msgs/TransformStamped except its header."""
     message.child_frame_id = child
     place, turn = message.transform.translation, message.transform.rotation
     place.x, place.y, place.z = xyz

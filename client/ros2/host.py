@@ -1,11 +1,11 @@
-"""The nodes of this process, each with a thread of its own, and the event loop in which controllers run.
+"""The nodes of this process, each in a separate thread, and the event loop in which controllers run.
 
-A callback of ROS runs in its node's thread; what touches controllers is done in the loop, between two cycles, by
-`NodeHost.do` and `NodeHost.wait`. Messages are published from the loop. A node that waits, as in a service that waits
-for the robot, holds up nobody but itself.
+ROS callbacks run in their node's thread. Access to controllers goes through `NodeHost.do` and `NodeHost.wait`, which
+run in the event loop between two cycles. Messages are published from the loop. A node that waits, for example in a
+service that waits for the robot, blocks only itself.
 
-Why not one executor for all nodes: rclpy's builds its wait set anew for each message, over all entities of all its
-nodes, 300 of them here, which takes milliseconds.
+There is no common executor for all nodes, because rclpy's executor rebuilds its wait set for each message, over all
+entities of all its nodes. Here that would be 300 entities, which takes milliseconds.
 """
 
 import asyncio
@@ -40,7 +40,7 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Who subscribes late gets the last message."""
+"""Late subscribers get the last message."""
 
 
 def interface(name: str) -> Any:
@@ -50,7 +50,7 @@ def interface(name: str) -> Any:
 
 
 def interface_if_any(name: str) -> Any:
-    """The same; None where the distribution does not have it."""
+    """The same; None if the distribution does not have it."""
     try:
         return interface(name)
     except (ImportError, AttributeError):
@@ -60,8 +60,8 @@ def interface_if_any(name: str) -> Any:
 class NodeHost:
     """Nodes of one ROS context; use it with ``async with``.
 
-    domain: number of the domain, None for ROS_DOMAIN_ID. namespace: of all nodes, without slashes at the ends.
-    ros_arguments: as behind ``--ros-args``.
+    domain: ROS domain, None for ROS_DOMAIN_ID. namespace: of all nodes, without leading and trailing slashes.
+    ros_arguments: as after ``--ros-args``.
     """
 
     def __init__(self, *, domain: int | None = None, namespace: str = "", ros_arguments: Sequence[str] = ()) -> None:
@@ -79,24 +79,24 @@ class NodeHost:
             validate_namespace(f"/{self.namespace}")
             self._context.init(self._arguments, domain_id=self._domain)
         except (InvalidNamespaceException, ValueError, RuntimeError) as error:
-            raise Ros2Error(f"ROS 2 does not accept this: {' '.join(str(error).split())}") from None
+            raise Ros2Error(f"ROS 2 rejects the namespace or arguments: {' '.join(str(error).split())}") from None
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for node in list(self._spinning):
-            await asyncio.to_thread(self.close, node)  # which may be waiting for the event loop
+            await asyncio.to_thread(self.close, node)  # in a thread: the node may be waiting for the event loop
         self._context.try_shutdown()
 
     def node(self, name: str, overrides: Sequence[Parameter] = (), **options: Any) -> Node:
-        """A node that does not spin yet. options: of rclpy's Node."""
+        """Create a node that does not spin yet. options: arguments of rclpy's Node."""
         return Node(
             name, context=self._context, namespace=self.namespace, parameter_overrides=list(overrides), **options
         )
 
     def spin(self, node: Node) -> None:
-        """Let its callbacks be called from now on, in a thread of their own."""
+        """Start calling the node's callbacks in a separate thread."""
         executor = SingleThreadedExecutor(context=self._context)
         executor.add_node(node)
         thread = threading.Thread(target=self._spin, args=(executor,), name=f"ros {node.get_name()}", daemon=True)
@@ -108,13 +108,13 @@ class NodeHost:
             try:
                 executor.spin()
                 return
-            except ExternalShutdownException:  # the context was shut down: nothing else is to be done
+            except ExternalShutdownException:  # the context was shut down
                 return
-            except Exception:  # of a callback: its client goes without an answer, the others do not
+            except Exception:  # in a callback: only its own client gets no answer
                 _logger.exception("%s: a callback failed", threading.current_thread().name)
 
     def close(self, node: Node) -> None:
-        """End a node and its thread; neither from that thread nor in the event loop, for which it may wait."""
+        """End a node and its thread. Must not be called from that thread or the event loop, for which it may wait."""
         for task in list(self._tasks.pop(node, ())):
             task.cancel()
         executor, thread = self._spinning.pop(node)
@@ -125,10 +125,10 @@ class NodeHost:
     # from the threads of nodes
 
     def do(self, work: Callable[[], Result]) -> Result:
-        """Call it in the event loop, between two control cycles, and give what it gives or raises."""
+        """Call a function in the event loop, between two control cycles; return its result or raise its error."""
         done: concurrent.futures.Future[Result] = concurrent.futures.Future()
 
-        def inside() -> None:  # no coroutine: a setpoint would wait for one more turn of the loop
+        def inside() -> None:  # not a coroutine, which would delay a setpoint by one more iteration of the loop
             try:
                 done.set_result(work())
             except BaseException as error:
@@ -144,16 +144,16 @@ class NodeHost:
         return asyncio.run_coroutine_threadsafe(_awaited(work), self.loop).result()
 
     def ending(self, node: Node) -> Any:
-        """What a coroutine of this node can await, and any thread may set the result of."""
+        """A future that a coroutine of this node can await, and whose result any thread may set."""
         executor, _ = self._spinning[node]
         future = Future(executor=executor)
-        future.add_done_callback(_nothing)  # whose call wakes the executor: setting the result alone does not
+        future.add_done_callback(_nothing)  # calling it wakes the executor, which setting the result alone does not
         return future
 
     def task(self, node: Node, work: Coroutine[Any, Any, Any]) -> Any:
-        """Run a coroutine in the event loop; a coroutine of this node can await what it gives or raises.
+        """Run a coroutine in the event loop; a coroutine of this node can await its result or error.
 
-        The node goes on meanwhile. When the node is closed the coroutine is cancelled.
+        Meanwhile, the node keeps handling callbacks. Closing the node cancels the coroutine.
         """
         ended = self.ending(node)
         tasks = self._tasks[node]

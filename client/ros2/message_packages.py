@@ -1,13 +1,13 @@
 """Message packages that the official driver uses and this machine may lack: control_msgs, ur_msgs and others.
 
-Where a ROS 2 workspace is sourced that has them, its own are imported and nothing happens here. Otherwise `ensure`
-makes them, once: rosidl generates code by the definitions in ``interfaces/``, a compiler makes libraries of it, and
-what comes about stays in a cache for the next time.
+If a sourced ROS 2 workspace has the packages, they are imported and nothing else happens. Otherwise `ensure` builds
+them once: rosidl generates code from the definitions in ``interfaces/``, a compiler builds libraries from it, and a
+cache keeps the result for the next time.
 
-The definitions are those of the distribution that is there, since they differ: the same name stands for other fields
-in Humble than in Jazzy. ``interfaces/<package>/{msg,srv,action}`` holds what all distributions have in common,
-``interfaces/<package>/<distribution>+<distribution>/{msg,srv,action}`` what those named have. Names, types, order and
-values are of the packages in `_VERSIONS`; tests compare their type hashes with published ones.
+The definitions depend on the distribution: the same name has other fields in Humble than in Jazzy.
+``interfaces/<package>/{msg,srv,action}`` contains the definitions that all distributions share, and
+``interfaces/<package>/<distribution>+<distribution>/{msg,srv,action}`` those of the named distributions. Names, types,
+order and values are those of the packages in `_VERSIONS`; tests compare their type hashes with published ones.
 """
 
 import contextlib
@@ -34,16 +34,16 @@ from client.errors import Ros2Error
 from client.ros2.message_builder import KINDS, Plan, python_folder
 
 Progress = Callable[[float, str], None]
-"""Called with the part that is done, 0 to 1, and what is under way."""
+"""Called with the progress, 0 to 1, and a description of the current step."""
 
 CACHE_VARIABLE: Final = "UR_CLIENT_ROS2_CACHE"
-"""Environment variable that names another folder for what `ensure` makes."""
+"""Environment variable that names another folder for the packages that `ensure` builds."""
 
 _INTERFACES: Final = Path(__file__).with_name("interfaces")
 _BUILDER: Final = Path(__file__).with_name("message_builder")
-# A package stands after those it refers to. Where the definitions are from, by distribution: the newest release in its
-# branch of the official repositories in August 2026. That of ur_msgs is a guess: its definitions are those that
-# ur_robot_driver 3.8 is written for, the release was not at hand.
+# A package comes after those it refers to. Source of the definitions, by distribution: the newest release in its branch
+# of the official repositories in August 2026. The version of ur_msgs is a guess: its definitions are those that
+# ur_robot_driver 3.8 is written for, but the release was not available.
 _VERSIONS: Final = {
     "control_msgs": {"humble": "4.8.0", "jazzy": "5.8.0", "kilted": "6.8.0"},
     "controller_manager_msgs": {"humble": "2.54.0", "jazzy": "4.46.0", "kilted": "5.16.0"},
@@ -59,15 +59,15 @@ DISTRIBUTIONS: Final = tuple(_VERSIONS["control_msgs"])
 
 _WHEELS: Final = "pip install 'ur-emulator[ros2]'"
 _MANIFEST: Final = "manifest.json"
-_LOOK: Final = 0.2  # s between looks whether another process is ready
+_POLL_S: Final = 0.2  # between checks whether another process has finished
 
 
 @dataclass(frozen=True)
 class Ros2Installation:
-    """The ROS 2 that this process would import.
+    """The ROS 2 installation that this process would import.
 
-    distribution: its name in lower case (``jazzy``). prefixes: folders that hold it, the first has precedence.
-    sourced: whether it is a workspace that was sourced; otherwise it is of wheels.
+    distribution: its name in lower case (``jazzy``). prefixes: its folders; the first has precedence. sourced: whether
+    it is a sourced workspace; otherwise it was installed from wheels.
     """
 
     distribution: str
@@ -77,18 +77,18 @@ class Ros2Installation:
 
 @dataclass(frozen=True)
 class MessagePackages:
-    """What `ensure` did. prefix: where the packages are that it made, None if there was nothing to make."""
+    """Result of `ensure`. prefix: folder of the packages that it built; None if nothing had to be built."""
 
     names: tuple[str, ...] = ()
     prefix: Path | None = None
 
     @property
     def setup_file(self) -> Path | None:
-        """What a shell has to source so that other programs (``ros2``, nodes of a user) find the packages."""
+        """File to source in a shell so that other programs (``ros2``, a user's nodes) find the packages."""
         return self.prefix / "setup.sh" if self.prefix else None
 
     def environment(self) -> dict[str, str]:
-        """Variables by which another process finds the packages; without those that stay as they are in this one."""
+        """Environment variables with which another process finds the packages; only those that change."""
         if self.prefix is None:
             return {}
         index = os.environ.get("AMENT_PREFIX_PATH") or os.pathsep.join(map(str, find_installation().prefixes))
@@ -100,11 +100,11 @@ class MessagePackages:
 
 
 def ensure(progress: Progress | None = None, cache: Path | None = None) -> MessagePackages:
-    """Makes every package of `PACKAGES` importable, in this process and in those it starts.
+    """Make every package of `PACKAGES` importable, in this process and in those it starts.
 
-    What is there is not touched. The rest is taken from ``cache`` or made there, which takes a minute or so; another
-    process that wants the same at the same time waits for the first. Without ``cache``: the folder named by the
-    environment variable UR_CLIENT_ROS2_CACHE, else ``ur-client/ros2`` in the user's cache. Raises Ros2Error.
+    Installed packages are not touched. The others come from ``cache``, or are built there, which takes a minute or so.
+    If another process is already building the same packages, this one waits for it. cache: defaults to the folder in
+    the environment variable UR_CLIENT_ROS2_CACHE, else ``ur-client/ros2`` in the user's cache. Raises Ros2Error.
     """
     names = missing()
     if not names:
@@ -120,7 +120,7 @@ def ensure(progress: Progress | None = None, cache: Path | None = None) -> Messa
                     _build(plan, prefix, progress)
         except OSError as error:
             raise Ros2Error(
-                f"no message packages can be made in {prefix.parent} ({error.strerror or error}): make it writable, "
+                f"cannot build message packages in {prefix.parent} ({error.strerror or error}): make it writable, "
                 f"or name another folder in {CACHE_VARIABLE}"
             ) from error
     packages = MessagePackages(names, prefix)
@@ -137,21 +137,21 @@ def missing() -> tuple[str, ...]:
 
 def _importable(name: str) -> bool:
     spec = importlib.util.find_spec(name)
-    return spec is not None and spec.origin is not None  # else a folder that happens to have this name
+    return spec is not None and spec.origin is not None  # otherwise it is a folder that happens to have this name
 
 
 def default_cache() -> Path:
-    """Where `ensure` keeps what it made."""
+    """Default folder for the packages that `ensure` builds."""
     if named := os.environ.get(CACHE_VARIABLE):
         return Path(named).expanduser().absolute()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ur-client" / "ros2"
 
 
 def find_installation() -> Ros2Installation:
-    """Raises Ros2Error if there is none, or it is of a distribution whose definitions are not known here."""
+    """Find the ROS 2 installation. Raises Ros2Error if there is none, or if its distribution is not supported."""
     spec = importlib.util.find_spec("rclpy")
     if spec is None or spec.origin is None:
-        raise Ros2Error(f"there is no ROS 2: source a workspace (source /opt/ros/jazzy/setup.bash), or {_WHEELS}")
+        raise Ros2Error(f"ROS 2 was not found: source a workspace (source /opt/ros/jazzy/setup.bash), or {_WHEELS}")
     rclpy = Path(spec.origin)
     sourced = tuple(Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)
     if any(prefix in rclpy.parents for prefix in sourced):
@@ -162,7 +162,7 @@ def find_installation() -> Ros2Installation:
         installation = Ros2Installation(next(names, ""), (*sourced, rclpy.parents[4]), sourced=False)
     if installation.distribution not in DISTRIBUTIONS:
         raise Ros2Error(
-            f"{', '.join(missing())} are missing. They can be made for {_either(DISTRIBUTIONS)}, not for "
+            f"{', '.join(missing())} are missing. They can be built for {_either(DISTRIBUTIONS)}, but not for "
             f"{installation.distribution or 'an unknown distribution'}: install them in the workspace"
         )
     return installation
@@ -183,7 +183,7 @@ def _plan(names: Sequence[str], installation: Ros2Installation) -> Plan:
 
 
 def definitions(package: str, distribution: str) -> dict[str, str]:
-    """The text of every interface of a package, by its path in the package (``msg/IOStates.msg``)."""
+    """The definition of every interface of a package, by its path in the package (``msg/IOStates.msg``)."""
     folder = _INTERFACES / package
     parts = [folder, *(part for part in folder.iterdir() if distribution in part.name.split("+"))]
     files = [file for part in parts for kind in KINDS for file in part.glob(f"{kind}/*.{kind}")]
@@ -191,7 +191,7 @@ def definitions(package: str, distribution: str) -> dict[str, str]:
 
 
 def _key(plan: Plan, installation: Ros2Installation) -> str:
-    """A folder's name, another one for whatever the libraries depend on."""
+    """The folder's name, which is different for everything that the libraries depend on."""
     numpy = importlib.metadata.version("numpy").split(".")[0]
     builder = [file.read_text(encoding="utf-8") for file in sorted(_BUILDER.glob("*.py"))]
     parts = [json.dumps(plan), *builder, numpy, str(sysconfig.get_config_var("SOABI"))]
@@ -210,9 +210,9 @@ def _whole(prefix: Path) -> bool:
 
 @contextlib.contextmanager
 def _lock(prefix: Path, progress: Progress | None) -> Iterator[None]:
-    """Waits for other processes that make the same. The lock of one that dies is gone with it."""
+    """Wait for other processes that build the same packages. The lock of a process that dies is released."""
     if sys.platform == "win32":
-        raise Ros2Error("message packages are made on Linux")
+        raise Ros2Error("message packages can only be built on Linux: install them in a ROS 2 workspace")
     import fcntl
 
     with open(f"{prefix}.lock", "w", encoding="utf-8") as file:
@@ -222,13 +222,13 @@ def _lock(prefix: Path, progress: Progress | None) -> Iterator[None]:
                 break
             except BlockingIOError:
                 if progress:
-                    progress(0.0, "another process is making the message packages")
-                time.sleep(_LOOK)
+                    progress(0.0, "another process is building the message packages")
+                time.sleep(_POLL_S)
         yield
 
 
 def _build(plan: Plan, prefix: Path, progress: Progress | None) -> None:
-    for left in prefix.parent.glob(f"{prefix.name}.*/"):  # of those that died
+    for left in prefix.parent.glob(f"{prefix.name}.*/"):  # left by processes that died
         shutil.rmtree(left, ignore_errors=True)
     folder = Path(tempfile.mkdtemp(prefix=f"{prefix.name}.", dir=prefix.parent))
     try:
@@ -239,7 +239,7 @@ def _build(plan: Plan, prefix: Path, progress: Progress | None) -> None:
         (made / "setup.sh").write_text(_setup_file(prefix, plan), encoding="utf-8")
         files = {str(file.relative_to(made)): file.stat().st_size for file in made.rglob("*") if file.is_file()}
         (made / _MANIFEST).write_text(json.dumps(files), encoding="utf-8")
-        if prefix.exists():  # and is not whole
+        if prefix.exists():  # but is incomplete
             prefix.rename(folder / "broken")
         made.rename(prefix)
         log.unlink()
@@ -280,7 +280,7 @@ def _run_builder(plan: Plan, log: Path, progress: Progress | None) -> None:
             builder.wait()
     if builder.returncode:
         names = ", ".join(name for name, _, _ in plan.packages)
-        raise Ros2Error(f"the message packages {names} cannot be made: {error or 'rosidl failed'}. Details: {log}")
+        raise Ros2Error(f"cannot build the message packages {names}: {error or 'rosidl failed'}. Details: {log}")
 
 
 def _setup_file(prefix: Path, plan: Plan) -> str:

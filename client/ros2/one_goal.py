@@ -1,4 +1,4 @@
-"""An action of a node that carries out one goal at a time, and rejects others meanwhile."""
+"""An action that executes one goal at a time, and rejects others meanwhile."""
 
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -10,11 +10,11 @@ from client.ros2.host import interface_if_any
 
 
 class OneGoalAction:
-    """The action ``~/name``; the log says so where the distribution does not have its type, which is None then.
+    """The action ``~/name``. If the distribution lacks its type, a warning is logged and ``type`` is None.
 
-    begin: whether a goal is taken, with the reason in the log if not. execute: gives the result of a goal that was
-    taken. cancel: called when a client wants it to end; the goal ends when ``execute`` does. All are coroutines in the
-    node's thread.
+    begin: returns whether a goal is accepted, and logs the reason if not. execute: executes an accepted goal and
+    returns its result. cancel: called when a client cancels the goal, which ends when ``execute`` does. All are
+    coroutines in the node's thread.
     """
 
     def __init__(
@@ -36,16 +36,16 @@ class OneGoalAction:
             node.get_logger().warning(f"~/{name} is not offered: this distribution has no {type_name}")
             return
         self._server = ActionServer(
-            node, self.type, f"~/{name}", self._execute, goal_callback=self._judge, cancel_callback=self._cancel
+            node, self.type, f"~/{name}", self._execute, goal_callback=self._accept, cancel_callback=self._cancel
         )
 
     def reject(self, why: str) -> None:
-        """Say why a goal is not taken."""
-        self._node.get_logger().error(f"{self._name}: a goal is rejected: {why}")
+        """Log why a goal is rejected."""
+        self._node.get_logger().error(f"{self._name}: goal rejected: {why}")
 
-    async def _judge(self, request: Any) -> GoalResponse:
+    async def _accept(self, request: Any) -> GoalResponse:
         if self.busy:
-            self.reject("another goal is carried out")
+            self.reject("another goal is being executed")
             return GoalResponse.REJECT
         self.busy, taken = True, False
         try:

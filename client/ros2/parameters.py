@@ -1,4 +1,4 @@
-"""Parameters of controllers as parameters of their nodes."""
+"""Controller parameters as parameters of the controllers' nodes."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Final, get_args
@@ -27,7 +27,7 @@ _ARRAYS: Final = {
 
 
 def declare(host: NodeHost, node: Node, controller: Controller[Any]) -> None:
-    """Declare a controller's parameters on its node, and let those that may be set take effect."""
+    """Declare a controller's parameters on its node, and apply changes of those that are not read-only."""
     kinds = {}
     for name, hint, value in flat(controller.parameters):
         kinds[name] = kind = _ARRAYS[get_args(hint)[0]] if get_args(hint) else _TYPES[hint]

@@ -1,6 +1,6 @@
-"""Services of controllers: one row each, under the names and with the types of the ROS 2 driver.
+"""Services of controllers, one row each, with the names and types of the ROS 2 driver.
 
-A request to the robot is answered when the robot has carried it out; one that makes no sense, or that comes while the
+A request to the robot is answered when the robot has executed it. An invalid request, or one that arrives while the
 controller is not active, gets ``success`` false and a line in the log.
 """
 
@@ -36,8 +36,8 @@ _TRIGGER: Final = "std_srvs/srv/Trigger"
 class Service:
     """A service.
 
-    begin: passes a request to the controller, which answers by a `Call`; raises ControllerError. stamped: the part of a
-    request that is in a frame, if one is; begin is given where that frame is.
+    begin: passes a request to the controller, which answers with a `Call`; raises ControllerError. stamped: the part of
+    a request with a frame, if any; begin gets the pose of that frame.
     """
 
     controller: type[Controller[Any]]
@@ -49,7 +49,7 @@ class Service:
 
 @dataclass(frozen=True)
 class Query:
-    """A service that is answered at once. answer: sets the fields of the response; raises ControllerError."""
+    """A service that is answered immediately. answer: sets the fields of the response; raises ControllerError."""
 
     controller: type[Controller[Any]]
     name: str
@@ -59,7 +59,7 @@ class Query:
 
 @dataclass(frozen=True)
 class Situation:
-    """What a request may depend on. version: the robot's. frames: where the frames are that it names, in the base."""
+    """Context of a request. version: the robot's. frames: poses in the base of the frames that the request names."""
 
     version: PolyscopeVersion
     frames: Mapping[str, Pose]
@@ -68,24 +68,27 @@ class Situation:
 def _set_io(controller: GPIOController, request: Any, situation: Situation) -> Call:
     if request.fun == request.FUN_SET_DIGITAL_OUT:
         if request.state != request.state:
-            raise controller.error(f"the state of digital output {request.pin} is not a number: 0 is off, 1 is on")
+            raise controller.error(f"the state of digital output {request.pin} is not a number: use 0 (off) or 1 (on)")
         return controller.set_digital_out(request.pin, request.state != 0.0)
     if request.fun == request.FUN_SET_ANALOG_OUT:
         return controller.set_analog_out(request.pin, request.state)
     if request.fun == request.FUN_SET_TOOL_VOLTAGE:
         return controller.set_tool_voltage(request.state)
-    raise controller.error(f"function {request.fun} of set_io is not available: 1, 3 and 4 are")
+    raise controller.error(f"function {request.fun} of set_io is not available: use 1, 3 or 4")
 
 
 def _set_analog_output(controller: GPIOController, request: Any, situation: Situation) -> Call:
     data = request.data
     if data.domain not in (data.CURRENT, data.VOLTAGE):
-        raise controller.error(f"the domain is 0 (current) or 1 (voltage), not {data.domain}")
+        raise controller.error(f"the domain must be 0 (current) or 1 (voltage), not {data.domain}")
     return controller.set_analog_out(data.pin, data.state, voltage=data.domain == data.VOLTAGE)
 
 
 def _set_payload(controller: GPIOController, request: Any, situation: Situation) -> Call:
-    """Requests have an inertia and a transition since 2025; controllers have taken them since 5.10."""
+    """Set mass and centre of gravity, and inertia and transition time if possible.
+
+    Requests have had the latter two since 2025; controllers have accepted them since 5.10.
+    """
     cog = request.center_of_gravity
     centre = (cog.x, cog.y, cog.z)
     if not hasattr(request, "ixx") or not offers("set_target_payload", situation.version):
@@ -95,7 +98,7 @@ def _set_payload(controller: GPIOController, request: Any, situation: Situation)
 
 
 def _set_gravity(controller: GravityUpdateController, request: Any, situation: Situation) -> Call:
-    """ROS gives the direction in which things fall; the robot takes the acceleration against it."""
+    """Set the gravity. ROS gives the direction in which objects fall; the robot takes the opposite acceleration."""
     frame = situation.frames[request.gravity.header.frame_id]
     vector = request.gravity.vector
     turned = pose_trans((0.0, 0.0, 0.0, *frame[3:]), (-vector.x, -vector.y, -vector.z, 0.0, 0.0, 0.0))

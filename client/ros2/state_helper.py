@@ -1,4 +1,4 @@
-"""The node ``ur_robot_state_helper``: one action, ``~/set_mode``, brings the arm to a mode, whatever is in the way."""
+"""The node ``ur_robot_state_helper``: its action ``~/set_mode`` brings the arm to a mode, from any other mode."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -19,14 +19,14 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 
 NAME: Final = "ur_robot_state_helper"
 _EFFECT_S: Final = 30.0  # as long as the dashboard's services wait
-_PLAY_AFTER_S: Final = 1.0  # the ROS 2 driver: a robot refuses to play at once after its brakes were released
+_PLAY_AFTER_S: Final = 1.0  # the ROS 2 driver: a robot refuses to play immediately after releasing its brakes
 
 _COMMANDS: Final[Mapping[int, TextCommand]] = {
     RobotMode.POWER_OFF: POWER_OFF,
     RobotMode.IDLE: POWER_ON,
     RobotMode.RUNNING: BRAKE_RELEASE,
 }
-"""The modes that can be requested, and how the arm gets there; also those from which it does."""
+"""The modes that can be requested, with the command that leads there; they are also the modes to start from."""
 _ADVICE: Final[Mapping[int, str]] = {
     RobotMode.CONFIRM_SAFETY: "confirm the safety configuration on the teach pendant",
     RobotMode.BOOTING: "wait until it has booted",
@@ -38,11 +38,11 @@ _BROKEN: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
 
 
 class StateHelperNode:
-    """The node; it spins from its making until `close`.
+    """The node; it spins from its creation until `close`.
 
-    Goals are carried out one after the other, and not cancelled. Without ``headless_mode`` ``play_program`` plays the
-    program that is loaded on the pendant, with it the control program is sent. A goal is rejected while the robot
-    is silent.
+    Goals are executed one after the other and cannot be cancelled. With ``headless_mode``, ``play_program`` sends the
+    control program; without it, it plays the program that is loaded on the pendant. A goal is rejected while the robot
+    sends no states.
     """
 
     def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
@@ -61,20 +61,20 @@ class StateHelperNode:
             self._type,
             "~/set_mode",
             self._execute,
-            goal_callback=self._judge,
+            goal_callback=self._accept,
             cancel_callback=lambda handle: CancelResponse.REJECT,
         )
         host.spin(self.node)
 
     def close(self) -> None:
-        """End the node; a goal that is under way is left where it is."""
+        """End the node; a goal in execution is abandoned."""
         self._host.close(self.node)
 
     # in the node's thread
 
-    def _judge(self, goal: Any) -> GoalResponse:
+    def _accept(self, goal: Any) -> GoalResponse:
         if self._link.feed.silent:
-            self.node.get_logger().error("set_mode: the robot is silent, so nobody knows its mode")
+            self.node.get_logger().error("set_mode: goal rejected: the robot sends no states, so its mode is unknown")
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
@@ -90,7 +90,7 @@ class StateHelperNode:
     # in the event loop
 
     async def _work(self, handle: Any) -> str:
-        """Why it has not come about; empty when it has."""
+        """Execute a goal; return the reason if it fails, otherwise an empty string."""
         report = self._feedback(handle)
         self._link.on_modes.append(report)
         try:
@@ -103,7 +103,7 @@ class StateHelperNode:
         return ""
 
     def _feedback(self, handle: Any) -> Callable[[Mapping[str, Any]], None]:
-        """What reports each change of a mode."""
+        """A function that publishes each change of a mode as feedback."""
         last = [self._modes]
 
         def report(state: Mapping[str, Any]) -> None:
@@ -134,7 +134,7 @@ class StateHelperNode:
             await self._play()
 
     async def _recover(self) -> None:
-        """End what keeps the arm from any mode."""
+        """Resolve safety modes that prevent any change of mode."""
         mode = self._link.safety_mode
         if mode in _EMERGENCY:
             raise RobotRefused("set_mode", f"it is in {mode.name}", "release the emergency stop")
@@ -150,7 +150,7 @@ class StateHelperNode:
     async def _switch(self, target: RobotMode) -> None:
         mode = self._link.robot_mode
         if mode not in _COMMANDS:
-            raise RobotRefused("set_mode", f"its mode is {mode.name}", _ADVICE.get(mode, "look at its teach pendant"))
+            raise RobotRefused("set_mode", f"its mode is {mode.name}", _ADVICE.get(mode, "check its teach pendant"))
         if mode is RobotMode.RUNNING and target is RobotMode.IDLE:  # brakes are engaged by switching the arm off only
             await self._command(POWER_OFF)
         await self._command(_COMMANDS[target])
@@ -164,7 +164,7 @@ class StateHelperNode:
         await self._until(lambda: self._link.state["runtime_state"] == RuntimeState.PLAYING, "PLAYING")
 
     async def _command(self, command: TextCommand) -> None:
-        """By a connection of its own: one that was opened in local control takes no commands in remote control."""
+        """Send a command through a new connection: one opened in local control takes no commands in remote control."""
         async with PrimaryClient(self._address, self._driver.config.robot_ports["primary"]) as primary:
             await primary.run(primary.core.command(command))
 

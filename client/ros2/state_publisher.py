@@ -1,4 +1,4 @@
-"""The node ``robot_state_publisher``: the arm's description and its frames."""
+"""The node ``robot_state_publisher``: publishes the arm's description and frames."""
 
 import time
 from typing import Any
@@ -15,7 +15,7 @@ from urproto.robots.description import urdf
 
 
 class RobotStatePublisher:
-    """Publishes a model's description and frames; creation spins its node."""
+    """Publishes a model's description and frames; the node spins from its creation."""
 
     def __init__(
         self, host: NodeHost, outbox: Outbox, model: RobotModel, states: JointStateBroadcaster, prefix: str = ""
@@ -44,6 +44,6 @@ class RobotStatePublisher:
         self._channel = host.do(add)
 
     def close(self) -> None:
-        """End it."""
+        """End the node."""
         self._host.do(lambda: self._outbox.remove(self._channel))
         self._host.close(self.node)

@@ -1,8 +1,8 @@
 """The node ``trajectory_until_node``: its action ``~/execute`` follows a trajectory until the tool touches something.
 
-As the official driver's, it is a client of two actions: the trajectory's and ``detect_tool_contact``'s. Whichever ends
-first ends the other. Names, types, parameters and texts: trajectory_until_node.cpp of ur_robot_driver; see docs/ros2.md
-for what is different.
+Like the official driver's node, it is a client of two actions: the trajectory's and ``detect_tool_contact``'s. The one
+that ends first ends the other. Source of names, types, parameters and texts: trajectory_until_node.cpp of
+ur_robot_driver. See docs/ros2.md for the differences.
 """
 
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from client.ros2.one_goal import OneGoalAction
 
 NAME: Final = "trajectory_until_node"
 DEFAULT_CONTROLLER: Final = "scaled_joint_trajectory_controller"
-_ANSWER_S: Final = 1.0  # an action that is not there, or does not answer for so long, takes no goal
-_GRACE_S: Final = 0.5  # guess: what ends one action may end the other, too, and be heard of a little later
+_ANSWER_S: Final = 1.0  # an action that does not exist or does not answer within this counts as rejecting the goal
+_GRACE_S: Final = 0.5  # guess: an event that ends one action may also end the other, which is reported a little later
 _MOTION: Final = "control_msgs/action/FollowJointTrajectory"
 _CONTACT: Final = "ur_msgs/action/ToolContact"
 _WATCH: Final = "tool_contact_controller/detect_tool_contact"
@@ -27,7 +27,7 @@ _ENDS: Final = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED
 
 
 class TrajectoryUntilNode:
-    """The node; it spins from its making until `close`. One goal at a time; others are rejected.
+    """The node; it spins from its creation until `close`. It executes one goal at a time and rejects others.
 
     controller: whose ``follow_joint_trajectory`` is used, unless the parameter ``motion_controller_uri`` names another.
     """
@@ -35,7 +35,7 @@ class TrajectoryUntilNode:
     def __init__(self, host: NodeHost, controller: str = DEFAULT_CONTROLLER) -> None:
         self.node = host.node(NAME)
         self._host = host
-        self._both: _Both | None = None  # while a goal is carried out
+        self._both: _Both | None = None  # while a goal is being executed
         self._group = ReentrantCallbackGroup()  # an answer comes while a callback of the server awaits it
         default = f"{controller or DEFAULT_CONTROLLER}/follow_joint_trajectory"
         self._motion = self._client("motion_controller_uri", default, interface(_MOTION))
@@ -52,7 +52,7 @@ class TrajectoryUntilNode:
         host.spin(self.node)
 
     def close(self) -> None:
-        """End the node; what it has begun is left to the controllers."""
+        """End the node; the controllers continue the actions that it has begun."""
         self._host.close(self.node)
 
     def _client(self, parameter: str, default: str, type_: Any) -> "_Client":
@@ -66,17 +66,17 @@ class TrajectoryUntilNode:
         return self._both is not None
 
     async def _begun(self, goal: Any) -> "_Both | None":
-        """Both actions, the contact first; None, with the reason in the log, when one of them takes no goal."""
+        """Begin both actions, the contact first; if one rejects its goal, log the reason and return None."""
         if goal.until_type != self._type.Goal.TOOL_CONTACT:
             self._action.reject(f"there is no until_type {goal.until_type}: choose TOOL_CONTACT (0)")
             return None
         for client in (self._motion, self._contact):
             if not client.ros.wait_for_server(timeout_sec=_ANSWER_S):
-                self._action.reject(f"nobody offers the action {client.uri}: is its controller loaded?")
+                self._action.reject(f"the action {client.uri} is not offered: check that its controller is loaded")
                 return None
         contact = await self._sent(self._contact, self._contact.type.Goal())
         if contact is None:
-            self._action.reject("tool contact is not watched for: is tool_contact_controller active?")
+            self._action.reject("tool contact detection rejects the goal: check that tool_contact_controller is active")
             return None
         motion = self._motion.type.Goal()
         for name in ("trajectory", "path_tolerance", "goal_tolerance", "goal_time_tolerance"):
@@ -85,7 +85,7 @@ class TrajectoryUntilNode:
         both.motion = await self._sent(self._motion, motion, lambda message: self._feed_back(both, message.feedback))
         if both.motion is None:
             contact.cancel_goal_async()
-            self._action.reject(f"{self._motion.uri} does not take the trajectory; the log of its node says why")
+            self._action.reject(f"{self._motion.uri} rejects the trajectory: see the log of its node")
             return None
         return both
 

@@ -1,7 +1,7 @@
-"""Where frames are that the arm does not have, by what others publish on ``/tf`` and ``/tf_static``.
+"""Poses of frames that do not belong to the arm, from transforms on ``/tf`` and ``/tf_static``.
 
-Nobody listens there all the time: the driver's own frames come every cycle, and reading them would cost more than all
-else it does. A request in a frame that is not the arm's listens until its way to one of the arm's frames is known.
+There is no permanent listener: the driver's own frames arrive every cycle, and reading them would cost more than
+everything else it does. A request in a foreign frame listens until the frame is linked to one of the arm's.
 """
 
 import asyncio
@@ -23,11 +23,11 @@ _WAIT_S: Final = 2.0  # guess: a frame that moves is published once a second or 
 _SMALL: Final = 1e-6  # below it a quaternion has no direction
 
 Refuse = Callable[[str], Exception]
-"""Makes an exception of a reason."""
+"""Creates an exception from a reason."""
 
 
 class Transforms:
-    """Frames of the arm and of others; methods are called in the event loop."""
+    """Frames of the arm and other frames. Call its methods in the event loop."""
 
     def __init__(self, host: NodeHost, scene: Scene) -> None:
         self._host = host
@@ -35,21 +35,21 @@ class Transforms:
         self._one_at_a_time = asyncio.Lock()
 
     async def poses_in_base(self, frames: Iterable[str], refuse: Refuse) -> dict[str, Pose]:
-        """Where frames are now in the arm's base frame, by name [m, rotation vector]; "" is the base frame.
+        """Current poses of frames in the arm's base frame, by name [m, rotation vector]; "" is the base frame.
 
-        Raises what ``refuse`` makes of the reason for a frame that nobody publishes.
+        Raises the exception that ``refuse`` creates if a frame is not published.
         """
-        wanted = set(frames)
-        others = {frame for frame in wanted if self._scene.pose_of(frame) is None}
+        requested = set(frames)
+        others = {frame for frame in requested if self._scene.pose_of(frame) is None}
         linked = await self._listen(others) if others else {}
         poses = {}
-        for frame in wanted:
+        for frame in requested:
             anchor, pose = linked.get(frame, (frame, ZERO6))
             anchor_pose = self._scene.pose_of(anchor)
             if anchor_pose is None:
                 raise refuse(
-                    f"the frame {quoted(frame)} is not one of the arm, and for {_WAIT_S:g} s nobody has published on "
-                    f"/tf or /tf_static where it is: publish it, or use the frame {self._scene.prefix}base"
+                    f"the frame {quoted(frame)} does not belong to the arm, and was not published on /tf or /tf_static "
+                    f"within {_WAIT_S:g} s: publish it, or use the frame {self._scene.prefix}base"
                 )
             poses[frame] = pose_trans(anchor_pose, pose)
         return poses
@@ -61,17 +61,17 @@ class Transforms:
 
 
 class _Listener:
-    """Listens until each of these frames is linked to one of ``known``, or for as long as it makes sense."""
+    """Listens until each of these frames is linked to one of ``known``, but not longer than `_WAIT_S`."""
 
     def __init__(self, frames: set[str], known: frozenset[str]) -> None:
         self._frames = {frame: frame.lstrip("/") for frame in frames}
         self._known = known
-        self._links: dict[str, dict[str, Pose]] = {}  # frame -> neighbour -> where that one is
+        self._links: dict[str, dict[str, Pose]] = {}  # frame -> neighbour -> pose of the neighbour in the frame
         self._found: dict[str, tuple[str, Pose]] = {}
         self._complete = threading.Event()
 
     def listen(self, host: NodeHost) -> dict[str, tuple[str, Pose]]:
-        """Frame -> one of the known ones, and where the frame is in that; without those that nobody publishes."""
+        """For each frame, a known frame and the pose in it; frames that are not published are left out."""
         node = host.node(_NODE, start_parameter_services=False, enable_rosout=False)
         kind = interface("tf2_msgs/msg/TFMessage")
         static = QoSProfile(depth=TF_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -98,8 +98,8 @@ class _Listener:
 
 
 def linked(frame: str, known: frozenset[str], links: Mapping[str, Mapping[str, Pose]]) -> tuple[str, Pose] | None:
-    """The known frame that is the fewest links away, and where ``frame`` is in it; None without a way there."""
-    reached: dict[str, Pose] = {frame: ZERO6}  # where each is, in frame
+    """The known frame that is the fewest links away, and the pose of ``frame`` in it; None if none is linked."""
+    reached: dict[str, Pose] = {frame: ZERO6}  # pose of each, in ``frame``
     queue = [frame]
     for name in queue:
         if name in known:
@@ -112,7 +112,7 @@ def linked(frame: str, known: frozenset[str], links: Mapping[str, Mapping[str, P
 
 
 def pose_of_transform(transform: Any) -> Pose | None:
-    """Of a geometry_msgs/Transform [m, rotation vector]; None if it has no place or direction."""
+    """The pose of a geometry_msgs/Transform [m, rotation vector]; None if it is not finite or has a zero rotation."""
     place, turn = transform.translation, transform.rotation
     numbers = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
     if not all(map(math.isfinite, numbers)) or math.hypot(*numbers[3:]) < _SMALL:
@@ -121,9 +121,9 @@ def pose_of_transform(transform: Any) -> Pose | None:
 
 
 def pose_in(poses: Mapping[str, Pose], stamped: Any, refuse: Refuse) -> Pose:
-    """A geometry_msgs/PoseStamped in the base frame, given where its frame is; raises for an orientation of zeros."""
+    """A geometry_msgs/PoseStamped in the base frame. poses: of frames in the base. Raises for a zero orientation."""
     place, turn = stamped.pose.position, stamped.pose.orientation
     if max(map(abs, (turn.x, turn.y, turn.z, turn.w))) < _SMALL:
-        raise refuse("its orientation is zero: a quaternion has at least one part that is not")
+        raise refuse("its orientation is zero, which is not a valid quaternion: w=1 is no rotation")
     pose = (place.x, place.y, place.z, *quaternion_to_rotvec(turn.x, turn.y, turn.z, turn.w))
     return pose_trans(poses[stamped.header.frame_id], pose)

@@ -1,6 +1,6 @@
-"""The node ``urscript_interface``: scripts from ROS on the robot, by a topic or by an action that reports how they end.
+"""The node ``urscript_interface``: run scripts on the robot, through a topic or an action that reports how they end.
 
-A program (``def``) takes the place of the control program, as on any robot; start that one again afterwards.
+A program (``def``) replaces the control program, as on any robot; start the control program again afterwards.
 """
 
 import math
@@ -23,11 +23,11 @@ _WITH_WARNINGS: Final = (ReportLevel.WARNING, *GRAVE)
 
 
 class URScriptNode:
-    """The node; it spins from its making until `close`.
+    """The node; it spins from its creation until `close`.
 
-    ``~/script_command`` hands a script over, ``~/execute_script`` waits for its end: one at a time, and the topic is
-    not heeded meanwhile. Cancelling stops the program. Of a secondary program (``sec``) nobody knows the end: the
-    goal succeeds when no error is heard of soon.
+    ``~/script_command`` sends a script, ``~/execute_script`` also waits for its end. The action executes one goal at a
+    time, and the topic is ignored meanwhile. Cancelling stops the program. The end of a secondary program (``sec``)
+    cannot be observed: its goal succeeds if no error is reported soon.
     """
 
     def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
@@ -38,7 +38,7 @@ class URScriptNode:
         self._host = host
         self._link = robot.driver.robot
         self._cancelled = False
-        self._primary: PrimaryClient | None = None  # with which a goal is carried out
+        self._primary: PrimaryClient | None = None  # the connection that executes a goal
         self.node.create_subscription(String, "~/script_command", self._send, 1)
         self._action = OneGoalAction(
             self.node,
@@ -52,14 +52,14 @@ class URScriptNode:
         host.spin(self.node)
 
     def close(self) -> None:
-        """End the node; a program that it has sent goes on."""
+        """End the node; a program that it has sent keeps running."""
         self._host.close(self.node)
 
     # in the node's thread
 
     async def _send(self, script: Any) -> None:
         if self._action.busy:
-            self.node.get_logger().error("script_command: not sent, since a goal of execute_script is carried out")
+            self.node.get_logger().error("script_command: not sent, because a goal of execute_script is being executed")
             return
         try:
             await self._host.task(self.node, self._link.send_script(script.data))
@@ -75,7 +75,7 @@ class URScriptNode:
         try:
             await self._host.task(self.node, self._stop())
         except URError as error:
-            self.node.get_logger().error(f"execute_script: cannot be stopped: {error}")
+            self.node.get_logger().error(f"execute_script: cannot stop the script: {error}")
 
     async def _execute(self, handle: Any) -> Any:
         try:
@@ -91,13 +91,13 @@ class URScriptNode:
             handle.abort()
         else:
             handle.succeed()
-        return self._type.Result(success=not why, message=why or "the script has come to its end")
+        return self._type.Result(success=not why, message=why or "the script has finished")
 
     # in the event loop
 
     async def _run(self, goal: Any) -> None:
         if not any(line.split("#")[0].strip() for line in goal.program.splitlines()):
-            raise LocalProtocolError("the script is empty, beside comments")
+            raise LocalProtocolError("the script is empty except for comments")
         failing = _WITH_WARNINGS if goal.fail_on_warnings else GRAVE
         start_s = goal.start_timeout.sec + goal.start_timeout.nanosec * 1e-9
         start_s = start_s if start_s > 0.0 else math.inf
@@ -117,7 +117,7 @@ class URScriptNode:
                     await self._stop()
                 await primary.run(core.finish(started), math.inf)
             except ScriptFailedError as error:
-                if error.errors:  # as the official client: a program with an error goes no further
+                if error.errors:  # as the official client does: a program with an error must not continue
                     await self._stop()
                 raise
             finally:

@@ -192,7 +192,7 @@ def test_what_was_interrupted_is_gone_and_does_not_hinder(tmp_path, builder):
 
 def test_a_failure_is_told_with_its_cause_and_leaves_nothing_half(tmp_path, builder, monkeypatch):
     monkeypatch.setenv("FAIL", "1")
-    with pytest.raises(Ros2Error, match=r"ur_msgs cannot be made: no compiler for ur_msgs\. Details: .*\.log"):
+    with pytest.raises(Ros2Error, match=r"cannot build the message packages .*ur_msgs: no compiler for ur_msgs\. Details: .*\.log"):
         ensure(cache=tmp_path / "cache")
     assert not [path for path in (tmp_path / "cache").iterdir() if path.is_dir()]
 
@@ -219,7 +219,7 @@ def test_a_distribution_without_definitions_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(folder.parent), *sys.path])
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     monkeypatch.setenv("ROS_DISTRO", "galactic")
-    with pytest.raises(Ros2Error, match="humble, jazzy and kilted, not for galactic"):
+    with pytest.raises(Ros2Error, match="humble, jazzy and kilted, but not for galactic"):
         message_packages.find_installation()
     monkeypatch.setenv("ROS_DISTRO", "humble")
     assert message_packages.find_installation() == Ros2Installation("humble", (tmp_path,), sourced=True)
@@ -247,7 +247,7 @@ ENSURE = "from client.ros2.message_packages import ensure; print(ensure().prefix
 @needs_ros
 def test_without_a_compiler_it_says_what_to_install(tmp_path):
     done = in_ros(ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path), PATH=str(tmp_path))
-    assert "cannot be made: no compiler: none of cc, gcc, clang is there" in done.stderr
+    assert ": no compiler: none of cc, gcc, clang is there" in done.stderr
     assert "build-essential" in done.stderr
 
 
@@ -255,7 +255,7 @@ def test_without_a_compiler_it_says_what_to_install(tmp_path):
 def test_without_rosidl_it_says_what_to_install(tmp_path):
     (tmp_path / "rosidl_parser.py").write_text("raise ImportError('no rosidl')")
     done = in_ros(ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path / "cache"), PYTHONPATH=str(tmp_path))
-    assert "cannot be made: rosidl's generators are not installed" in done.stderr
+    assert ": rosidl's generators are not installed" in done.stderr
 
 
 SERVER = """

@@ -112,9 +112,9 @@ async def test_a_robot_that_goes_and_comes_back_finds_the_driver_where_it_was() 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"tf_prefix": "left-"}, "is not a prefix of names"),
-        ({"namespace": "1left"}, "does not accept this: Invalid namespace"),
-        ({"ros_arguments": ("-p", "nonsense")}, "does not accept this: "),
+        ({"tf_prefix": "left-"}, "is not a valid prefix"),
+        ({"namespace": "1left"}, "rejects the namespace or arguments: Invalid namespace"),
+        ({"ros_arguments": ("-p", "nonsense")}, "rejects the namespace or arguments: "),
         ({"controller": "knee_controller"}, "the controllers here are .*scaled_joint_trajectory_controller"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
