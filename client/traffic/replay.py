@@ -192,7 +192,7 @@ class _Connection(asyncio.Protocol):
             self._transport.close()
 
     def _go_on(self) -> None:
-        """Send what is due, and come back when there is more."""
+        """Send the bytes that are due, and schedule the next call."""
         self._cancel()
         if self._transport is None or self._transport.is_closing() or self._held:
             return

@@ -1,4 +1,4 @@
-"""What an RTDE connection of a recording agreed on, and the states that came then."""
+"""The negotiated recipes of a recorded RTDE connection, and their states."""
 
 import struct
 from collections import deque
@@ -18,7 +18,7 @@ _TYPES = {kind.wire_name: kind for kind in FieldType}
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The data of one state, as it was sent. inputs: input packages the client had sent before."""
+    """The data of one state, as it was sent. inputs: number of input packages that the client had sent before."""
 
     time_ns: int
     data: bytes
@@ -36,12 +36,12 @@ class Outputs:
 
     @property
     def refused(self) -> bool:
-        """Whether the robot did not have it all, or said something no document knows."""
+        """Whether the robot lacked a variable or replied with an unknown type."""
         return len(self.names) != len(self.types) or any(kind not in _TYPES for kind in self.types)
 
     @property
     def size(self) -> int:
-        """Bytes of a state."""
+        """Size of a state in bytes."""
         return sum(_TYPES[kind].size for kind in self.types)
 
     def unpack(self, data: bytes) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class Outputs:
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """A request and its reply; protocol: the one both were written in."""
+    """A request and its reply. protocol: version of the protocol of both."""
 
     request: codec.Request
     reply: codec.Reply
@@ -66,7 +66,7 @@ class Exchange:
 
 
 class RTDELog:
-    """One connection, read. problem: why it was read only up to some place, None otherwise."""
+    """One decoded connection. problem: why it could not be read to its end; None if it could."""
 
     def __init__(self, conversation: Conversation) -> None:
         self.exchanges: list[Exchange] = []

@@ -1,8 +1,9 @@
-"""RTDE of a fake robot: what was recorded, for any recipe made of recorded variables.
+"""Replay of RTDE: recorded states, for any recipe that consists of recorded variables.
 
-A connection's states are those of a recorded recipe: of the next connection that asked for the same variables,
-else of the next one that asked for these and others; then values are packed anew. A state that was sent after
-input packages waits for as many from this client, but not for ever: another client may have nothing to write.
+A connection gets the states of a recorded recipe: those of the next connection that requested the same variables, or
+else of the next one that requested these and others, whose values are then packed again. A state that was sent after
+input packages waits for the same number from this client, but only for a limited time, because another client may
+have nothing to write.
 """
 
 import struct
@@ -17,15 +18,15 @@ from urproto.rtde.recipes import type_names
 from urproto.rtde.types import NOT_FOUND, FieldType
 from urproto.versions import PolyscopeVersion
 
-_PATIENCE_S: Final = 0.5  # for inputs that a state was sent after (guess)
+_PATIENCE_S: Final = 0.5  # longest wait for the inputs before a state (guess)
 _TYPES: Final = {kind.wire_name: kind for kind in FieldType}
 
 
 class RTDELibrary:
-    """All RTDE connections of a recording; which recipes were played already is remembered for all clients.
+    """All RTDE connections of a recording, shared by all clients, including which recipes have been played.
 
-    version: the controller's, from elsewhere, in case that no client asked for it by RTDE. say: told in words which
-    variables were wanted that nobody recorded.
+    version: the controller's version, used if no client requested it by RTDE. say: called with a message about
+    requested variables that were not recorded.
     """
 
     def __init__(
@@ -47,12 +48,12 @@ class RTDELibrary:
         return bool(self._outputs)
 
     def reply(self, request: codec.Request, protocol: int) -> codec.Reply | None:
-        """What was said to the same request, in this protocol; None when it was not made."""
+        """The recorded reply to the same request in this protocol version; None if there is none."""
         same = (one.reply for one in self._exchanges if one.request == request and one.protocol == protocol)
         return next(same, None)
 
     def outputs(self, names: tuple[str, ...]) -> Outputs | None:
-        """Recorded states that have these variables; each recipe in its turn."""
+        """Recorded states with these variables; recipes take turns."""
         exact = [one for one in self._outputs if one.names == names]
         fitting = exact or [one for one in self._outputs if set(names) <= set(one.names)]
         if not fitting:
@@ -65,13 +66,13 @@ class RTDELibrary:
         return chosen
 
     def missing(self, names: tuple[str, ...]) -> list[str]:
-        """Those that no single recorded recipe has besides the others: of the one that has most of them."""
+        """The variables missing from the recorded recipe that has most of them."""
         best = max(self._outputs, key=lambda one: len(set(names) & set(one.names)), default=None)
         return [name for name in names if best is None or name not in best.names]
 
 
 class RTDEPlayer:
-    """One connection."""
+    """One RTDE connection."""
 
     def __init__(self, library: RTDELibrary, timing: Timing) -> None:
         self._library = library
@@ -85,10 +86,10 @@ class RTDEPlayer:
         self._streamed = False
 
     def begin(self, now_s: float) -> None:
-        """The client speaks first."""
+        """Does nothing: the client sends first."""
 
     def take(self, data: bytes, now_s: float) -> bytes:
-        """The replies to what these bytes complete."""
+        """The replies to the requests that these bytes complete."""
         replies = b""
         for package in self._decoder.feed(data):
             request = codec.decode_request(package, self._protocol)
@@ -106,7 +107,7 @@ class RTDEPlayer:
 
     @property
     def next_s(self) -> float | None:
-        """When a state is due; None while the client has not started them."""
+        """Time of the next state; None while the client has not started them."""
         times = [stream.next_s for stream in self._streams if stream.next_s is not None]
         return min(times, default=None) if self._running else None
 
@@ -188,7 +189,7 @@ class RTDEPlayer:
 
 
 class _Stream:
-    """A recipe of a client, filled from recorded states."""
+    """A client's recipe, filled from recorded states."""
 
     def __init__(self, outputs: Outputs, request: codec.SetupOutputs, number: int, timing: Timing) -> None:
         self._outputs = outputs
@@ -242,7 +243,7 @@ class _Stream:
         return (self._rows[-1].time_ns - self._rows[0].time_ns) / 1e9 / steps if steps else 1.0
 
     def _must_wait(self, row: Row, now_s: float, inputs: int) -> bool:
-        """For inputs of the client; the recording's time stands still meanwhile."""
+        """Whether to wait for inputs of the client; the recording's time is paused meanwhile."""
         if not self._waits or row.inputs <= inputs:
             self._resume(now_s, row)
             return False
@@ -270,7 +271,7 @@ class _Stream:
 
 
 def _thinned(outputs: Outputs, frequency_hz: float | None) -> list[Row]:
-    """As many states a second as the client wants, if that is less than were recorded."""
+    """Reduce the states to the rate that the client requests, if that is lower than the recorded one."""
     rows = outputs.rows
     if frequency_hz is None or outputs.frequency_hz is None or not 0 < frequency_hz < outputs.frequency_hz:
         return rows

@@ -55,13 +55,13 @@ _PRIMARY: Final[Mapping[str, str]] = {
 
 
 class Tolerances:
-    """The usual ones, and what the caller knows better: ``rad=0.01`` for a unit, ``actual_q=0.01`` for a field."""
+    """Usual tolerances, with changes by the caller: ``rad=0.01`` for a unit, ``actual_q=0.01`` for a field."""
 
     def __init__(self, wanted: Iterable[str] = ()) -> None:
         self._wanted = dict(map(_parse, wanted))
 
     def of(self, column: str, *, integers: bool = False) -> float:
-        """For a column of a track, in its unit. integers: its values are, and without a unit each is another thing."""
+        """Tolerance of a column, in its unit. integers: whether its values are; without a unit, they must be equal."""
         unit = unit_of(column)
         for key in (column, base_name(column), unit):
             if key in self._wanted:
@@ -81,7 +81,7 @@ def _parse(text: str) -> tuple[str, float]:
 
 
 def unit_of(column: str) -> str:
-    """Of a column of a track; empty when it has none."""
+    """Unit of a column; empty if it has none."""
     base = base_name(column)
     unit = OUTPUT_FIELDS[base].unit if base in OUTPUT_FIELDS else _PRIMARY.get(base.rpartition(".")[2], "")
     if unit in _VECTORS and (element := _ELEMENT.search(column)):
@@ -89,13 +89,13 @@ def unit_of(column: str) -> str:
     return _EITHER.get(unit, unit)
 
 
-# Of the slower track: how far the moments of a change may lie apart, in what is smooth and in what switches (guesses).
+# Periods of the slower track by which a change may be shifted, for smooth and for switching columns (guesses).
 _SLACK_PERIODS: Final = {True: 0.5, False: 2.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Values of one column. time_s: since the first recording's state track began [s]."""
+    """Values of one column at a moment. time_s: since the start of the first recording's track [s]."""
 
     time_s: float
     first: float
@@ -104,7 +104,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A column that differs by more than its tolerance. share: of the states, 0..1; size: the largest difference."""
+    """A column that differs by more than its tolerance. share: of states, 0 to 1. size: the largest difference."""
 
     column: str
     unit: str
@@ -117,7 +117,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class TrackPair:
-    """What was compared: so many states of two tracks, so many columns; what each has alone."""
+    """Comparison of two tracks: numbers of compared states and columns, and columns that only one of them has."""
 
     first: Track
     second: Track
@@ -130,13 +130,13 @@ class TrackPair:
 
     @property
     def seconds(self) -> float:
-        """How long both recordings go on together."""
+        """Duration that both recordings cover."""
         begin = max(self.first.times_s[0] + self.offset.seconds, self.second.times_s[0])
         return max(0.0, min(self.first.times_s[-1] + self.offset.seconds, self.second.times_s[-1]) - begin)
 
 
 def compare_tracks(first: Track, second: Track, offset: Offset, tolerances: Tolerances) -> TrackPair:
-    """Every column both have, where both have states."""
+    """Compare every common column over the common time."""
     matcher = _Matcher(first, second, offset.seconds)
     shared = [name for name in first.columns if name in second.columns and base_name(name) not in IGNORED]
     differences = tuple(_differences(first, second, shared, matcher, tolerances))
@@ -146,7 +146,7 @@ def compare_tracks(first: Track, second: Track, offset: Offset, tolerances: Tole
 
 
 def _alone(track: Track, other: Track) -> tuple[str, ...]:
-    """Fields that the other track has not."""
+    """Fields that the other track does not have."""
     return tuple(sorted({base_name(name) for name in track.columns if name not in other.columns}))
 
 
@@ -175,7 +175,7 @@ def _are_integers(values: Numbers) -> bool:
 
 
 class _Matcher:
-    """Which states of the second track are of the moment of each state of the first."""
+    """For each state of the first track, the states of the second at the same moment."""
 
     def __init__(self, first: Track, second: Track, offset_s: float) -> None:
         times, self._other = numbers(first.times_s), numbers(second.times_s)
@@ -196,7 +196,7 @@ class _Matcher:
         return len(self._times)
 
     def gaps(self, a: Numbers, b: Numbers, *, smooth: bool) -> Numbers:
-        """How far each value of the first is outside of what the second has around that moment.
+        """Distance of each value of the first track from the range of the second around that moment.
 
         smooth: what a straight line between two states may miss counts too; at 10 Hz that is much.
         """
@@ -210,7 +210,7 @@ class _Matcher:
             low, high = np.fmin(low, value), np.fmax(high, value)
             missed = np.fmax(missed, np.where(distance_s <= self._slack_s[False], bends[index], 0.0))
         gaps = np.maximum(0.0, np.maximum(low - mine, mine - high) - missed)
-        return np.where(np.isnan(gaps), 0.0, gaps)  # a part that one of them did not send in this state
+        return np.where(np.isnan(gaps), 0.0, gaps)  # one of them did not send it in this state
 
     def moment(self, index: int, a: Numbers, b: Numbers) -> Moment:
         nearest = int(np.argmin(np.abs(self._other - self._moved[index])))
@@ -219,7 +219,7 @@ class _Matcher:
 
 
 def _bends(values: Numbers) -> Numbers:
-    """How far each value is off the middle of its neighbours: a corner between two states may be as far off (guess)."""
+    """Distance of each value from the mean of its neighbours, the error that a corner between states allows (guess)."""
     bends = np.zeros(len(values))
     bends[1:-1] = np.abs(np.diff(values, 2)) / 2
     return bends
