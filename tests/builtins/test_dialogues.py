@@ -70,7 +70,7 @@ def test_answer_without_a_question_disturbs_nothing(rig, line):
     rig.start("while True:\n  sync()\nend")
     rig.controller.post(ScriptUnit(f"{line}\n", "line"))
     rig.tick(3)
-    assert "no program waits" in rig.texts[0]
+    assert "no question is open" in rig.texts[0]
     assert rig.state is RuntimeState.PLAYING
 
 

@@ -389,7 +389,7 @@ async def test_a_remote_procedure_call_does_not_reach_the_control_api() -> None:
         url = f"http://{HOST}:{emulator.ports['control']}/"
         emulator.controller.programs.submit(f'def prog():\n rpc_factory("xmlrpc", "{url}").ports()\nend\n')
         log = emulator.controller.messages.history
-        await until(lambda: any("an emulator's control API" in line for line in log))
+        await until(lambda: any("belongs to a control API" in line for line in log))
 
 
 async def test_a_program_reaches_its_own_script_port_as_on_an_arm() -> None:

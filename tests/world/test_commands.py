@@ -18,7 +18,7 @@ def test_a_push_acts_until_it_is_released(rig):
     assert rig.force == PUSH
     assert rig.post(ReleaseTool()) == ""
     assert rig.force == (0.0,) * 6
-    assert "nothing named 'hand'" in rig.post(ReleaseTool())
+    assert "no push of the tool is named 'hand'" in rig.post(ReleaseTool())
 
 
 def test_a_push_of_a_quarter_second_lasts_a_quarter_second(rig):
