@@ -157,7 +157,8 @@ def forward_command(
     kind: Annotated[ForwardKind, typer.Argument(help="Whether to command positions or speeds.")],
     values: Annotated[list[float], typer.Argument(help="One value for each joint, base to wrist 3 [rad or rad/s].")],
     time: Annotated[
-        float, typer.Option(help="How long to take to the positions at full speed, or to command the speeds [s].")
+        float,
+        typer.Option(help="Duration of the motion to the positions at full speed, or of the speeds [s]."),
     ] = 4.0,
     at_once: Annotated[
         bool, typer.Option("--at-once", help="Command the positions as a step, as a publisher would: the arm jerks.")

@@ -48,10 +48,7 @@ def decode_command(
     form: Annotated[InputForm, typer.Option("--input", help="Format of the file.")] = InputForm.AUTO,
     as_json: Annotated[bool, typer.Option("--json", help="Print every message as a line of JSON.")] = False,
 ) -> None:
-    """Print captured traffic of any controller port, one line per message.
-
-    A line that starts with ! marks something unreadable; the exit status is then 1.
-    """
+    """Print captured traffic of any controller port, one line per message. Exit status 1 for unreadable data (!)."""
     chosen = CODECS[codec.value] if codec else None
     session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
     with ExitStack() as opened:
