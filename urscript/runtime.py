@@ -94,7 +94,7 @@ MIN_SHARE = 100
 """Minimum budget of a thread in a frame [meter units], so that every thread advances."""
 
 MAX_THREADS = 64
-"""Most threads alive at a time. A guess: the real limit is not known."""
+"""Maximum number of running threads. A guess: the real limit is not known."""
 
 MAX_CALL_DEPTH = 200
 """Deepest recursion. A guess; vendor programs recurse a few levels."""

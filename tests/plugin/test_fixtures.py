@@ -58,8 +58,8 @@ def test_robots_are_what_markers_and_options_say(run_tests) -> None:
 WISHES = [
     ('"ur6"', "ur_emulator", "*unknown*ur6*"),
     ('"ur3", wheels=4', "ur_emulator", "*No such option*--wheels*"),
-    ('"ur3", wheels=4', "ur_robot", "*no option 'wheels': it has*running*"),
-    ('"ur3", polyscope="5.12"', "ur_robot", "*UR3 is a CB3 arm*"),
+    ('"ur3", wheels=4', "ur_robot", "*no option 'wheels': choose from*running*"),
+    ('"ur3", polyscope="5.12"', "ur_robot", "*UR3 (CB3) requires PolyScope*"),
     ('"ur3", "5.12"', "ur_robot", "*ur_model takes a model and named options*"),
 ]
 

@@ -207,7 +207,7 @@ def _with(link: str, key: str, value: object) -> dict:
     [
         (None, "neither `kinematics:` nor `dh_theta:`"),
         ({"kinematics": 3}, "neither"),
-        (_without("wrist_1"), "there is no wrist_1"),
+        (_without("wrist_1"), "wrist_1 is missing"),
         (_with("wrist_2", "roll", "much"), "roll of wrist_2 must be a number, not 'much'"),
         (_with("wrist_2", "roll", math.nan), "roll of wrist_2 must be a number"),
         (_with("forearm", "y", 0.01), "no Denavit-Hartenberg parameters"),

@@ -127,7 +127,7 @@ def test_models_are_shared_and_never_change() -> None:
         ("[shape]", "[form]", r"ur3.toml: shape must be a table"),
         ("base_light = false", "", r"\[shape\]: base_light must be true or false"),
         ("[electrics]", "[electric]", r"ur3.toml: electrics must be a table"),
-        ("[[links]]  # wrist_3", "[[toes]]", r"ur3.toml: 5 \[\[links\]\], an arm has six"),
+        ("[[links]]  # wrist_3", "[[toes]]", r"ur3.toml: there must be six \[\[links\]\], not 5"),
     ],
 )
 def test_a_broken_file_names_the_entry(before: str, after: str, complaint: str) -> None:

@@ -156,7 +156,7 @@ def test_a_port_in_use(tmp_path: Path) -> None:
     [
         (["--model", "ur4"], "unknown robot model 'ur4': choose one of"),
         (["--polyscope", "new"], "'new' is not a PolyScope version"),
-        (["--model", "ur3", "--polyscope", "5.22"], "UR3 is a CB3 arm"),
+        (["--model", "ur3", "--polyscope", "5.22"], "UR3 (CB3) requires PolyScope"),
         (["--initial-positions", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--safety", "missing.yaml"], "cannot read missing.yaml: No such file"),
         (["--programs", "missing"], "--programs: missing is not a folder"),

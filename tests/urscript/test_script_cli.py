@@ -56,7 +56,7 @@ def test_check_assumes_what_the_emulator_does_and_takes_the_series_from_the_vers
         assert cli.main(["check", str(path), *options]) == 0
     assert "for PolyScope 5.21.3.0" in capsys.readouterr().out
     assert cli.main(["check", str(path), "--model", "ur5", "--polyscope", "5.11"]) == 2
-    assert "UR5 is a CB3 arm: it requires PolyScope 3.0 to 3.15, not 5.11" in capsys.readouterr().err
+    assert "UR5 (CB3) requires PolyScope 3.0 to 3.15, not 5.11" in capsys.readouterr().err
     assert cli.main(["check", str(path), "--model", "ur99"]) == 2
 
 

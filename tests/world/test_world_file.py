@@ -71,7 +71,7 @@ def test_the_example_file_is_one():
         ("objects: {a: {}}", "a must have exactly one of plane, box, sphere"),
         ("objects: {a: {plane: {}, sphere: 1}}", "a must have exactly one"),
         ("objects: {a: {plane: {}, color: red}}", "a has 'color'"),
-        ("objects: {a: {plane: 3}}", "a: a plane takes nothing"),
+        ("objects: {a: {plane: 3}}", "a: a plane only has a pose"),
         ("objects: {a: {box: [1, 2]}}", "a: box must be three lengths"),
         ("objects: {a: {box: [1, 2, -3]}}", "a: a box's size"),
         ("objects: {a: {sphere: big}}", "a: sphere must be a number"),

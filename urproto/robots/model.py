@@ -318,7 +318,7 @@ def choose_version(text: str | None, model: RobotModel) -> PolyscopeVersion:
             raise ValueError(f"{model.title} requires PolyScope X {first} or later, not {text}")
         return version
     if version.major != major or version.minor > newest:
-        raise ValueError(f"{model.title} is a {model.series.value} arm: it requires PolyScope {known}, not {text}")
+        raise ValueError(f"{model.title} ({model.series.value}) requires PolyScope {known}, not {text}")
     return version
 
 

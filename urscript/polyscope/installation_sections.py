@@ -219,7 +219,7 @@ class Payloads(Section):
     listed = grows = True
     applied = "immediately for the default payload, with the next program for the others"
     places = (
-        "`PayloadSettings/Payload` since 5.10; before that, and on CB3, one only: `toolPayload` and `centerOfGravity` "
+        "`PayloadSettings/Payload` since 5.10; before that, and on CB3, only one: `toolPayload` and `centerOfGravity` "
         "of `TCPSettings`"
     )
     _ONE = "Payload"  # name of the payload in files that contain only one

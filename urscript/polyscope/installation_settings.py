@@ -404,7 +404,7 @@ def _check_new_name(page: Section, root: Element, name: str) -> None:
 
 # a new file
 
-_PIN_COUNTS: Final = {  # as since PolyScope 3.13 and 5.9
+_PIN_COUNTS: Final = {  # since PolyScope 3.13 and 5.9
     "digital_in": 8, "digital_out": 8, "tool_in": 2, "tool_out": 2, "tool_analog_in": 2, "analog_in": 2,
     "analog_out": 2, "config_in": 8, "config_out": 8, "GP_bool_in": 128, "GP_bool_out": 128, "GP_int_in": 48,
     "GP_int_out": 48, "GP_float_in": 48, "GP_float_out": 48,
