@@ -109,9 +109,10 @@ def test_the_shell_shows_and_checks_and_exports(tmp_path):
     ]:
         with pytest.raises(URError, match=said):
             run(*wrong)
-    assert run("show", path) == "1 Variables Setup\n2 Robot Program\n3   <empty>  <- <empty> lacks the node to execute here\n"
+    lacks = "<empty> lacks the node to execute here"
+    assert run("show", path) == f"1 Variables Setup\n2 Robot Program\n3   <empty>  <- {lacks}\n"
     done = CliRunner().invoke(program_app, ["check", str(path)])
-    assert (done.exit_code, done.output) == (1, f"{path}:3: <empty>: <empty> lacks the node to execute here\n")
+    assert (done.exit_code, done.output) == (1, f"{path}:3: <empty>: {lacks}\n")
     edited = open_program(path)
     wait = edited.insert("wait", into=ROOT, values={"type": "Sleep", "time": 0.25})
     save_program(edited, path)

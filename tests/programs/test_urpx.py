@@ -104,10 +104,10 @@ def test_what_cannot_be_played_is_refused_and_what_was_loaded_stays(
 
 
 def test_each_line_of_software_has_programs_of_its_own(controller: Controller, tmp_path: Path) -> None:
-    with pytest.raises(ProgramLoadError, match=r"programs are \.urpx"):
+    with pytest.raises(ProgramLoadError, match=r"use a \.urpx"):
         load(controller, b"", "old.urp")
     older = Controller(ControllerConfig(model=load_model("ur5e"), programs_dir=tmp_path))
-    with pytest.raises(ProgramLoadError, match=r"programs are \.urp or"):
+    with pytest.raises(ProgramLoadError, match=r"use a \.urp or"):
         load(older, urpx("job"))
 
 
