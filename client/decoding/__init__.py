@@ -1,13 +1,13 @@
-"""Captured streams of the controller's ports, shown to people: one line a message.
+"""Decode captured traffic of the controller's ports into readable text, one line per message.
 
-- capture: packets out of pcap and pcapng files, and into pcapng
-- packets: TCP segments out of packets
-- connections: byte streams out of segments, in order
-- streams: messages out of a byte stream, garbage skipped and reported
-- rtde, states, modbus, external: what the messages of each port say
-- codecs: which port speaks what, and guessing it from bytes; the frames that carry a byte stream back into a file
-- session: all of this for one input, whatever it is
+- capture: read packets from pcap and pcapng files, and write pcapng files
+- packets: extract TCP segments from packets
+- connections: assemble segments to ordered byte streams
+- streams: cut byte streams into messages, skipping and reporting garbage
+- rtde, states, modbus, external: the messages of each port
+- codecs: the protocol of each port, or guessed from the bytes; frames for writing a byte stream to a file
+- session: all of this for one input of any format
 - formatting: values as text
 
-Everything takes bytes as they come and keeps a bounded number of them.
+Everything accepts bytes in chunks of any size and buffers a bounded number of them.
 """

@@ -1,7 +1,7 @@
-"""Packets out of pcap and pcapng files, as tcpdump and Wireshark write them, in bytes as they come; and into pcapng.
+"""Read packets from pcap and pcapng files of tcpdump and Wireshark, in chunks of any size; write pcapng files.
 
-Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng. What is written has one section, one
-Ethernet interface, and times in nanoseconds; ``codecs`` makes the frames.
+Layouts: the IETF drafts draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng. Written files have one section, one
+Ethernet interface, and times in nanoseconds; ``codecs`` builds the frames.
 """
 
 import struct
@@ -13,7 +13,7 @@ from urproto.text import from_bytes, readable, to_bytes
 
 MAGIC_SIZE = 4
 _LONGEST = 1 << 20  # bytes of a packet or block; tcpdump cuts packets at 256 kB
-_PCAP = {  # magic number: byte order, ticks a second
+_PCAP = {  # magic number: byte order, ticks per second
     b"\xa1\xb2\xc3\xd4": (">", 1_000_000),
     b"\xd4\xc3\xb2\xa1": ("<", 1_000_000),
     b"\xa1\xb2\x3c\x4d": (">", 1_000_000_000),
@@ -31,7 +31,7 @@ _MICROSECONDS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One packet as captured. time_ns: since 1970 [ns], or None; link: its LINKTYPE; size: what was on the wire."""
+    """One packet as captured. time_ns: since 1970 [ns], or None. link: its LINKTYPE. size: its size on the wire."""
 
     time_ns: int | None
     link: int
@@ -40,16 +40,16 @@ class Packet:
 
 
 class PacketReader:
-    """Cuts packets out of a file that arrives in any split. comments: remarks about the file, as far as it is read."""
+    """Cuts a file, which arrives in chunks of any size, into packets. comments: the file's comments read so far."""
 
     def __init__(self) -> None:
         self.comments: list[str] = []
         self._buffer = bytearray()
-        self._skip = 0  # bytes to come that are not wanted
+        self._skip = 0  # following bytes to ignore
         self._offset = 0  # of the buffer in the file
 
     def feed(self, data: bytes) -> Iterator[Packet]:
-        """Take bytes, give the packets they complete. Raises RemoteProtocolError where the file cannot be read on."""
+        """Take bytes; return the packets they complete. Raises RemoteProtocolError where the file is damaged."""
         self._buffer += data
         self._drop(0)
         while not self._skip and (size := self._size()) and len(self._buffer) >= size:
@@ -64,7 +64,7 @@ class PacketReader:
 
     @property
     def rest(self) -> int:
-        """Bytes of a packet that has not ended."""
+        """Number of bytes of an incomplete packet."""
         return len(self._buffer)
 
     def _drop(self, size: int) -> None:
@@ -75,10 +75,10 @@ class PacketReader:
         self._offset += dropped
 
     def _broken(self, why: str) -> RemoteProtocolError:
-        return RemoteProtocolError(f"the capture file cannot be read on at offset {self._offset}: {why}")
+        return RemoteProtocolError(f"the capture file cannot be read beyond offset {self._offset}: {why}")
 
     def _size(self) -> int:
-        """Of what comes next in the file, 0 when that is not known yet."""
+        """Size of the next piece of the file; 0 if not known yet."""
         raise NotImplementedError
 
     def _read(self, piece: bytes) -> Packet | None:
@@ -86,7 +86,7 @@ class PacketReader:
 
 
 def open_capture(magic: bytes) -> PacketReader | None:
-    """The reader of a file that begins with these 4 bytes (they are to be fed too); None when it is not a capture."""
+    """The reader for a file that starts with these 4 bytes (feed them as well); None if it is not a capture."""
     if magic == _PCAPNG:
         return _PcapngReader()
     return _PcapReader(*_PCAP[magic]) if magic in _PCAP else None
@@ -114,7 +114,7 @@ class _PcapReader(PacketReader):
 
     def _read(self, piece: bytes) -> Packet | None:
         if self._link is None:
-            self._link = self._header.unpack(piece)[0] & 0x0FFFFFFF  # the bits above tell of checksums
+            self._link = self._header.unpack(piece)[0] & 0x0FFFFFFF  # the upper bits are about checksums
             return None
         seconds, ticks, _, size = self._record.unpack_from(piece)
         time_ns = seconds * 1_000_000_000 + ticks * (1_000_000_000 // self._ticks)
@@ -151,7 +151,7 @@ class _PcapngReader(PacketReader):
             return int(size)
         if kind in (_SECTION, _INTERFACE, _OLD_PACKET, _SIMPLE_PACKET, _ENHANCED_PACKET):
             raise self._broken(f"a block of type {kind} has {size} bytes")
-        self._drop(size)  # nothing that is read here
+        self._drop(size)  # not used here
         return 0
 
     def _unpack(self, layout: str, data: bytes | bytearray, offset: int = 0) -> tuple[int, ...]:
@@ -177,7 +177,7 @@ class _PcapngReader(PacketReader):
 
     def _packet(self, number: int, ticks: int | None, data: bytes, size: int) -> Packet:
         if number >= len(self._interfaces):
-            raise self._broken(f"a packet is of interface {number}, which was not described")
+            raise self._broken(f"a packet belongs to interface {number}, which was not described")
         interface = self._interfaces[number]
         time_ns = None
         if ticks is not None:
@@ -199,7 +199,7 @@ class _PcapngReader(PacketReader):
                 self.comments.append(readable(from_bytes(option)))
 
     def _options(self, body: bytes, place: int) -> Iterator[tuple[int, bytes]]:
-        """Number and value of each, up to the end of them."""
+        """Code and value of each option."""
         while place + 4 <= len(body):
             code, size = self._unpack("2H", body, place)
             if code == 0:
@@ -214,7 +214,7 @@ _LONGEST_OPTION = 0xFFFF  # bytes, by its size field
 
 
 def head_of_capture(application: str, interface: str, comments: Iterable[str] = ()) -> bytes:
-    """What comes before the packets: who wrote the file, where, and remarks about it."""
+    """The blocks before the packets: the application, the interface, and comments."""
     remarks = [(_COMMENT, to_bytes(comment)) for comment in comments]
     about = _options([*remarks, (_APPLICATION, to_bytes(application))])
     link = _options([(_NAME, to_bytes(interface)), (_TSRESOL, bytes([_NANOSECONDS]))])
@@ -223,7 +223,7 @@ def head_of_capture(application: str, interface: str, comments: Iterable[str] = 
 
 
 def packet_block(time_ns: int, frame: bytes) -> bytes:
-    """An Ethernet frame at a time since 1970 [ns]."""
+    """The block of an Ethernet frame. time_ns: since 1970."""
     size = len(frame)
     return _block(_ENHANCED_PACKET, struct.pack("<5I", 0, time_ns >> 32, time_ns & 0xFFFFFFFF, size, size) + frame)
 

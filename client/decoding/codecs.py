@@ -1,4 +1,4 @@
-"""Which port speaks what, and what bytes of an unknown port look like."""
+"""The protocol of each port, and recognition of a protocol from its bytes."""
 
 import struct
 from collections.abc import Callable, Iterator
@@ -14,26 +14,26 @@ from urproto.errors import RemoteProtocolError
 from urproto.external_control import REQUEST_PROGRAM
 from urproto.interpreter import InterpreterCommand
 
-_LONGEST_LINE = 8192  # bytes; what is longer is shown in pieces
+_LONGEST_LINE = 8192  # bytes; longer lines are shown in pieces
 
 
 def line_stream() -> LineStream:
-    """Any text with line ends."""
+    """Any text with line feeds."""
     return LineStream(_read, _LONGEST_LINE)
 
 
 def unended_stream() -> LineStream:
-    """Text whose lines may lack their end, as a gripper's ``ack``: what comes together is shown together."""
+    """Text whose lines may lack a line feed, such as a gripper's ``ack``: text received together is shown together."""
     return LineStream(_read, _LONGEST_LINE, unfinished=True)
 
 
 def statement_stream() -> LineStream:
-    """What a client of interpreter mode sends."""
+    """Input of interpreter mode."""
     return LineStream(_read_statement, _LONGEST_LINE)
 
 
 def answer_stream() -> LineStream:
-    """What interpreter mode answers."""
+    """Answers of interpreter mode."""
     return LineStream(_read_answer, _LONGEST_LINE)
 
 
@@ -59,22 +59,22 @@ def _read_answer(text: str) -> Iterator[Line]:
 
 
 class BytesStream:
-    """Bytes nobody here can read, as they come."""
+    """Bytes of an unknown protocol, as they arrive."""
 
     def __init__(self) -> None:
         self._offset = 0
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Tell how many, and the first."""
+        """Report the number of bytes, and the first ones."""
         yield problem(f"offset {self._offset}: {len(data)} bytes of no known protocol: {formatting.value(data)}")
         self._offset += len(data)
 
     def lost(self, size: int) -> None:
-        """Count them."""
+        """Count the lost bytes."""
         self._offset += size
 
     def end(self) -> Iterator[Line]:
-        """Nothing is unfinished."""
+        """Returns nothing: no message can be unfinished."""
         yield from ()
 
 
@@ -87,7 +87,7 @@ _MACS = {True: bytes.fromhex("020000000001"), False: bytes.fromhex("020000000002
 
 
 class ConnectionFrames:
-    """The frames of one connection. ``number`` tells it from an earlier one between the same ends."""
+    """Ethernet frames of one connection. number: distinguishes connections between the same ends."""
 
     def __init__(self, client: Endpoint, server: Endpoint, number: int = 0) -> None:
         addresses = _addresses(client.address, server.address)
@@ -101,16 +101,16 @@ class ConnectionFrames:
         yield self._frame(True, _ACK)
 
     def data(self, from_client: bool, data: bytes) -> Iterator[bytes]:
-        """Bytes of one end."""
+        """Frames with bytes of one end."""
         for start in range(0, len(data), _MOST):
             yield self._frame(from_client, _PSH | _ACK, data[start : start + _MOST])
 
     def end(self, from_client: bool) -> bytes:
-        """This end sends nothing more."""
+        """The frame that ends the sending of one end."""
         return self._frame(from_client, _FIN | _ACK)
 
     def reset(self, from_client: bool) -> bytes:
-        """This end breaks the connection off."""
+        """The frame with which one end resets the connection."""
         return self._frame(from_client, _RST | _ACK)
 
     def _frame(self, from_client: bool, flags: int, data: bytes = b"") -> bytes:
@@ -128,7 +128,7 @@ class ConnectionFrames:
 
 
 def _addresses(client: str, server: str) -> list[IPv4Address | IPv6Address]:
-    """Both as IPv4, or both as IPv6 when one of them is."""
+    """Both addresses as IPv4, or both as IPv6 if one of them is."""
     found = [ip_address(text.partition("%")[0]) for text in (client, server)]
     if found[0].version == found[1].version:
         return found
@@ -136,7 +136,7 @@ def _addresses(client: str, server: str) -> list[IPv4Address | IPv6Address]:
 
 
 def _first_number(number: int) -> int:
-    return number * 0x01000193 % _NUMBERS  # far from that of the connection before
+    return number * 0x01000193 % _NUMBERS  # far from that of the previous connection
 
 
 def _ipv4(source: bytes, destination: bytes, size: int) -> bytes:
@@ -149,13 +149,13 @@ def _ipv6(source: bytes, destination: bytes, size: int) -> bytes:
 
 
 def _checksum(data: bytes) -> bytes:
-    """Of IP and TCP: the complement of the sum of all 16-bit words, whose carries are added again (RFC 1071)."""
-    words = int.from_bytes(data + bytes(len(data) % 2), "big") % 0xFFFF  # 2^16 is 1 there: the remainder is that sum
+    """Checksum of IP and TCP: the complement of the ones' complement sum of all 16-bit words (RFC 1071)."""
+    words = int.from_bytes(data + bytes(len(data) % 2), "big") % 0xFFFF  # 2^16 = 1 (mod 0xFFFF): the sum of the words
     return (0xFFFF - words).to_bytes(2, "big") if words else bytes(2)
 
 
 class Side(Enum):
-    """Who sent a stream; the driver of External Control counts as the client."""
+    """The sender of a stream; a driver (External Control) counts as the client."""
 
     ROBOT = "robot"
     CLIENT = "client"
@@ -163,14 +163,14 @@ class Side(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """The streams of one connection. ``unknown`` is for one whose sender is to be found out from the bytes."""
+    """The streams of one connection. unknown: a stream whose sender is recognised from the bytes."""
 
     robot: Stream
     client: Stream
     unknown: Stream | None = None
 
     def stream(self, side: Side | None, usual: Side) -> Stream:
-        """What a side sends."""
+        """The stream from one side."""
         if side is None and self.unknown is not None:
             return self.unknown
         return self.robot if (side or usual) is Side.ROBOT else self.client
@@ -178,7 +178,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Codec:
-    """A protocol: its usual ports, who listens there, who sends what a lone stream is taken for."""
+    """A protocol. server: the side that listens on its ports. usual: assumed sender of a single stream."""
 
     name: str
     ports: tuple[int, ...]
@@ -243,8 +243,8 @@ def codec_of_port(port: int) -> Codec | None:
 
 # guessing
 
-_ENOUGH = 4096  # bytes after which there is nothing more to wait for
-_SEARCHED = 2048  # bytes in which a message is looked for when none begins at the first
+_ENOUGH = 4096  # bytes after which a guess is made
+_SEARCHED = 2048  # bytes that are searched if no message starts at the first byte
 _FRAMINGS: dict[str, Framing] = {
     "primary": states.PRIMARY,
     "realtime": states.REALTIME,
@@ -254,19 +254,19 @@ _FRAMINGS: dict[str, Framing] = {
     "trajectory": external.TRAJECTORY,
     "script-command": external.COMMANDS,
 }
-_FOUND_LATER = ("primary", "realtime", "rtde")  # whose headers are rare by chance
+_FOUND_LATER = ("primary", "realtime", "rtde")  # their headers hardly ever occur by chance
 
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What bytes look like; ``side`` None when they do not say who sent them."""
+    """The probable protocol of some bytes, and their sender; None if the bytes do not show it."""
 
     codec: Codec
     side: Side | None = None
 
 
 def guess(data: bytes, final: bool) -> Guess | None:
-    """What speaks like this; None when more bytes are needed, of which there are none if ``final``."""
+    """The probable protocol of some bytes; None if more bytes are needed. final: there are no more bytes."""
     if not data:
         return Guess(CODECS["text"]) if final else None
     if _is_text(data):
@@ -285,7 +285,7 @@ def guess(data: bytes, final: bool) -> Guess | None:
 
 
 def _messages(framing: Framing, data: bytes, whole: bool = False) -> int:
-    """How many messages these bytes may be, the last one unfinished unless ``whole``; 0 when they are none."""
+    """Number of messages in these bytes, if they are messages, else 0. whole: the last one must be complete."""
     count = offset = 0
     while offset < len(data):
         header = data[offset : offset + framing.header]

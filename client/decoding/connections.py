@@ -1,9 +1,8 @@
-"""Byte streams of TCP connections out of segments that were captured in any order.
+"""Assemble byte streams of TCP connections from segments captured in any order.
 
-A direction's bytes are given in their order, each once. Between the directions, a segment
-waits for the bytes its acknowledgement says its sender had received: so a request comes
-before its reply however the packets were sorted. What does not come is given up as lost
-when too much waits for it, and the stream goes on behind it.
+The bytes of a direction are returned in order, each once. Across directions, a segment waits for the bytes that its
+sender had acknowledged, so a request comes before its reply regardless of the order of the packets. Missing bytes are
+given up as lost when too much waits for them, and the stream continues after them.
 """
 
 from collections import OrderedDict
@@ -12,11 +11,11 @@ from dataclasses import dataclass, field
 
 from client.decoding.packets import Endpoint, Segment
 
-MAX_CONNECTIONS = 256  # followed at once; the one that was silent longest is given up
+MAX_CONNECTIONS = 256  # tracked at the same time; beyond that, the one that was silent longest is dropped
 _MAX_HELD = 256  # segments
 _MAX_HELD_BYTES = 1 << 18
-_MAX_WAIT_NS = 2_000_000_000  # of the capture's time; guess: a lost segment is sent again sooner
-_SETTLING = 64  # segments, or time, until a connection counts as begun before the capture
+_MAX_WAIT_NS = 2_000_000_000  # of the capture's time; guess: a lost segment is retransmitted sooner
+_SETTLING = 64  # segments without a SYN, or time, after which a connection counts as older than the capture
 _SETTLING_NS = 1_000_000_000
 _NUMBERS = 1 << 32
 
@@ -32,7 +31,7 @@ class Data:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """So many bytes of a direction are not in the capture."""
+    """This many bytes of a direction are not in the capture."""
 
     source: Endpoint
     size: int
@@ -41,7 +40,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """Nothing comes any more from this end."""
+    """This end sends no more data."""
 
     source: Endpoint
     time_ns: int | None
@@ -57,7 +56,7 @@ def opens(segment: Segment) -> bool:
 
 
 def possible_servers(segment: Segment) -> list[Endpoint]:
-    """Who may be the server of a segment's connection, the likeliest first."""
+    """The possible servers of a segment's connection, the likeliest first."""
     if opens(segment):
         return [segment.destination]
     return sorted((segment.source, segment.destination), key=lambda end: end.port)
@@ -76,7 +75,7 @@ class _Piece:
 
 @dataclass(slots=True)
 class _Direction:
-    """Positions count from the first byte known of; ``next`` is the one that is given next."""
+    """One direction. Positions count from the first known byte; ``next`` is the position to be returned next."""
 
     source: Endpoint
     base: int | None = None  # sequence number of position 0
@@ -87,14 +86,14 @@ class _Direction:
     held: list[_Piece] = field(default_factory=list)
 
     def position(self, sequence: int) -> int:
-        """Of a sequence number, taken to be near the next one."""
+        """Position of a sequence number, assuming that it is near the next one."""
         if self.base is None:
             self.base = sequence
         ahead = (sequence - self.base - self.next) % _NUMBERS
         return self.next + (ahead if ahead < _NUMBERS // 2 else ahead - _NUMBERS)
 
     def begin(self, sequence: int) -> None:
-        """The SYN was seen: position 0 is behind it."""
+        """Start after a SYN: the first position after it is 0."""
         self.syn = sequence
         if self.started:
             return
@@ -105,18 +104,18 @@ class _Direction:
         self.started = True
 
     def begin_anywhere(self) -> None:
-        """No SYN came: the stream begins with the first bytes there are."""
+        """Start without a SYN, at the first available byte."""
         self.next = min((piece.start for piece in self.held), default=0)
         self.started = True
 
     @property
     def first(self) -> _Piece | None:
-        """What is held and comes first."""
+        """The first of the held pieces."""
         return min(self.held, key=lambda piece: (piece.start, piece.end), default=None)
 
 
 class Connection:
-    """Both directions of what goes on between two ends, one connection after the other."""
+    """Both directions of the connections between two ends, one connection after the other."""
 
     def __init__(self, ends: tuple[Endpoint, Endpoint]) -> None:
         self._ends = ends
@@ -130,7 +129,7 @@ class Connection:
         self._first_ns: int | None = None
 
     def add(self, segment: Segment) -> Iterator[Event]:
-        """Take a segment, give what it completes."""
+        """Take a segment; return the events it completes."""
         direction = self._directions[segment.source]
         if segment.syn:
             if self._is_another(direction, segment):
@@ -149,7 +148,7 @@ class Connection:
             yield from self.finish()
 
     def finish(self) -> Iterator[Event]:
-        """No more segments come: give all there is."""
+        """Finish: return all remaining events."""
         self._settle()
         yield from self._drain()
         while any(direction.held for direction in self._directions.values()):
@@ -177,7 +176,7 @@ class Connection:
             direction.held.append(piece)
             self._arrivals += 1
 
-    # giving
+    # returning events
 
     def _drain(self) -> Iterator[Event]:
         if not self._settled and not self._may_settle():
@@ -204,7 +203,7 @@ class Connection:
         return first is not None and first.start <= direction.next and not self._unheard(direction, first)
 
     def _unheard(self, direction: _Direction, piece: _Piece) -> int:
-        """How many bytes of the other direction the sender of a piece had, and we have not yet."""
+        """Number of missing bytes of the other direction that the sender of a piece had already received."""
         other = self._other(direction)
         if piece.segment.ack is None or not other.started or other.ended:
             return 0
@@ -243,7 +242,7 @@ class Connection:
         return oldest is not None and self._now is not None and self._now - oldest > _MAX_WAIT_NS
 
     def _give_up(self) -> Iterator[Event]:
-        """Stop waiting for what the piece waits for that has waited longest."""
+        """Stop waiting for the bytes that block the oldest piece."""
         waiting = [direction for direction in self._directions.values() if direction.held]
         direction = min(waiting, key=lambda one: min(piece.arrival for piece in one.held))
         piece = direction.first
@@ -265,7 +264,7 @@ class Connections:
         self._known: OrderedDict[Ends, Connection] = OrderedDict()
 
     def add(self, segment: Segment) -> Iterator[tuple[Ends, Event]]:
-        """Take a segment, give what it completes."""
+        """Take a segment; return the events it completes."""
         ends = frozenset((segment.source, segment.destination))
         if ends not in self._known:
             self._known[ends] = Connection((segment.source, segment.destination))

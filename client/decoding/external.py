@@ -1,4 +1,4 @@
-"""External Control's ports (50001, 50003, 50004) shown to people. The driver is the server there."""
+"""Messages on External Control's ports (50001, 50003, 50004) as text. The driver is the server there."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -23,8 +23,8 @@ from urproto.external_control import (
 )
 from urproto.modes import mode_name
 
-_LIKELY_TIMEOUT_MS = 60_000  # guess: what waits longer is not a message; drivers use 2 ms to a few seconds
-_PARAMETERS = {  # how many words of a command mean something
+_LIKELY_TIMEOUT_MS = 60_000  # guess: a longer timeout is not from a message; drivers use 2 ms to a few seconds
+_PARAMETERS = {  # number of words that a command uses
     ScriptCommandKind.ZERO_FTSENSOR: 0,
     ScriptCommandKind.SET_PAYLOAD: 4,
     ScriptCommandKind.SET_TOOL_VOLTAGE: 1,
@@ -50,7 +50,7 @@ _FLAG_FIRST = (ScriptCommandKind.FT_RTDE_INPUT_ENABLE, ScriptCommandKind.SET_FRI
 
 
 def _fixed(name: str, size: int, decode: Callable[[bytes], Any], likely: Callable[[Any], bool]) -> Framing:
-    """Messages of one size, which have to be read to see that they are some."""
+    """Framing for messages of a fixed size, which are recognised only by decoding them."""
 
     def check(data: bytes) -> int:
         decode(data)
@@ -81,31 +81,31 @@ RESULTS = Framing("result", 4, ReplyDecoder.size, _is_result)
 
 
 def reverse_stream() -> FramedStream:
-    """What the driver sends on the reverse interface."""
+    """Messages from the driver on the reverse interface."""
     return FramedStream(REVERSE, _lines_of(ReverseMessage.decode, _reverse))
 
 
 def trajectory_stream() -> FramedStream:
-    """What the driver sends on the trajectory interface."""
+    """Messages from the driver on the trajectory interface."""
     return FramedStream(TRAJECTORY, _lines_of(TrajectoryPoint.decode, _point))
 
 
 def command_stream() -> FramedStream:
-    """What the driver sends on the script command interface."""
+    """Messages from the driver on the script command interface."""
     return FramedStream(COMMANDS, _lines_of(ScriptCommand.decode, _command))
 
 
 def result_stream() -> Stream:
-    """What the robot sends on the trajectory and script command interfaces."""
+    """Messages from the robot on the trajectory and script command interfaces."""
     return _Greeted(FramedStream(RESULTS, _lines_of(ReplyDecoder.decode, _reply)))
 
 
 class _Greeted:
-    """A stream that may begin with the control program's greeting, which is text."""
+    """A stream that may start with the control program's greeting, which is text."""
 
     def __init__(self, rest: Stream) -> None:
         self._rest = rest
-        self._unread: bytes | None = b""  # None once it has been shown, or does not come
+        self._unread: bytes | None = b""  # None once it has been shown, or if there is none
 
     def feed(self, data: bytes) -> Iterator[Line]:
         """Take bytes, tell what they complete."""

@@ -1,4 +1,4 @@
-"""Values as people read them. What a peer sent never reaches a terminal unescaped."""
+"""Values as readable text. Nothing that a peer sent reaches a terminal unescaped."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
@@ -26,17 +26,17 @@ _ENUMS: Mapping[str, type[IntEnum]] = {
     "sub_type": modes.RobotSubType,
     "tool_mode": modes.ToolMode,
 }
-_LONGEST_BYTES = 64  # shown of bytes nobody can read
+_LONGEST_BYTES = 64  # shown of binary data
 
 
 def quoted(text: str) -> str:
-    """Text in quotes; what a terminal would obey is escaped."""
+    """Text in quotes; control characters are escaped."""
     return f'"{escaped(text).replace(chr(34), chr(92) + chr(34))}"'
 
 
 def escaped(text: str) -> str:
-    """Text on one line; what a terminal would obey is escaped."""
-    return "".join(map(_character, text))  # bytes that are no UTF-8 as in `urproto.text.readable`
+    """Text on one line; control characters are escaped."""
+    return "".join(map(_character, text))  # invalid UTF-8 as in `urproto.text.readable`
 
 
 def _character(char: str) -> str:
@@ -49,7 +49,7 @@ def _character(char: str) -> str:
 
 
 def value(item: Any, name: str = "") -> str:
-    """One value, ``name`` tells which enumeration a number belongs to."""
+    """One value as text. name: selects the enumeration to which a number belongs."""
     if isinstance(item, bool) or item is None:
         return str(item).lower()
     if isinstance(item, int | float):
@@ -82,6 +82,6 @@ def pairs(items: Iterable[tuple[str, Any]]) -> str:
 
 
 def message(item: Any) -> str:
-    """The fields of a dataclass; those that are not there are left out."""
+    """The fields of a dataclass; those that are None are left out."""
     named = ((field.name, getattr(item, field.name)) for field in fields(item))
     return pairs((name, part) for name, part in named if part is not None and part != ())

@@ -1,4 +1,4 @@
-"""Modbus/TCP shown to people. An answer is read with the request of its transaction, where that was seen."""
+"""Modbus/TCP messages as text. An answer is decoded with the request of its transaction, if that was captured."""
 
 import struct
 from collections import OrderedDict
@@ -71,7 +71,7 @@ def _frame(data: bytes) -> Frame:
 
 
 def _is_answer(pdu: bytes) -> bool:
-    """Whether a message of an unknown side is an answer. A write of one value is the same both ways."""
+    """Whether a message from an unknown side is an answer. A write of one value is the same in both directions."""
     function = pdu[0]
     if function & _ERROR_BIT:
         return True
@@ -107,7 +107,7 @@ def _span(request: ModbusRequest) -> str:
 
 
 def _alone(pdu: bytes) -> str:
-    """An answer to a request that was not seen: bits in whole bytes, words, or what it repeats."""
+    """An answer whose request was not captured: bits in whole bytes, words, or the repeated request."""
     if not _is_answer(pdu) or pdu[0] not in _READS:
         return f"{formatting.value(pdu[1:])} (the request was not seen)"
     count = pdu[1] * 8 if pdu[0] in _BITS else pdu[1] // 2

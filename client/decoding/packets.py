@@ -20,7 +20,7 @@ _FIN, _SYN, _RST, _ACK = 1, 2, 4, 16
 
 
 class UnreadablePacketError(Exception):
-    """A packet that may hold TCP and cannot be read; the text says why."""
+    """A packet that may contain TCP but cannot be read; the text says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Endpoint:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One TCP segment. ``missing``: bytes of its data that were not captured, at its end; ack is None without one."""
+    """One TCP segment. missing: bytes at the end of its data that were not captured. ack: None if it has none."""
 
     source: Endpoint
     destination: Endpoint
@@ -51,18 +51,18 @@ class Segment:
 
 
 def tcp_segment(packet: Packet) -> Segment | None:
-    """The segment in a packet; None when it holds something else. Raises UnreadablePacketError."""
+    """The segment in a packet; None if the packet contains something else. Raises UnreadablePacketError."""
     strip = _LINKS.get(packet.link)
     if strip is None:
         raise UnreadablePacketError(f"packets of link type {packet.link} cannot be read")
     try:
         network = strip(packet.data)
         return _of_ip(network, packet.time_ns) if network else None
-    except (struct.error, IndexError, ValueError) as error:  # ValueError: half an address
-        raise UnreadablePacketError("packets that are cut off in their headers cannot be read") from error
+    except (struct.error, IndexError, ValueError) as error:  # ValueError: a truncated address
+        raise UnreadablePacketError("packets with truncated headers cannot be read") from error
 
 
-# link layers: what is behind their header, b"" when that is no IP
+# link layers: the data after their header, b"" if that is not IP
 
 
 def _ethernet(data: bytes) -> bytes:
@@ -113,7 +113,7 @@ def _of_ipv4(data: bytes, time_ns: int | None) -> Segment | None:
         return None
     if fragment & 0x3FFF:
         raise UnreadablePacketError("fragments of IP packets cannot be read")
-    size = (total or len(data)) - header  # 0: the network card cuts the packet later
+    size = (total or len(data)) - header  # 0: the network card splits the packet later
     return _of_tcp(data[header:], size, data[12:16], data[16:20], time_ns)
 
 
@@ -135,7 +135,7 @@ def _of_tcp(data: bytes, size: int, source: bytes, destination: bytes, time_ns: 
     sequence, ack, offset, flags = struct.unpack_from(">2I2B", data, 4)
     header = (offset >> 4) * 4
     wanted = max(0, size - header)
-    payload = data[header : header + wanted]  # what is behind it pads a short frame
+    payload = data[header : header + wanted]  # anything after it pads a short frame
     return Segment(
         Endpoint(str(ip_address(source)), ports[0]),
         Endpoint(str(ip_address(destination)), ports[1]),

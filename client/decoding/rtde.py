@@ -1,4 +1,4 @@
-"""RTDE shown to people. What a data package holds is known from the set-up before it.
+"""RTDE packages as text. The content of a data package is known from the set-up before it.
 
 The two directions of a connection complete each other: a request names the variables, the
 reply has their types and the recipe's number. With one direction only, values are shown
@@ -22,12 +22,12 @@ from urproto.rtde.recipes import type_names
 from urproto.rtde.types import IN_USE, NOT_FOUND, FieldType
 
 _HEADER = struct.Struct(">HB")
-_MAX_RECIPES = 256  # what a recipe's number can say
+_MAX_RECIPES = 256  # range of a recipe's number
 _MAX_UNANSWERED = 16  # requests remembered; guess: clients wait for each answer
 _WIRE_TYPES = {kind.wire_name: kind for kind in FieldType}
 _WORDS = {*_WIRE_TYPES, NOT_FOUND, IN_USE}
 
-# sizes of packages that have only certain ones: request, reply
+# packages with fixed sizes: request, reply
 _SIZES = {
     PackageType.REQUEST_PROTOCOL_VERSION: (5, 4),
     PackageType.GET_URCONTROL_VERSION: (3, 19),
@@ -37,7 +37,7 @@ _SIZES = {
 
 
 class Sender(Enum):
-    """Who sent a package."""
+    """The sender of a package."""
 
     ROBOT = "robot"
     CLIENT = "client"
@@ -61,7 +61,7 @@ FRAMING = Framing("RTDE", _HEADER.size, _size, _likely)
 
 
 def sender_of(data: bytes) -> Sender | None:
-    """Who must have sent this package; None when either may have."""
+    """The sender that this package must have; None if both are possible."""
     size, kind = _HEADER.unpack_from(data)
     if kind in _SIZES:
         request, reply = _SIZES[PackageType(kind)]
@@ -73,7 +73,7 @@ def sender_of(data: bytes) -> Sender | None:
 
 
 class _Recipe:
-    """What is known about a recipe: types, and names where a request gave them."""
+    """The known parts of a recipe: types, and names if the request was captured."""
 
     def __init__(self, names: tuple[str, ...], types: tuple[str, ...], note: str = "") -> None:
         self._types = [_WIRE_TYPES[kind] for kind in types if kind in _WIRE_TYPES]
@@ -83,7 +83,7 @@ class _Recipe:
         self._struct = struct.Struct(">" + "".join(kind.layout for kind in self._types)) if usable else None
 
     def tell(self, data: bytes) -> str | None:
-        """The values; None when these bytes are not of this recipe."""
+        """The values; None if the bytes do not match this recipe."""
         if self._struct is None or len(data) != self._struct.size:
             return None
         values, offset, pairs = self._struct.unpack(data), 0, []
@@ -95,7 +95,7 @@ class _Recipe:
 
 
 class _Setups:
-    """The recipes of one kind: requests without an answer, and what is known by number."""
+    """The recipes of one direction: unanswered requests, and recipes by number."""
 
     def __init__(self) -> None:
         self._requests: deque[tuple[str, ...]] = deque(maxlen=_MAX_UNANSWERED)
@@ -103,7 +103,7 @@ class _Setups:
         self._recipes: dict[int, _Recipe] = {}
 
     def ask(self, names: tuple[str, ...]) -> None:
-        """A request; its recipe is assumed to get the next number until a reply tells."""
+        """Note a request; its recipe is assumed to get the next number until a reply arrives."""
         self._requests.append(names)
         self._count += 1
         types = type_names(names, INPUT_FIELDS)
@@ -111,12 +111,12 @@ class _Setups:
             self._recipes.setdefault(self._count, _Recipe(names, types, " (recipe guessed, no reply was seen)"))
 
     def answer(self, number: int, types: tuple[str, ...]) -> None:
-        """A reply to the oldest request without one."""
+        """Note a reply to the oldest unanswered request."""
         names = self._requests.popleft() if self._requests else ()
         self._recipes[number] = _Recipe(names, types)
 
     def tell(self, number: int, data: bytes) -> str:
-        """A data package, as far as its recipe is known."""
+        """A data package as text, as far as its recipe is known."""
         known = self._recipes.get(number)
         text = known.tell(data) if known else None
         if text is not None:
@@ -126,12 +126,12 @@ class _Setups:
 
 
 class Conversation:
-    """Both directions of one connection; ``unknown`` is one of them whose packages tell which."""
+    """Both directions of one connection. unknown: a stream whose direction is recognised from its packages."""
 
     def __init__(self) -> None:
         self._protocol = 1
-        self._agreed = False  # whether anything told the protocol
-        self._requested_protocol = codec.KNOWN_PROTOCOLS[-1]  # when only replies are there
+        self._agreed = False  # whether the protocol version is certain
+        self._requested_protocol = codec.KNOWN_PROTOCOLS[-1]  # if only replies were captured
         self._outputs = _Setups()
         self._inputs = _Setups()
         self._unknown = Sender.ROBOT

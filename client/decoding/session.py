@@ -1,4 +1,4 @@
-"""Whatever somebody captured, as lines: bytes of one direction, the same in hexadecimal, or a capture file."""
+"""Decode an input into lines: bytes of one direction, the same as hexadecimal text, or a capture file."""
 
 import re
 from collections import Counter, OrderedDict
@@ -26,22 +26,22 @@ from urproto.errors import RemoteProtocolError
 
 _HEX_TEXT = re.compile(rb"(?:#[^\n]*(?:\n|$)|0[xX]|[0-9a-fA-F]|[\s,:;])*")
 _HEX_NOISE = re.compile(rb"#[^\n]*(?=\n|$)|0[xX]|[\s,:;]")
-_LOOKED_AT = 4096  # bytes of an input that tell its form
+_CHECKED = 4096  # bytes of an input from which its format is recognised
 _LONGEST_HEX_LINE = 1 << 20
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
-_LISTED = 8  # ports named in a note
-_COUNTED = 1024  # ports that are counted for it
+_LISTED = 8  # ports listed in a note
+_COUNTED = 1024  # ports counted for it
 
 
 def _side(codec: Codec, from_server: bool) -> Side:
-    """Who sent what the server of a connection, or the other end, sent."""
+    """The side that the server of a connection, or its other end, is."""
     if from_server:
         return codec.server
     return Side.CLIENT if codec.server is Side.ROBOT else Side.ROBOT
 
 
 class InputForm(Enum):
-    """What an input is."""
+    """Format of an input."""
 
     AUTO = "auto"
     RAW = "raw"
@@ -51,7 +51,7 @@ class InputForm(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What the caller knows. ports: of a capture to look at, all of a robot's when empty; offset is that of all."""
+    """What the caller specified; the rest is guessed. ports: those of a capture to show, all of a robot's if empty."""
 
     codec: Codec | None = None
     side: Side | None = None
@@ -60,19 +60,16 @@ class Choice:
     form: InputForm = InputForm.AUTO
 
     def codec_of(self, port: int) -> Codec | None:
-        """The protocol on a port, None when it has to be guessed."""
+        """The protocol on a port; None if it has to be guessed."""
         return self.codec or codec_of_port(port - self.port_offset)
 
     def wants(self, port: int) -> bool:
-        """Whether a capture's connections to this port are to be shown."""
+        """Whether to show a capture's connections to this port."""
         return port in self.ports if self.ports else codec_of_port(port - self.port_offset) is not None
 
 
 class Session:
-    """One input from its first byte to its last. ``problems`` counts what could not be read.
-
-    form: how a line is given.
-    """
+    """Decodes one input. problems: number of lines about unreadable data. form: formats a line."""
 
     def __init__(self, choice: Choice, form: Callable[[Line], str] | None = None) -> None:
         self.problems = 0
@@ -82,7 +79,7 @@ class Session:
         self._head = bytearray()
 
     def feed(self, data: bytes) -> Iterator[str]:
-        """Take bytes, give the lines they complete."""
+        """Take bytes; return the lines they complete."""
         if self._input is None:
             self._head += data
             if len(self._head) < MAGIC_SIZE:
@@ -93,7 +90,7 @@ class Session:
         yield from self._counted(self._input.feed(data))
 
     def end(self) -> Iterator[str]:
-        """The input has ended: give what is left."""
+        """Finish the input; return the remaining lines."""
         if self._input is None:
             self._open()
             assert self._input is not None
@@ -101,7 +98,7 @@ class Session:
         yield from self._counted(self._input.end())
 
     def _open(self) -> None:
-        form, head = self._choice.form, bytes(self._head[:_LOOKED_AT])
+        form, head = self._choice.form, bytes(self._head[:_CHECKED])
         reader = open_capture(head[:MAGIC_SIZE])
         if form is InputForm.PCAP or (form is InputForm.AUTO and reader is not None):
             self._input = _Capture(self._choice, reader)
@@ -117,7 +114,7 @@ class Session:
 
 
 def as_text(line: Line) -> str:
-    """For people."""
+    """A line as text."""
     head = ""
     if line.source:
         time = f"{_time(line.time_ns, '%H:%M:%S.%f')} " if line.time_ns is not None else ""
@@ -130,7 +127,7 @@ def _is_hex(head: bytes) -> bool:
 
 
 class _Raw:
-    """The bytes one side sent."""
+    """Bytes from one side."""
 
     def __init__(self, choice: Choice) -> None:
         codec = choice.codec or (codec_of_port(choice.ports[0] - choice.port_offset) if choice.ports else None)
@@ -139,16 +136,16 @@ class _Raw:
             self._stream = codec.open().stream(choice.side, codec.usual)
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes, tell what they complete."""
+        """Take bytes; return lines for the messages they complete."""
         return self._stream.feed(data)
 
     def end(self) -> Iterator[Line]:
-        """Tell what is left."""
+        """Return lines for the rest."""
         return self._stream.end()
 
 
 class _Hex:
-    """The same in hexadecimal; ``#`` begins a comment."""
+    """The same as hexadecimal text; ``#`` starts a comment."""
 
     def __init__(self, raw: _Raw) -> None:
         self._raw = raw
@@ -157,14 +154,14 @@ class _Hex:
         self._broken = False
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take text, tell what its whole lines complete."""
+        """Take text; return lines for the messages that its complete lines contain."""
         self._text += data
         while not self._broken and (end := self._text.find(b"\n") + 1 or len(self._text) > _LONGEST_HEX_LINE):
             yield from self._take(bytes(self._text[:end]))
             del self._text[:end]
 
     def end(self) -> Iterator[Line]:
-        """Tell what is left."""
+        """Return lines for the rest."""
         if not self._broken:
             yield from self._take(bytes(self._text))
         yield from self._raw.end()
@@ -183,7 +180,7 @@ class _Hex:
 
 
 class _Guessed:
-    """A stream whose protocol its first bytes tell. ``channels``: those of the connection, by protocol."""
+    """A stream whose protocol is guessed from its first bytes. channels: those of the connection, by protocol."""
 
     def __init__(self, channels: dict[str, Channel], side: Side | None, from_server: bool | None = None) -> None:
         self._channels = channels
@@ -193,7 +190,7 @@ class _Guessed:
         self._stream: Stream | None = None
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes; tell nothing before they tell their protocol."""
+        """Take bytes; return no lines until the protocol is known."""
         if self._stream is None:
             self._head += data
             yield from self._decide(final=False)
@@ -201,14 +198,14 @@ class _Guessed:
             yield from self._stream.feed(data)
 
     def lost(self, size: int) -> None:
-        """Guess from what comes then."""
+        """Guess from the following bytes instead."""
         if self._stream is None:
             self._head.clear()
         else:
             self._stream.lost(size)
 
     def end(self) -> Iterator[Line]:
-        """Decide with what there is, and tell what is left."""
+        """Decide with the bytes so far; return lines for the rest."""
         if self._stream is None:
             yield from self._decide(final=True)
         if self._stream is not None:
@@ -224,7 +221,7 @@ class _Guessed:
         channel = self._channels.setdefault(codec.name, codec.open())
         self._stream = channel.stream(side, codec.usual)
         sender = side.value if side else f"{codec.usual.value}?"
-        yield Line(f"# taken for {codec.name} (sender: {sender}) by the look of it; --as and --from tell better")
+        yield Line(f"# guessed to be {codec.name} (sender: {sender}); override with --as and --from")
         yield from self._stream.feed(bytes(self._head))
         self._head.clear()
 
@@ -234,7 +231,7 @@ class _Guessed:
 
 @dataclass(slots=True)
 class _Followed:
-    """A connection that is followed: its server, and what each end's bytes go through."""
+    """A tracked connection: its server, and the decoder of each end's bytes."""
 
     server: Endpoint
     codec: Codec | None
@@ -242,7 +239,7 @@ class _Followed:
     channels: dict[str, Channel] = field(default_factory=dict)
 
     def stream(self, source: Endpoint) -> Stream:
-        """What an end's bytes go through."""
+        """The decoder of an end's bytes."""
         if source not in self.streams:
             stream: Stream = _Guessed(self.channels, None, source == self.server)
             if self.codec is not None:
@@ -252,7 +249,7 @@ class _Followed:
         return self.streams[source]
 
     def close(self, source: Endpoint) -> Stream:
-        """The end has nothing more to say; what was agreed on is forgotten when neither has."""
+        """Close an end; when both are closed, forget the state of their protocol."""
         stream = self.streams.pop(source)
         if not self.streams:
             self.channels.clear()
@@ -273,7 +270,7 @@ class _Capture:
         self._broken = False
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes of the file, tell the messages they complete."""
+        """Take bytes of the file; return lines for the messages they complete."""
         if self._broken:
             return
         if self._reader is None:
@@ -288,7 +285,7 @@ class _Capture:
             yield problem(str(error))
 
     def end(self) -> Iterator[Line]:
-        """Tell what is left, and what was left out."""
+        """Return lines for the rest, and for everything left out."""
         for ends, event in self._connections.finish():
             yield from self._tell(ends, event)
         if self._reader is not None and self._reader.rest and not self._broken:
@@ -304,7 +301,7 @@ class _Capture:
             self._begun = True
             yield Line(f"# the capture begins {_time(packet.time_ns, '%Y-%m-%d %H:%M:%S.%f')} UTC")
             if self._choice.side is not None:
-                yield Line("# --from is not needed: a capture tells who sent what")
+                yield Line("# --from has no effect: a capture shows who sent what")
         try:
             segment = tcp_segment(packet)
         except UnreadablePacketError as error:
@@ -315,7 +312,7 @@ class _Capture:
                 yield from self._tell(ends, event)
 
     def _is_followed(self, segment: Segment) -> bool:
-        """Whether a segment's connection is one to tell; finds out who its server is."""
+        """Whether a segment's connection is to be shown; determines its server."""
         ends = frozenset((segment.source, segment.destination))
         if ends in self._followed and not opens(segment):
             self._followed.move_to_end(ends)
@@ -354,7 +351,7 @@ class _Capture:
 
 
 def _time(time_ns: int, form: str) -> str:
-    """UTC; the plain number when no calendar has it."""
+    """The time in UTC, or as a plain number if it is out of range."""
     try:
         return (_EPOCH + timedelta(microseconds=time_ns // 1000)).strftime(form)
     except OverflowError:

@@ -1,4 +1,4 @@
-"""The robot's side of the primary, secondary and realtime interface shown to people."""
+"""Messages from the robot on the primary, secondary and realtime interfaces as text."""
 
 import struct
 from collections.abc import Iterator
@@ -12,8 +12,8 @@ from urproto.primary.messages import ErrorCodeMessage, UnknownMessage
 from urproto.primary.state import RobotStateData
 
 _HEADER = struct.Struct(">iB")
-_LIKELY_SIZE = 65536  # bytes; guess: ample for a message, too short for most of what is none
-# Names of the official C++ client. Sizes tell where those end that are not read here.
+_LIKELY_SIZE = 65536  # bytes; guess: ample for a message, but less than most random sizes
+# Names as in the official C++ client. Messages that are not decoded here are skipped by their size.
 _OTHER_TYPES = {
     5: "modbus info",
     22: "HMC",
@@ -86,7 +86,7 @@ _NEWEST = max(_LAYOUTS)
 def _realtime_size(header: bytes) -> int:
     (size,) = _SIZE.unpack_from(header)
     if size not in _LAYOUTS and not _NEWEST < size <= _LIKELY_SIZE:
-        raise RemoteProtocolError(f"no packet has size {size}; known are {', '.join(map(str, sorted(_LAYOUTS)))}")
+        raise RemoteProtocolError(f"no packet has size {size}; known sizes are {', '.join(map(str, sorted(_LAYOUTS)))}")
     return int(size)
 
 
@@ -103,5 +103,5 @@ def realtime_stream() -> FramedStream:
 
 
 def _read_realtime(data: bytes) -> Iterator[Line]:
-    layout = _LAYOUTS.get(len(data), f"longer than any known, read as {_LAYOUTS[_NEWEST]}")
+    layout = _LAYOUTS.get(len(data), f"longer than any known packet, read as {_LAYOUTS[_NEWEST]}")
     yield Line(f"state of {len(data)} bytes ({layout}): {formatting.pairs(realtime.decode_realtime(data).items())}")

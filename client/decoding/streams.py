@@ -1,8 +1,7 @@
-"""Messages out of one direction's bytes. Garbage is reported once, with its place, and skipped.
+"""Cut the bytes of one direction into messages. Garbage is reported once, with its offset, and skipped.
 
-In step, the next message begins where the last one ended. Out of step, after garbage or
-lost bytes, the stream goes on at the first place that looks like a message and is followed
-by the end of what is there or by something that looks like a message too.
+In step, the next message starts where the last one ended. Out of step, after garbage or lost bytes, decoding resumes at
+the first position that looks like a message and is followed by another one or by the end of the available data.
 """
 
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -13,14 +12,14 @@ from client.decoding import formatting
 from urproto.errors import ProtocolError, RemoteProtocolError
 from urproto.text import from_bytes
 
-_LONGEST_STRETCH = 1 << 20  # bytes of garbage that are reported as one stretch
+_LONGEST_STRETCH = 1 << 20  # bytes of garbage reported in one line
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What is shown of a message; ``problem`` when it is about bytes that could not be read.
+    """A message as text. problem: whether it is about bytes that could not be read.
 
-    The rest is known in captures: when it was sent (nanoseconds since 1970), its ends, and the protocol.
+    The other fields are known in captures only: the time since 1970, both ends, and the protocol.
     """
 
     text: str
@@ -40,13 +39,13 @@ class Stream(Protocol):
     """One direction of a connection."""
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes, tell what they complete."""
+        """Take bytes; return lines for the messages they complete."""
 
     def lost(self, size: int) -> None:
-        """So many bytes are missing here (0: nobody knows how many)."""
+        """Note that this many bytes are missing here (0: unknown)."""
 
     def end(self) -> Iterator[Line]:
-        """No more bytes come: tell what is unfinished."""
+        """Finish the stream; return lines for the unfinished rest."""
 
 
 Reader = Callable[[bytes], Iterable[Line]]
@@ -54,11 +53,11 @@ Reader = Callable[[bytes], Iterable[Line]]
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """How a protocol's messages are cut.
+    """How to cut a stream into messages.
 
-    header: bytes that are enough to know the size. size: of the whole message, from its
-    header; raises ProtocolError for what cannot be one. likely: whether bytes (the header
-    and whatever follows) may be a message when nothing proves that one begins here.
+    header: number of bytes needed to know the size. size: size of the whole message from its header; raises
+    ProtocolError if it cannot be a message. likely: whether bytes (the header and anything after it) look like a
+    message, at a position where a message is not certain to start.
     """
 
     name: str
@@ -67,7 +66,7 @@ class Framing:
     likely: Callable[[bytes], bool]
 
     def plausible(self, data: bytes) -> bool:
-        """Whether a message may begin here, as far as the bytes tell."""
+        """Whether a message may start here, judging from the bytes so far."""
         try:
             return len(data) < self.header or (self.size(data) > 0 and self.likely(data))
         except ProtocolError:
@@ -75,7 +74,7 @@ class Framing:
 
 
 class FramedStream:
-    """Messages that carry their size, or have one size."""
+    """Messages that contain their size, or have a fixed size."""
 
     def __init__(self, framing: Framing, read: Reader) -> None:
         self._framing = framing
@@ -83,25 +82,25 @@ class FramedStream:
         self._buffer = bytearray()
         self._offset = 0  # of the buffer's first byte in the stream
         self._in_step = True
-        self._garbage: tuple[int, str] | None = None  # where it began, and why it is some
+        self._garbage: tuple[int, str] | None = None  # its offset, and the reason
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes, tell the messages they complete."""
+        """Take bytes; return lines for the messages they complete."""
         self._buffer += data
-        yield from self._go_on(final=False)
+        yield from self._advance(final=False)
 
     def lost(self, size: int) -> None:
-        """What is unfinished stays so; look for the next message."""
+        """Drop the unfinished message and look for the next one."""
         self._offset += len(self._buffer) + size
         self._buffer.clear()
         self._in_step = False
 
     def end(self) -> Iterator[Line]:
-        """Tell what is unfinished, and look for messages in it."""
-        yield from self._go_on(final=True)
+        """Finish the stream: look for messages in the rest, and report it."""
+        yield from self._advance(final=True)
         yield from self._garbage_until(self._offset)
 
-    def _go_on(self, final: bool) -> Iterator[Line]:
+    def _advance(self, final: bool) -> Iterator[Line]:
         while self._buffer:
             if not self._in_step and not (yield from self._find_step(final)):
                 return
@@ -113,11 +112,11 @@ class FramedStream:
             elif not final:
                 return
             else:
-                self._begin_garbage(f"the end comes {len(self._buffer)} bytes into a message" + _of(size))
+                self._begin_garbage(f"the stream ends {len(self._buffer)} bytes into a message" + _of(size))
                 self._leave_step()
 
     def _size(self) -> int | None:
-        """Of the message that begins here: 0 when that is not known yet, None when there is none."""
+        """Size of the message that starts here: 0 if not known yet, None if it is not a message."""
         if len(self._buffer) < self._framing.header:
             return 0
         header = bytes(self._buffer[: self._framing.header])
@@ -125,7 +124,7 @@ class FramedStream:
             size = self._framing.size(header)
             if self._offset or self._framing.likely(header):
                 return size
-            raise RemoteProtocolError("the stream does not begin with one")
+            raise RemoteProtocolError("the stream does not start with a message")
         except ProtocolError as error:
             self._begin_garbage(str(error))
             return None
@@ -153,7 +152,7 @@ class FramedStream:
     def _garbage_until(self, until: int) -> Iterator[Line]:
         if self._garbage is not None and until > self._garbage[0]:
             start, reason = self._garbage
-            yield problem(f"offset {start}: {until - start} bytes are no {self._framing.name} message: {reason}")
+            yield problem(f"offset {start}: {until - start} bytes are not valid {self._framing.name} data: {reason}")
         self._garbage = None
 
     def _leave_step(self) -> None:
@@ -161,7 +160,7 @@ class FramedStream:
         self._in_step = False
 
     def _find_step(self, final: bool) -> Generator[Line, None, bool]:
-        """Skip to where a message seems to begin; whether there is such a place."""
+        """Skip to the next position where a message seems to start; return whether there is one."""
         for start in range(len(self._buffer)):
             begins = self._begins_at(start)
             if begins or (begins is None and not final):
@@ -177,7 +176,7 @@ class FramedStream:
         return False
 
     def _begins_at(self, start: int) -> bool | None:
-        """Whether a message seems to begin there; None when more bytes will tell."""
+        """Whether a message seems to start at this position; None if more bytes are needed."""
         header = bytes(self._buffer[start : start + self._framing.header])
         if len(header) < self._framing.header:
             return None
@@ -194,10 +193,9 @@ def _of(size: int) -> str:
 
 
 class LineStream:
-    """Text, shown line by line; a line that grows too long is shown in pieces.
+    """Text, line by line; a line that gets too long is shown in pieces.
 
-    unfinished: the protocol does not end every text with a line feed, so what is left when
-    bytes stop coming for now is shown too.
+    unfinished: also show text that does not end with a line feed (yet), for protocols that do not always send one.
     """
 
     def __init__(self, read: Callable[[str], Iterable[Line]], longest: int, *, unfinished: bool = False) -> None:
@@ -207,7 +205,7 @@ class LineStream:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes, tell the lines they complete."""
+        """Take bytes; return the lines they complete."""
         *ended, rest = data.split(b"\n")
         for part in ended:
             yield from self._take(part)
@@ -217,11 +215,11 @@ class LineStream:
             yield from self._tell()
 
     def lost(self, size: int) -> None:
-        """The line in the making has lost its end."""
+        """Mark the current line as truncated."""
         self._buffer += b"..."
 
     def end(self) -> Iterator[Line]:
-        """Tell a last line that has no end."""
+        """Return the last, unfinished line."""
         if self._buffer:
             yield from self._tell()
 

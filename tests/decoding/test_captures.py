@@ -182,7 +182,7 @@ def test_files_that_end_or_break():
     assert session(whole[:-3])[0][-1] == "! the capture file ends 55 bytes into a packet"
     broken = whole + struct.pack("<IIII", BEGIN_S, 0, 1 << 30, 1 << 30) + bytes(100)
     lines, problems = session(broken)
-    assert lines[-1] == (f"! the capture file cannot be read on at offset {len(whole)}: a packet of 1073741824 bytes")
+    assert lines[-1] == (f"! the capture file cannot be read beyond offset {len(whole)}: a packet of 1073741824 bytes")
     assert messages(lines)[0] == "a"
     assert problems == 1
     assert session(b"no capture", form=InputForm.PCAP) == (["! this is not a pcap or pcapng file"], 1)

@@ -61,7 +61,7 @@ def test_what_the_robot_broadcasts(emulator, port, name, size, line):
     with connected(emulator, port) as robot:
         data = receive(robot, size)
     lines, problems = session(data, 1000, form=InputForm.RAW)
-    assert lines[0] == f"# taken for {name} (sender: robot?) by the look of it; --as and --from tell better"
+    assert lines[0] == f"# guessed to be {name} (sender: robot?); override with --as and --from"
     assert lines[1].startswith(line)
     assert sum(text.startswith("state") for text in lines) > 1
     assert all("robot_mode=RUNNING" in text for text in lines if text.startswith("state"))
@@ -127,7 +127,7 @@ def test_decode_reads_files_and_standard_input(tmp_path):
 def test_decode_tells_by_its_status_that_something_was_unreadable():
     result = CliRunner().invoke(app, ["decode", "-", "--as", "rtde"], input=b"\xff" * 30)
     assert result.exit_code == 1
-    assert result.stdout == "! offset 0: 30 bytes are no RTDE message: no package has type 255\n"
+    assert result.stdout == "! offset 0: 30 bytes are not valid RTDE data: no package has type 255\n"
 
 
 def test_decode_without_a_file():

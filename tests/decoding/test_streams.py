@@ -23,7 +23,7 @@ from urproto.external_control import (
 from urproto.rtde import codec
 from urproto.versions import PolyscopeVersion
 
-PRIMARY = "# taken for primary (sender: robot?) by the look of it; --as and --from tell better"
+PRIMARY = "# guessed to be primary (sender: robot?); override with --as and --from"
 EVENTS = {
     "compile_error_5.4": [
         "RuntimeException: timestamp_us=none source=RT_MACHINE line=2 column=2 "
@@ -95,7 +95,7 @@ def test_broken_hexadecimal_text_is_told_with_its_line():
 
 def test_rtde_values_have_the_names_of_the_request_only_if_it_was_seen():
     lines = told(RTDE_REPLIES + RTDE_DATA)
-    assert lines[0] == "# taken for rtde (sender: robot?) by the look of it; --as and --from tell better"
+    assert lines[0] == "# guessed to be rtde (sender: robot?); override with --as and --from"
     assert lines[1:] == [
         "reply request_protocol_version: accepted=true",
         "reply get_urcontrol_version: 5.22.0.1",
@@ -122,7 +122,7 @@ def test_garbage_is_told_with_its_place_and_skipped(chunk):
         RTDE_REPLIES + b"\xff\xee\xdd\xcc" + RTDE_DATA + RTDE_DATA, chunk, codec=CODECS["rtde"], form=InputForm.RAW
     )
     assert lines[4:] == [
-        f"! offset {len(RTDE_REPLIES)}: 4 bytes are no RTDE message: no package has type 221",
+        f"! offset {len(RTDE_REPLIES)}: 4 bytes are not valid RTDE data: no package has type 221",
         *["data 3: DOUBLE=41.5 INT32=7"] * 2,
     ]
     assert problems == 1
@@ -132,19 +132,19 @@ def test_a_stream_that_begins_within_a_message():
     message = golden("safety_mode_5.24")
     lines = told(golden("robot_state_steady_5.x")[300:] + message + message)
     assert lines[0] == PRIMARY
-    assert lines[1].startswith("! offset 0: 416 bytes are no primary interface message: ")
+    assert lines[1].startswith("! offset 0: 416 bytes are not valid primary interface data: ")
     assert lines[2:] == EVENTS["safety_mode_5.24"] * 2
 
 
 def test_a_stream_that_ends_within_a_message():
     lines = told(golden("safety_mode_5.24")[:20])
-    assert lines[1:] == ["! offset 0: 20 bytes are no primary interface message: the end comes 20 bytes into a "
+    assert lines[1:] == ["! offset 0: 20 bytes are not valid primary interface data: the stream ends 20 bytes into a "
                          "message of 32"]  # fmt: skip
 
 
 def test_bytes_of_no_protocol():
     lines, problems = session(b"\xff" * 64)
-    assert lines[0].startswith("# taken for bytes ")
+    assert lines[0].startswith("# guessed to be bytes ")
     assert lines[1] == f"! offset 0: 64 bytes of no known protocol: {'ff' * 64}"
     assert problems == 1
 
@@ -160,7 +160,7 @@ def test_bytes_of_no_protocol():
     ],
 )
 def test_text_is_told_apart(line, name, sender):
-    assert told(line)[0] == f"# taken for {name} (sender: {sender}) by the look of it; --as and --from tell better"
+    assert told(line)[0] == f"# guessed to be {name} (sender: {sender}); override with --as and --from"
 
 
 def test_what_a_terminal_would_obey_is_escaped():
