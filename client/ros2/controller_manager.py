@@ -87,7 +87,7 @@ class ControllerManagerNode:
     # controllers
 
     def list_controllers(self, request: Any, response: Any) -> Any:
-        """All that are loaded, in this order."""
+        """List the loaded controllers, in the order in which they were loaded."""
         response.controller = self._host.do(lambda: [self._described(one) for one in self._loaded()])
         return response
 
@@ -109,17 +109,17 @@ class ControllerManagerNode:
         return message
 
     def list_controller_types(self, request: Any, response: Any) -> Any:
-        """All that can be loaded."""
+        """List the types that can be loaded."""
         response.types = sorted(CONTROLLER_TYPES)
         response.base_classes = [_BASE] * len(response.types)
         return response
 
     def load_controller(self, request: Any, response: Any) -> Any:
-        """By the parameters NAME.type and NAME.params_file, or as the controllers file has it."""
+        """Load a controller by the parameters NAME.type and NAME.params_file, or as in the controllers file."""
         name = request.name
         try:
             if not name:
-                raise ControllerError("load_controller", "its name is empty")
+                raise ControllerError("load_controller", "the name of the controller is empty")
             type_name, parameters = self._given(name)
             self._host.wait(self._running.load(name, type_name, parameters))
         except (ClientError, OSError) as error:
@@ -130,7 +130,7 @@ class ControllerManagerNode:
         return response
 
     def _given(self, name: str) -> tuple[str | None, dict[str, Any] | None]:
-        """Type and parameters that were given by parameters of this node; None for what the file says."""
+        """Type and parameters given by parameters of this node; None for those of the controllers file."""
         type_name = self._text(f"{name}.type") or None
         files = self._texts(f"{name}.params_file")
         if not files:
@@ -149,7 +149,7 @@ class ControllerManagerNode:
         return [value] if isinstance(value, str) and value else list(value or ())
 
     def configure_controller(self, request: Any, response: Any) -> Any:
-        """Take it from unconfigured, or from inactive once more, to inactive."""
+        """Configure an unconfigured controller, or an inactive one once more; it is then inactive."""
 
         def configure() -> None:
             if self._manager.controller(request.name).state is LifecycleState.INACTIVE:
@@ -159,11 +159,11 @@ class ControllerManagerNode:
         return self._done("configure_controller", configure, response)
 
     def cleanup_controller(self, request: Any, response: Any) -> Any:
-        """Take it from inactive to unconfigured."""
+        """Take a controller from inactive to unconfigured."""
         return self._done("cleanup_controller", lambda: self._manager.cleanup(request.name), response)
 
     def unload_controller(self, request: Any, response: Any) -> Any:
-        """Forget it, and end its node."""
+        """Unload a controller, and end its node."""
         try:
             self._host.wait(self._running.unload(request.name))
             response.ok = True
@@ -173,8 +173,8 @@ class ControllerManagerNode:
         return response
 
     def reload_controller_libraries(self, request: Any, response: Any) -> Any:
-        """There are no libraries: controllers are part of this program."""
-        self.node.get_logger().error("reload_controller_libraries: controllers are not in libraries here")
+        """Refused, because there are no libraries: controllers are part of this program."""
+        self.node.get_logger().error("reload_controller_libraries: controllers are part of this program, not libraries")
         response.ok = False
         return response
 
@@ -189,7 +189,7 @@ class ControllerManagerNode:
         return response
 
     def switch_controller(self, request: Any, response: Any) -> Any:
-        """All of it or, with STRICT, nothing; with BEST_EFFORT what is possible."""
+        """Switch controllers: with STRICT all or none, with BEST_EFFORT as many as possible."""
         best_effort = request.strictness != request.STRICT
         start = [*request.activate_controllers, *getattr(request, "start_controllers", ())]
         stop = [*request.deactivate_controllers, *getattr(request, "stop_controllers", ())]
@@ -206,7 +206,7 @@ class ControllerManagerNode:
     # hardware
 
     def list_hardware_components(self, request: Any, response: Any) -> Any:
-        """The arm, which is one component."""
+        """List the arm, which is the only component."""
         component = interface("controller_manager_msgs/msg/HardwareComponentState")()
         component.name = self._hardware.name
         component.type = "system"
@@ -221,7 +221,7 @@ class ControllerManagerNode:
         return response
 
     def list_hardware_interfaces(self, request: Any, response: Any) -> Any:
-        """All of the arm's."""
+        """List the interfaces of the arm."""
         response.command_interfaces, response.state_interfaces = self._interfaces()
         return response
 
@@ -237,11 +237,11 @@ class ControllerManagerNode:
         return messages["command"], messages["state"]
 
     def set_hardware_component_state(self, request: Any, response: Any) -> Any:
-        """Active, inactive or unconfigured."""
+        """Take the arm to active, inactive or unconfigured."""
         try:
             if request.name != self._hardware.name:
-                raise ControllerError(request.name, f"the hardware component here is {self._hardware.name}")
-            self._host.wait(self._hardware.go_to(self._wanted(request.target_state)))
+                raise ControllerError(request.name, f"unknown hardware component: use {self._hardware.name}")
+            self._host.wait(self._hardware.go_to(self._target_state(request.target_state)))
             response.ok = True
         except URError as error:
             self._refused("set_hardware_component_state", error)
@@ -249,8 +249,8 @@ class ControllerManagerNode:
         response.state = _message(self._hardware.state)
         return response
 
-    def _wanted(self, message: State) -> LifecycleState:
-        """By its number, or else its label. Raises ControllerError."""
+    def _target_state(self, message: State) -> LifecycleState:
+        """The requested state, by its number or else its label. Raises ControllerError."""
         if message.id in _PRIMARY:
             return _PRIMARY[message.id]
         if not message.id and message.label in map(str, LifecycleState):

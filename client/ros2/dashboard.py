@@ -199,9 +199,9 @@ SERVICES: Final = (
 class DashboardNode:
     """The node; it spins from its creation until `close`.
 
-    One service at a time: another one waits until the effect of the first shows. The services are there without a
-    robot, too. A connection that the robot has ended is opened again by the next service; after ``quit``, and without
-    the parameter ``autoconnect``, by ``connect`` only.
+    Services are executed one at a time: the next one waits until the effect of the first shows. They are offered even
+    without a robot. If the robot has closed the connection, the next service reopens it. After ``quit``, or without the
+    parameter ``autoconnect``, only ``connect`` does.
     """
 
     def __init__(self, host: NodeHost, robot: AsyncRobot) -> None:
@@ -209,9 +209,9 @@ class DashboardNode:
         self.node = host.node(NAME)
         fixed = ParameterDescriptor(read_only=True)
         self._address = self.node.declare_parameter("robot_ip", config.robot, fixed).value
-        self._wanted = self.node.declare_parameter("autoconnect", True, fixed).value
+        self._autoconnect = self.node.declare_parameter("autoconnect", True, fixed).value
         limits = ParameterDescriptor(
-            description="longest wait for an answer of the dashboard [s]; 0: for ever",
+            description="time limit for an answer of the dashboard [s]; 0: none",
             floating_point_range=[FloatingPointRange(from_value=0.0, to_value=1e9)],
         )
         self.node.declare_parameter("receive_timeout", _RECEIVE_TIMEOUT_S, limits)
@@ -239,7 +239,7 @@ class DashboardNode:
 
     def _serve(self, service: Service, request: Any, response: Any) -> Any:
         try:
-            line, answer = self._carry_out(service, request)
+            line, answer = self._perform(service, request)
             for path, value in service.values.items():
                 _set(response, path, value(answer))
             success = True
@@ -256,10 +256,10 @@ class DashboardNode:
         except URError as error:
             self.node.get_logger().error(f"connect: {error}")
             return _answered(response, False, str(error))
-        self._wanted = True
+        self._autoconnect = True
         return _answered(response, True, f"{self._where} is connected")
 
-    def _carry_out(self, service: Service, request: Any) -> "tuple[str, Any]":
+    def _perform(self, service: Service, request: Any) -> "tuple[str, Any]":
         """The robot's line and its meaning, once the effect shows."""
         operation = service.operation(request)
         both = replace(operation, read=lambda reply: (reply, operation.read(reply)))
@@ -267,7 +267,7 @@ class DashboardNode:
         if service.effect is not None:
             self._await_effect(service.effect, both, request)
         if service.parts:
-            self._wanted = False
+            self._autoconnect = False
             self._disconnect()
         return line, answer
 
@@ -277,8 +277,8 @@ class DashboardNode:
             now = time.monotonic()
             if now - since > effect.within_s:
                 shown = ", ".join(getattr(part, "name", str(part)) for part in _parts(found))
-                why = f"it has confirmed that, but after {effect.within_s:g} s {effect.query.line} still is {shown}"
-                raise RobotRefused(command.line, why, "look at the robot's log")
+                why = f"it confirmed the command, but after {effect.within_s:g} s {effect.query.line} is still {shown}"
+                raise RobotRefused(command.line, why, "check the robot's log")
             if now - sent > effect.again_s:
                 sent = now
                 self._ask(command)
@@ -286,7 +286,7 @@ class DashboardNode:
 
     def _ask(self, operation: Operation[Any]) -> Any:
         if not self._connected():
-            if not self._wanted:
+            if not self._autoconnect:
                 raise ClientError(f"{self._where} is not connected: call ~/connect first")
             self._open()
         assert self._client is not None
@@ -298,7 +298,7 @@ class DashboardNode:
             self._disconnect()
             raise
         except RobotRefused as error:
-            if "remote control" in error.answer.lower():  # which this connection was opened without
+            if "remote control" in error.answer.lower():  # on after this connection was opened
                 self._disconnect()
             raise
 

@@ -1,7 +1,7 @@
-"""Topics of controllers: one row each, under the names and with the types of the ROS 2 driver.
+"""Topics of controllers, one row each, with the names and types of the ROS 2 driver.
 
 Source of names, types, frames, rates and quality of service: ros2_controllers, ur_controllers and tf2_ros. A
-controller's own topics (``~/``) are below its name; /tf is the same in every namespace.
+controller's private topics (``~/``) are below its name; /tf is the same in every namespace.
 """
 
 import math
@@ -41,10 +41,10 @@ _POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}"
 
 @dataclass
 class Scene:
-    """What messages need besides what controllers publish.
+    """Data that messages need in addition to what controllers publish.
 
-    prefix: of the names of joints and frames. states: all state interfaces. frames: the arm's, if it is known. sec,
-    nanosec: wall time now.
+    prefix: for the names of joints and frames. states: all state interfaces. frames: the arm's, if its model is known.
+    sec, nanosec: current wall time.
     """
 
     prefix: str = ""
@@ -59,9 +59,9 @@ class Scene:
         header.frame_id = frame_id
 
     def pose_of(self, frame: str) -> Pose | None:
-        """Where a frame of the arm is in its base frame [m, rotation vector]; "" is the base frame.
+        """Pose of a frame in the arm's base frame [m, rotation vector]; "" is the base frame.
 
-        None for a frame that only others know.
+        None for a frame that does not belong to the arm.
         """
         name, base = frame.lstrip("/") or f"{self.prefix}base", f"{self.prefix}base"
         if name == f"{self.prefix}{_TCP_FRAME}":
@@ -75,13 +75,13 @@ class Scene:
 
     @property
     def frame_names(self) -> frozenset[str]:
-        """Of the frames that `pose_of` knows."""
+        """Names of the frames that `pose_of` knows."""
         own = {f"{self.prefix}base", f"{self.prefix}{_TCP_FRAME}"}
         return frozenset(own | (self.frames.names if self.frames else set()))
 
     @cached_property
     def components(self) -> dict[str, tuple[list[str], Interfaces]]:
-        """Joints, sensors and so on: the names of their state interfaces, and these."""
+        """For each joint, sensor and so on: the names of its state interfaces, and the interfaces."""
         names: dict[str, list[str]] = {}
         for name in self.states.names:
             names.setdefault(name.rpartition("/")[0], []).append(name)
@@ -95,8 +95,9 @@ class Scene:
 class Publication:
     """A topic that a controller publishes.
 
-    controller: whose. source: the attribute that is its topic here. fill: sets a message's fields; False when there
-    is nothing to publish. latched: those who come late get the last one. every_s: not more often, by the robot's clock.
+    controller: type of the controller. source: attribute with the controller's topic. fill: sets a message's fields;
+    returns False if there is nothing to publish. latched: late subscribers get the last message. every_s: shortest
+    interval by the robot's clock.
     """
 
     controller: type[Controller[Any]]
@@ -111,22 +112,22 @@ class Publication:
 
 @dataclass(frozen=True)
 class Moment:
-    """Now, by the robot's clock [s] and by this machine's [ns since 1970]."""
+    """The current time by the robot's clock [s] and by this machine's [ns since 1970]."""
 
     robot_s: float
     time_ns: int
 
     def robot_time_s(self, stamp: Any) -> float:
-        """A builtin_interfaces/Time of this machine's clock, by the robot's."""
+        """Convert a builtin_interfaces/Time of this machine's clock to robot time."""
         return float(self.robot_s + (stamp.sec * 1_000_000_000 + stamp.nanosec - self.time_ns) * 1e-9)
 
 
 @dataclass(frozen=True)
 class Subscription:
-    """A topic that a controller listens to.
+    """A topic to which a controller subscribes.
 
-    command: of a message, what its controller takes; hand_over: gives it that; both raise ControllerError. latched: one
-    that was published before the controller was there counts too.
+    command: converts a message to a command for the controller. hand_over: passes it to the controller. Both raise
+    ControllerError. latched: also take a message that was published before the controller was loaded.
     """
 
     controller: type[Controller[Any]]
@@ -233,7 +234,7 @@ def _running(message: Any, running: bool, scene: Scene) -> bool:
 
 
 def _controller_state(message: Any, state: ControllerState, scene: Scene) -> bool:
-    """In Humble the reference is called desired and the feedback actual, and there is no output."""
+    """Set the message; in Humble, the reference is called desired, the feedback actual, and there is no output."""
     scene.stamp(message.header, "")
     message.joint_names = state.joint_names
     points = {
@@ -267,7 +268,7 @@ def _set_xyz(message: Any, values: Sequence[float]) -> None:
 
 
 def _number(value: float) -> float:
-    """0 where the robot does not say, as ros2_control has it."""
+    """The value, or 0 if the robot does not report it, as in ros2_control."""
     return value if math.isfinite(value) else 0.0
 
 
@@ -283,7 +284,7 @@ def _commands(message: Any, now: Moment) -> Sequence[float]:
 
 
 def trajectory(message: Any, now: Moment) -> JointTrajectory:
-    """Its stamp is by this machine's clock, as all times in ROS; 0 is at once."""
+    """Convert a trajectory. Its stamp is in this machine's time, like all times in ROS; 0 means immediately."""
     stamp = message.header.stamp
     begin_s = now.robot_time_s(stamp) if stamp.sec or stamp.nanosec else 0.0
     return JointTrajectory(tuple(message.joint_names), tuple(map(_point, message.points)), begin_s)
@@ -300,7 +301,7 @@ def _point(message: Any) -> JointTrajectoryPoint:
 
 
 def seconds(duration: Any) -> float:
-    """Of a builtin_interfaces/Duration."""
+    """The length of a builtin_interfaces/Duration [s]."""
     return float(duration.sec + duration.nanosec * 1e-9)
 
 
@@ -315,7 +316,7 @@ def _enable(message: Any, now: Moment) -> bool:
 MOVING_FRAMES: Final = Publication(
     JointStateBroadcaster, "topic", "/tf", "tf2_msgs/msg/TFMessage", _frames, depth=TF_DEPTH, every_s=_TF_EVERY_S
 )
-"""What robot_state_publisher makes of joint states."""
+"""The transforms that robot_state_publisher derives from joint states."""
 PUBLICATIONS: Final = (
     Publication(JointStateBroadcaster, "topic", "joint_states", "sensor_msgs/msg/JointState", _joint_states),
     Publication(

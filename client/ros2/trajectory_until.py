@@ -82,7 +82,7 @@ class TrajectoryUntilNode:
         for name in ("trajectory", "path_tolerance", "goal_tolerance", "goal_time_tolerance"):
             setattr(motion, name, getattr(goal, name))
         both = _Both(contact, self._host.ending(self.node))
-        both.motion = await self._sent(self._motion, motion, lambda message: self._feed_back(both, message.feedback))
+        both.motion = await self._sent(self._motion, motion, lambda message: self._on_feedback(both, message.feedback))
         if both.motion is None:
             contact.cancel_goal_async()
             self._action.reject(f"{self._motion.uri} rejects the trajectory: see the log of its node")
@@ -90,7 +90,7 @@ class TrajectoryUntilNode:
         return both
 
     async def _sent(self, client: "_Client", goal: Any, feed_back: Any = None) -> Any:
-        """The handle of a goal that was accepted; None when it was rejected, or nobody answers."""
+        """Send a goal; return its handle, or None if it is rejected or not answered."""
         answer = client.ros.send_goal_async(goal, feed_back)
         if not await self._within(answer, _ANSWER_S):
             answer.add_done_callback(lambda late: late.result().accepted and late.result().cancel_goal_async())
@@ -98,7 +98,7 @@ class TrajectoryUntilNode:
         return answer.result() if answer.result().accepted else None
 
     async def _within(self, future: Any, longest_s: float) -> bool:
-        """Wait for a future, but not for ever; whether it is done."""
+        """Wait for a future, with a time limit; return whether it is done."""
         either = self._host.ending(self.node)
 
         def end(_: object = None) -> None:
@@ -158,7 +158,7 @@ class TrajectoryUntilNode:
             both.goal.abort()
         return result
 
-    def _feed_back(self, both: "_Both", feedback: Any) -> None:
+    def _on_feedback(self, both: "_Both", feedback: Any) -> None:
         if both.goal is None or not both.goal.is_active:
             return
         message = self._type.Feedback()
@@ -169,7 +169,7 @@ class TrajectoryUntilNode:
 
 @dataclass(frozen=True, slots=True)
 class _Client:
-    """Of an action, by its name as it was given."""
+    """Client of an action. uri: name of the action, as in the parameter."""
 
     uri: str
     type: Any
@@ -177,7 +177,7 @@ class _Client:
 
 
 class _Both:
-    """The goals of the two actions, and the one that they are for."""
+    """The goals of the two actions, and this node's goal."""
 
     def __init__(self, contact: Any, ended: Any) -> None:
         self.contact = contact
@@ -186,12 +186,12 @@ class _Both:
         self.goal: Any = None
 
     def end(self, _: object) -> None:
-        """One of them has ended."""
+        """Note that one of them has ended."""
         if not self.ended.done():
             self.ended.set_result(None)
 
     def cancel(self) -> None:
-        """Whatever of them still goes on."""
+        """Cancel the goals that have not ended."""
         for handle in (self.contact, self.motion):
             if handle.status in (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_UNKNOWN):
                 handle.cancel_goal_async()
