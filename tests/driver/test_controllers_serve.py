@@ -94,7 +94,7 @@ async def test_who_is_to_make_ready_waits_for_a_program_that_somebody_loads_and_
                 await board.ask(dashboard.PLAY)
                 async with timeout(PATIENCE_S):
                     await ready
-                assert await _said(capsys, "the control program runs. Ctrl-C ends it.")
+                assert await _said(capsys, "the control program is running. Ctrl-C ends it.")
                 await until(lambda: _active(running, SCALED))
         await board.ask(dashboard.STOP)  # it loops, and asks for a driver that has left
         options = replace(options, robot=driver_options(robot, sender_port=port), controller="")

@@ -179,7 +179,7 @@ def test_an_execution_is_recorded_with_its_scene_and_its_way(emulator, tmp_path:
     for wrong, words in (
         (("record", str(tmp_path / "a.mcap"), "--plan", str(world), *robot), "create one with `ur-client plan"),
         ((*order, "--record", str(tmp_path / "b.mcap")), "add --execute"),
-        ((*order, "--markers", str(tmp_path / "c.csv")), "--markers is for .mcap files"),
+        ((*order, "--markers", str(tmp_path / "c.csv")), "--markers writes .mcap files"),
     ):
         refused = call(*wrong)
         assert words in " ".join(f"{refused.output} {refused.exception}".replace("│", "").split())
