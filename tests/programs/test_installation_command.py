@@ -80,7 +80,7 @@ def test_refusals_are_one_line_and_change_nothing(tmp_path, path):
     before = path.read_bytes()
     for arguments, said in (
         (("new", path), "exists: pass --force"),
-        (("new", tmp_path / "x.urp"), "ends in .installation"),
+        (("new", tmp_path / "x.urp"), "must end in .installation"),
         (("show", tmp_path / "none.installation"), "No such file"),
         (("show", path, "--section", "colours"), "no section 'colours'"),
         (("set", path, "colours", "a=1"), "no section 'colours'"),
