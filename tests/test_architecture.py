@@ -267,7 +267,11 @@ def _beyond_the_codec(name: str) -> Iterator[str]:
 def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() -> None:
     for name in modules():
         if "pinocchio" in imports(name, at_import_time=True):
-            assert name in ("urproto.robots.pinocchio_dynamics", "client.planning.collision_model", "client.planning.solids")
+            assert name in (
+                "urproto.robots.pinocchio_dynamics",
+                "client.planning.collision_model",
+                "client.planning.solids",
+            )
 
 
 def test_no_import_cycles() -> None:

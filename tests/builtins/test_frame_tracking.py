@@ -76,7 +76,10 @@ def test_what_the_arm_carries_cannot_be_tracked(rig, frame):
     ("body", "said"),
     [
         ('frame_tracking_enable("nowhere")', 'there is no frame "nowhere"'),
-        (TRACK + 'frame_tracking_enable("part")', "a frame is already being tracked: call frame_tracking_disable() first"),
+        (
+            TRACK + 'frame_tracking_enable("part")',
+            "a frame is already being tracked: call frame_tracking_disable() first",
+        ),
     ],
 )
 def test_mistakes_end_the_program(rig, body, said):

@@ -382,7 +382,10 @@ def test_without_a_network_units_are_unreachable(make_rig):
         ('modbus_add_signal("", 255, 0, 0, "s")', "address of a Modbus unit must not be empty"),
         ('modbus_add_signal("10.0.0.5", 256, 0, 0, "s")', "must be 0 to 255, not 256"),
         ('modbus_add_signal("10.0.0.5", 255, -1, 0, "s")', "Modbus address -1 with 1 values is out of range"),
-        ('modbus_add_signal("10.0.0.5", 255, 65535, 16, "s", False, 2)', "Modbus address 65535 with 2 values is out of range"),
+        (
+            'modbus_add_signal("10.0.0.5", 255, 65535, 16, "s", False, 2)',
+            "Modbus address 65535 with 2 values is out of range",
+        ),
         ('modbus_add_signal("10.0.0.5", 255, 0, 23, "s")', "signal_type must be one of"),
         ('modbus_add_signal("10.0.0.5", 255, 0, 0, "")', "1 to 20 characters, not 0"),
         ('modbus_add_signal("10.0.0.5", 255, 0, 0, "012345678901234567890")', "1 to 20 characters, not 21"),

@@ -83,9 +83,7 @@ def test_pictures_that_are_none_are_told(served: Served, client: CameraClient) -
     with pytest.raises(CameraError, match=r"its rgb.npy cannot be read"):
         _ = Shot(OVERVIEW, "rgb.npy", b"nothing", 0.0, POSE).arrays
     small = CameraDescription("over all", 2, 2, MATRIX, "base", POSE)
-    with pytest.raises(
-        CameraError, match=r"its rgb has the shape \(6, 8, 3\), unlike its images"
-    ):
+    with pytest.raises(CameraError, match=r"its rgb has the shape \(6, 8, 3\), unlike its images"):
         _ = client.shot(small, "rgb.npy").arrays
     with pytest.raises(CameraError, match=r"rgb.jpg is not an array: request rgb.npy"):
         _ = Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE).arrays

@@ -135,7 +135,10 @@ def test_what_is_no_robot_api_is_no_robot(serve: Callable[..., int]) -> None:
         connection.sendall(b"SSH-2.0 hello\r\n\r\n")
 
     garbage = serve(another)
-    with pytest.raises(RemoteProtocolError, match="not answer like a web server"), BlockingRobotAPIClient(HOST, garbage):
+    with (
+        pytest.raises(RemoteProtocolError, match="not answer like a web server"),
+        BlockingRobotAPIClient(HOST, garbage),
+    ):
         pass
 
 

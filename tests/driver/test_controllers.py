@@ -173,7 +173,9 @@ async def test_forward_controllers_and_their_conflicts(robot):
             await bench.loop.cycles()
         await bench.after(0.4)
         assert bench.distance(tuple(q + 0.059 for q in start)) < 0.003
-        with pytest.raises(ControllerError, match=r"forward_position_controller has claimed shoulder_pan_joint/position"):
+        with pytest.raises(
+            ControllerError, match=r"forward_position_controller has claimed shoulder_pan_joint/position"
+        ):
             bench.manager.activate(SCALED)
         with pytest.raises(ControllerError, match="position and velocity cannot be commanded at the same time"):
             bench.manager.activate("forward_velocity_controller")

@@ -113,7 +113,7 @@ def test_measured_angles_that_are_too_far_apart_are_refused(motion):
 def test_columns_that_are_missing_are_named(motion):
     with pytest.raises(RecordingError, match="none of target_moment, target_current, actual_current"):
         samples_of(without(motion, "target_moment", "target_current", "actual_current"))
-    with pytest.raises(RecordingError, match="no motion was recorded: .* or else actual_q"):
+    with pytest.raises(RecordingError, match=r"no motion was recorded: .* or else actual_q"):
         samples_of(without(motion, "target_q", "actual_q"))
 
 

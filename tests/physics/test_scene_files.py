@@ -34,7 +34,10 @@ MJCF = """<mujoco><worldbody>
         ),
         ("objects: {a: {box: [1, 1, 1], pose: [0, 0, 0.3]}}", "start elsewhere"),
         ("objects: {a: {mesh: none.stl}}", "does not exist"),
-        (f"objects: {{a: {{{PART}, slide: {{axis: [0, 0, 1], range: [0, 1]}}}}}}", "an object with a joint needs a mass"),
+        (
+            f"objects: {{a: {{{PART}, slide: {{axis: [0, 0, 1], range: [0, 1]}}}}}}",
+            "an object with a joint needs a mass",
+        ),
         (f"objects: {{a: {{{PART}, mass: 1, slide: {{axis: [0, 0, 0], range: [0, 1]}}}}}}", "axis must not be zero"),
         ("objects: {a: {plane: {}, mass: 1}}", "a plane is infinite"),
         ("barriers: {b: {from: [0, 0, 0], to: [0, 0, 1], input: 18}}", "Expected int <= 17"),

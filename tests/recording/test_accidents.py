@@ -57,8 +57,8 @@ def test_a_file_that_cannot_grow_says_how_much_is_in_it(tmp_path: Path, suffix: 
     count, _, said = run(FULL, str(path)).partition(" ")
     found = read(path)
     told = re.fullmatch(
-        rf"{path} can no longer be written: File too large; (\d+) states are certainly in the file, the last (\d+) may be "
-        "lost: free some space and record again",
+        rf"{path} can no longer be written: File too large; (\d+) states are certainly in the file, the last (\d+) "
+        "may be lost: free some space and record again",
         said.strip(),
     )
     assert told
