@@ -9,7 +9,6 @@ if find_spec("coal") is None:
         name="coal",
     )
 
-from client.planning.cartesian import CartesianPath
 from client.planning.collisions import CollisionChecker, PairDistance
 from client.planning.constraints import OrientationConstraint, PathConstraints, PositionConstraint
 from client.planning.goals import (
@@ -24,7 +23,15 @@ from client.planning.goals import (
 )
 from client.planning.industrial import CartesianLimits, IncompletePathError, MotionSequenceItem
 from client.planning.parameterisation import Limits, Trajectory
-from client.planning.planner import NoPathError, Plan, Planner, PlannerName, StartInCollisionError, default_limits
+from client.planning.planner import (
+    CartesianPath,
+    NoPathError,
+    Plan,
+    Planner,
+    PlannerName,
+    StartInCollisionError,
+    default_limits,
+)
 from client.planning.scene import (
     Box,
     Cylinder,

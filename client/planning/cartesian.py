@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
-from typing import Final, Generic, NamedTuple, TypeVar
+from typing import Final
 
 import numpy as np
 
@@ -26,15 +26,6 @@ from urproto.robots import Joints
 
 _MIN_STEPS: Final = 10  # over which the average step is taken, as MoveIt's MIN_STEPS_FOR_JUMP_THRESH
 _BLEND_SHARE: Final = 0.45  # largest share of a line that the blend at its end may take
-
-AnyPlan = TypeVar("AnyPlan")
-
-
-class CartesianPath(NamedTuple, Generic[AnyPlan]):
-    """The result of `Planner.compute_cartesian_path`: an executable plan, and the fraction of the path it covers."""
-
-    plan: AnyPlan
-    fraction: float
 
 
 @dataclass(frozen=True, slots=True)

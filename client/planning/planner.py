@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from itertools import count, pairwise
 from math import isfinite
 from random import Random
-from typing import Final, Literal, get_args
+from typing import Final, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from client.errors import PlanningError
-from client.planning.cartesian import CartesianPath, cartesian_motions
+from client.planning.cartesian import cartesian_motions
 from client.planning.collisions import CollisionChecker
 from client.planning.constraints import ConstrainedChecker, PathConstraints
 from client.planning.goals import Goal, GoalSet, PoseGoal, check_length, goal_configurations
@@ -97,6 +97,13 @@ class Plan:
             raise PlanningError(
                 f"the arm is {off:.3f} rad from the start of the plan: it has moved since; plan again from where it is"
             )
+
+
+class CartesianPath(NamedTuple):
+    """The result of `Planner.compute_cartesian_path`: an executable plan, and the fraction of the path it covers."""
+
+    plan: Plan
+    fraction: float
 
 
 class Planner:
@@ -205,7 +212,7 @@ class Planner:
         velocity_scaling: float = 1.0,
         acceleration_scaling: float = 1.0,
         path_constraints: PathConstraints | None = None,
-    ) -> CartesianPath[Plan]:
+    ) -> CartesianPath:
         """Move the TCP straight from waypoint to waypoint as far as possible; return the plan and the fraction covered.
 
         waypoints: poses of the TCP (n, 6) in the base frame; each line counts equally in the fraction, as in MoveIt.

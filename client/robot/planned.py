@@ -59,7 +59,7 @@ class PlannedMotion:
 
     async def compute_cartesian_path(
         self, waypoints: Sequence[Sequence[float]], scene: "PlanningScene", /, *args: Any, **options: Any
-    ) -> "CartesianPath[Plan]":
+    ) -> "CartesianPath":
         """Plan straight lines from waypoint to waypoint; see `client.planning.Planner.compute_cartesian_path`.
 
         The waypoints are poses of the robot's TCP unless ``tcp_offset`` is given.
