@@ -92,7 +92,7 @@ def test_noise_is_averaged_as_least_squares_does(rig):
     ("turns", "told"),
     [
         (TURNS[:3], "4 or more"),
-        ([*TURNS[:3], (0.1, 0, 0)], "turned by 0.100 rad only"),
+        ([*TURNS[:3], (0.1, 0, 0)], "differ by only 0.100 rad"),
         ([(0, 0, z) for z in (0, 0.8, 1.6, 2.4)], "tilt the tool"),
         ([(x, 0, 0) for x in (0, 0.8, 1.6, 2.4)], None),
     ],

@@ -131,7 +131,7 @@ def test_the_base_on_a_rail_survives_delete_all_and_is_reset(rig):
         ('get_frame_parent("world")', "no parent"),
         ('set_mass_properties("nowhere", 1, [0,0,0], [0,0,0,0,0,0])', 'no frame "nowhere"'),
         ('set_mass_properties("tcp", -1, [0,0,0], [0,0,0,0,0,0])', "mass"),
-        ('set_mass_properties("tcp", 1, [0,0,0], [-1,0,0,0,0,0])', "negative"),
+        ('set_mass_properties("tcp", 1, [0,0,0], [-1,0,0,0,0,0])', "0 or more"),
         ('i = 0\nwhile True:\n  add_frame(str_cat("f", i), p[0,0,0,0,0,0])\n  i = i + 1\nend', "100 frames"),
     ],
 )

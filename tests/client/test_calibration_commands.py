@@ -131,7 +131,7 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="not YAML"):
         read_calibration(wrong)
     wrong.write_text("kinematics: {shoulder: 1}")
-    with pytest.raises(FileError, match="there is no shoulder"):
+    with pytest.raises(FileError, match="shoulder is missing"):
         read_calibration(wrong)
     with pytest.raises(FileError):
         run("describe", "ur5e", "-o", tmp_path / "missing" / "arm.urdf")

@@ -207,7 +207,7 @@ class TestSnapshots:
     def test_a_running_program_cannot_be_saved(self, robot: VirtualRobot) -> None:
         robot.send_script("def loop():\n  while True:\n    sync()\n  end\nend\n")
         robot.step(3)
-        with pytest.raises(NotPossible, match="program runs"):
+        with pytest.raises(NotPossible, match="program is running"):
             robot.save()
 
     def test_another_robot_does_not_take_it(self, robot: VirtualRobot) -> None:

@@ -45,7 +45,7 @@ STAGES = {
     "torques": lambda c: (c.arm, "_update_torques"),
     "electrics": lambda c: (c.electrics, "advance"),
     "the tool line": lambda c: (c, "_advance_tool"),
-    "judging": lambda c: (c.safety_board, "judge"),
+    "judging": lambda c: (c.safety_board, "check_arm"),
     "publishing the arm": lambda c: (c.arm, "publish"),
     "publishing safety": lambda c: (c.safety_board, "publish"),
     "publishing programs": lambda c: (c.programs, "publish"),

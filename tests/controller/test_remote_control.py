@@ -73,7 +73,7 @@ def test_the_switch_is_the_pendants(make):
 def test_a_cb3_arm_has_no_local_control(make):
     rig = make("ur3", enforce_remote_control=True)
     assert not rig.tick().local_control
-    with pytest.raises(ConfigError, match="no remote control"):
+    with pytest.raises(ConfigError, match="without remote control"):
         check_enforced_remote_control(True, load_model("ur3"))
     assert check_enforced_remote_control(True, load_model("ur3e"))
     assert not check_enforced_remote_control(False, load_model("ur3"))

@@ -119,7 +119,7 @@ def test_what_is_no_number_is_refused_and_told_once(ready, bad):
     assert ready.now.input_double_registers[24] == 1.5
     assert ready.now.target_speed_fraction == 0.5
     assert ready.now.standard_analog_output0 == before
-    told = [line for line in ready.controller.messages.history if "is refused" in line]
+    told = [line for line in ready.controller.messages.history if "is rejected" in line]
     assert len(told) == 4
 
 

@@ -214,7 +214,7 @@ def test_mistakes_are_named(write, text, message):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ("nothing", "no section"),
+        ("nothing", "is missing"),
         (SETTINGS.replace("maxForce = 140.0", ""), "has no maxForce"),
         (SETTINGS.replace("mode = NORMAL", "mode = ODD"), "mode = ODD"),
         (SETTINGS.replace("[3.3, 3.3, ", "["), "6 numbers"),

@@ -303,7 +303,7 @@ def test_a_script_without_asyncio(tmp_path):
         arm.activate(SCALED, "joint_state_broadcaster")
         assert arm.follow(SCALED, way((0.5, moved(0.1, 0, 0, 0, 0, 0)))).error_code is ErrorCode.SUCCESSFUL
         arm.rest()
-        with pytest.raises(OutOfReachError, match=r"base for 9\.1000 rad"):
+        with pytest.raises(OutOfReachError, match=r"base at 9\.1000 rad"):
             arm.follow(SCALED, way((9.0, moved(8.9, 0, 0, 0, 0, 0))))
         with pytest.raises(MotionError, match=r"elbow_joint has 0\.1 s for 1\.00 rad, .* give it 0\.\d+ s or more"):
             arm.follow(SCALED, way((3.0, moved(0.2, 0, 0, 0, 0, 0)), (3.1, moved(0.2, 0, 1.0, 0, 0, 0))))

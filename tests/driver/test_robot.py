@@ -364,7 +364,7 @@ async def test_waiting_in_vain(lab):
 
 async def test_targets_out_of_reach_are_named_before_anything_moves(lab):
     pose = lab.arm.tcp_pose
-    with pytest.raises(OutOfReachError, match=r"move_j.*elbow for 7\.0000 rad"):
+    with pytest.raises(OutOfReachError, match=r"move_j.*elbow at 7\.0000 rad"):
         await lab.arm.move_j([0, 0, 7.0, 0, 0, 0])
     for move in (lab.arm.move_l, lab.arm.move_p):
         with pytest.raises(OutOfReachError, match="no joint angles"):

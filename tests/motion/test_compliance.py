@@ -169,7 +169,7 @@ def test_a_compliant_axis_may_be_anywhere(rig):
 
 
 def test_unknown_type_is_refused(rig):
-    with pytest.raises(ValueError, match="type 4"):
+    with pytest.raises(ValueError, match="type must be 1, 2 or 3, not 4"):
         rig.motion.force_control.force_mode(BASE, Z_ONLY, ZERO, 4, LIMITS)
     assert rig.motion.idle
 

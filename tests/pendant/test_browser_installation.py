@@ -59,7 +59,7 @@ def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open
     page.get_by_test_id("setting-save").click()
     eventually(lambda: rig.control.external_control()["host"] == "10.9.8.7")
     choose(page, "setting", "Safety: planes")
-    expect(page.get_by_test_id("setting-note")).to_contain_text("no robot takes it for its own")
+    expect(page.get_by_test_id("setting-note")).to_contain_text("no robot accepts it as its own")
     expect(page.get_by_test_id("setting-name")).to_have_value("Safety plane 0")
     choose(page, "setting-mode", "REDUCED")
     page.get_by_test_id("setting-normal-2").fill("1")

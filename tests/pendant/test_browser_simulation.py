@@ -60,7 +60,7 @@ def where(page: Page, name: str = "") -> tuple[float, float]:
 
 def test_a_fault_from_its_form_strikes_and_is_listed(rig, at):
     page = at()
-    expect(page.get_by_test_id("fault-text")).to_contain_text("End the connections")
+    expect(page.get_by_test_id("fault-text")).to_contain_text("Connections are closed")
     choose(page, "fault-port", "dashboard")
     with socket.create_connection((rig.host, rig.robot.ports["dashboard"]), 20.0) as client:
         assert client.recv(100)

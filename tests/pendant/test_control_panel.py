@@ -88,7 +88,7 @@ async def test_what_ends_it(bench: Bench) -> None:
     for break_it, why in (
         (lambda: setattr(link, "fails", "the manager has ended"), "the manager has ended"),
         (lambda: setattr(bench, "q", None), "the robot has stopped answering"),
-        (lambda: setattr(link, "controllers", ()), "does not move the six joints"),
+        (lambda: setattr(link, "controllers", ()), "no longer controls the six joints"),
         (lambda: panel.hear(None), ""),  # the browser is gone
         (lambda: panel.choose("another"), ""),
     ):
@@ -106,7 +106,7 @@ async def test_what_ends_it(bench: Bench) -> None:
 async def test_one_browser_drives_and_only_by_an_active_controller(bench: Bench) -> None:
     bench.panel.enable()
     other = bench.another()
-    with pytest.raises(RobotRefused, match="another browser drives the arm"):
+    with pytest.raises(RobotRefused, match="the sliders of another browser control the arm"):
         other.enable()
     bench.panel.disable()
     bench.link.controllers = ({**JTC, "state": "inactive"},)

@@ -121,7 +121,7 @@ def test_nothing_is_looked_at_after_leaving_and_the_past_is_there_when_coming_ba
 
 async def test_the_file_is_one_of_recordings_with_every_digit(tmp_path: Path) -> None:
     plots, feeds = plots_of("actual_q[1]", "robot_mode")
-    with pytest.raises(ValueError, match="nothing has been collected"):
+    with pytest.raises(ValueError, match="no data has been collected"):
         await plots.csv()
     q = (1 / 3, 0.1 + 0.2, 1e-17, -2.0, 1e300, 5e-324)
     feeds.looked_at[0].take({"timestamp": 0.008, "actual_q": q, "robot_mode": 7})

@@ -4,9 +4,11 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from driver_rig import HOME
 from ros2_rig import PATIENCE_S, SCALED, Lab
 
+from client.ros2.host import interface_if_any
 from urproto.compat_asyncio import timeout
 from urproto.joints import JOINT_NAMES
 
@@ -19,6 +21,17 @@ BEST_EFFORT, STRICT = 1, 2
 _MOVING = ("joint_trajectory_controller", SCALED, "forward_position_controller", "forward_velocity_controller",
            "passthrough_trajectory_controller", "freedrive_mode_controller", "force_mode_controller",
            "tool_contact_controller", "motion_primitive_forward_controller")  # fmt: skip
+
+
+def needs(kind: str) -> None:
+    """Skips a test of an interface that the distribution does not have; for use once a lab is there."""
+    if interface_if_any(kind) is None:
+        pytest.skip(f"this distribution has no {kind}")
+
+
+def says(answer: dict[str, Any], words: str) -> bool:
+    """Whether an answer has these words as its message. In Humble it has none."""
+    return words in answer.get("message", words).replace("\n", " ")
 
 
 def q(lab: Lab) -> tuple[float, ...]:

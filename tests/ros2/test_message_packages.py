@@ -22,9 +22,10 @@ HERE = Path(__file__).parent
 @pytest.fixture(autouse=True)
 def as_if_none_were_made(monkeypatch):
     """Other tests of this process may have put those of the cache into its paths."""
-    for name in ("AMENT_PREFIX_PATH", "PYTHONPATH"):
-        monkeypatch.delenv(name, raising=False)
     made = str(message_packages.default_cache())
+    for name in ("AMENT_PREFIX_PATH", "PYTHONPATH"):  # what a workspace has put there stays
+        paths = os.environ.get(name, "").split(os.pathsep)
+        monkeypatch.setenv(name, os.pathsep.join(path for path in paths if not path.startswith(made)))
     monkeypatch.setattr(sys, "path", [path for path in sys.path if not path.startswith(made)])
     for name in PACKAGES:
         monkeypatch.delitem(sys.modules, name, raising=False)
@@ -256,7 +257,9 @@ def test_without_a_compiler_it_says_what_to_install(tmp_path):
 @needs_ros
 def test_without_rosidl_it_says_what_to_install(tmp_path):
     (tmp_path / "rosidl_parser.py").write_text("raise ImportError('no rosidl')")
-    done = in_ros(ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path / "cache"), PYTHONPATH=str(tmp_path))
+    done = in_ros(
+        ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path / "cache"), PYTHONPATH=f"{tmp_path}:{os.environ['PYTHONPATH']}"
+    )
     assert ": rosidl's generators are not installed" in done.stderr
 
 
@@ -277,7 +280,7 @@ def execute(goal):
     return FollowJointTrajectory.Result(error_code=FollowJointTrajectory.Result.GOAL_TOLERANCE_VIOLATED)
 
 def switch(request, response):
-    response.ok, response.message = request.strictness == request.STRICT, ", ".join(request.activate_controllers)
+    response.ok = request.strictness == request.STRICT and request.activate_controllers == ["a", "b"]
     return response
 
 action = ActionServer(node, FollowJointTrajectory, "follow", execute)
@@ -312,7 +315,7 @@ try:
         return future.result()
     service = node.create_client(SwitchController, "switch")
     assert service.wait_for_service(30)
-    print(done(service.call_async(SwitchController.Request(activate_controllers=["a", "b"], strictness=2))))
+    print(done(service.call_async(SwitchController.Request(activate_controllers=["a", "b"], strictness=2))).ok)
     action = ActionClient(node, FollowJointTrajectory, "follow")
     assert action.wait_for_server(30)
     heard = []
@@ -334,9 +337,9 @@ def test_two_nodes_talk_in_types_that_were_made_here():
     kind, *numbers = force.split()
     assert (kind, warnings) == ("True", "True")
     assert [float(number) for number in numbers] == pytest.approx([0.025, 0.5, 0.01])
-    assert switched == "controller_manager_msgs.srv.SwitchController_Response(ok=True, message='a, b')"
+    assert switched == "True"
     assert followed == "-5 ['elbow_joint']"
-    if prefix != "None":
+    if prefix != "None" and message_packages.find_installation().distribution != "humble":  # which has none
         check_hashes(Path(prefix))
 
 

@@ -13,6 +13,7 @@ from ros2_rig import PATIENCE_S, SCALED, Lab, laboratory
 from ros2_talk import SUCCEEDED, TRIGGER, begin, follow, shifted, states, until
 
 from client.errors import ClientError
+from client.ros2.host import interface_if_any
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
 from emulator.machine import ControllerConfig
@@ -33,14 +34,17 @@ def named(node: str, names: dict[str, str]) -> dict[str, list[str]]:
 
 
 def lacking(node: str, wanted: dict[str, Any], found: dict[str, dict[str, list[str]]]) -> Iterator[str]:
-    """What a node of the official driver has that this one has not, or not with this type."""
+    """What a node of the official driver has that this one has not, or not with this type.
+
+    Nor has this one anything of a type that the distribution does not have.
+    """
     absent = named(node, wanted.get("absent", {}))
     for group in ("publishes", "listens", "services"):
         for name, kind in named(node, wanted.get(group, {})).items():
-            if (found[group].get(name) == kind) == (name in absent):
+            if (found[group].get(name) == kind) == (name in absent or interface_if_any(kind[0]) is None):
                 yield f"{node} {group} {name}"
     for name, (kind,) in named(node, wanted.get("actions", {})).items():
-        if found["services"].get(name + _ACTION) != [f"{kind}_SendGoal"]:
+        if found["services"].get(name + _ACTION) != ([f"{kind}_SendGoal"] if interface_if_any(kind) else None):
             yield f"{node} {name}"
 
 

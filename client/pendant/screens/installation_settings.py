@@ -89,7 +89,7 @@ class _Form:
         self._names.set_visibility(section.listed)
         self._add_button.set_visibility(section.grows)
         self._remove_button.set_visibility(section.grows)
-        self._note.set_text(f"Has effect {section.applied}.".replace("`", ""))
+        self._note.set_text(f"Takes effect {section.applied}.".replace("`", ""))
         self._page.station.emulator.watch("installation", section=name).renew()
 
     def _chosen(self) -> None:
