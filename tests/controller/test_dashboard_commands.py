@@ -259,7 +259,9 @@ def test_log_and_reports_are_real_files(make, programs):
     report_id = report.removeprefix("Flight Report generated with id: ")
     assert "UR3" in (programs / f"flightreport_{report_id}.txt").read_text()
     assert rig.ask("generate flight report").startswith("Flight Report generated with id:")
-    assert rig.ask("generate flight report gossip").startswith("Failed to generate flight report: unknown report 'gossip'")
+    assert rig.ask("generate flight report gossip").startswith(
+        "Failed to generate flight report: unknown report 'gossip'"
+    )
     answer = rig.ask("generate support file sub")
     name = answer.removeprefix("Completed successfully: ")
     assert re.fullmatch(r"ur_\d+_2024-01-01_00-00-\d\d\.zip", name)
