@@ -154,12 +154,13 @@ def find_installation() -> Ros2Installation:
         raise Ros2Error(f"ROS 2 was not found: source a workspace (source /opt/ros/jazzy/setup.bash), or {_WHEELS}")
     rclpy = Path(spec.origin)
     sourced = tuple(Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix)
+    of_wheels = next((name for name in DISTRIBUTIONS if _installed(f"ros-{name}-rclpy")), "")
     if any(prefix in rclpy.parents for prefix in sourced):
-        installation = Ros2Installation(os.environ.get("ROS_DISTRO", ""), sourced, sourced=True)
+        # ROS_DISTRO is not set by the setup.sh written here, which puts the folder of the wheels into the path as well
+        installation = Ros2Installation(os.environ.get("ROS_DISTRO") or of_wheels, sourced, sourced=True)
     else:
-        names = (name for name in DISTRIBUTIONS if _installed(f"ros-{name}-rclpy"))
         # <prefix>/lib/python3.12/site-packages/rclpy/__init__.py
-        installation = Ros2Installation(next(names, ""), (*sourced, rclpy.parents[4]), sourced=False)
+        installation = Ros2Installation(of_wheels, (*sourced, rclpy.parents[4]), sourced=False)
     if installation.distribution not in DISTRIBUTIONS:
         raise Ros2Error(
             f"{', '.join(missing())} are missing. They can be built for {_either(DISTRIBUTIONS)}, but not for "

@@ -226,6 +226,9 @@ def test_a_distribution_without_definitions_is_refused(tmp_path, monkeypatch):
         message_packages.find_installation()
     monkeypatch.setenv("ROS_DISTRO", "humble")
     assert message_packages.find_installation() == Ros2Installation("humble", (tmp_path,), sourced=True)
+    monkeypatch.delenv("ROS_DISTRO")  # only the setup.sh of message packages was sourced, for wheels
+    monkeypatch.setattr(message_packages, "_installed", lambda name: name == "ros-jazzy-rclpy")
+    assert message_packages.find_installation().distribution == "jazzy"
 
 
 def in_ros(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
