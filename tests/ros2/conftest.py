@@ -1,5 +1,6 @@
 """The helpers of the driver's tests serve here too; importlib mode does not add the folders."""
 
+import os
 import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest_asyncio
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "driver"))
 sys.path.insert(0, str(Path(__file__).parent))
+os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")  # every field's type is checked, as always in Humble
 
 from driver_rig import HOME, driver_options, emulator
 from ros2_rig import SCALED, Lab, laboratory
