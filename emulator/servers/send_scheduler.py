@@ -5,7 +5,7 @@ period of an e-Series. They take turns instead: clients that are not served in a
 then get the newest state. As long as the limit is not reached, each package is sent immediately.
 """
 
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Sequence
 from typing import Final, Protocol
 
@@ -81,13 +81,17 @@ class SendScheduler:
         """Send all clients of a feed the packages of this control period, up to the limit."""
         feed.newest = packages
         # taken before `next_period` adds the clients that waited: they get these packages there
-        clients, feed.up_to_date = feed.up_to_date, []
-        self.next_period(step)
-        for client in clients:
-            if self._most is not None and self._left <= 0:
-                self._waiting[client] = feed
-            else:
-                self._serve_feed(client, feed)
+        clients, feed.up_to_date = deque(feed.up_to_date), []
+        try:
+            self.next_period(step)
+            while clients:
+                client = clients.popleft()
+                if self._most is not None and self._left <= 0:
+                    self._waiting[client] = feed
+                else:
+                    self._serve_feed(client, feed)
+        finally:
+            feed.up_to_date.extend(clients)  # if one client raised an error, the others are served in the next period
 
     def next_period(self, step: int) -> None:
         """Serve the waiting clients if a new control period has begun."""
@@ -110,8 +114,8 @@ class SendScheduler:
     def _serve_feed(self, client: _Client, feed: StateFeed) -> None:
         if client.takes_state:
             self._left -= len(feed.newest)
+            feed.up_to_date.append(client)  # before it is served, so that it stays even if that fails
             _serve(client, feed.newest)
-            feed.up_to_date.append(client)
         else:
             client.skip_state()
             self._waiting[client] = feed
