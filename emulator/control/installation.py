@@ -92,8 +92,8 @@ class InstallationVerbs(Verbs):
                 _check_program(controller, section, root)
                 yield  # each of these steps in its own control period: big files take milliseconds
                 variables = path.with_suffix(".variables")
-                values = variables.read_bytes() if variables.is_file() else b""
-                file = read_installation_document(root, path.stem, values)
+                stored_values = variables.read_bytes() if variables.is_file() else b""
+                file = read_installation_document(root, path.stem, stored_values)
             except (SettingError, DocumentError) as error:
                 raise BadArguments(f"{path.name}: {error}") from error
             yield
