@@ -92,6 +92,15 @@ class Builtin:
         """``movej(q, a=1.4, v=1.05, t=0, r=0)``."""
         return f"{self.name}({'...' if self.variadic else ', '.join(p.text for p in self.parameters)})"
 
+    @property
+    def plain(self) -> bool:
+        """True when a call does nothing but check the arguments and call the function."""
+        return bool(self.parameters) and not self.takes_scope and not self.work and self.returns is None
+
+    def unchecked(self, host: object) -> AnyFunction:
+        """The function of a plain built-in, for calls whose arguments are known to be what it accepts."""
+        return partial(self.function, host) if self.host else self.function
+
     def bind(self, host: object) -> AnyFunction:
         """The function that a running program calls with all arguments by position, and OMITTED for a default."""
         leading = (host,) if self.host else ()

@@ -9,12 +9,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from urproto.versions import Availability, PolyscopeVersion
-from urscript import hints
+from urscript import hints, values
 from urscript.analysis import FunctionPlan
 from urscript.arguments import BindingError, Slot, bind_arguments
-from urscript.builtins import Builtin
+from urscript.builtins import Builtin, Parameter
 from urscript.errors import CompileError
-from urscript.inference import FLOAT, INT, VECTOR, Kinds, KindSet, arithmetic, is_local, is_number
+from urscript.inference import (
+    BOOL,
+    FLOAT,
+    INT,
+    NUMBER,
+    STRING,
+    VECTOR,
+    Kinds,
+    KindSet,
+    arithmetic,
+    is_local,
+    is_number,
+    is_ordered,
+)
 from urscript.literals import call_problems
 from urscript.number_code import ARITHMETIC_HELPERS, element, number_arithmetic
 from urscript.pycode import (
@@ -67,6 +80,14 @@ _MOST_ERRORS = 1000
 
 _MOST_OWNERS = 50
 """Errors after which an unknown variable is no longer searched for among the locals of all functions."""
+
+_ACCEPTED: dict[values.Kind, KindSet] = {
+    values.NUMBER: NUMBER,
+    values.INT: INT,
+    values.BOOL: BOOL,
+    values.STRING: STRING,
+}
+"""The kinds that a parameter takes as they are; other kinds of parameters look at each value."""
 
 _TRUTH_OPERATORS = frozenset(["and", "or", "xor", "==", "!=", "<", "<=", ">", ">="])
 
@@ -205,7 +226,12 @@ class ExpressionCompiler:
     def condition(self, node: Expression) -> ast.expr:
         """The Python code for an expression used as a condition; it evaluates to a Python bool."""
         code = self.operand(node)
-        return code if _is_truth(node) else call("_truth", place_of(node), code)
+        kind = BOOL if _is_truth(node) else self.kind(node)
+        if kind == BOOL:
+            return code
+        if is_number(kind):
+            return _compare(code, ast.NotEq(), constant(0, place_of(node)), place_of(node))
+        return call("_truth", place_of(node), code)
 
     # names
 
@@ -331,13 +357,13 @@ class ExpressionCompiler:
                 self.size += kind != FLOAT  # code for the wrap at 32 bits
                 return number_arithmetic(node, kind, left, right, place)
             return call(ARITHMETIC_HELPERS[operator], place, left, right)
-        numbers = all(map(is_number, kinds))
+        ordered = all(map(is_ordered, kinds))
         if operator in _ORDER:
             helper, native = _ORDER[operator]
             # Python itself compares a number literal with any number and refuses anything else.
-            simple = numbers or _is_number(node.left) or _is_number(node.right)
+            simple = ordered or _is_number(node.left) or _is_number(node.right)
             return _compare(left, native(), right, place) if simple else call(helper, place, left, right)
-        if numbers or _is_short(node.left) or _is_short(node.right):
+        if ordered or _is_short(node.left) or _is_short(node.right):
             return _compare(left, ast.Eq() if operator == "==" else ast.NotEq(), right, place)
         return call("_eq" if operator == "==" else "_ne", place, left, right)
 
@@ -420,6 +446,7 @@ class ExpressionCompiler:
 
     def _builtin_call(self, node: Call, builtin: Builtin, place: Place) -> ast.expr:
         self.unit.used[builtin.name] = builtin
+        checked = True
         if builtin.variadic:
             arguments = self.values([*node.arguments, *[value for _, value in node.keywords]])
         else:
@@ -427,12 +454,27 @@ class ExpressionCompiler:
             for message, argument in call_problems(builtin, bound, self._constant_behind):
                 self.unit.warnings.append(CallWarning(message, argument.line, argument.column))
             arguments = self.values(node.arguments)
-            for value in bound[len(node.arguments) :]:
-                arguments.append(load("_omitted", place) if value is None else self.expression(value))
+            checked = not builtin.plain or not all(map(self._is_accepted, builtin.parameters, bound))
+            for value, parameter in zip(
+                bound[len(node.arguments) :], builtin.parameters[len(node.arguments) :], strict=True
+            ):
+                if value is not None:
+                    arguments.append(self.expression(value))
+                else:
+                    arguments.append(load("_omitted", place) if checked else constant(parameter.default, place))
         if builtin.takes_scope:
             arguments.insert(0, load("_locals", place))
-        code = call(f"b_{builtin.name}", place, *arguments)
+        code = call(f"{'b' if checked else 'u'}_{builtin.name}", place, *arguments)
         return yield_from(code, place) if builtin.takes_time else code
+
+    def _is_accepted(self, parameter: Parameter, argument: Expression | None) -> bool:
+        """True when a parameter takes an argument as it is: no test at run time can refuse or convert it."""
+        if argument is None:
+            return not isinstance(parameter.default, tuple)
+        if parameter.kind is values.ANY:
+            return True
+        kind = self.kind(argument)
+        return kind > 0 and not kind & ~_ACCEPTED.get(parameter.kind, 0)
 
     def _struct(self, node: Call, place: Place) -> ast.expr:
         names = tuple(name for name, _ in node.keywords)

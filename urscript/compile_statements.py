@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 from urscript.analysis import WHOLE, FunctionPlan, lends_its_scope
 from urscript.compile_expressions import ExpressionCompiler, Unit
-from urscript.inference import is_number
+from urscript.inference import is_plain
 from urscript.pycode import (
     LOAD,
     Place,
@@ -431,11 +431,11 @@ class _BodyCompiler(ExpressionCompiler):
     def _assign_global(self, target: str, value: ast.expr, place: Place) -> list[ast.stmt]:
         """Assign to a global, which keeps the type of its first value. The check is inlined because it is so frequent.
 
-        A global that only ever receives numbers needs no check.
+        A global that only ever receives numbers, bools or strings needs no check.
         """
         name = f"v_{target}"
         self.stored_globals.add(name)
-        if is_number(self.unit.kinds.variable(self.scope, target)):
+        if is_plain(self.unit.kinds.variable(self.scope, target)):
             return [assign(name, value, place)]
         if self.unit.fixed_lists:
             return [assign(name, call("_retype_fixed", place, load(name, place), value), place)]

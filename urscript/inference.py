@@ -1,8 +1,11 @@
-"""Infer which expressions can only be numbers, so that they compile to Python arithmetic instead of calls.
+"""Infer which expressions can only be numbers, bools or strings, so that they compile to plain Python.
 
-A variable is a number when every value that the program assigns to it is a number, and likewise a vector (a list of
-numbers, or a pose). Assigned values may themselves be variables, so all assignments are evaluated repeatedly until
-nothing changes. Expressions of unknown kind are left to the operators, which check the values at run time.
+Arithmetic then needs no calls, conditions no test of their type, and built-ins no check of their arguments.
+
+A variable is a number when every value that the program assigns to it is a number, and likewise a bool, a string or a
+vector (a list of numbers, or a pose). Assigned values may themselves be variables, so all assignments are evaluated
+repeatedly until nothing changes. Expressions of unknown kind are left to the operators, which check the values at run
+time.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,29 +41,34 @@ from urscript.values import Pose
 from urscript.work import Steps, release
 
 KindSet: TypeAlias = int
-"""The kinds a value may have: a sum of the four below; 0 when no value is known."""
+"""The kinds a value may have: a sum of the six below; 0 when no value is known."""
 
 INT: Final = 1
 FLOAT: Final = 2
 VECTOR: Final = 4
-OTHER: Final = 8
+BOOL: Final = 8
+STRING: Final = 16
+OTHER: Final = 32
 NUMBER: Final = INT | FLOAT
-ANYTHING: Final = NUMBER | VECTOR | OTHER
+ANYTHING: Final = NUMBER | VECTOR | BOOL | STRING | OTHER
 
 Variable: TypeAlias = tuple[str, str]  # scope and name; the scope of globals is "", that of results "return"
 _GLOBAL: Final = ""
 _RESULT: Final = "return"
 
 _INTERPRETER: Final = "interpreter_mode"
+_LIST_MAKER: Final = "make_list"
 
 _ARITHMETIC: Final = frozenset(["+", "-", "*", "/", "%"])
-_KIND_OF_CLASS: Final[dict[Any, KindSet]] = {int: INT, float: FLOAT}
+_KIND_OF_CLASS: Final[dict[Any, KindSet]] = {int: INT, float: FLOAT, bool: BOOL, str: STRING}
 _KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an int also satisfies the annotation float
     (int, INT),
     (float, NUMBER),
     (Pose, VECTOR),
     (list[float], VECTOR),
     (list[int], VECTOR),
+    (bool, BOOL),
+    (str, STRING),
 )
 _SLICE: Final = 40  # work between two yields
 _MOST_ROUNDS: Final = 8
@@ -80,6 +88,16 @@ def is_number(kind: KindSet) -> bool:
 def is_local(program: Program, scope: Scope, name: str) -> bool:
     """True for parameters, names declared local, and names only ever assigned in this scope."""
     return name in scope.locals or (name in scope.assigned and name not in program.globals)
+
+
+def is_plain(kind: KindSet) -> bool:
+    """True for values that can only be numbers, only bools, or only strings."""
+    return is_number(kind) or kind in (BOOL, STRING)
+
+
+def is_ordered(kind: KindSet) -> bool:
+    """True for values that can only be numbers or bools."""
+    return kind > 0 and not kind & ~(NUMBER | BOOL)
 
 
 class Kinds:
@@ -120,7 +138,7 @@ class Kinds:
             case Unary() if node.operator != "not":
                 return self.expression(scope, node.operand)
             case Call():
-                return self._result(node)
+                return self._result(scope, node)
             case Run():
                 return INT
             case PoseLiteral() | NumberList():
@@ -131,7 +149,7 @@ class Kinds:
                 target = self.expression(scope, node.target)
                 return NUMBER if target == VECTOR else ANYTHING if target else 0
             case Binary() | Unary():
-                return OTHER
+                return BOOL
         return ANYTHING
 
     def _list(self, scope: Scope, node: ListLiteral) -> KindSet:
@@ -140,9 +158,12 @@ class Kinds:
         kinds = [self.expression(scope, item) for item in node.items]
         return VECTOR if all(map(is_number, kinds)) else OTHER if all(kinds) else 0
 
-    def _result(self, node: Call) -> KindSet:
+    def _result(self, scope: Scope, node: Call) -> KindSet:
         if node.name in self._program.functions:
             return self._variables.get((_RESULT, node.name), 0)
+        if node.name == _LIST_MAKER and len(node.arguments) > 1:
+            value = self.expression(scope, node.arguments[1])
+            return VECTOR if is_number(value) else OTHER if value else 0
         builtin = self._builtins.get(node.name)
         return _result_kind(builtin.result) if builtin else ANYTHING
 
@@ -156,7 +177,9 @@ def arithmetic(operator: str, left: KindSet, right: KindSet) -> KindSet:
     """The kinds an arithmetic operation may result in."""
     if not left or not right:
         return 0
-    if (left | right) & OTHER:
+    if left == right == STRING and operator == "+":
+        return STRING
+    if (left | right) & ~(NUMBER | VECTOR):
         return ANYTHING
     if VECTOR in (left, right):
         return VECTOR

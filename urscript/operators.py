@@ -8,6 +8,8 @@ do not combine.
 import math
 import operator
 import struct
+import sys
+import sysconfig
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -408,13 +410,41 @@ def member(value: Value, name: str) -> Value:
 Key = Any  # str: a member; a number: an index; a pair: a matrix cell
 
 
+def _references(value: Value, _key: Key, _item: Value) -> int:
+    """The references to a value that an assignment passes on, as `set_item` would count them."""
+    return _count_references(value)
+
+
+def _references_when_unshared() -> int:
+    """What `_references` returns for a list that only the assigned variable refers to; 0 if that says nothing.
+
+    The number depends on how Python passes arguments, so it is measured by a function compiled like those of programs.
+    """
+    if sys.implementation.name != "cpython" or sysconfig.get_config_var("Py_GIL_DISABLED"):
+        return 0
+    namespace: dict[str, Any] = {"_set_item": _references}
+    exec("def count():\n  v_a = [0]\n  v_a = _set_item(v_a, 0, 1)\n  return v_a", namespace)
+    return int(namespace["count"]())
+
+
+_count_references = getattr(sys, "getrefcount", lambda _: -1)
+_UNSHARED = _references_when_unshared()
+
+
 def set_item(value: Value, key: Key, item: Value) -> Value:
-    """A copy of `value` in which the element `key` is `item`."""
+    """`value` with `item` as its element `key`.
+
+    It is a copy, unless `value` is a list to which only the assigned variable refers: nobody can tell the difference
+    then, and in a loop over a long list, the copies would take most of the time.
+    """
     result: Value
-    if value.__class__ is list and key.__class__ is int and 0 <= key < len(value):  # the usual case
-        result = value.copy()
+    if isinstance(value, list) and value.__class__ is not Pose and key.__class__ is int and 0 <= key < len(value):
+        METER.left -= len(value) // 8
+        if _count_references(value) == _UNSHARED and item.__class__ in _SCALARS:
+            value[key] = item
+            return value
+        result = BoundedList(value, value.capacity) if value.__class__ is BoundedList else value.copy()
         result[key] = item
-        charge(len(value) // 8)
     elif key.__class__ is str:
         member(value, key)
         result = Struct({**value.members, key: item})
@@ -426,9 +456,7 @@ def set_item(value: Value, key: Key, item: Value) -> Value:
         result[_within(key, 6)] = item
         return pose_literal(*result)
     elif isinstance(value, list):
-        result = BoundedList(value, value.capacity) if isinstance(value, BoundedList) else value.copy()
-        result[_within(key, len(value))] = item
-        charge(len(value) // 8)
+        return set_item(value, _within(key, len(value)), item)
     else:
         raise RuntimeFault(f"Type error: '{type_name(value)}' cannot be indexed")
     return result if item.__class__ in _SCALARS else check_size(result)

@@ -32,7 +32,7 @@ from types import FrameType, GeneratorType, TracebackType
 from typing import Any, Final, Protocol, cast
 
 from urscript import operators
-from urscript.builtins import OMITTED
+from urscript.builtins import OMITTED, Builtin
 from urscript.compile_statements import STATEMENT, piece_name
 from urscript.compiler import FILE_NAME, CompiledProgram
 from urscript.errors import RuntimeFault, ScriptRuntimeError
@@ -256,7 +256,7 @@ class Runtime:
         namespace = self._namespace
         for name, builtin in statement.builtins.items():
             if f"b_{name}" not in namespace:
-                namespace[f"b_{name}"] = builtin.bind(self.host)
+                namespace.update(self._bound(name, builtin))
         for code in statement.code:
             exec(code, namespace)
         body: Callable[[Locals, list[Any]], ThreadBody] = namespace.pop(STATEMENT)
@@ -389,10 +389,17 @@ class Runtime:
         for name in program.global_names:
             namespace[f"v_{name}"] = UNSET
         for name, builtin in program.builtins.items():
-            namespace[f"b_{name}"] = builtin.bind(self.host)
+            namespace.update(self._bound(name, builtin))
         for code in program.code:
             exec(code, namespace)
         return namespace
+
+    def _bound(self, name: str, builtin: Builtin) -> dict[str, Any]:
+        """A built-in under its names in compiled code: with and without the test of its arguments."""
+        bound = {f"b_{name}": builtin.bind(self.host)}
+        if builtin.plain:
+            bound[f"u_{name}"] = builtin.unchecked(self.host)
+        return bound
 
     def _start(self, body: Callable[[], ThreadBody], name: str, parent: int | None) -> int:
         if len(self._threads) >= MAX_THREADS:

@@ -12,9 +12,9 @@
 | struct   | ``Struct``        |
 | thread handle | ``int``      |
 
-Values are never modified in place: ``a[0] = 1`` creates a new list and binds ``a`` to it. Assignment and argument
-passing thus have the semantics of a copy without copying. A built-in must therefore neither modify its arguments nor
-keep a list that it modifies later.
+No value that somebody else refers to is modified: ``a[0] = 1`` creates a new list and binds ``a`` to it, unless only
+``a`` refers to the old one (`urscript.operators.set_item`). Assignment and argument passing thus have the semantics of
+a copy without copying. A built-in must therefore neither modify its arguments nor keep a list that it modifies later.
 
 Strings are byte strings on the controller. Here they are text in the representation of `urproto.text`, always in the
 form that `from_bytes` returns, so that equal bytes are equal strings: joining two strings also joins a character whose
@@ -28,7 +28,7 @@ from typing import Annotated, Any, NoReturn, TypeAlias
 
 from urproto.text import from_bytes, to_bytes
 from urscript.errors import RuntimeFault
-from urscript.meter import charge
+from urscript.meter import METER, charge
 
 Value: TypeAlias = Any
 """Any value of the language; see the table above."""
@@ -232,7 +232,7 @@ def _text(value: Value, message: bool, limit: int) -> str:
     if value.__class__ is str:
         return str(value)
     if not isinstance(value, (list, Matrix, Struct)):
-        charge(_CHUNK_WORK)
+        METER.left -= _CHUNK_WORK
         return _scalar_text(value, message)
     pieces: list[str] = []
     length = 0

@@ -48,7 +48,8 @@ def str_at(src: Str, index: Int) -> str:
 @LIBRARY.builtin(cb3="3.8", e="5.2")
 def str_cat(op1: Any_, op2: Any_) -> str:
     """The texts of two values, one after the other; a runtime error beyond 1023 bytes."""
-    return joined(to_text(op1), to_text(op2))
+    left = op1 if op1.__class__ is str else to_text(op1)
+    return joined(left, op2 if op2.__class__ is str else to_text(op2))
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2")
