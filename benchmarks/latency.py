@@ -27,7 +27,7 @@ from table import Table
 from client import BlockingRTDEClient
 from client.driver import URDriver
 from client.driver.blocking import Blocking, blocking
-from client.driver.endpoint import LONGEST_REAL_TIME_S
+from client.driver.endpoint import MAX_REAL_TIME_S
 from urproto.compat import Self
 
 SAMPLES: Final = 200
@@ -67,7 +67,7 @@ class Servo(URDriver):
 
     def command(self, q_rad: Sequence[float]) -> None:
         self.target = q_rad
-        self.servoj(q_rad, LONGEST_REAL_TIME_S)
+        self.servoj(q_rad, MAX_REAL_TIME_S)
 
 
 class BlockingServo(Blocking[Servo]):

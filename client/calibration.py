@@ -18,7 +18,7 @@ from urproto.robots import DH, MODELS, Calibration, CalibrationError, Kinematics
 from urproto.robots.calibrated import CalibratedKinematics
 from urproto.yamltext import NotYaml, load_yaml
 
-_SAME_LENGTH_M: Final = 0.01  # configuration data and data files have the same lengths, except for old hardware
+_LENGTH_TOLERANCE_M: Final = 0.01  # configuration data and data files have the same lengths, except for old hardware
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -79,12 +79,12 @@ def model_of(arm: ConfigurationData) -> RobotModel | None:
 
     def difference(model: RobotModel) -> float:
         lengths = zip((*model.dh.a, *model.dh.d), (*arm.dh_a, *arm.dh_d), strict=True)
-        return max(abs(mine - its) for mine, its in lengths)
+        return max(abs(own - its) for own, its in lengths)
 
     models = map(load_model, MODELS)
-    alike = [model for model in models if (model.robot_type, model.sub_type) == (arm.robot_type, arm.sub_type)]
-    best = min(alike, key=difference, default=None)
-    return best if best is not None and difference(best) < _SAME_LENGTH_M else None
+    same_type = [model for model in models if (model.robot_type, model.sub_type) == (arm.robot_type, arm.sub_type)]
+    best = min(same_type, key=difference, default=None)
+    return best if best is not None and difference(best) < _LENGTH_TOLERANCE_M else None
 
 
 def described(arm: ConfigurationData, calibration: Calibration) -> RobotModel | None:

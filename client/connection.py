@@ -31,11 +31,11 @@ from urproto.compat_asyncio import timeout
 Result = TypeVar("Result")
 
 DEFAULT_TIMEOUT_S = 5.0  # for connecting and for each flow; guess: ample for a dashboard "load"
-_LONGEST_WAIT_S = 86400.0  # replaces an infinite timeout, which sockets do not accept
-_LEAST_WAIT_S = 1e-6  # not 0, which makes a socket non-blocking
-_LOOKS = 2  # polls of the sockets by the event loop: a pending callback may come before the first one
-_LOOKING_S = 1.0  # how long data that has already arrived is still read after the time limit; guess
-_RETRY_EVERY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
+_MAX_WAIT_S = 86400.0  # replaces an infinite timeout, which sockets do not accept
+_MIN_WAIT_S = 1e-6  # not 0, which makes a socket non-blocking
+_FINAL_POLLS = 2  # polls of the sockets by the event loop: a pending callback may come before the first one
+_OVERTIME_S = 1.0  # how long data that has already arrived is still read after the time limit; guess
+_RETRY_S = 0.5  # between attempts to connect again; guess: a controller takes a minute to boot
 _CHUNK = 65536  # bytes per read
 # errors of opening a connection; TimeoutError is an OSError, the others come from invalid host names and port numbers
 _NO_CONNECTION: Final = (OSError, UnicodeError, OverflowError)
@@ -82,12 +82,12 @@ class _Progress(Generic[Result]):
     @property
     def left_s(self) -> float:
         """Time left [s]; never 0, so that data that has already arrived is still read after the deadline."""
-        return min(max(self._deadline - time.monotonic(), _LEAST_WAIT_S), _LONGEST_WAIT_S)
+        return min(max(self._deadline - time.monotonic(), _MIN_WAIT_S), _MAX_WAIT_S)
 
     @property
     def over(self) -> bool:
         """True if the deadline passed a while ago: then polling ends too, since a robot may send without end."""
-        return self.wanted is POLL and time.monotonic() > self._deadline + _LOOKING_S
+        return self.wanted is POLL and time.monotonic() > self._deadline + _OVERTIME_S
 
     def answer(self, data: bytes) -> None:
         """Pass the requested data to the flow."""
@@ -221,7 +221,7 @@ class AsyncConnection(Connection):
 
     async def _last_look(self, reader: asyncio.StreamReader) -> bytes:
         """Return what arrived while this program was busy. Raises TimeoutError if nothing did."""
-        for _ in range(_LOOKS):
+        for _ in range(_FINAL_POLLS):
             if data := await self._poll(reader):
                 return data
         raise TimeoutError
@@ -247,9 +247,9 @@ class AsyncConnection(Connection):
             try:
                 return await self._open()
             except RobotUnreachableError:
-                if time.monotonic() + _RETRY_EVERY_S > until:
+                if time.monotonic() + _RETRY_S > until:
                     raise
-            await asyncio.sleep(_RETRY_EVERY_S)
+            await asyncio.sleep(_RETRY_S)
 
 
 class BlockingConnection(Connection):
@@ -363,9 +363,9 @@ class BlockingConnection(Connection):
             try:
                 return self._open()
             except RobotUnreachableError:
-                if time.monotonic() + _RETRY_EVERY_S > until:
+                if time.monotonic() + _RETRY_S > until:
                     raise
-            time.sleep(_RETRY_EVERY_S)
+            time.sleep(_RETRY_S)
 
 
 def _time_value(seconds: float) -> bytes:

@@ -27,7 +27,7 @@ from client.errors import FileError
 from urproto.compat import StrEnum
 from urproto.errors import URError
 from urproto.robots import Calibration, CalibrationError
-from urproto.rtde.fields import LONGEST_S
+from urproto.rtde.fields import MAX_TIMESTAMP_S
 
 
 class Grade(StrEnum):
@@ -102,7 +102,7 @@ def _compared(found: Calibration, file: Path | None, again: str, *, nominal: boo
     return Finding(Grade.GOOD, "calibration", f"{file} matches this robot, {found.hash}")
 
 
-_ENOUGH_PRIORITY = 1  # any real-time priority is above everything else
+_MIN_PRIORITY = 1  # any real-time priority is above everything else
 _PRIORITY = (
     "sudo groupadd -f realtime && sudo usermod -aG realtime $USER && "
     "echo '@realtime - rtprio 99' | sudo tee /etc/security/limits.d/99-realtime.conf, then log in again"
@@ -140,7 +140,7 @@ def preemption(version: str, root: Path) -> Finding:
 def priority(limit: int) -> Finding:
     """Check the limit of the real-time priority; -1 means unlimited."""
     subject = "real-time priority"
-    if limit == -1 or limit >= _ENOUGH_PRIORITY:
+    if limit == -1 or limit >= _MIN_PRIORITY:
         return Finding(Grade.GOOD, subject, "allowed" if limit == -1 else f"allowed up to {limit}")
     return Finding(Grade.WEAK, subject, "not allowed to this user: other programs may delay a control loop", _PRIORITY)
 
@@ -162,8 +162,8 @@ def governor(root: Path) -> Finding:
 
 
 _PORTS: Final = {"primary": primary.PORT, "RTDE": rtde.PORT, "dashboard": dashboard.PORT, "realtime": realtime.PORT}
-_INSTEAD: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyScope X has instead of a port
-_NEEDED: Final = ("primary", "RTDE")
+_ALTERNATIVES: Final = {"dashboard": ("Robot API", robotapi.PORT)}  # what PolyScope X has instead of a port
+_REQUIRED: Final = ("primary", "RTDE")
 _CONNECT_S: Final = 2.0
 _REPLIES: Final = 20
 _STREAM_S: Final = 2.0
@@ -181,12 +181,12 @@ def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
         try:
             socket.create_connection((host, port), _CONNECT_S).close()
         except OSError as error:
-            other, instead = _INSTEAD.get(name, ("", 0))
+            other, instead = _ALTERNATIVES.get(name, ("", 0))
             if other and _answers(host, instead + port_offset):
                 text = f"{other} is open: this is PolyScope X, which has it instead of the {name} (port {port})"
                 yield Finding(Grade.GOOD, f"port {instead + port_offset}", text)
                 continue
-            grade = Grade.BROKEN if name in _NEEDED else Grade.WEAK
+            grade = Grade.BROKEN if name in _REQUIRED else Grade.WEAK
             mend = f"ping {host}; e-Series: enable it in Settings, Security, Services; nc -vz {host} {port}"
             yield Finding(grade, f"port {port}", f"{name} is closed: {error.strerror or error}", mend)
             continue
@@ -256,7 +256,7 @@ def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) 
 
 def judge_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
     """Judge states by their arrival times and the robot's timestamps [s], each by its own clock."""
-    if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < LONGEST_S) for stamp in stamps):
+    if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < MAX_TIMESTAMP_S) for stamp in stamps):
         text = f"{timeless} of {len(stamps)} states have no time (timestamp)"
         yield Finding(Grade.BROKEN, "RTDE stream", text, "restart the controller")
         return

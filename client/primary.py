@@ -80,7 +80,7 @@ PORT = 30001
 
 Found = TypeVar("Found")
 
-_KEPT: Final = 100  # messages of each kind; older ones are dropped
+_MAX_KEPT: Final = 100  # messages of each kind; older ones are dropped
 _START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
 _STATES_OF_A_SECONDARY: Final = 3  # guess: states after which no error of it can follow; errors come within one period
 _READ_ONLY: Final = 210  # error code of a script port while the robot is in local control
@@ -99,9 +99,9 @@ class PrimaryCore:
         self.state: RobotStateData | None = None
         self.kinematics: KinematicsInfo | None = None
         self.configuration: ConfigurationData | None = None
-        self.errors: deque[ErrorCodeMessage] = deque(maxlen=_KEPT)
-        self.texts: deque[str] = deque(maxlen=_KEPT)
-        self.dialogues: deque[PopupMessage | RequestValueMessage] = deque(maxlen=_KEPT)
+        self.errors: deque[ErrorCodeMessage] = deque(maxlen=_MAX_KEPT)
+        self.texts: deque[str] = deque(maxlen=_MAX_KEPT)
+        self.dialogues: deque[PopupMessage | RequestValueMessage] = deque(maxlen=_MAX_KEPT)
         self._forget()
 
     def _forget(self) -> None:

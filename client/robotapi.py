@@ -37,7 +37,7 @@ PORT: Final = CONTROLLER_PORTS["robot api"]
 Answer = TypeVar("Answer")
 
 _SWITCHING_S: Final = 90.0  # guess: the emulator gives up after 60 s
-_MOST_REDIRECTS: Final = 3
+_MAX_REDIRECTS: Final = 3
 _OK, _FORBIDDEN, _REDIRECTS = 200, 403, (301, 302, 307, 308)
 _READING_SINCE: Final = (3, 1, 4)  # of the API's own versions: came with PolyScope 10.12
 REMOTE_CONTROL: Final = "switch the robot to Remote Control on its teach pendant"
@@ -211,7 +211,7 @@ class RobotApiCore:
         body, content_type = _encoded(request.body)
         yield TimeLimit(request.timeout_s)
         path = request.path
-        for _ in range(_MOST_REDIRECTS):
+        for _ in range(_MAX_REDIRECTS):
             response = yield from self._exchange(request.endpoint.method, path, body, content_type)
             if response.status not in _REDIRECTS or not response.location:
                 break

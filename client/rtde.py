@@ -123,7 +123,7 @@ class InputRecipes:
 ReplyKind = TypeVar("ReplyKind", bound=codec.Reply)
 State = Mapping[str, Any]
 
-_KEPT_MESSAGES = 100  # text messages kept for the caller; older ones are dropped
+_MAX_MESSAGES = 100  # text messages kept for the caller; older ones are dropped
 _AGREEING_ATTEMPTS = 10  # after a loss; guess: a booting controller closes its first connections
 _BETWEEN_ATTEMPTS_S = 0.5
 _LOST = (ConnectionLostError, NoAnswerError, RobotUnreachableError)
@@ -161,7 +161,7 @@ class RTDECore:
         if frequency_hz is not None and not 0.0 < frequency_hz < math.inf:
             raise LocalProtocolError(f"a robot cannot send {frequency_hz} states per second: give a positive number")
         self.version: PolyscopeVersion | None = None
-        self.messages: deque[codec.TextMessage] = deque(maxlen=_KEPT_MESSAGES)
+        self.messages: deque[codec.TextMessage] = deque(maxlen=_MAX_MESSAGES)
         self.state: State = {}
         self.unavailable: frozenset[str] = frozenset()
         self.rate_hz = 0.0  # rate of the states, known once the outputs are set up

@@ -34,9 +34,9 @@ REQUEST_PROGRAM: Final = b"request_program\n"
 
 GREETING: Final = b"external_control "
 """The beginning of the line sent first; the token of the program's driver follows."""
-_LONGEST_GREETING: Final = 128  # bytes; guess
+_MAX_GREETING: Final = 128  # bytes; guess
 
-_LARGEST: Final = (2**31 - 1) / SCALE
+_MAX_VALUE: Final = (2**31 - 1) / SCALE
 _WORD: Final = struct.Struct(">i")
 
 
@@ -173,7 +173,9 @@ class Question(IntEnum):
 def to_words(values: Iterable[float]) -> tuple[int, ...]:
     """Convert physical values to words. Raises LocalProtocolError for one that is not finite or beyond ±2147 units."""
     # A single expression, because hundreds of setpoints per second pass through here. NaN fails the comparison.
-    return tuple([round(value * SCALE) if -_LARGEST <= value <= _LARGEST else _unsendable(value) for value in values])
+    return tuple(
+        [round(value * SCALE) if -_MAX_VALUE <= value <= _MAX_VALUE else _unsendable(value) for value in values]
+    )
 
 
 def from_words(words: Iterable[int]) -> tuple[float, ...]:
@@ -513,7 +515,7 @@ class ReplyDecoder:
     def size(data: bytes) -> int:
         """Size in bytes of the message that begins with this word. Raises RemoteProtocolError."""
         (word,) = _WORD.unpack_from(data)
-        if word < -1 - _MOST_VALUES:
+        if word < -1 - _MAX_VALUES:
             raise RemoteProtocolError(f"an answer of {-1 - word} values is too long")
         return _WORD.size * (1 if word >= 0 else 1 + 2 * (-1 - word))
 
@@ -535,7 +537,7 @@ class ReplyDecoder:
         return messages
 
 
-_MOST_VALUES: Final = 36  # a 6 by 6 matrix
+_MAX_VALUES: Final = 36  # a 6 by 6 matrix
 
 
 # streams
@@ -582,5 +584,5 @@ def split_greeting(data: bytes) -> tuple[str | None, bytes] | None:
         return None, data
     line, end, rest = data.partition(b"\n")
     if not end:
-        return (None, data) if len(data) > _LONGEST_GREETING else None
+        return (None, data) if len(data) > _MAX_GREETING else None
     return line.removeprefix(GREETING).decode("ascii", "replace"), rest

@@ -43,7 +43,7 @@ class ExceptionCode(IntEnum):
 _F = Function
 _READ_BITS: Final = (_F.READ_COILS, _F.READ_DISCRETE_INPUTS)
 _READ_WORDS: Final = (_F.READ_HOLDING_REGISTERS, _F.READ_INPUT_REGISTERS)
-_MOST: Final[dict[int, int]] = {  # values in one request
+_MAX_COUNT: Final[dict[int, int]] = {  # values in one request
     _F.READ_COILS: 2000,
     _F.READ_DISCRETE_INPUTS: 2000,
     _F.READ_HOLDING_REGISTERS: 125,
@@ -52,7 +52,7 @@ _MOST: Final[dict[int, int]] = {  # values in one request
     _F.WRITE_REGISTERS: 123,
     _F.READ_WRITE_REGISTERS: 125,
 }
-_MOST_WRITTEN_WHILE_READING: Final = 121
+_MAX_WRITTEN_WHILE_READING: Final = 121
 _COIL_ON: Final = 0xFF00
 
 
@@ -171,9 +171,9 @@ def decode_request(pdu: bytes) -> ModbusRequest:
         raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE) from error
     written = len(request.values)
     count = request.count if request.function in (*_READ_BITS, *_READ_WORDS, _F.READ_WRITE_REGISTERS) else written
-    if not 1 <= count <= _MOST.get(request.function, 1):
+    if not 1 <= count <= _MAX_COUNT.get(request.function, 1):
         raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE)
-    if request.function == _F.READ_WRITE_REGISTERS and not 1 <= written <= _MOST_WRITTEN_WHILE_READING:
+    if request.function == _F.READ_WRITE_REGISTERS and not 1 <= written <= _MAX_WRITTEN_WHILE_READING:
         raise ModbusException(ExceptionCode.ILLEGAL_DATA_VALUE)
     return request
 

@@ -26,7 +26,7 @@ _READING: Final = Availability.since(None, None, "10.12")
 
 DEFAULT_PROGRAM: Final = "Default program"
 """The program that is loaded after power-up; it always exists."""
-MOST_UPLOAD: Final = 4 * 1024 * 1024
+MAX_UPLOAD: Final = 4 * 1024 * 1024
 """Maximum size of a request's body [bytes] (guess); programs in public repositories have some 100 kB."""
 
 Method = Literal["GET", "PUT", "POST"]

@@ -19,7 +19,7 @@ PORT: Final = 63352
 ACK: Final = b"ack"
 NACK: Final = b"nack"  # guess: the response to an invalid request
 UNKNOWN: Final = "?"  # the value while the gripper does not answer, as ur_rtde expects it
-_LONGEST_LINE: Final = 1024  # bytes (guess)
+_MAX_LINE: Final = 1024  # bytes (guess)
 _GET: Final = re.compile(r"GET\s+([A-Z]{3})", re.ASCII)
 _SET: Final = re.compile(r"SET((?:\s+[A-Z]{3}\s+\S+)+)", re.ASCII)
 _VALUE: Final = re.compile(r"([A-Z]{3})\s+(\S+)", re.ASCII)
@@ -64,8 +64,8 @@ class RequestDecoder:
         self._buffer += data
         *lines, rest = bytes(self._buffer).split(b"\n")
         self._buffer = bytearray(rest)
-        if max(map(len, (*lines, rest))) > _LONGEST_LINE:
-            raise RemoteProtocolError(f"a request to the gripper is longer than {_LONGEST_LINE} bytes")
+        if max(map(len, (*lines, rest))) > _MAX_LINE:
+            raise RemoteProtocolError(f"a request to the gripper is longer than {_MAX_LINE} bytes")
         texts = (strip(from_bytes(line)) for line in lines)
         return [_parse(text) for text in texts if text]
 

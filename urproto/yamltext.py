@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any, Final
 
-_MOST_BYTES: Final = 500_000  # a guess: ten times the longest settings. PyYAML takes some ten seconds for this many
-_MOST_VALUES: Final = 1_000_000  # with aliases expanded; a guess: more than any settings have
-_MOST_BITS: Final = 1023  # of an integer: beyond the range of a float
-_MOST_NESTED: Final = 50
+_MAX_BYTES: Final = 500_000  # a guess: ten times the longest settings. PyYAML takes some ten seconds for this many
+_MAX_VALUES: Final = 1_000_000  # with aliases expanded; a guess: more than any settings have
+_MAX_BITS: Final = 1023  # of an integer: beyond the range of a float
+_MAX_DEPTH: Final = 50
 """Nesting of brackets: PyYAML iterates over all open ones at every word, so thousands of them take minutes."""
 
 
@@ -21,7 +21,7 @@ def _loader() -> Any:
 
     class Loader(yaml.SafeLoader):
         def fetch_flow_collection_start(self, TokenClass: Any) -> None:
-            if self.flow_level >= _MOST_NESTED:
+            if self.flow_level >= _MAX_DEPTH:
                 raise NotYaml("it is nested too deeply")
             super().fetch_flow_collection_start(TokenClass)
 
@@ -32,8 +32,8 @@ def load_yaml(text: bytes | str) -> Any:
     """Parse a document; bytes are UTF-8. Raises NotYaml."""
     import yaml
 
-    if len(text) > _MOST_BYTES:
-        raise NotYaml(f"it is longer than {_MOST_BYTES} bytes")
+    if len(text) > _MAX_BYTES:
+        raise NotYaml(f"it is longer than {_MAX_BYTES} bytes")
     try:
         content = yaml.load(text if isinstance(text, str) else text.decode("utf-8"), _loader())
         size = _size(content, {})
@@ -46,14 +46,14 @@ def load_yaml(text: bytes | str) -> Any:
     except (ValueError, ArithmeticError, TypeError, AttributeError, LookupError) as error:
         # such as a date with day 99, or a number without digits: the loader's constructors raise any exception
         raise NotYaml(f"a value is not what it looks like: {error}") from error
-    if size > _MOST_VALUES:
-        raise NotYaml(f"its aliases expand to more than {_MOST_VALUES} values")
+    if size > _MAX_VALUES:
+        raise NotYaml(f"its aliases expand to more than {_MAX_VALUES} values")
     return content
 
 
 def _size(value: Any, known: dict[int, int]) -> int:
     """The number of values with aliases expanded. Computed once per container. Raises NotYaml for recursive aliases."""
-    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+    if isinstance(value, int) and value.bit_length() > _MAX_BITS:
         raise NotYaml("a whole number is too large to compute with")
     if not isinstance(value, Mapping | list | tuple | set):
         return 1

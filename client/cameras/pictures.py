@@ -26,8 +26,8 @@ ALL_CAMERAS: Final = "all"
 """Name that stands for all cameras on a command line."""
 
 _TIMEOUT_S: Final = 30.0  # the first image waits for a process to start (guess)
-_MOST_BYTES: Final = 64 * 1024 * 1024  # of a response: colours and depth of 1920 x 1920 pixels take 26 MB
-_AGAIN_S: Final = 1.0  # delay before the next attempt after a failure (guess)
+_MAX_BYTES: Final = 64 * 1024 * 1024  # of a response: colours and depth of 1920 x 1920 pixels take 26 MB
+_RETRY_S: Final = 1.0  # delay before the next attempt after a failure (guess)
 
 
 @dataclass(frozen=True)
@@ -120,16 +120,16 @@ class CameraClient:
         try:
             self._http.request("GET", path)
             response = self._http.getresponse()
-            content = response.read(_MOST_BYTES + 1)
+            content = response.read(_MAX_BYTES + 1)
         except (OSError, http.client.HTTPException) as error:
             self._http.close()
             raise CameraError(
                 f"no cameras at {self.address} ({error or type(error).__name__}): start the emulator with "
                 "--world FILE --physics"
             ) from error
-        if len(content) > _MOST_BYTES:
+        if len(content) > _MAX_BYTES:
             self._http.close()
-            raise CameraError(f"{self.address}{path} has more than {_MOST_BYTES} bytes: too large for an image")
+            raise CameraError(f"{self.address}{path} has more than {_MAX_BYTES} bytes: too large for an image")
         if response.status != http.client.OK:
             raise CameraError(_reason(content) or f"{self.address}{path} responds with status {response.status}")
         return {name.lower(): value for name, value in response.getheaders()}, content
@@ -190,7 +190,7 @@ class CameraFollower:
     def _follow(self) -> None:
         next_s = time.monotonic()
         while not self._over.is_set():
-            wait_s = self._every_s if self._round() else _AGAIN_S
+            wait_s = self._every_s if self._round() else _RETRY_S
             next_s = max(next_s + wait_s, time.monotonic())
             self._over.wait(next_s - time.monotonic())
 

@@ -12,8 +12,8 @@ from client.cameras import CameraClient, CameraFollower, Shot
 from client.recording.pictures import DEPTH, JPEG
 from urproto.ports import CAMERA_PORT
 
-_MOST_HZ: Final = 30.0  # the highest rate at which an emulator renders
-_MOST_WAITING: Final = 100  # images: more pile up only while the connection to the robot is lost; they are dropped
+_MAX_HZ: Final = 30.0  # the highest rate at which an emulator renders
+_MAX_PENDING: Final = 100  # images: more pile up only while the connection to the robot is lost; they are dropped
 
 CameraNames: TypeAlias = Annotated[
     list[str] | None,
@@ -24,7 +24,7 @@ CameraDepth: TypeAlias = Annotated[bool, typer.Option("--depth", help="Also incl
 CameraPort: TypeAlias = Annotated[
     int | None, typer.Option("--camera-port", help="Port of an emulator's cameras, if not the usual one.")
 ]
-USUAL_HZ: Final = 5.0
+DEFAULT_HZ: Final = 5.0
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class CameraOptions:
         depth: bool = False,
     ) -> "CameraOptions":
         """Check and collect the options. port: None for the usual one. Raises BadParameter."""
-        if not 0.0 < rate_hz <= _MOST_HZ:
-            raise typer.BadParameter(f"--camera-rate must be above 0 and at most {_MOST_HZ:g}, not {rate_hz:g}")
+        if not 0.0 < rate_hz <= _MAX_HZ:
+            raise typer.BadParameter(f"--camera-rate must be above 0 and at most {_MAX_HZ:g}, not {rate_hz:g}")
         if depth and not names:
             raise typer.BadParameter("--depth needs a camera: add --camera all or --camera NAME")
         usual = CAMERA_PORT + port_offset
@@ -73,7 +73,7 @@ def follow_cameras(opened: ExitStack, options: CameraOptions) -> Callable[[], li
     shots: SimpleQueue[Shot] = SimpleQueue()
 
     def take(shot: Shot) -> None:
-        if shots.qsize() < _MOST_WAITING:
+        if shots.qsize() < _MAX_PENDING:
             shots.put(shot)
 
     def report(what: str) -> None:

@@ -15,7 +15,7 @@ from client import rtde
 from client.calibration import read_calibration
 from client.cameras import Shot
 from client.commands.cameras import (
-    USUAL_HZ,
+    DEFAULT_HZ,
     CameraDepth,
     CameraNames,
     CameraOptions,
@@ -242,7 +242,7 @@ def record_command(
     overwrite: Overwrite = False,
     camera: CameraNames = None,
     depth: CameraDepth = False,
-    camera_rate: CameraRate = USUAL_HZ,
+    camera_rate: CameraRate = DEFAULT_HZ,
     camera_port: CameraPort = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,
@@ -310,7 +310,7 @@ def stream_command(
     plan: PlanOption = None,
     camera: CameraNames = None,
     depth: CameraDepth = False,
-    camera_rate: CameraRate = USUAL_HZ,
+    camera_rate: CameraRate = DEFAULT_HZ,
     camera_port: CameraPort = None,
     robot_ip: RobotIP = "127.0.0.1",
     port_offset: PortOffset = 0,

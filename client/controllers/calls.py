@@ -11,7 +11,7 @@ from math import isfinite
 from typing import Final, Protocol, TypeVar
 
 from client.controllers.controller import Controller, Interfaces
-from client.driver.endpoint import tell
+from client.driver.endpoint import notify
 
 
 class Prefixed(Protocol):
@@ -41,13 +41,13 @@ class CallingController(Controller[Parameters]):
         self._calls.update(time_s)
 
     def _send(
-        self, what: str, values: Mapping[str, float], answer: str, seen: Callable[[], bool] | None = None
+        self, title: str, values: Mapping[str, float], answer: str, has_effect: Callable[[], bool] | None = None
     ) -> "Call":
         """See `Calls.send`. Raises ControllerError while the controller is not active, and for non-finite numbers."""
         self.check_active()
         if wrong := [value for value in values.values() if not isfinite(value)]:
-            raise self.error(f"{what}: {wrong[0]} cannot be set: give finite numbers")
-        return self._calls.send(what, values, answer, seen)
+            raise self.error(f"{title}: {wrong[0]} cannot be set: give finite numbers")
+        return self._calls.send(title, values, answer, has_effect)
 
 
 FAILURE: Final = 0.0
@@ -62,8 +62,8 @@ class Call:
     success: None until it is answered. message: why it failed. on_end: callbacks that are called with success.
     """
 
-    def __init__(self, what: str) -> None:
-        self.what = what
+    def __init__(self, title: str) -> None:
+        self.title = title
         self.success: bool | None = None
         self.message = ""
         self.on_end: list[Callable[[bool], object]] = []
@@ -72,14 +72,14 @@ class Call:
         """Answer it; only the first answer counts."""
         if self.success is None:
             self.success, self.message = success, message
-            tell(self.on_end, success)
+            notify(self.on_end, success)
 
 
 @dataclass(slots=True)
-class _Waiting:
+class _Pending:
     call: Call
     values: Mapping[str, float]
-    seen: Callable[[], bool] | None
+    has_effect: Callable[[], bool] | None
     since_s: float | None = None
 
 
@@ -92,39 +92,41 @@ class Calls:
     def __init__(self, commands: Interfaces, prefix: str = "") -> None:
         self._commands = commands
         self._prefix = prefix
-        self._line: deque[tuple[_Waiting, str]] = deque()
+        self._queue: deque[tuple[_Pending, str]] = deque()
 
-    def send(self, what: str, values: Mapping[str, float], answer: str, seen: Callable[[], bool] | None = None) -> Call:
-        """Queue a request: it sets command interfaces, waits for the answer and, with ``seen``, until that is true."""
-        call = Call(what)
-        self._line.append((_Waiting(call, values, seen), self._prefix + answer))
+    def send(
+        self, title: str, values: Mapping[str, float], answer: str, has_effect: Callable[[], bool] | None = None
+    ) -> Call:
+        """Queue a request: set command interfaces, wait for the answer and, with ``has_effect``, until it is true."""
+        call = Call(title)
+        self._queue.append((_Pending(call, values, has_effect), self._prefix + answer))
         return call
 
     def update(self, time_s: float) -> None:
         """Process the queue; called once per cycle."""
-        if not self._line:
+        if not self._queue:
             return
-        first, answer = self._line[0]
+        first, answer = self._queue[0]
         if first.since_s is None:
             first.since_s = time_s
             self._commands[answer] = WAITING
             for name, value in first.values.items():
                 self._commands[self._prefix + name] = value
             return
-        self._look(first, self._commands[answer], time_s - first.since_s)
+        self._check_answer(first, self._commands[answer], time_s - first.since_s)
         if first.call.success is not None:
-            self._line.popleft()
+            self._queue.popleft()
 
-    def _look(self, first: _Waiting, answer: float, waited_s: float) -> None:
+    def _check_answer(self, first: _Pending, answer: float, elapsed_s: float) -> None:
         if answer == FAILURE:
-            first.call.end(False, f"{first.call.what}: the robot did not accept it: see its log")
-        elif answer == SUCCESS and (first.seen is None or first.seen()):
+            first.call.end(False, f"{first.call.title}: the robot did not accept it: see its log")
+        elif answer == SUCCESS and (first.has_effect is None or first.has_effect()):
             first.call.end(True)
-        elif answer == SUCCESS and waited_s > _EFFECT_S:
-            first.call.end(False, f"{first.call.what}: no effect was seen within {_EFFECT_S:g} s")
+        elif answer == SUCCESS and elapsed_s > _EFFECT_S:
+            first.call.end(False, f"{first.call.title}: no effect was seen within {_EFFECT_S:g} s")
 
     def end_all(self, reason: str) -> None:
         """Fail all pending requests with this reason."""
-        while self._line:
-            waiting, _ = self._line.popleft()
-            waiting.call.end(False, f"{waiting.call.what}: {reason}")
+        while self._queue:
+            waiting, _ = self._queue.popleft()
+            waiting.call.end(False, f"{waiting.call.title}: {reason}")

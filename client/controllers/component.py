@@ -16,8 +16,8 @@ from urproto.modes import RobotMode
 PLUGIN: Final = "ur_robot_driver/URPositionHardwareInterface"
 """Plugin name of a UR arm's hardware component in ROS 2."""
 
-_TRIES: Final = 10
-_AGAIN_S: Final = 1.0  # between attempts to start the program; guess
+_ATTEMPTS: Final = 10
+_RETRY_S: Final = 1.0  # between attempts to start the program; guess
 
 _logger = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ class HardwareComponent:
             manager = self._robot.manager
             hardware.withheld = f"the hardware component {self.name} is {target}: activate it first"
             manager.stop_motion(hardware.withheld)
-            manager.switch(deactivate=[one.name for one in manager.complying()])
+            manager.switch(deactivate=[one.name for one in manager.modifying()])
         before, self.state = self.state, target
         if target is LifecycleState.UNCONFIGURED:
             await self._robot.driver.stop_program()
@@ -86,24 +86,24 @@ class ControllerStopper:
         self._stopped: list[str] = []
 
     def __enter__(self) -> Self:
-        self._manager.on_stop.append(self._note)
-        self._manager.on_cycle.append(self._look)
+        self._manager.on_stop.append(self._remember)
+        self._manager.on_cycle.append(self._check)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._manager.on_stop.remove(self._note)
-        self._manager.on_cycle.remove(self._look)
+        self._manager.on_stop.remove(self._remember)
+        self._manager.on_cycle.remove(self._check)
 
     def activate_when_possible(self, name: str) -> None:
         """Activate a controller that moves the arm, now or as soon as possible."""
-        self._note([name])
+        self._remember([name])
 
-    def _note(self, names: list[str]) -> None:
+    def _remember(self, names: list[str]) -> None:
         self._stopped = list(dict.fromkeys((*self._stopped, *names)))
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         """Check the state; called after each cycle."""
         if not self._stopped or self._manager.hardware.failure is not None or not self._robot.driver.program_running:
             return
@@ -134,22 +134,22 @@ class ProgramKeeper:
         self._starting: asyncio.Task[None] | None = None
 
     def __enter__(self) -> Self:
-        self._robot.driver.robot.on_silence.append(self._note)
-        self._robot.manager.on_cycle.append(self._look)
+        self._robot.driver.robot.on_silence.append(self._remember)
+        self._robot.manager.on_cycle.append(self._check)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._robot.driver.robot.on_silence.remove(self._note)
-        self._robot.manager.on_cycle.remove(self._look)
+        self._robot.driver.robot.on_silence.remove(self._remember)
+        self._robot.manager.on_cycle.remove(self._check)
         if self._starting is not None:
             self._starting.cancel()
 
-    def _note(self) -> None:
+    def _remember(self) -> None:
         self._was_silent = True
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         """Check the state; called after each cycle."""
         link = self._robot.driver.robot
         if self._was_silent and link.robot_mode is RobotMode.RUNNING and link.safety_mode in MOVABLE:
@@ -157,7 +157,7 @@ class ProgramKeeper:
             self._starting = asyncio.get_running_loop().create_task(self._start())
 
     async def _start(self) -> None:
-        for _ in range(_TRIES):  # a robot's connections do not all return at the same time
+        for _ in range(_ATTEMPTS):  # a robot's connections do not all return at the same time
             if await start_if_ready(self._robot):
                 return
-            await asyncio.sleep(_AGAIN_S)
+            await asyncio.sleep(_RETRY_S)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
-from client.driver.endpoint import tell
+from client.driver.endpoint import notify
 from client.errors import ControllerError
 from urproto.compat import Self, StrEnum
 
@@ -69,7 +69,7 @@ class Topic(Generic[Message]):
         """Store a message and pass it to all subscribers; an exception of one is logged and affects no other."""
         self.latest = message
         if self._listeners:
-            tell(self._listeners, message)
+            notify(self._listeners, message)
 
 
 NO_COMMAND: Final = math.nan
@@ -90,36 +90,36 @@ class Interfaces:
     `lend` returns a view of some of them, in any order, that shares their values.
     """
 
-    __slots__ = ("_places", "_store", "names")
+    __slots__ = ("_indices", "_store", "names")
 
     def __init__(self, names: Iterable[str]) -> None:
         self.names = tuple(names)
-        self._places = {name: place for place, name in enumerate(self.names)}
+        self._indices = {name: place for place, name in enumerate(self.names)}
         self._store = [NO_COMMAND] * len(self.names)
 
     def lend(self, names: Sequence[str]) -> Self:
         """A view of the interfaces with these names, in this order. Raises UnknownInterfaceError."""
-        if unknown := [name for name in names if name not in self._places]:
+        if unknown := [name for name in names if name not in self._indices]:
             raise UnknownInterfaceError(unknown)
         part = object.__new__(type(self))
         part.names = tuple(names)
-        part._places = {name: self._places[name] for name in part.names}
+        part._indices = {name: self._indices[name] for name in part.names}
         part._store = self._store
         return part
 
     def get(self) -> list[float]:
         """All values, in the order of the names."""
         store = self._store
-        return [store[place] for place in self._places.values()]
+        return [store[place] for place in self._indices.values()]
 
     def put(self, values: Sequence[float]) -> None:
         """Set all values, in the order of the names."""
-        for place, value in zip(self._places.values(), values, strict=True):
+        for place, value in zip(self._indices.values(), values, strict=True):
             self._store[place] = value
 
     def fill(self, value: float) -> None:
         """Set all interfaces to one value."""
-        for place in self._places.values():
+        for place in self._indices.values():
             self._store[place] = value
 
     def take(self) -> list[float] | None:
@@ -131,16 +131,16 @@ class Interfaces:
         return values
 
     def __contains__(self, name: object) -> bool:
-        return name in self._places
+        return name in self._indices
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __getitem__(self, name: str) -> float:
-        return self._store[self._places[name]]
+        return self._store[self._indices[name]]
 
     def __setitem__(self, name: str, value: float) -> None:
-        self._store[self._places[name]] = value
+        self._store[self._indices[name]] = value
 
 
 def in_short(interfaces: Iterable[str]) -> str:

@@ -23,29 +23,29 @@ class JointGroupParameters:
     joints: tuple[str, ...]
 
 
-class _Way:
+class _Interpolation:
     """Interpolates from one set of values to another, at rest at both ends."""
 
     def __init__(
-        self, begin: tuple[float, ...], end: tuple[float, ...], duration_s: float, pace: Callable[[], float]
+        self, begin: tuple[float, ...], end: tuple[float, ...], duration_s: float, time_rate: Callable[[], float]
     ) -> None:
         self._begin = begin
         self._end = end
         self._duration_s = duration_s
-        self._pace = pace
-        self._passed_s = 0.0
+        self._time_rate = time_rate
+        self._elapsed_s = 0.0
 
     @property
     def done(self) -> bool:
         """True once the end is reached."""
-        return self._passed_s >= self._duration_s
+        return self._elapsed_s >= self._duration_s
 
     def after(self, period_s: float) -> tuple[float, ...]:
         """The values after another ``period_s``."""
-        self._passed_s += period_s * self._pace()
+        self._elapsed_s += period_s * self._time_rate()
         if self.done:
             return self._end
-        share = self._passed_s / self._duration_s
+        share = self._elapsed_s / self._duration_s
         smooth = share * share * (3.0 - 2.0 * share)
         return tuple(a + smooth * (b - a) for a, b in zip(self._begin, self._end, strict=True))
 
@@ -59,7 +59,7 @@ class ForwardCommandController(Controller[Any]):
     def __init__(self, name: str, parameters: Any, update_rate_hz: float) -> None:
         super().__init__(name, parameters, update_rate_hz)
         self._values: tuple[float, ...] | None = None
-        self._way: _Way | None = None
+        self._interpolation: _Interpolation | None = None
 
     @property
     def interface_name(self) -> str:
@@ -75,35 +75,35 @@ class ForwardCommandController(Controller[Any]):
             raise self.error("joints is empty: list the joints to command")
 
     def on_activate(self, time_s: float) -> None:
-        self._values = self._way = None
+        self._values = self._interpolation = None
 
     def on_deactivate(self) -> None:
-        self._values = self._way = None
+        self._values = self._interpolation = None
 
     def on_halt(self, reason: str) -> None:
-        self._values = self._way = None
+        self._values = self._interpolation = None
 
     def command(self, values: Sequence[float]) -> None:
         """Set the command for each joint from now on. Raises ControllerError, also while it is not active."""
         self.check_active()
         self.check(values)
-        self._values, self._way = tuple(values), None
+        self._values, self._interpolation = tuple(values), None
 
-    def go_to(self, values: Sequence[float], duration_s: float, pace: Callable[[], float]) -> None:
+    def go_to(self, values: Sequence[float], duration_s: float, time_rate: Callable[[], float]) -> None:
         """Move the commands gradually from the present ones to ``values``, along a cubic from rest to rest.
 
-        pace: returns how fast the time of the motion passes, 0 while the arm waits. Raises ControllerError, also if the
-        controller does not command positions.
+        time_rate: returns how fast the time of the motion passes, 0 while the arm waits. Raises ControllerError, also
+        if the controller does not command positions.
         """
         self.check_active()
         self.check(values)
         if self.interface_name != "position":
             raise self.error("only positions can be approached gradually")
-        self._way = _Way(tuple(self.commands.get()), tuple(values), duration_s, pace)
+        self._interpolation = _Interpolation(tuple(self.commands.get()), tuple(values), duration_s, time_rate)
 
-    def stay(self) -> None:
+    def hold_position(self) -> None:
         """Stop a gradual motion: keep the present commands."""
-        self._way = None
+        self._interpolation = None
 
     def check(self, values: Sequence[float]) -> None:
         """Check that values can be commanded. Raises ControllerError if not."""
@@ -113,10 +113,10 @@ class ForwardCommandController(Controller[Any]):
             raise self.error(f"these commands are not numbers: {list(values)}")
 
     def update(self, time_s: float, period_s: float) -> None:
-        if (way := self._way) is not None:
-            self._values = way.after(period_s)
-            if way.done:
-                self._way = None
+        if (interpolation := self._interpolation) is not None:
+            self._values = interpolation.after(period_s)
+            if interpolation.done:
+                self._interpolation = None
         if self._values is not None:
             self.commands.put(self._values)
 

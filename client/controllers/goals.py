@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from client.driver.endpoint import tell
+from client.driver.endpoint import notify
 from urproto.compat import IntEnum
 
 
@@ -158,10 +158,10 @@ class GoalHandle:
         """True once it has ended, with any result."""
         return self.result is not None
 
-    def tell(self, feedback: Feedback) -> None:
+    def publish_feedback(self, feedback: Feedback) -> None:
         """Publish feedback."""
         self.feedback = feedback
-        tell(self.on_feedback, feedback)
+        notify(self.on_feedback, feedback)
 
     def succeed(self, text: str) -> None:
         """End it: the goal was reached."""
@@ -179,4 +179,4 @@ class GoalHandle:
         if self.done:
             return
         self.status, self.result = status, result
-        tell(self.on_end, result)
+        notify(self.on_end, result)

@@ -101,9 +101,9 @@ class GPIOController(CallingController[GPIOParameters]):
         super().update(time_s, period_s)
         self.io_states.publish(self._io_states())
         self.tool_data.publish(self._tool_data())
-        _tell(self.robot_mode, self._whole("gpio/robot_mode"))
-        _tell(self.safety_mode, self._whole("gpio/safety_mode"))
-        _tell(self.program_running, self._state("gpio/program_running") == 1.0)
+        _publish_if_changed(self.robot_mode, self._whole("gpio/robot_mode"))
+        _publish_if_changed(self.safety_mode, self._whole("gpio/safety_mode"))
+        _publish_if_changed(self.program_running, self._state("gpio/program_running") == 1.0)
 
     def set_digital_out(self, pin: int, on: bool) -> Call:
         """Set a digital output; pins are numbered as in `IOStates`. Raises ControllerError."""
@@ -222,6 +222,6 @@ class GPIOController(CallingController[GPIOParameters]):
         )
 
 
-def _tell(topic: Topic[Any], message: object) -> None:
+def _publish_if_changed(topic: Topic[Any], message: object) -> None:
     if topic.latest != message:
         topic.publish(message)

@@ -83,7 +83,7 @@ def _after(
     return JointTrajectoryPoint(tuple(positions), tuple(speeds), time_from_start_s=t)
 
 
-def _no_faster(speed: float, than: float) -> float:
+def _limited_speed(speed: float, than: float) -> float:
     """Limit a speed to another one; 0 if they have opposite signs."""
     return math.copysign(min(abs(speed), abs(than)), speed) if speed * than > 0.0 else 0.0
 
@@ -252,8 +252,8 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         if given.interpolation_method not in ("splines", "none"):
             raise self.error(f"interpolation_method is splines or none, not {quoted(given.interpolation_method)}")
         named = {*given.constraints.joints, *given.gains.joints}
-        if strange := sorted(named - set(self.joints)):
-            raise self.error(f"constraints or gains are given for {strange[0]}, which is not one of its joints")
+        if unknown := sorted(named - set(self.joints)):
+            raise self.error(f"constraints or gains are given for {unknown[0]}, which is not one of its joints")
         braking = given.constraints.joints
         if given.constraints.decelerate_on_cancel and not all(
             joint in braking and braking[joint].max_deceleration_on_cancel > 0.0 for joint in self.joints
@@ -387,7 +387,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
     def update(self, time_s: float, period_s: float) -> None:
         self._now_s = time_s
         self._read()
-        self._take_up(time_s, period_s)
+        self._accept_pending(time_s, period_s)
         path = self._path
         assert path is not None  # since the activation
         first = not path.begun
@@ -400,12 +400,12 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         if desired is None or ahead is None:
             return
         error = self._error(desired.point)
-        broken, missed, late = self._judge(error, ahead, first)
+        broken, missed, late = self._check_tolerances(error, ahead, first)
         if not broken and not late:
-            self._set(ahead.point, error, period_s)
+            self._write_command(ahead.point, error, period_s)
             self._commanded_s = time_s
-        self._tell(time_s, desired, error)
-        self._conclude(broken, missed, late, ahead)
+        self._publish_state(time_s, desired, error)
+        self._finish_goal(broken, missed, late, ahead)
 
     @property
     def _pace(self) -> float:
@@ -419,7 +419,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             factor = self.states[self._scaling_interface]
             self.scaling = factor if factor == factor else self.scaling
 
-    def _take_up(self, time_s: float, period_s: float) -> None:
+    def _accept_pending(self, time_s: float, period_s: float) -> None:
         if (new := self._pending) is None:
             return
         self._pending, old = None, self._path
@@ -455,7 +455,9 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
         speeds = tuple(a - b for a, b in zip(desired.velocities, actual.velocities, strict=True))
         return JointTrajectoryPoint(positions, speeds)
 
-    def _judge(self, error: JointTrajectoryPoint, ahead: Sample, first: bool) -> tuple[str | None, str | None, bool]:
+    def _check_tolerances(
+        self, error: JointTrajectoryPoint, ahead: Sample, first: bool
+    ) -> tuple[str | None, str | None, bool]:
         """Return the violated path tolerance, the violated goal tolerance, and whether the goal's time is over."""
         if self._holding:
             return None, None, False
@@ -472,7 +474,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             missed = None  # from now on the arm holds, and a goal under way counts as reached, as in ros2_controllers
         return broken, missed, bool(missed) and 0.0 < limits.goal_time_s < since_s
 
-    def _set(self, point: JointTrajectoryPoint, error: JointTrajectoryPoint, period_s: float) -> None:
+    def _write_command(self, point: JointTrajectoryPoint, error: JointTrajectoryPoint, period_s: float) -> None:
         self._commanded = point
         if self._command == "position":
             self.commands.put(point.positions)
@@ -487,13 +489,13 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             ]
         )
 
-    def _tell(self, time_s: float, desired: Sample, error: JointTrajectoryPoint) -> None:
+    def _publish_state(self, time_s: float, desired: Sample, error: JointTrajectoryPoint) -> None:
         self.state_topic.publish(
             ControllerState(time_s, self.joints, desired.point, self._actual, error, self._output(), self.scaling)
         )
         if self.goal is not None:
             index = max(0, desired.index - self._old_points)
-            self.goal.tell(Feedback(time_s, desired.point, self._actual, error, index))
+            self.goal.publish_feedback(Feedback(time_s, desired.point, self._actual, error, index))
 
     def _output(self) -> JointTrajectoryPoint:
         """Values of the command interfaces, which are of one kind; the rest is empty, as in ros2_controllers."""
@@ -502,7 +504,7 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             return JointTrajectoryPoint(values)
         return JointTrajectoryPoint((), values) if self._command == "velocity" else JointTrajectoryPoint(effort=values)
 
-    def _conclude(self, broken: str | None, missed: str | None, late: bool, ahead: Sample) -> None:
+    def _finish_goal(self, broken: str | None, missed: str | None, late: bool, ahead: Sample) -> None:
         if self._holding:
             return
         assert self._path is not None
@@ -521,16 +523,16 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
 
     def _abort(self, code: ErrorCode, text: str) -> None:
         goal, self.goal = self.goal, None
-        self._stop(astray=True)
+        self._stop(from_actual=True)
         if goal is not None:
             goal.abort(code, text)
 
     # rest
 
-    def _stop(self, astray: bool = False) -> None:
+    def _stop(self, from_actual: bool = False) -> None:
         """Hold the arm's position, or bring the arm to rest and hold that position.
 
-        astray: the arm is not where it was commanded. It then decelerates from its actual position, as in
+        from_actual: the arm is not where it was commanded. It then decelerates from its actual position, as in
         ros2_controllers. Otherwise it decelerates from the commanded position, which is ahead of it while it moves, but
         never from a speed above the actual one, because a path may command any speed.
         """
@@ -540,12 +542,12 @@ class JointTrajectoryController(Controller[JointTrajectoryParameters]):
             self._hold(JointTrajectoryPoint(actual.positions))
             return
         limits = [constraints.joints[joint].max_deceleration_on_cancel for joint in self.joints]
-        if astray:
+        if from_actual:
             begin, speeds = actual.positions, list(actual.velocities)
         else:
             begin = sent.positions
             speeds = [
-                _no_faster(speed * self.scaling, real)
+                _limited_speed(speed * self.scaling, real)
                 for speed, real in zip(sent.velocities, actual.velocities, strict=True)
             ]
         self._path = Path(deceleration(begin, speeds, limits))

@@ -63,11 +63,11 @@ class ControlLoop:
         hardware = URHardware(self.driver, self.driver.version, self._spawn, prefix=self.prefix)
         rate_hz = self.driver.config.frequency_hz or float(self.driver.version.series.frequency_hz)
         self._manager = ControllerManager(hardware, self._file, rate_hz, self.prefix)
-        self._listen()
+        self._subscribe()
         try:
             await self._first_cycle()
         except BaseException:
-            self._listen_no_more()
+            self._unsubscribe()
             raise
         return self
 
@@ -80,15 +80,15 @@ class ControlLoop:
             port = config.robot_ports["rtde"]
             raise NoAnswerError(config.robot, port, _FIRST_STATE_S, "states that a control loop can use") from None
 
-    def _listen(self) -> None:
-        self.driver.robot.on_state.append(self._take)
-        self.driver.robot.on_silence.append(self._fell_silent)
+    def _subscribe(self) -> None:
+        self.driver.robot.on_state.append(self._on_state)
+        self.driver.robot.on_silence.append(self._on_silence)
 
-    def _listen_no_more(self) -> None:
-        self.driver.robot.on_state.remove(self._take)
-        self.driver.robot.on_silence.remove(self._fell_silent)
+    def _unsubscribe(self) -> None:
+        self.driver.robot.on_state.remove(self._on_state)
+        self.driver.robot.on_silence.remove(self._on_silence)
 
-    def _fell_silent(self) -> None:
+    def _on_silence(self) -> None:
         """End all motions: without states there are no more cycles that would end them."""
         self.manager.stop_motion("the robot sends nothing: check the network, then activate again")
 
@@ -96,7 +96,7 @@ class ControlLoop:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Deactivate all controllers, which stops the arm."""
-        self._listen_no_more()
+        self._unsubscribe()
         manager = self.manager
         try:
             manager.switch(deactivate=[controller.name for controller in manager.active()])
@@ -150,10 +150,10 @@ class ControlLoop:
         """True if the arm is at rest, by its measured joint speeds."""
         return bool(max(map(abs, self.driver.state["actual_qd"])) < _AT_REST_RAD_S)
 
-    async def rest(self, within_s: float = _REST_S) -> None:
-        """Wait until the arm is at rest, at most ``within_s`` [s] of the robot's time."""
+    async def rest(self, timeout_s: float = _REST_S) -> None:
+        """Wait until the arm is at rest, at most ``timeout_s`` [s] of the robot's time."""
         begin_s = self.manager.time_s
-        while self.manager.time_s < begin_s + within_s:
+        while self.manager.time_s < begin_s + timeout_s:
             await self.cycles()
             if self.at_rest:
                 return
@@ -164,7 +164,7 @@ class ControlLoop:
         task.add_done_callback(self._tasks.discard)
         return task
 
-    def _take(self, state: Mapping[str, Any]) -> None:
+    def _on_state(self, state: Mapping[str, Any]) -> None:
         first, self._newest = self._newest is None, state
         if first:
             asyncio.get_running_loop().call_soon(self._cycle)

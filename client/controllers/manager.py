@@ -11,7 +11,7 @@ from client.controllers.configuration import ControllersFile
 from client.controllers.controller import LIFE_CYCLE, Controller, Hardware, Interfaces, LifecycleState
 from client.controllers.modes import MOTION, CommandMode, mode_of
 from client.controllers.parameters import Reading, read_parameters
-from client.driver.endpoint import tell
+from client.driver.endpoint import notify
 from client.errors import ControllerError, StateError
 
 _logger = logging.getLogger(__name__)
@@ -71,13 +71,13 @@ class ControllerManager:
         given = self.file.parameters_of(name) if parameters is None else parameters
         reading = Reading()
         read = read_parameters(kind.parameters_type, given, name, reading)
-        self._note(name, reading)
+        self._add_notes(name, reading)
         controller = kind(name, read, self.update_rate_hz)
         self._controllers[name] = controller
-        tell(self.on_load, controller)
+        notify(self.on_load, controller)
         return controller
 
-    def _note(self, name: str, reading: Reading) -> None:
+    def _add_notes(self, name: str, reading: Reading) -> None:
         notes = [f"{name}: the parameter {key} is unknown and ignored" for key in reading.unknown]
         for note in notes:
             _logger.warning("%s", note)
@@ -126,8 +126,8 @@ class ControllerManager:
         """
         ending, beginning = list(dict.fromkeys(deactivate)), list(dict.fromkeys(activate))
         if best_effort:
-            ending = [name for name in ending if self._is(name, LifecycleState.ACTIVE)]
-            beginning = [name for name in beginning if self._is(name, LifecycleState.INACTIVE) or name in ending]
+            ending = [name for name in ending if self._has_state(name, LifecycleState.ACTIVE)]
+            beginning = [name for name in beginning if self._has_state(name, LifecycleState.INACTIVE) or name in ending]
         for name in ending:
             _next(self.controller(name), "deactivate")
         for name in beginning:
@@ -141,7 +141,7 @@ class ControllerManager:
         self.hardware.perform_command_mode_switch(start, stop)
         self._begin(beginning)
 
-    def _is(self, name: str, state: LifecycleState) -> bool:
+    def _has_state(self, name: str, state: LifecycleState) -> bool:
         return name in self._controllers and self._controllers[name].state is state
 
     def _check_claims(self, beginning: Iterable[str], ending: Sequence[str]) -> None:
@@ -216,7 +216,7 @@ class ControllerManager:
         """Active controllers that move the arm."""
         return [controller for controller in self.active() if self._modes_of(controller) & MOTION]
 
-    def complying(self) -> list[Controller[Any]]:
+    def modifying(self) -> list[Controller[Any]]:
         """Active controllers that change how the arm moves: force mode, tool contact."""
         return [controller for controller in self.active() if self._modes_of(controller) - MOTION]
 
@@ -267,7 +267,7 @@ class ControllerManager:
                 controller.update(time_s, period_s)
             except Exception:  # one that fails must not stop the others
                 _logger.exception("%s failed and is deactivated", controller.name)
-                self._drop([controller])
+                self._deactivate_failed([controller])
         self.hardware.write(time_s, period_s)
         for after in self.on_cycle:
             after()
@@ -279,10 +279,10 @@ class ControllerManager:
             _logger.error("controllers are deactivated: %s", reason)
             for controller in moving:
                 controller.on_halt(reason)
-            self._drop(moving)
-            tell(self.on_stop, [controller.name for controller in moving])
+            self._deactivate_failed(moving)
+            notify(self.on_stop, [controller.name for controller in moving])
 
-    def _drop(self, controllers: Iterable[Controller[Any]]) -> None:
+    def _deactivate_failed(self, controllers: Iterable[Controller[Any]]) -> None:
         for controller in controllers:
             try:
                 controller.on_deactivate()

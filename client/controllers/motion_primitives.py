@@ -75,19 +75,19 @@ def primitive_of(values: Sequence[float]) -> MotionPrimitive:
     """The primitive that these values of `PRIMITIVE_COMMANDS` describe."""
     return MotionPrimitive(
         PrimitiveType(int(values[0])),
-        _given(values[1:7]),
+        _without_nan(values[1:7]),
         _pose(values[7:14]),
         _pose(values[14:21]),
         *values[21:],
     )
 
 
-def _given(values: Sequence[float]) -> tuple[float, ...]:
+def _without_nan(values: Sequence[float]) -> tuple[float, ...]:
     return () if any(value != value for value in values) else tuple(values)
 
 
 def _pose(values: Sequence[float]) -> tuple[float, ...]:
-    return (*values[:3], *quaternion_to_rotvec(*values[3:])) if _given(values) else ()
+    return (*values[:3], *quaternion_to_rotvec(*values[3:])) if _without_nan(values) else ()
 
 
 def point_of(primitive: MotionPrimitive) -> TrajectoryPoint:
@@ -206,12 +206,12 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
         if self._stop_wanted:
             self._stop_wanted, self._stopping = False, True
             self._queue.clear()
-            self._mark(Marker.STOP_MOTION)
-        elif not self._is_taken():
+            self._send_marker(Marker.STOP_MOTION)
+        elif not self._is_accepted():
             pass  # the hardware first has to take the values that were set before
         elif self._stopping:
             if status == ExecutionStatus.STOPPED:
-                self._mark(Marker.RESET_STOP)
+                self._send_marker(Marker.RESET_STOP)
                 self._stopping = False
                 self._end_canceled()
         elif self._queue:
@@ -220,11 +220,11 @@ class MotionPrimitivesForwardController(Controller[MotionPrimitivesParameters]):
         elif self.goal is not None:
             self._conclude(status)
 
-    def _is_taken(self) -> bool:
+    def _is_accepted(self) -> bool:
         kind = self.commands[self._name(_TYPE)]
         return kind != kind
 
-    def _mark(self, marker: Marker) -> None:
+    def _send_marker(self, marker: Marker) -> None:
         self.commands.put(_marker(marker))
 
     def _conclude(self, status: float) -> None:

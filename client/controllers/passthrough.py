@@ -149,7 +149,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         self._now_s = time_s
         state = self.commands[self._name("transfer_state")]
         if self.goal is None:
-            self._settle(state)
+            self._clean_up(state)
         elif self.commands[self._name("abort")] == 1.0:
             self._set("transfer_state", Transfer.IDLE)
             self._set("abort", 0.0)
@@ -158,16 +158,16 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
             self._set("trajectory_size", len(self._points))
             self._set("transfer_state", Transfer.NEW_TRAJECTORY)
         elif state == Transfer.WAITING_FOR_POINT:
-            self._give_point()
+            self._send_point()
         elif state == Transfer.IN_MOTION:
             factor = self.states[self.parameters.speed_scaling_interface_name]
             self._elapsed_s += period_s * (factor if factor == factor else 1.0)
-            self._tell(time_s)
+            self._publish_feedback(time_s)
         elif state == Transfer.DONE:
             self._set("transfer_state", Transfer.IDLE)
             self._conclude()
 
-    def _settle(self, state: float) -> None:
+    def _clean_up(self, state: float) -> None:
         """Handle the hardware's state after the goal has ended."""
         if state == Transfer.DONE:
             self._set("transfer_state", Transfer.IDLE)
@@ -175,7 +175,7 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
         elif state != Transfer.IDLE:
             self._set("abort", 1.0)
 
-    def _give_point(self) -> None:
+    def _send_point(self) -> None:
         if self._next == len(self._points):
             self._set("transfer_state", Transfer.TRANSFER_DONE)
             return
@@ -187,13 +187,13 @@ class PassthroughTrajectoryController(Controller[PassthroughParameters]):
                 self._set(f"{part}_{joint}", values[joint] if values else NO_COMMAND)
         self._set("transfer_state", Transfer.TRANSFERRING)
 
-    def _tell(self, time_s: float) -> None:
+    def _publish_feedback(self, time_s: float) -> None:
         assert self.goal is not None
         while self._passed < len(self._points) and self._points[self._passed].time_from_start_s <= self._elapsed_s:
             self._passed += 1
         desired = self._points[min(self._passed, len(self._points) - 1)]
         actual = JointTrajectoryPoint(self._positions())
-        self.goal.tell(Feedback(time_s, desired, actual, self._error(desired), self._passed))
+        self.goal.publish_feedback(Feedback(time_s, desired, actual, self._error(desired), self._passed))
 
     def _positions(self) -> tuple[float, ...]:
         return tuple(self.states[f"{joint}/position"] for joint in self.joints)

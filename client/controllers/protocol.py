@@ -26,10 +26,10 @@ from urproto.ports import CONTROLLER_PORTS
 from urproto.text import quoted
 
 VERSION: Final = 1
-LONGEST_REQUEST: Final = 2**18  # bytes: a trajectory of a thousand points; parsed within a few milliseconds
-LONGEST_ANSWER: Final = 2**22
+MAX_REQUEST: Final = 2**18  # bytes: a trajectory of a thousand points; parsed within a few milliseconds
+MAX_ANSWER: Final = 2**22
 HAS_UNIX_SOCKETS: Final = hasattr(socket, "AF_UNIX")
-_LONGEST_PATH: Final = 100  # bytes: of a Unix socket, 104 with its end on macOS, 108 on Linux
+_MAX_PATH: Final = 100  # bytes: of a Unix socket, 104 with its end on macOS, 108 on Linux
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9.-]")
 
 Message = dict[str, Any]
@@ -38,7 +38,7 @@ Message = dict[str, Any]
 # location of the socket
 
 
-def meeting_place(robot_ip: str, rtde_port: int) -> Path:
+def rendezvous_path(robot_ip: str, rtde_port: int) -> Path:
     """Path of the socket or port file of a robot's manager, without its suffix. Raises FileError."""
     robot = _numeric(robot_ip)
     if rtde_port != CONTROLLER_PORTS["rtde"]:
@@ -47,7 +47,7 @@ def meeting_place(robot_ip: str, rtde_port: int) -> Path:
     if name != robot or len(name) > 40:  # keeps the names of different robots distinct
         name = f"{name[:20]}-{sha256(robot.encode()).hexdigest()[:12]}"
     place = _private_folder() / name
-    if len(os.fsencode(place)) + len(".sock") > _LONGEST_PATH:
+    if len(os.fsencode(place)) + len(".sock") > _MAX_PATH:
         raise FileError(place, "the path is too long for a Unix socket: set XDG_RUNTIME_DIR to a shorter one")
     return place
 

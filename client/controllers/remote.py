@@ -62,8 +62,8 @@ class RemoteManager:
 
     async def _open(self) -> str:
         """Connect, and return the required token."""
-        place = protocol.meeting_place(self.robot_ip, self._rtde_port)
-        limit = protocol.LONGEST_ANSWER
+        place = protocol.rendezvous_path(self.robot_ip, self._rtde_port)
+        limit = protocol.MAX_ANSWER
         try:
             async with timeout(_CONNECT_S):
                 if sys.platform != "win32" and protocol.HAS_UNIX_SOCKETS:
@@ -87,8 +87,8 @@ class RemoteManager:
         async with self._asking:
             self._count += 1
             line = protocol.encoded({"id": self._count, "do": do, **arguments})
-            if len(line) > protocol.LONGEST_REQUEST:
-                raise ManagerError(f"{do}: the request has {len(line)} bytes, the limit is {protocol.LONGEST_REQUEST}")
+            if len(line) > protocol.MAX_REQUEST:
+                raise ManagerError(f"{do}: the request has {len(line)} bytes, the limit is {protocol.MAX_REQUEST}")
             try:
                 self._writer.write(line)
                 await self._writer.drain()

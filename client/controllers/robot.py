@@ -217,12 +217,12 @@ def check_speeds(
         time_s = end.time_from_start_s - begin.time_from_start_s
         factor = _SMOOTH if _rests(begin) and _rests(end) else 1.0
         for (joint, q), limit in zip(after.items(), limits_rad_s, strict=True):
-            way_rad = abs(q - before[joint])
-            if limit > 0.0 and factor * way_rad > limit * time_s:
+            angle_rad = abs(q - before[joint])
+            if limit > 0.0 and factor * angle_rad > limit * time_s:
                 raise MotionError(
                     "the trajectory",
-                    f"{joint} has {time_s:g} s for {way_rad:.2f} rad, and its limit is {limit:.2f} rad/s: "
-                    f"give it {math.ceil(20.0 * _SMOOTH * way_rad / limit) / 20.0:g} s or more",
+                    f"{joint} has {time_s:g} s for {angle_rad:.2f} rad, and its limit is {limit:.2f} rad/s: "
+                    f"give it {math.ceil(20.0 * _SMOOTH * angle_rad / limit) / 20.0:g} s or more",
                 )
 
 

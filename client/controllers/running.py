@@ -23,9 +23,9 @@ from client.driver.config import ROBOT_PORTS
 from client.errors import ClientError, ConnectionLostError, ControllerError, NoAnswerError, RobotUnreachableError
 from client.recording import DEFAULT_FIELDS
 
-_AGAIN_S: Final = 1.0  # between attempts to reach the robot; guess
-_SAID_S: Final = 10.0  # interval of log messages while it is unreachable; guess
-_LOOK_S: Final = 0.1  # interval of checks for a program that is to be started on the robot
+_RETRY_S: Final = 1.0  # between attempts to reach the robot; guess
+_LOG_INTERVAL_S: Final = 10.0  # interval of log messages while it is unreachable; guess
+_CHECK_S: Final = 0.1  # interval of checks for a program that is to be started on the robot
 _OUTPUTS: Final = ("payload", "payload_cog", "payload_inertia", "tcp_offset")
 
 _logger = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ class ManagerOptions:
 @asynccontextmanager
 async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
     """Connect to the robot, as soon as it answers. Raises RobotRefused if it refuses."""
-    said_s = -_SAID_S
+    said_s = -_LOG_INTERVAL_S
     async with AsyncExitStack() as opened:
         while True:
             robot = ControlledRobot(
@@ -79,10 +79,10 @@ async def reached(options: ManagerOptions) -> AsyncIterator[ControlledRobot]:
                 break
             except (RobotUnreachableError, ConnectionLostError, NoAnswerError) as error:
                 now_s = asyncio.get_running_loop().time()
-                if now_s - said_s >= _SAID_S:
+                if now_s - said_s >= _LOG_INTERVAL_S:
                     said_s = now_s
                     _logger.warning("%s; trying again", error)
-                await asyncio.sleep(_AGAIN_S)
+                await asyncio.sleep(_RETRY_S)
         yield robot
 
 
@@ -114,23 +114,23 @@ class RunningManager:
     ) -> Controller[Any]:
         """Like `ControllerManager.load`. Raises ControllerError."""
         controller: Controller[Any] = self.manager.load(name, type_name, parameters)
-        for tell in self.on_loaded:
-            await tell(controller)
+        for callback in self.on_loaded:
+            await callback(controller)
         return controller
 
     async def unload(self, name: str) -> None:
         """Like `ControllerManager.unload`. Raises ControllerError."""
         controller = self.manager.controller(name)
         self.manager.unload(name)
-        for tell in self.on_unloaded:
-            await tell(controller)
+        for callback in self.on_unloaded:
+            await callback(controller)
 
     async def set_parameters(self, name: str, values: Mapping[str, Any]) -> None:
         """Set parameters of a controller; on an error, none is changed. Raises ControllerError."""
         controller = self.manager.controller(name)
         controller.reconfigure(with_changes(controller.parameters_type, controller.parameters, values, name))
-        for tell in self.on_parameters:
-            await tell(controller, values)
+        for callback in self.on_parameters:
+            await callback(controller, values)
 
     # life cycle
 
@@ -182,7 +182,7 @@ class RunningManager:
     async def program_runs(self) -> None:
         """Wait until the control program runs, without a timeout."""
         while not self.robot.driver.program_running:
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_CHECK_S)
 
     def summary(self) -> str:
         """Summary of the controllers and the control program."""

@@ -27,8 +27,8 @@ from urproto.errors import URError
 from urproto.text import quoted
 
 _HELLO_S: Final = 5.0  # guess: for the first line of a connection
-_UNREAD_S: Final = 5.0  # guess: how long an answer may wait to be read
-_MOST_CONNECTIONS: Final = 32
+_DRAIN_S: Final = 5.0  # guess: how long an answer may wait to be read
+_MAX_CONNECTIONS: Final = 32
 _PAUSE_S: Final = 0.001  # after each request, so that a busy client leaves time for the control loop
 
 _logger = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ def claim(robot_ip: str, rtde_port: int) -> Iterator[Path]:
 
     Raises ManagerError and FileError.
     """
-    place = protocol.meeting_place(robot_ip, rtde_port)
+    place = protocol.rendezvous_path(robot_ip, rtde_port)
     path = place.with_name(f"{place.name}.lock")
     with _lock(path) as lock:
         if lock is None:
@@ -90,14 +90,14 @@ class ManagerServer:
 
     def __init__(self, running: RunningManager, place: Path) -> None:
         self._running = running
-        self._place = place
+        self._base_path = place
         self._token = ""
         self._clients: set[asyncio.Task[None]] = set()
         self._opened = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
         async with AsyncExitStack() as opening:
-            server = await (self._on_unix if protocol.HAS_UNIX_SOCKETS else self._on_loopback)(opening)
+            server = await (self._listen_on_socket if protocol.HAS_UNIX_SOCKETS else self._listen_on_loopback)(opening)
             opening.push_async_callback(self._close, server)
             self._opened = opening.pop_all()
         return self
@@ -107,22 +107,22 @@ class ManagerServer:
     ) -> None:
         await self._opened.aclose()
 
-    async def _on_unix(self, opening: AsyncExitStack) -> asyncio.Server:
-        path = self._place.with_name(f"{self._place.name}.sock")
+    async def _listen_on_socket(self, opening: AsyncExitStack) -> asyncio.Server:
+        path = self._base_path.with_name(f"{self._base_path.name}.sock")
         if sys.platform == "win32":
             raise NotImplementedError
         path.unlink(missing_ok=True)  # left by a manager that was killed; a live one would hold the lock
-        server = await asyncio.start_unix_server(self._come, str(path), limit=protocol.LONGEST_REQUEST)
+        server = await asyncio.start_unix_server(self._accept, str(path), limit=protocol.MAX_REQUEST)
         opening.callback(path.unlink, missing_ok=True)
         path.chmod(0o600)
         return server
 
-    async def _on_loopback(self, opening: AsyncExitStack) -> asyncio.Server:
-        server = await asyncio.start_server(self._come, "127.0.0.1", 0, limit=protocol.LONGEST_REQUEST)
+    async def _listen_on_loopback(self, opening: AsyncExitStack) -> asyncio.Server:
+        server = await asyncio.start_server(self._accept, "127.0.0.1", 0, limit=protocol.MAX_REQUEST)
         port = server.sockets[0].getsockname()[1]
         opening.callback(BackdoorMark("127.0.0.1", port).close)
         self._token = secrets.token_hex(16)
-        path = self._place.with_name(f"{self._place.name}.json")
+        path = self._base_path.with_name(f"{self._base_path.name}.json")
         path.unlink(missing_ok=True)
         with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
             json.dump({"port": port, "token": self._token}, file)
@@ -135,7 +135,7 @@ class ManagerServer:
             client.cancel()
         await asyncio.gather(*self._clients, return_exceptions=True)
 
-    def _come(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.get_running_loop().create_task(self._serve(reader, writer))
         self._clients.add(task)
         task.add_done_callback(self._clients.discard)
@@ -143,7 +143,7 @@ class ManagerServer:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         session = Session(self._running)
         try:
-            await self._greet(reader, writer)
+            await self._handshake(reader, writer)
             while line := await _line(reader):
                 await _send(writer, await _answer(session, line))
                 await asyncio.sleep(_PAUSE_S)
@@ -158,10 +158,10 @@ class ManagerServer:
             writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
             await session.close()
 
-    async def _greet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _handshake(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Exchange greetings. Raises ManagerError for a client that is not permitted."""
-        if len(self._clients) > _MOST_CONNECTIONS:
-            raise ManagerError(f"{_MOST_CONNECTIONS} programs are already connected to this manager: end some")
+        if len(self._clients) > _MAX_CONNECTIONS:
+            raise ManagerError(f"{_MAX_CONNECTIONS} programs are already connected to this manager: end some")
         async with timeout(_HELLO_S):
             hello = protocol.decoded(await _line(reader))
         token = hello.get("token")
@@ -181,13 +181,13 @@ async def _line(reader: asyncio.StreamReader) -> bytes:
     try:
         return await reader.readline()
     except ValueError:
-        raise ManagerError(f"a message may have {protocol.LONGEST_REQUEST} bytes at most") from None
+        raise ManagerError(f"a message may have {protocol.MAX_REQUEST} bytes at most") from None
 
 
 async def _send(writer: asyncio.StreamWriter, message: Mapping[str, Any]) -> None:
     """Send a message. Raises OSError, and TimeoutError if it is not read."""
     writer.write(protocol.encoded(message))
-    async with timeout(_UNREAD_S):
+    async with timeout(_DRAIN_S):
         await writer.drain()
 
 

@@ -25,7 +25,7 @@ from client.errors import ControllerError, ManagerError
 from client.recording import BackgroundRecorder
 from urproto.text import quoted
 
-_MOST_GOALS: Final = 1000
+_MAX_GOALS: Final = 1000
 _POINT: Final = ("positions", "velocities", "accelerations", "effort")
 STRICT: Final = "strict"
 BEST_EFFORT: Final = "best_effort"
@@ -112,13 +112,13 @@ def _is_number(value: Any) -> bool:
 
 Follower: TypeAlias = JointTrajectoryController | PassthroughTrajectoryController
 Answer: TypeAlias = Any
-_Deed = Callable[["Session", Request], Answer | Awaitable[Answer]]
-_DEEDS: dict[str, _Deed] = {}
+_Handler = Callable[["Session", Request], Answer | Awaitable[Answer]]
+_HANDLERS: dict[str, _Handler] = {}
 
 
-def _deed(method: Any) -> Any:
+def _handler(method: Any) -> Any:
     """Mark a method as a request of the same name."""
-    _DEEDS[method.__name__] = method
+    _HANDLERS[method.__name__] = method
     return method
 
 
@@ -138,9 +138,9 @@ class Session:
 
     async def ask(self, do: str, /, **arguments: Any) -> Answer:
         """Carry out a request. Raises ManagerError for an unknown request, and the errors of the request itself."""
-        if do not in _DEEDS:
+        if do not in _HANDLERS:
             raise ManagerError(f"there is no request {quoted(do)}: this may be another version of ur-client")
-        answer = _DEEDS[do](self, Request(arguments))
+        answer = _HANDLERS[do](self, Request(arguments))
         return await answer if isinstance(answer, Awaitable) else answer
 
     async def close(self) -> None:
@@ -148,7 +148,7 @@ class Session:
         for controller, handle in self._goals.values():
             self._cancel(controller, handle)
         for forward in self._driven:
-            self._let_go(forward)
+            self._release(forward)
         await self._recording.aclose()
 
     @property
@@ -157,7 +157,7 @@ class Session:
 
     # controllers
 
-    @_deed
+    @_handler
     def list_controllers(self, request: Request) -> Answer:
         """All loaded controllers, with the interfaces that they claim and read, and what they follow."""
         return [self._describe(self._manager.controller(info.name)) for info in self._manager.list_controllers()]
@@ -175,17 +175,17 @@ class Session:
             "joints": list(controller.joints) if isinstance(controller, Follower) else [],
         }
 
-    @_deed
+    @_handler
     def list_available(self, request: Request) -> Answer:
         """The controllers in the manager's controllers file, with their types."""
         return dict(self._manager.file.types)
 
-    @_deed
+    @_handler
     def list_controller_types(self, request: Request) -> Answer:
         """All types with descriptions, and the unsupported ones with alternatives."""
         return available_types()
 
-    @_deed
+    @_handler
     async def load_controller(self, request: Request) -> Answer:
         """name; type and parameters if they differ from the manager's file. Returns notes."""
         known = len(self._manager.notes)
@@ -196,7 +196,7 @@ class Session:
         )
         return {"notes": self._manager.notes[known:]}
 
-    @_deed
+    @_handler
     def configure_controller(self, request: Request) -> Answer:
         """Configure a controller that is unconfigured, or reconfigure an inactive one."""
         name = request.text("name")
@@ -204,17 +204,17 @@ class Session:
             self._manager.cleanup(name)
         self._manager.configure(name)
 
-    @_deed
+    @_handler
     def cleanup_controller(self, request: Request) -> Answer:
         """Return an inactive controller to unconfigured."""
         self._manager.cleanup(request.text("name"))
 
-    @_deed
+    @_handler
     async def unload_controller(self, request: Request) -> Answer:
         """Unload a controller that is not active."""
         await self._running.unload(request.text("name"))
 
-    @_deed
+    @_handler
     def switch_controller(self, request: Request) -> Answer:
         """activate, deactivate: names. strictness: all or nothing, or best effort. Returns what has changed."""
         strictness = request.text("strictness") if "strictness" in request else STRICT
@@ -226,32 +226,32 @@ class Session:
         after = {controller.name for controller in self._manager.active()}
         return {"activated": sorted(after - before), "deactivated": sorted(before - after)}
 
-    @_deed
+    @_handler
     def moving_controllers(self, request: Request) -> Answer:
         """Names of the controllers that move the arm, which the next such controller replaces."""
         return [controller.name for controller in self._manager.moving()]
 
-    @_deed
+    @_handler
     def list_parameters(self, request: Request) -> Answer:
         """name: of a controller. Returns value and read-only flag of each parameter, by name."""
         controller = self._manager.controller(request.text("name"))
         values = flat(controller.parameters)
         return {name: {"value": value, "read_only": is_read_only(name)} for name, _, value in values}
 
-    @_deed
+    @_handler
     async def set_parameters(self, request: Request) -> Answer:
         """name, parameters: on an error, none is changed."""
         await self._running.set_parameters(request.text("name"), request.mapping("parameters"))
 
     # hardware
 
-    @_deed
+    @_handler
     def list_hardware_components(self, request: Request) -> Answer:
         """The hardware components, of which the arm is the only one."""
         component = self._running.component
         return [{"name": component.name, "type": "system", "plugin_name": PLUGIN, "state": str(component.state)}]
 
-    @_deed
+    @_handler
     def list_hardware_interfaces(self, request: Request) -> Answer:
         """All interfaces of the arm, with their values and the controllers that have claimed them."""
         hardware, available = self._manager.hardware, self._running.component.available
@@ -266,7 +266,7 @@ class Session:
             for info in self._manager.list_interfaces()
         ]
 
-    @_deed
+    @_handler
     async def set_hardware_component_state(self, request: Request) -> Answer:
         """name, state: active, inactive or unconfigured. Returns its state."""
         component, name, state = self._running.component, request.text("name"), request.text("state")
@@ -279,20 +279,20 @@ class Session:
 
     # motion
 
-    @_deed
+    @_handler
     def send_goal(self, request: Request) -> Answer:
         """controller, trajectory: refused beyond the joint limits. Returns a number for the request `goal`."""
         controller = self._follower(request)
         trajectory = _trajectory(request.group("trajectory"))
         controller.check_active()
         self._running.robot.check_reach(trajectory)
-        if len(self._goals) >= _MOST_GOALS:
-            raise ManagerError(f"{_MOST_GOALS} results of goals have not been fetched: request them first")
+        if len(self._goals) >= _MAX_GOALS:
+            raise ManagerError(f"{_MAX_GOALS} results of goals have not been fetched: request them first")
         self._count += 1
         self._goals[self._count] = controller, controller.send_goal(trajectory)
         return self._count
 
-    @_deed
+    @_handler
     def goal(self, request: Request) -> Answer:
         """Progress of a goal, given by number, from 0 to 1, and its result, which is returned only once."""
         number = int(request.number("goal"))
@@ -308,13 +308,13 @@ class Session:
             "error_string": handle.result.error_string,
         }
 
-    @_deed
+    @_handler
     def cancel_goal(self, request: Request) -> Answer:
         """Cancel a goal, given by number, if it is still under way."""
         if found := self._goals.get(int(request.number("goal"))):
             self._cancel(*found)
 
-    @_deed
+    @_handler
     def joint_trajectory(self, request: Request) -> Answer:
         """controller, trajectory: followed without a result, as from the ROS topic of the same name."""
         controller = self._follower(request)
@@ -326,7 +326,7 @@ class Session:
         self._running.robot.check_reach(trajectory, speeds=False)  # speeds are judged by the tolerances
         controller.command(trajectory)
 
-    @_deed
+    @_handler
     def forward_command(self, request: Request) -> Answer:
         """controller, values: commanded from now on. hold: only as long as this connection lasts.
 
@@ -363,18 +363,18 @@ class Session:
         if controller.active and controller.goal is handle:
             controller.cancel()
 
-    def _let_go(self, controller: ForwardCommandController) -> None:
+    def _release(self, controller: ForwardCommandController) -> None:
         """End speeds and torques; positions are kept."""
         if not controller.active:
             return
         if controller.interface_name == "position":
-            controller.stay()
+            controller.hold_position()
         else:
             controller.command((0.0,) * len(controller.parameters.joints))
 
     # the robot
 
-    @_deed
+    @_handler
     def robot_state(self, request: Request) -> Answer:
         """State of the robot that a client needs to show the progress of a motion; time_s is the robot's time."""
         robot = self._running.robot
@@ -389,12 +389,12 @@ class Session:
             "program_running": robot.driver.program_running,
         }
 
-    @_deed
+    @_handler
     async def make_ready(self, request: Request) -> Answer:
         """Power the arm on, release its brakes, start the control program, as far as still necessary."""
         await self._running.robot.robot.make_ready()
 
-    @_deed
+    @_handler
     async def set_speed_slider(self, request: Request) -> Answer:
         """fraction: 0.01 to 1."""
         fraction = request.number("fraction")
@@ -402,7 +402,7 @@ class Session:
             raise ManagerError(f"the speed slider takes 0.01 to 1, not {fraction:g}")
         await self._running.robot.robot.set_speed_slider(fraction)
 
-    @_deed
+    @_handler
     async def begin_recording(self, request: Request) -> Answer:
         """path: absolute path of the file that records robot and trajectory controllers until this connection ends."""
         path = Path(request.text("path"))
@@ -412,14 +412,14 @@ class Session:
         self._recording.callback(listen(recorder, self._manager))
         self._recorder = recorder
 
-    @_deed
+    @_handler
     def record_markers(self, request: Request) -> Answer:
         """topic, markers: fields of visualization_msgs/Marker, for 3D views; recorded with the present time."""
         if self._recorder is None:
             raise ManagerError("there is no recording for the markers: call begin_recording first")
         self._recorder.write_markers(request.text("topic"), request.mappings("markers"), self._manager.time_s)
 
-    @_deed
+    @_handler
     async def end_recording(self, request: Request) -> Answer:
         """End the recording; answered once the file is complete."""
         self._recorder = None

@@ -28,10 +28,10 @@ class _SettingController(CallingController[SettingParameters]):
     def command_interfaces(self) -> tuple[str, ...]:
         return tuple(self.parameters.tf_prefix + name for name in (*self.names, self.answer))
 
-    def _set(self, what: str, values: Sequence[float]) -> Call:
+    def _set(self, title: str, values: Sequence[float]) -> Call:
         if len(values) != len(self.names):
-            raise self.error(f"{what} has {len(self.names)} numbers, not {len(values)}")
-        return self._send(what, dict(zip(self.names, values, strict=True)), self.answer)
+            raise self.error(f"{title} has {len(self.names)} numbers, not {len(values)}")
+        return self._send(title, dict(zip(self.names, values, strict=True)), self.answer)
 
 
 @controller_type("ur_controllers/GravityUpdateController")

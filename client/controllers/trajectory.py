@@ -39,7 +39,7 @@ def blended(
         prefix.append(_at(bridge.point, bridge_s - cursor_s))
     end_s = cursor_s + new[-1].time_from_start_s
     rest = [(due_s, point) for due_s, point in path.due() if due_s > end_s] if partial else []
-    suffix = [_at(_held(point, new[-1], joints, named), due_s - cursor_s) for due_s, point in rest]
+    suffix = [_at(_holding_positions(point, new[-1], joints, named), due_s - cursor_s) for due_s, point in rest]
     return [*prefix, *new, *suffix], len(prefix)
 
 
@@ -48,36 +48,36 @@ def _merged(
 ) -> JointTrajectoryPoint:
     """Sort a point into the order of the joints; values of joints that it does not name come from ``others``."""
 
-    def one(values: Sequence[float], rest: Sequence[float]) -> tuple[float, ...]:
+    def merged(values: Sequence[float], rest: Sequence[float]) -> tuple[float, ...]:
         if not values:
             return ()
         by_name = dict(zip(names, values, strict=True))
         return tuple(by_name.get(joint, rest[place] if rest else 0.0) for place, joint in enumerate(joints))
 
     return JointTrajectoryPoint(
-        one(point.positions, others.positions),
-        one(point.velocities, others.velocities),
-        one(point.accelerations, others.accelerations),
-        one(point.effort, others.effort),
+        merged(point.positions, others.positions),
+        merged(point.velocities, others.velocities),
+        merged(point.accelerations, others.accelerations),
+        merged(point.effort, others.effort),
         point.time_from_start_s,
     )
 
 
-def _held(
+def _holding_positions(
     point: JointTrajectoryPoint, last: JointTrajectoryPoint, joints: Sequence[str], named: set[str]
 ) -> JointTrajectoryPoint:
     """A point at which the named joints rest at their final positions."""
     commanded = [joint in named for joint in joints]
 
-    def one(values: Sequence[float], ends: Sequence[float]) -> tuple[float, ...]:
+    def merged(values: Sequence[float], ends: Sequence[float]) -> tuple[float, ...]:
         pairs = zip(commanded, values, ends or (0.0,) * len(joints), strict=True) if values else ()
         return tuple(end if held else value for held, value, end in pairs)
 
     return replace(
         point,
-        positions=one(point.positions, last.positions),
-        velocities=one(point.velocities, ()),
-        accelerations=one(point.accelerations, ()),
+        positions=merged(point.positions, last.positions),
+        velocities=merged(point.velocities, ()),
+        accelerations=merged(point.accelerations, ()),
     )
 
 

@@ -88,7 +88,7 @@ class ArmDriver(Protocol):
 
 
 class URCommands:
-    """The interfaces (`all`), whose names begin with `prefix`; `obey` carries out one-time commands set on them."""
+    """The interfaces (`all`), whose names begin with `prefix`; `process` carries out one-time commands set on them."""
 
     def __init__(self, prefix: str, driver: ArmDriver, states: URStates, spawn: Spawn) -> None:
         joints = [f"{prefix}{joint}/{kind}" for kind in ("position", "velocity", "effort") for joint in JOINT_NAMES]
@@ -101,7 +101,7 @@ class URCommands:
         self._digital = self.part(_DIGITAL)
         self._contact = self.part(["tool_contact/tool_contact_set_state"])
         self._inertia = self.part(_INERTIA)
-        self._orders = [(self.part(names), answer, do) for names, answer, do in self._table()]
+        self._requests = [(self.part(names), answer, action) for names, answer, action in self._table()]
 
     def joints(self, kind: str) -> Interfaces:
         """Command interfaces of one kind, base to wrist 3."""
@@ -117,17 +117,17 @@ class URCommands:
     def __setitem__(self, name: str, value: float) -> None:
         self.all[self._prefix + name] = value
 
-    def obey(self) -> None:
+    def process(self) -> None:
         """Start everything that has been set since the last cycle."""
-        for part, answer, do in self._orders:
+        for part, answer, action in self._requests:
             if (values := part.take()) is not None:
-                self._spawn(self._answered(answer, do(values)))
+                self._spawn(self._answered(answer, action(values)))
         self._switch_outputs()
         self._watch_contact()
 
     def refuse(self, reason: str) -> None:
         """Refuse everything that has been set since the last cycle."""
-        refused = {answer for part, answer, _ in self._orders if part.take() is not None}
+        refused = {answer for part, answer, _ in self._requests if part.take() is not None}
         if any(level == level for level in self._digital.get()):
             refused.add(_IO_ANSWER)
         for answer in refused:
@@ -167,13 +167,17 @@ class URCommands:
                 lambda _: driver.zero_ftsensor(),
             ),
             (FORCE_MODE_COMMANDS, _FORCE_ANSWER, self._start_force_mode),
-            (["force_mode/disable_cmd"], _FORCE_ANSWER, lambda _: self._at_once(driver.end_force_mode)),
+            (["force_mode/disable_cmd"], _FORCE_ANSWER, lambda _: self._immediately(driver.end_force_mode)),
             (
                 ["freedrive_mode/enable"],
                 "freedrive_mode/async_success",
-                lambda _: self._at_once(driver.start_freedrive),
+                lambda _: self._immediately(driver.start_freedrive),
             ),
-            (["freedrive_mode/abort"], "freedrive_mode/async_success", lambda _: self._at_once(driver.stop_freedrive)),
+            (
+                ["freedrive_mode/abort"],
+                "freedrive_mode/async_success",
+                lambda _: self._immediately(driver.stop_freedrive),
+            ),
         ]
 
     async def _answered(self, answer: str, work: Awaitable[None]) -> None:
@@ -185,8 +189,8 @@ class URCommands:
         else:
             self[answer] = SUCCESS
 
-    async def _at_once(self, do: Callable[[], None]) -> None:
-        do()
+    async def _immediately(self, action: Callable[[], None]) -> None:
+        action()
 
     def _switch_outputs(self) -> None:
         levels = self._digital.get()
@@ -195,14 +199,14 @@ class URCommands:
             return
         self._digital.fill(NO_COMMAND)
         lines = [f"  {group.statement(index, level != 0.0)}" for (group, index), level in wanted]
-        self._spawn(self._answered(_IO_ANSWER, self._say(lines)))
+        self._spawn(self._answered(_IO_ANSWER, self._send_lines(lines)))
 
     async def _analog(self, pin: int, share: float) -> None:
         domain, self[_DOMAIN] = self[_DOMAIN], NO_COMMAND
         lines = [f"  set_analog_outputdomain({pin}, {int(domain)})"] if domain == domain else []
-        await self._say([*lines, f"  set_standard_analog_out({pin}, {share})"])
+        await self._send_lines([*lines, f"  set_standard_analog_out({pin}, {share})"])
 
-    async def _say(self, lines: Sequence[str]) -> None:
+    async def _send_lines(self, lines: Sequence[str]) -> None:
         await self._driver.robot.send_script("\n".join(["sec setting():", *lines, "end"]))
 
     async def _payload(self, values: list[float]) -> None:

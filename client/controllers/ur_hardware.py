@@ -16,7 +16,7 @@ from client.controllers.ur_commands import ArmDriver, Spawn, URCommands
 from client.controllers.ur_execution import HandedOver, PassthroughExecution, PrimitivesExecution
 from client.controllers.ur_states import URStates
 from client.driver.availability import refusal
-from client.driver.endpoint import LONGEST_REAL_TIME_S
+from client.driver.endpoint import MAX_REAL_TIME_S
 from client.driver.robot import MOVABLE
 from client.errors import ControllerError, LateSetpointError
 from urproto.errors import LocalProtocolError, URError
@@ -25,11 +25,11 @@ from urproto.modes import RobotMode, RuntimeState, SafetyMode
 from urproto.versions import PolyscopeVersion
 
 _WAITING: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)  # a program is paused in these, not ended
-_BACK_S: Final = 10.0  # guess: how long after such a stop the program may take to be restarted
-_RISE_PER_PERIOD: Final = 0.01  # rise of the speed scaling after a pause; source: Universal_Robots_ROS2_Driver
+_RESTART_S: Final = 10.0  # guess: how long after such a stop the program may take to be restarted
+_SCALING_STEP: Final = 0.01  # rise of the speed scaling after a pause; source: Universal_Robots_ROS2_Driver
 _RETURN_S: Final = 0.5  # guess: to bring the arm back to its path after a stop
 _ENDED: Final = "the control program on the robot has ended: start it, then activate again"
-_STANDS_RAD_S: Final = 0.005  # guess: above the noise of an arm at rest
+_AT_REST_RAD_S: Final = 0.005  # guess: above the noise of an arm at rest
 
 _logger = logging.getLogger(__name__)
 
@@ -49,35 +49,35 @@ class URHardware:
         spawn: Spawn,
         *,
         prefix: str = "",
-        setpoint_timeout_s: float = LONGEST_REAL_TIME_S,
+        setpoint_timeout_s: float = MAX_REAL_TIME_S,
     ) -> None:
         self._driver = driver
         self._version = version
         self._prefix = prefix
         self._timeout_s = setpoint_timeout_s
         self._states = URStates(prefix, version)
-        self._orders = URCommands(prefix, driver, self._states, spawn)
-        self.states, self.commands = self._states.all, self._orders.all
+        self._ur_commands = URCommands(prefix, driver, self._states, spawn)
+        self.states, self.commands = self._states.all, self._ur_commands.all
         self.failure: str | None = None
         self.withheld: str | None = None
         self._modes: set[CommandMode] = set()
-        self._positions = self._orders.joints("position")
-        self._velocities = self._orders.joints("velocity")
-        self._efforts = self._orders.joints("effort")
+        self._positions = self._ur_commands.joints("position")
+        self._velocities = self._ur_commands.joints("velocity")
+        self._efforts = self._ur_commands.joints("effort")
         self._actual = self._states.joints("position")
         self._speeds = self._states.joints("velocity")
         self._ready = False
         self._scaling = 1.0
         self._waits = False
-        self._held_up = False  # setpoints were late
+        self._late = False  # setpoints were late
         self._unsendable = ""  # why a command cannot be sent
-        self._stands = False  # the arm is at rest, and the program has been sent its position
-        self._forgiven_s = 0.0  # until when the program may be absent, by the robot's clock
+        self._position_sent = False  # the arm is at rest, and the program has been sent its position
+        self._absent_until_s = 0.0  # until when the program may be absent, by the robot's clock
         self._offset = [0.0] * len(JOINT_NAMES)
         self._return_s = 0.0
         self._executions: dict[CommandMode, HandedOver] = {
-            CommandMode.PASSTHROUGH: PassthroughExecution(self._orders, driver, spawn),
-            CommandMode.MOTION_PRIMITIVE: PrimitivesExecution(self._orders, self._states, driver, spawn),
+            CommandMode.PASSTHROUGH: PassthroughExecution(self._ur_commands, driver, spawn),
+            CommandMode.MOTION_PRIMITIVE: PrimitivesExecution(self._ur_commands, self._states, driver, spawn),
         }
 
     # read
@@ -87,18 +87,18 @@ class URHardware:
         running = self._driver.program_running
         self._states["gpio/program_running"] = float(running)
         mode = state["safety_mode"]
-        held_up, self._held_up = self._held_up, False
-        if held_up:  # this machine was late, so the robot has stopped the arm; continue as after a pause
+        was_late, self._late = self._late, False
+        if was_late:  # this machine was late, so the robot has stopped the arm; continue as after a pause
             self._scaling, self._waits = 0.0, True
         was_ready, self._ready = (
-            self._ready and not held_up,
+            self._ready and not was_late,
             (running and mode in MOVABLE and state["runtime_state"] == RuntimeState.PLAYING),
         )
         self._scale(state, period_s)
         if self._ready and not was_ready:
-            self._come_back()
+            self._begin_return()
         unsendable, self._unsendable = self._unsendable, ""
-        problem = self._judge(state["timestamp"], mode, state["robot_mode"], running)
+        problem = self._find_failure(state["timestamp"], mode, state["robot_mode"], running)
         self.failure = self.withheld or problem or unsendable or None
 
     def _scale(self, state: Mapping[str, Any], period_s: float) -> None:
@@ -107,38 +107,38 @@ class URHardware:
             self._scaling = 0.0
             self._waits = self.failure is None  # with a failure, everything that could wait ends instead
         elif self._waits:
-            self._scaling += _RISE_PER_PERIOD * period_s / self._version.series.period_s
+            self._scaling += _SCALING_STEP * period_s / self._version.series.period_s
             self._waits = self._scaling < full
             self._scaling = min(self._scaling, full)
         else:
             self._scaling = full
         self._states["speed_scaling/speed_scaling_factor"] = self._scaling
 
-    def _come_back(self) -> None:
+    def _begin_return(self) -> None:
         commands = self._positions.get()
         if CommandMode.POSITION in self._modes and not any(value != value for value in commands):
             self._offset = [actual - command for actual, command in zip(self._actual.get(), commands, strict=True)]
             self._return_s = _RETURN_S
 
-    def _judge(self, time_s: float, safety: int, robot: int, running: bool) -> str | None:
+    def _find_failure(self, time_s: float, safety: int, robot: int, running: bool) -> str | None:
         if safety in _WAITING:
-            self._forgiven_s = time_s + _BACK_S
+            self._absent_until_s = time_s + _RESTART_S
             return None
         if safety not in MOVABLE:
             return f"its safety mode is {_name(SafetyMode, safety)}: clear the cause, then activate again"
         if robot != RobotMode.RUNNING:
             return f"its mode is {_name(RobotMode, robot)}: power it on, start the program, then activate again"
         if running:
-            self._forgiven_s = 0.0 if self._ready else self._forgiven_s
+            self._absent_until_s = 0.0 if self._ready else self._absent_until_s
             return None
-        if time_s < self._forgiven_s:
+        if time_s < self._absent_until_s:
             return None
         if why := self._driver.lost_why:
             return f"the control program on the robot has ended, since {why}: make sure it runs, then activate again"
         return _ENDED
 
     def take_halt(self) -> str | None:
-        halt, self._orders.contact = self._orders.contact, None
+        halt, self._ur_commands.contact = self._ur_commands.contact, None
         return halt
 
     # switching
@@ -146,7 +146,7 @@ class URHardware:
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         starting, stopping = self._modes_of(start), self._modes_of(stop)
         for kind in (CommandMode.POSITION, CommandMode.VELOCITY, CommandMode.EFFORT):
-            if kind in starting and not set(self._orders.joints(kind).names) <= set(start):
+            if kind in starting and not set(self._ur_commands.joints(kind).names) <= set(start):
                 raise ControllerError("hardware", f"all {len(JOINT_NAMES)} joints must be commanded in {kind}")
         if pair := conflict((self._modes - stopping) | starting):
             raise ControllerError("hardware", f"{pair[0]} and {pair[1]} cannot be commanded at the same time")
@@ -158,8 +158,8 @@ class URHardware:
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
         starting, stopping = self._modes_of(start), self._modes_of(stop)
         self._modes = (self._modes - stopping) | starting
-        self._orders.all.lend(list(stop)).fill(NO_COMMAND)
-        self._tell(lambda: self._end_modes(stopping))
+        self._ur_commands.all.lend(list(stop)).fill(NO_COMMAND)
+        self._send(lambda: self._end_modes(stopping))
         for mode, execution in self._executions.items():
             if mode in stopping:
                 execution.end()
@@ -191,23 +191,23 @@ class URHardware:
 
     def write(self, time_s: float, period_s: float) -> None:
         if self.withheld:
-            self._orders.refuse(self.withheld)
+            self._ur_commands.refuse(self.withheld)
             return
         for mode, execution in self._executions.items():
             if mode in self._modes:
                 execution.step(ready=self._ready)
         if self._ready:
-            self._tell(lambda: self._move(period_s))
-            self._stands = False
-        elif not self._stands:
-            self._tell(self._stand)
-        self._orders.obey()
+            self._send(lambda: self._move(period_s))
+            self._position_sent = False
+        elif not self._position_sent:
+            self._send(self._send_position)
+        self._ur_commands.process()
 
-    def _stand(self) -> None:
-        at_rest = max(map(abs, self._speeds.get())) < _STANDS_RAD_S
+    def _send_position(self) -> None:
+        at_rest = max(map(abs, self._speeds.get())) < _AT_REST_RAD_S
         if at_rest and CommandMode.POSITION in self._modes and self._driver.program_running:
             self._driver.servoj(self._actual.get(), self._timeout_s)
-            self._stands = True
+            self._position_sent = True
 
     def _move(self, period_s: float) -> None:
         if CommandMode.POSITION in self._modes:
@@ -228,11 +228,11 @@ class URHardware:
         smooth = share * share * (3.0 - 2.0 * share)
         return [command + smooth * offset for command, offset in zip(commands, self._offset, strict=True)]
 
-    def _tell(self, do: Any) -> None:
+    def _send(self, send: Any) -> None:
         try:
-            do()
+            send()
         except LateSetpointError:  # logged where it was noticed
-            self._held_up = True
+            self._late = True
         except LocalProtocolError as error:  # a number that no message can carry; the next one will be similar
             self._unsendable = f"the command cannot be sent: {error}"
         except URError as error:  # the program has just disconnected: read() will notice

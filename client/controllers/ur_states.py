@@ -13,7 +13,7 @@ from client.controllers.motion_primitives import READY, STATUS
 from client.errors import StateError
 from urproto.joints import JOINT_NAMES
 from urproto.robots.pose import pose_inv, pose_trans, rotvec_to_quaternion, wrench_trans
-from urproto.rtde.fields import LONGEST_S, OUTPUT_FIELDS
+from urproto.rtde.fields import MAX_TIMESTAMP_S, OUTPUT_FIELDS
 from urproto.signals import SIGNALS
 from urproto.text import quoted
 from urproto.versions import PolyscopeVersion, Series
@@ -63,7 +63,7 @@ _POSE: Final = (
 _VERSION: Final = tuple(
     f"get_robot_software_version/get_version_{part}" for part in ("major", "minor", "bugfix", "build")
 )
-_MOST: Final = 1e6
+_MAX_ABS: Final = 1e6
 """Upper bound of every angle, speed, current, force, voltage and temperature of an arm, in RTDE's units; guess."""
 _NUMBERS: Final = ("speed_scaling", *_SINGLE)
 _ROWS: Final = tuple(
@@ -100,12 +100,12 @@ def check(state: Mapping[str, Any]) -> None:
     for name in _NUMBERS:
         if (value := state.get(name)) is not None:
             numbers.append(value)
-    if not hypot(*numbers) < _MOST:  # one call for all of them; false for NaN too
+    if not hypot(*numbers) < _MAX_ABS:  # one call for all of them; false for NaN too
         for name in (*_NUMBERS, *(name for name, _ in _ROWS)):
             values = state.get(name)
-            if values is not None and not hypot(*(values if isinstance(values, Sequence) else (values,))) < _MOST:
+            if values is not None and not hypot(*(values if isinstance(values, Sequence) else (values,))) < _MAX_ABS:
                 raise StateError(name, f"is {quoted(values)}, which no arm has")
-    if not abs(state["timestamp"]) < LONGEST_S:
+    if not abs(state["timestamp"]) < MAX_TIMESTAMP_S:
         raise StateError("timestamp", f"is {state['timestamp']!r}, which is not a time")
 
 

@@ -39,12 +39,12 @@ def _merged(
     if unknown := [name for name in given if name not in joints]:
         raise ToleranceError(f"the {kind} tolerance names the joint {unknown[0]}, which the controller does not have")
     return tuple(
-        _one(default, given.get(joint, Tolerance()), f"{kind} tolerance of {joint}")
+        _merge_tolerance(default, given.get(joint, Tolerance()), f"{kind} tolerance of {joint}")
         for default, joint in zip(defaults, joints, strict=True)
     )
 
 
-def _one(default: Tolerance, given: Tolerance, what: str) -> Tolerance:
+def _merge_tolerance(default: Tolerance, given: Tolerance, what: str) -> Tolerance:
     return Tolerance(
         _limit(default.position, given.position, what),
         _limit(default.velocity, given.velocity, what),

@@ -12,7 +12,7 @@ from urproto.errors import RemoteProtocolError
 from urproto.text import from_bytes, readable, to_bytes
 
 MAGIC_SIZE = 4
-_LONGEST = 1 << 20  # bytes of a packet or block; tcpdump cuts packets at 256 kB
+_MAX_SIZE = 1 << 20  # bytes of a packet or block; tcpdump cuts packets at 256 kB
 _PCAP = {  # magic number: byte order, ticks per second
     b"\xa1\xb2\xc3\xd4": (">", 1_000_000),
     b"\xd4\xc3\xb2\xa1": ("<", 1_000_000),
@@ -108,7 +108,7 @@ class _PcapReader(PacketReader):
         if len(self._buffer) < self._record.size:
             return 0
         captured = self._record.unpack_from(self._buffer)[2]
-        if captured > _LONGEST:
+        if captured > _MAX_SIZE:
             raise self._broken(f"a packet of {captured} bytes")
         return int(self._record.size + captured)
 
@@ -147,7 +147,7 @@ class _PcapngReader(PacketReader):
         kind, size = self._unpack("2I", self._buffer)
         if size < 12 or size % 4:
             raise self._broken(f"a block has size {size}")
-        if size <= _LONGEST:
+        if size <= _MAX_SIZE:
             return int(size)
         if kind in (_SECTION, _INTERFACE, _OLD_PACKET, _SIMPLE_PACKET, _ENHANCED_PACKET):
             raise self._broken(f"a block of type {kind} has {size} bytes")
@@ -210,7 +210,7 @@ class _PcapngReader(PacketReader):
 
 _ETHERNET = 1
 _NANOSECONDS = 9  # powers of ten
-_LONGEST_OPTION = 0xFFFF  # bytes, by its size field
+_MAX_OPTION = 0xFFFF  # bytes, by its size field
 
 
 def head_of_capture(application: str, interface: str, comments: Iterable[str] = ()) -> bytes:
@@ -235,7 +235,7 @@ def _block(kind: int, body: bytes) -> bytes:
 
 
 def _options(items: Iterable[tuple[int, bytes]]) -> bytes:
-    parts = [_option(code, value[:_LONGEST_OPTION]) for code, value in items]
+    parts = [_option(code, value[:_MAX_OPTION]) for code, value in items]
     return b"".join(parts) + bytes(4)
 
 

@@ -14,27 +14,27 @@ from urproto.errors import RemoteProtocolError
 from urproto.external_control import REQUEST_PROGRAM
 from urproto.interpreter import InterpreterCommand
 
-_LONGEST_LINE = 8192  # bytes; longer lines are shown in pieces
+_MAX_LINE = 8192  # bytes; longer lines are shown in pieces
 
 
 def line_stream() -> LineStream:
     """Any text with line feeds."""
-    return LineStream(_read, _LONGEST_LINE)
+    return LineStream(_read, _MAX_LINE)
 
 
 def unended_stream() -> LineStream:
     """Text whose lines may lack a line feed, such as a gripper's ``ack``: text received together is shown together."""
-    return LineStream(_read, _LONGEST_LINE, unfinished=True)
+    return LineStream(_read, _MAX_LINE, unfinished=True)
 
 
 def statement_stream() -> LineStream:
     """Input of interpreter mode."""
-    return LineStream(_read_statement, _LONGEST_LINE)
+    return LineStream(_read_statement, _MAX_LINE)
 
 
 def answer_stream() -> LineStream:
     """Answers of interpreter mode."""
-    return LineStream(_read_answer, _LONGEST_LINE)
+    return LineStream(_read_answer, _MAX_LINE)
 
 
 def _read(text: str) -> Iterator[Line]:
@@ -80,7 +80,7 @@ class BytesStream:
 
 _FIN, _SYN, _RST, _PSH, _ACK = 1, 2, 4, 8, 16
 _TCP = 6
-_MOST = 32768  # bytes of a segment: IP's size field ends at 64 kB
+_MAX_SEGMENT = 32768  # bytes of a segment: IP's size field ends at 64 kB
 _WINDOW = 0xFFFF
 _NUMBERS = 1 << 32
 _MACS = {True: bytes.fromhex("020000000001"), False: bytes.fromhex("020000000002")}  # locally administered
@@ -102,8 +102,8 @@ class ConnectionFrames:
 
     def data(self, from_client: bool, data: bytes) -> Iterator[bytes]:
         """Frames with bytes of one end."""
-        for start in range(0, len(data), _MOST):
-            yield self._frame(from_client, _PSH | _ACK, data[start : start + _MOST])
+        for start in range(0, len(data), _MAX_SEGMENT):
+            yield self._frame(from_client, _PSH | _ACK, data[start : start + _MAX_SEGMENT])
 
     def end(self, from_client: bool) -> bytes:
         """The frame that ends the sending of one end."""
@@ -243,8 +243,8 @@ def codec_of_port(port: int) -> Codec | None:
 
 # guessing
 
-_ENOUGH = 4096  # bytes after which a guess is made
-_SEARCHED = 2048  # bytes that are searched if no message starts at the first byte
+_GUESS_BYTES = 4096  # bytes after which a guess is made
+_SEARCH_BYTES = 2048  # bytes that are searched if no message starts at the first byte
 _FRAMINGS: dict[str, Framing] = {
     "primary": states.PRIMARY,
     "realtime": states.REALTIME,
@@ -270,17 +270,17 @@ def guess(data: bytes, final: bool) -> Guess | None:
     if not data:
         return Guess(CODECS["text"]) if final else None
     if _is_text(data):
-        return _guess_text(data.decode("utf-8", "replace"), final or len(data) >= _ENOUGH)
+        return _guess_text(data.decode("utf-8", "replace"), final or len(data) >= _GUESS_BYTES)
     fitting = [name for name, framing in _FRAMINGS.items() if _messages(framing, data)]
     fitting.sort(
         key=lambda name: not _messages(_FRAMINGS[name], data, whole=True)
     )  # those that end with the bytes first
     if fitting:
         return Guess(CODECS[fitting[0]])
-    if not final and len(data) < _ENOUGH:
+    if not final and len(data) < _GUESS_BYTES:
         return None
-    later = (name for start in range(1, _SEARCHED) for name in _FOUND_LATER
-             if _messages(_FRAMINGS[name], data[start : start + _ENOUGH]) > 1)  # fmt: skip
+    later = (name for start in range(1, _SEARCH_BYTES) for name in _FOUND_LATER
+             if _messages(_FRAMINGS[name], data[start : start + _GUESS_BYTES]) > 1)  # fmt: skip
     return Guess(CODECS[next(later, "bytes")])
 
 

@@ -26,7 +26,7 @@ _ENUMS: Mapping[str, type[IntEnum]] = {
     "sub_type": modes.RobotSubType,
     "tool_mode": modes.ToolMode,
 }
-_LONGEST_BYTES = 64  # shown of binary data
+_MAX_BYTES = 64  # shown of binary data
 
 
 def quoted(text: str) -> str:
@@ -72,8 +72,8 @@ def _number(number: float, name: str) -> str:
 
 
 def _bytes(data: bytes) -> str:
-    rest = len(data) - _LONGEST_BYTES
-    return (data[:_LONGEST_BYTES].hex() or "nothing") + (f"... and {rest} bytes" if rest > 0 else "")
+    rest = len(data) - _MAX_BYTES
+    return (data[:_MAX_BYTES].hex() or "nothing") + (f"... and {rest} bytes" if rest > 0 else "")
 
 
 def pairs(items: Iterable[tuple[str, Any]]) -> str:

@@ -27,10 +27,10 @@ from urproto.errors import RemoteProtocolError
 _HEX_TEXT = re.compile(rb"(?:#[^\n]*(?:\n|$)|0[xX]|[0-9a-fA-F]|[\s,:;])*")
 _HEX_NOISE = re.compile(rb"#[^\n]*(?=\n|$)|0[xX]|[\s,:;]")
 _CHECKED = 4096  # bytes of an input from which its format is recognised
-_LONGEST_HEX_LINE = 1 << 20
+_MAX_HEX_LINE = 1 << 20
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _LISTED = 8  # ports listed in a note
-_COUNTED = 1024  # ports counted for it
+_MAX_COUNTED = 1024  # ports counted for it
 
 
 def _side(codec: Codec, from_server: bool) -> Side:
@@ -156,7 +156,7 @@ class _Hex:
     def feed(self, data: bytes) -> Iterator[Line]:
         """Take text; return lines for the messages that its complete lines contain."""
         self._text += data
-        while not self._broken and (end := self._text.find(b"\n") + 1 or len(self._text) > _LONGEST_HEX_LINE):
+        while not self._broken and (end := self._text.find(b"\n") + 1 or len(self._text) > _MAX_HEX_LINE):
             yield from self._take(bytes(self._text[:end]))
             del self._text[:end]
 
@@ -330,7 +330,7 @@ class _Capture:
 
     def _leave_out(self, port: int) -> None:
         self._left_out[port] += 1
-        if len(self._left_out) > _COUNTED:
+        if len(self._left_out) > _MAX_COUNTED:
             self._left_out = Counter(dict(self._left_out.most_common(_LISTED)))
 
     def _tell(self, ends: Ends, event: Event) -> Iterator[Line]:

@@ -12,7 +12,7 @@ from client.decoding import formatting
 from urproto.errors import ProtocolError, RemoteProtocolError
 from urproto.text import from_bytes
 
-_LONGEST_STRETCH = 1 << 20  # bytes of garbage reported in one line
+_MAX_GARBAGE = 1 << 20  # bytes of garbage reported in one line
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +170,7 @@ class FramedStream:
                     self._in_step = True
                 return bool(begins)
         self._drop(len(self._buffer))
-        if self._garbage is not None and self._offset - self._garbage[0] > _LONGEST_STRETCH:
+        if self._garbage is not None and self._offset - self._garbage[0] > _MAX_GARBAGE:
             yield from self._garbage_until(self._offset)
             self._begin_garbage("as before")
         return False

@@ -18,7 +18,7 @@ from typing import Any
 from client.driver.blocking import Blocking, blocking, straight
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
-from client.driver.endpoint import LONGEST_REAL_TIME_S, ReverseEndpoint, ScriptSender
+from client.driver.endpoint import MAX_REAL_TIME_S, ReverseEndpoint, ScriptSender
 from client.driver.program import ProgramSupervisor, Pulse
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import RobotLink
@@ -203,23 +203,23 @@ class URDriver:
 
     # setpoints
 
-    def servoj(self, q_rad: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+    def servoj(self, q_rad: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint angles (6,) [rad] to reach one control period from now."""
         self.reverse.setpoint(ControlMode.SERVOJ, q_rad, timeout_s)
 
-    def servo_pose(self, pose_base_tcp: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+    def servo_pose(self, pose_base_tcp: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send a TCP pose in the base frame (6,) [m, rotation vector], reached by the nearest joint angles."""
         self.reverse.setpoint(ControlMode.POSE, pose_base_tcp, timeout_s)
 
-    def speedj(self, qd_rad_s: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+    def speedj(self, qd_rad_s: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint speeds (6,) [rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDJ, qd_rad_s, timeout_s)
 
-    def speedl(self, velocity_base: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+    def speedl(self, velocity_base: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send a TCP velocity in the base frame (6,) [m/s, rad/s]."""
         self.reverse.setpoint(ControlMode.SPEEDL, velocity_base, timeout_s)
 
-    def torque(self, torque_Nm: Sequence[float], timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+    def torque(self, torque_Nm: Sequence[float], timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Send joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer."""
         self.robot.require("torque")
         self.reverse.setpoint(ControlMode.TORQUE, torque_Nm, timeout_s)

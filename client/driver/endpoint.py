@@ -39,11 +39,11 @@ from urproto.external_control import (
 from urproto.text import to_bytes
 from urproto.versions import Series
 
-LONGEST_REAL_TIME_S: Final = 0.2  # source: the client library, which limits how long an arm moves without a message
+MAX_REAL_TIME_S: Final = 0.2  # source: the client library, which limits how long an arm moves without a message
 SETPOINT_TIMEOUT_S: Final = 0.02  # the client library's default for a setpoint
 KEEP_ALIVE_TIMEOUT_S: Final = 1.0  # the client library's default for a keep-alive
 _STOP_MS: Final = 100
-_LONGEST_MS: Final = 2**31 - 1
+_MAX_TIMEOUT_MS: Final = 2**31 - 1
 
 
 @lru_cache(maxsize=64)  # called for every setpoint
@@ -59,7 +59,7 @@ def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int
         return _STOP_MS
     if timeout_s == 0.0 and not mode.real_time:
         return 0
-    longest = LONGEST_REAL_TIME_S if mode.real_time else _LONGEST_MS / 1000.0
+    longest = MAX_REAL_TIME_S if mode.real_time else _MAX_TIMEOUT_MS / 1000.0
     return max(1, round(1000.0 * min(max(timeout_s, period_s), longest)))
 
 
@@ -333,10 +333,10 @@ class Endpoint:
         self._tell(False)
 
     def _tell(self, connected: bool) -> None:
-        tell(self.listeners, connected)
+        notify(self.listeners, connected)
 
 
-def tell(listeners: Sequence[Callable[..., object]], *news: object) -> None:
+def notify(listeners: Sequence[Callable[..., object]], *news: object) -> None:
     """Call every listener; the exception of one is logged and does not affect the others."""
     for listener in tuple(listeners):
         try:
@@ -467,11 +467,11 @@ class ReverseEndpoint(Endpoint):
     def _rest(self, timeout_s: float) -> None:
         self._send(ReverseMessage.keep_alive(self._timeout_ms(ControlMode.IDLE, timeout_s)))
 
-    def trajectory(self, action: TrajectoryAction, points: int = 0, timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+    def trajectory(self, action: TrajectoryAction, points: int = 0, timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Start, keep alive, or end a trajectory with this number of points."""
         self._send(ReverseMessage.trajectory(action, points, self._timeout_ms(ControlMode.FORWARD, timeout_s)))
 
-    def freedrive(self, action: FreedriveAction, timeout_s: float = LONGEST_REAL_TIME_S) -> None:
+    def freedrive(self, action: FreedriveAction, timeout_s: float = MAX_REAL_TIME_S) -> None:
         """Start, keep alive, or end freedrive."""
         self._send(ReverseMessage.freedrive(action, self._timeout_ms(ControlMode.FREEDRIVE, timeout_s)))
 

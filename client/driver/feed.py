@@ -16,7 +16,7 @@ from client.errors import ClientError, NoAnswerError
 from client.rtde import BlockingRTDEClient
 from urproto.errors import RemoteProtocolError, URError
 
-_AGAIN_S: Final = 1.0  # between attempts to get a lost connection back
+_RETRY_S: Final = 1.0  # between attempts to get a lost connection back
 
 _logger = logging.getLogger(__name__)
 
@@ -146,4 +146,4 @@ class StateFeed:
                 return
             except URError as error:
                 _logger.info("still no state from the robot: %s", error)
-            self._closing.wait(_AGAIN_S)
+            self._closing.wait(_RETRY_S)

@@ -29,8 +29,8 @@ _ENDED: Final = (RuntimeState.STOPPING, RuntimeState.STOPPED)
 _STOP_LINE: Final = "stop program"
 _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 
-_LOOK_S: Final = 0.02  # guess: interval of the check for missing setpoints
-_BREATH_S: Final = 0.1
+_CHECK_S: Final = 0.02  # guess: interval of the check for missing setpoints
+_KEEP_ALIVE_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
 _GREETING_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
@@ -98,7 +98,7 @@ class Pulse:
         except OSError as error:
             _logger.error("%s", error)
         due_s = time.monotonic() + self._every_s
-        while not self._ended.wait(min(_LOOK_S, self._every_s)):
+        while not self._ended.wait(min(_CHECK_S, self._every_s)):
             try:
                 due_s = self._beat(due_s)
             except Exception:
@@ -416,7 +416,7 @@ class ProgramSupervisor:
         while True:
             self.pulse.breathe()
             self._admit_foreign_program()
-            await asyncio.sleep(_BREATH_S)
+            await asyncio.sleep(_KEEP_ALIVE_S)
 
     # late setpoints and lost programs
 

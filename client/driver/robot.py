@@ -13,7 +13,7 @@ from client import dashboard
 from client.dashboard import DashboardClient
 from client.driver.availability import require
 from client.driver.config import DriverConfig
-from client.driver.endpoint import tell
+from client.driver.endpoint import notify
 from client.driver.feed import StateFeed
 from client.errors import ClientError, ConnectionLostError, NoAnswerError, RobotUnreachableError, ScriptFailedError
 from client.primary import PrimaryClient
@@ -26,7 +26,7 @@ from urproto.primary.messages import ErrorCodeMessage, PopupMessage, RuntimeExce
 from urproto.primary.state import ConfigurationData, KinematicsInfo, RobotStateData
 from urproto.versions import PolyscopeVersion
 
-_NEEDED: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
+_REQUIRED_OUTPUTS: Final = ("timestamp", "robot_mode", "safety_mode", "runtime_state", "target_speed_fraction")
 _MAX_KEPT: Final = 100  # error reports and popups, each
 _RECONNECT_S: Final = 1.0  # between attempts to reconnect
 MOVABLE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
@@ -262,7 +262,7 @@ class RobotLink:
 
     def _rtde(self) -> BlockingRTDEClient:
         config = self.config
-        outputs = tuple(dict.fromkeys((*_NEEDED, *config.outputs, *config.outputs_if_any)))
+        outputs = tuple(dict.fromkeys((*_REQUIRED_OUTPUTS, *config.outputs, *config.outputs_if_any)))
         return BlockingRTDEClient(
             config.robot,
             outputs,
@@ -321,12 +321,12 @@ class RobotLink:
         self._delivery_scheduled = False
         while self._undelivered:
             state = self._undelivered.popleft()
-            tell(self.on_state, state)
+            notify(self.on_state, state)
             modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
             if modes != self._last_modes:
                 self._last_modes = modes
                 self._note_protective_stop(state)
-                tell(self.on_modes, state)
+                notify(self.on_modes, state)
         self._wake()
 
     def _note_protective_stop(self, state: Mapping[str, Any]) -> None:
@@ -337,7 +337,7 @@ class RobotLink:
             _logger.warning("protective stop")
 
     def _deliver_silence(self) -> None:
-        tell(self.on_silence)
+        notify(self.on_silence)
         self._wake()
 
     def _wake(self) -> None:
@@ -377,7 +377,7 @@ class RobotLink:
         elif isinstance(message, PopupMessage):
             self.popups.append(message)
         elif isinstance(message, TextMessage):
-            tell(self.on_text, message.text)
+            notify(self.on_text, message.text)
 
 
 async def cancel(task: "asyncio.Task[None]") -> None:

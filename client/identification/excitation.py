@@ -21,7 +21,7 @@ _KNOT_S: Final = 0.05
 _RAMP_S: Final = 2.0
 _BASE_HZ: Final = 0.08
 _HARMONICS: Final = 8
-_TRIES: Final = 20  # sets of phases for each size
+_ATTEMPTS: Final = 20  # sets of phases for each size
 _SIZES: Final = (1.0, 0.8, 0.6, 0.45)
 _MARGIN_M: Final = 0.05  # between links
 _ALONG: Final = np.linspace(0.0, 1.0, 5)  # points along a link at which distances are checked
@@ -51,7 +51,7 @@ def excitation(
     time_s = np.linspace(0.0, duration_s, max(3, round(duration_s / _KNOT_S) + 1))
     links = ArmCapsules(model)
     for size in _SIZES:
-        for _ in range(_TRIES):
+        for _ in range(_ATTEMPTS):
             offset, speed = _scaled(time_s, _waves(time_s, chance), model, bounds, size)
             if _clear(links, start + offset, bounds.floor_m):
                 return JointPath(time_s, start + offset, speed)

@@ -24,9 +24,9 @@ from urproto.robots.pinocchio_dynamics import Dynamics
 
 _PIECES: Final = 10
 _UNCERTAIN: Final = 0.2  # of a value: a larger standard error means that the motion does not determine it
-_CARRIES_NM: Final = 1.0  # a joint at rest that holds less does not show its torque constant
-_OF_MEDIAN: Final = 1.4826  # standard deviation over median absolute value of a normal distribution
-_FEWEST: Final = 50  # states at rest
+_MIN_LOAD_NM: Final = 1.0  # a joint at rest that holds less does not show its torque constant
+_SIGMA_PER_MEDIAN: Final = 1.4826  # standard deviation over median absolute value of a normal distribution
+_MIN_STATES: Final = 50  # states at rest
 _PAYLOAD_KG: Final = 0.1  # the arm's own data may be wrong by this much
 
 
@@ -128,8 +128,8 @@ class _Fit:
         moment, current = self._samples.fields["target_moment"], self._samples.fields["target_current"]
         resting = self._samples.resting
         for joint, label in enumerate(JOINT_LABELS):
-            rows = resting & (np.abs(moment[:, joint]) > _CARRIES_NM)
-            if rows.sum() >= _FEWEST:
+            rows = resting & (np.abs(moment[:, joint]) > _MIN_LOAD_NM)
+            if rows.sum() >= _MIN_STATES:
                 self._take(joint, ("torque_constants_Nm_A",), current[rows, joint, None], moment[rows, joint])
             elif self._samples.moves(joint):
                 rows = self._samples.moving[:, joint]
@@ -193,10 +193,10 @@ class _Fit:
         ):
             for joint in range(6):
                 rows = np.broadcast_to(rows_of, raw.shape)[:, joint] & step
-                if (count := int(rows.sum())) < _FEWEST:
+                if (count := int(rows.sum())) < _MIN_STATES:
                     self._kept.append(f"{JOINT_LABELS[joint]}: too few states for {name}, which is kept")
                     continue
-                size = _OF_MEDIAN * float(np.median(np.abs(second[rows, joint])))  # motion has outliers
+                size = _SIGMA_PER_MEDIAN * float(np.median(np.abs(second[rows, joint])))  # motion has outliers
                 self._values[name][joint] = size
                 self._errors[name][joint] = size / np.sqrt(count / 3.0)
 

@@ -13,7 +13,7 @@ from urproto.joints import JOINT_LABELS
 _FORMATS: Final = (".png", ".svg", ".pdf")
 _SIZE_IN: Final = (10.0, 12.0)
 _DPI: Final = 110
-_MOST_POINTS: Final = 4000  # of a line; more would not be visible
+_MAX_POINTS: Final = 4000  # of a line; more would not be visible
 _RECORDED: Final[Any] = {"linewidth": 0.7, "color": "#56b4e9", "label": "recorded"}
 _PREDICTED: Final[Any] = {"linewidth": 0.9, "color": "#d55e00", "label": "predicted"}
 
@@ -25,7 +25,7 @@ def draw(result: Fidelity, path: Path, title: str) -> None:
     with extra("plots", "drawing"):
         from matplotlib.figure import Figure
     samples, names = result.samples, tuple(result.predicted)
-    rows = samples.rows(_MOST_POINTS)
+    rows = samples.rows(_MAX_POINTS)
     time_s = samples.time_s[rows] - samples.time_s[0]
     figure = Figure(figsize=_SIZE_IN)
     every = figure.subplots(len(JOINT_LABELS), len(names), sharex=True, squeeze=False)

@@ -26,13 +26,13 @@ RESTS_RAD_S: Final = 1e-3
 _INFORMATIVE_RAD_S: Final = 0.1
 _INFORMATIVE_S: Final = 2.0
 _GAP: Final = 5.0  # multiple of the usual step
-_SHORTEST_S: Final = 0.5
+_MIN_PART_S: Final = 0.5
 _EDGE: Final = 3.0  # widths of the low-pass that are not compared, at each end of a part
 _TARGETS: Final = ("target_q", "target_qd", "target_qdd")
-_LONGEST_STEP_S: Final = 0.05  # below 20 states per second, accelerations cannot be seen
-_MOST_RAD: Final = 7.0  # joints turn once in either direction, and an e-Series simulator reports 363 degrees
-_MOST_A: Final = 200.0
-_NONSENSE: Final = 1e6  # too large for an angle, speed, current or torque in any unit
+_MAX_STEP_S: Final = 0.05  # below 20 states per second, accelerations cannot be seen
+_MAX_RAD: Final = 7.0  # joints turn once in either direction, and an e-Series simulator reports 363 degrees
+_MAX_A: Final = 200.0
+_MAX_PLAUSIBLE: Final = 1e6  # too large for an angle, speed, current or torque in any unit
 _RATE_RANGE: Final = (0.7, 1.4)  # of recorded speeds to the rate of change of the angles
 
 
@@ -115,7 +115,7 @@ def samples_of(recording: Recording) -> Samples:
     arrays = {name: np.asarray(recording[name], float) for name in names}
     sound = np.concatenate(([True], np.diff(time_s) > 0.0))
     for array in arrays.values():
-        sound &= (np.abs(array) < _NONSENSE).all(axis=1)  # False for a NaN
+        sound &= (np.abs(array) < _MAX_PLAUSIBLE).all(axis=1)  # False for a NaN
     if damaged := int(len(sound) - sound.sum()):
         time_s, q, arrays = time_s[sound], q[sound], {name: array[sound] for name, array in arrays.items()}
     ranges, notes = _parts(time_s)
@@ -138,10 +138,10 @@ def _check_times(time_s: Array, *, differentiated: bool) -> None:
         raise RecordingError("timestamp never rises: it must be the robot's clock in seconds")
     if usual >= 1.0 and usual < 1000.0:
         raise RecordingError(f"timestamp rises by {usual:g} per state: seconds are expected, these may be milliseconds")
-    if differentiated and usual > _LONGEST_STEP_S:
+    if differentiated and usual > _MAX_STEP_S:
         raise RecordingError(
             f"one state per {usual:g} s is too few without recorded targets: record at least "
-            f"{1.0 / _LONGEST_STEP_S:g} per second"
+            f"{1.0 / _MAX_STEP_S:g} per second"
         )
 
 
@@ -152,11 +152,11 @@ def _parts(time_s: Array) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
     gaps = np.flatnonzero(steps > _GAP * usual)
     edges = [0, *(gaps + 1).tolist(), len(time_s)]
     every = list(pairwise(edges))
-    kept = [(begin, end) for begin, end in every if time_s[end - 1] - time_s[begin] >= _SHORTEST_S]
+    kept = [(begin, end) for begin, end in every if time_s[end - 1] - time_s[begin] >= _MIN_PART_S]
     if not kept:
         longest = max(float(time_s[end - 1] - time_s[begin]) for begin, end in every)
         raise RecordingError(
-            f"no {_SHORTEST_S:g} s without a gap ({len(gaps)} gaps, at most {longest:.2f} s between them): record it "
+            f"no {_MIN_PART_S:g} s without a gap ({len(gaps)} gaps, at most {longest:.2f} s between them): record it "
             "again, over a cable or on a less busy machine"
         )
     if not len(gaps):
@@ -167,10 +167,10 @@ def _parts(time_s: Array) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
 
 
 def _check_units(time_s: Array, q: Array, arrays: dict[str, Array], parts: Sequence[tuple[int, int]]) -> None:
-    if (most := float(np.abs(q[:, :5]).max())) > _MOST_RAD:
+    if (most := float(np.abs(q[:, :5]).max())) > _MAX_RAD:
         raise RecordingError(f"joint angles reach {most:.1f}: radians are expected, these may be degrees")
     for name in ("target_current", "actual_current"):
-        if name in arrays and (most := float(np.abs(arrays[name]).max())) > _MOST_A:
+        if name in arrays and (most := float(np.abs(arrays[name]).max())) > _MAX_A:
             raise RecordingError(f"{name} reaches {most:.0f}: amperes are expected, these may be milliamperes")
     speeds = arrays.get("target_qd", arrays.get("actual_qd"))
     if speeds is None:

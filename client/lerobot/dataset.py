@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 VERSION: Final = "v3.0"
-USUAL_FPS: Final = 10
+DEFAULT_FPS: Final = 10
 """Default frames per second for recordings without images."""
 
 _WHAT: Final = "a dataset for LeRobot"
 _STATE, _ACTION, _PICTURES = "observation.state", "action", "observation.images."
 _IN_CHUNK: Final = 1000  # files; this and the next two as LeRobot has them
 _DATA_MB, _VIDEO_MB = 100, 200
-_PLACE: Final = "chunk-{chunk_index:03d}/file-{file_index:03d}"
-_DATA: Final = f"data/{_PLACE}.parquet"
-_EPISODES: Final = f"meta/episodes/{_PLACE}.parquet"
-_COUNTED: Final = ("frame_index", "episode_index", "index", "task_index")
+_FILE_NAME: Final = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+_DATA: Final = f"data/{_FILE_NAME}.parquet"
+_EPISODES: Final = f"meta/episodes/{_FILE_NAME}.parquet"
+_INDEX_COLUMNS: Final = ("frame_index", "episode_index", "index", "task_index")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def write_dataset(
     """Write a dataset folder from recordings; each recording becomes one episode.
 
     tasks: descriptions of the task, one for all recordings or one for each. fps: frames per second (default: the rate
-    of the images in the first recording, else `USUAL_FPS`). state, action: RTDE variables, elements of vectors
+    of the images in the first recording, else `DEFAULT_FPS`). state, action: RTDE variables, elements of vectors
     (``actual_q[0]``), or bits of words. The dataset includes all recorded cameras; every recording must have the same.
 
     The folder appears only when it is complete. Raises RecordingError, MissingExtraError.
@@ -121,7 +121,7 @@ def write_dataset(
 def _usual_fps(pictures: Mapping[str, RecordedPictures]) -> int:
     """The rate of the slowest camera."""
     rate_hz = usual_rate_hz(pictures)
-    return max(1, round(rate_hz)) if rate_hz else USUAL_FPS
+    return max(1, round(rate_hz)) if rate_hz else DEFAULT_FPS
 
 
 @contextmanager
@@ -283,7 +283,7 @@ class _Writer:
                 "names": ["height", "width", "channels"],
             }
         features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
-        features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in _COUNTED}
+        features |= {name: {"dtype": "int64", "shape": [1], "names": None} for name in _INDEX_COLUMNS}
         return {
             "codebase_version": VERSION,
             "robot_type": self._robot_type,

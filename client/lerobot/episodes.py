@@ -19,7 +19,7 @@ from client.recording import Recording
 from client.recording.recorded_pictures import RecordedPictures
 
 _NS: Final = 1e9
-_SAME_NS: Final = 1000  # times closer than this are equal: the robot's clock is a double
+_TOLERANCE_NS: Final = 1000  # times closer than this are equal: the robot's clock is a double
 _GAP_S: Final = 0.1  # longest time without a state, or else two usual periods (guess)
 _STALE_S: Final = 0.5  # longest time from a frame to the nearest image (guess)
 
@@ -65,13 +65,13 @@ def episode(
     seen, done = (part.of(recording) for part in numbers)
     begin = max([times[0], *(taken.times_ns[0] for taken in pictures.values())])
     end = min([times[-1], *(taken.times_ns[-1] for taken in pictures.values())])
-    count = int((end - begin + _SAME_NS) * fps // _NS) + 1 if end >= begin else 0
+    count = int((end - begin + _TOLERANCE_NS) * fps // _NS) + 1 if end >= begin else 0
     if count < 2:
         what = "its states and images overlap for too short a time" if pictures else "it is too short"
         raise RecordingError(f"{what} for a frame at {fps} frames per second")
     _check_rate(times, fps)
     moments = begin + np.round(np.arange(count) * (_NS / fps)).astype(np.int64)
-    rows = np.searchsorted(times, moments + _SAME_NS, side="right") - 1
+    rows = np.searchsorted(times, moments + _TOLERANCE_NS, side="right") - 1
     _check_gaps(times, moments, rows)
     frames = moments[:-1]
     chosen = {camera: _nearest(taken.times_ns, frames) for camera, taken in pictures.items()}

@@ -17,7 +17,7 @@ _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.9
 _SHADES: Final = 256
 _ROUNDED: Final = 1e-12
 # how many images of an episode are sampled, and which of their pixels: the same as in LeRobot
-_FEWEST, _MOST, _POWER = 100, 10_000, 0.75
+_MIN_SAMPLES, _MAX_SAMPLES, _POWER = 100, 10_000, 0.75
 _LARGE, _SMALL = 300, 150
 
 
@@ -39,7 +39,7 @@ def of_pictures(pictures: Sequence[bytes]) -> Statistics:
 
     Raises RecordingError for data that is not JPEG, and for images of different sizes.
     """
-    count = min(len(pictures), max(_FEWEST, min(int(len(pictures) ** _POWER), _MOST)))
+    count = min(len(pictures), max(_MIN_SAMPLES, min(int(len(pictures) ** _POWER), _MAX_SAMPLES)))
     places = np.round(np.linspace(0, len(pictures) - 1, count)).astype(int)
     shades, sizes = np.zeros((3, _SHADES)), set()
     for place in places.tolist():

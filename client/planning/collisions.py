@@ -18,7 +18,7 @@ from urproto.joints import JOINT_LABELS
 from urproto.vectors import ZERO3, Vector3
 
 _RESOLUTION_M: Final = 0.001
-_SHORTEST_M: Final = 1e-9
+_MIN_STEP_M: Final = 1e-9
 _NEAR_M: Final = 0.03  # nearer than this beyond the padding, a link is checked by its cylinders (guess)
 _Vector = npt.NDArray[np.float64]
 
@@ -104,7 +104,7 @@ class CollisionChecker:
         highest speed kept up for the whole path.
         """
         model, padding = self._current_model(), self.scene.padding_m
-        lengths = [np.maximum(layer.levers @ travel_rad, _SHORTEST_M).tolist() for layer in (model.coarse, model.fine)]
+        lengths = [np.maximum(layer.levers @ travel_rad, _MIN_STEP_M).tolist() for layer in (model.coarse, model.fine)]
         coarse_m, fine_m = lengths  # upper bounds of how far the bodies of each pair move towards each other
         finest = _RESOLUTION_M / max(coarse_m, default=_RESOLUTION_M)
         parts = [(0.0, 1.0, list(range(len(coarse_m))), list[int]())]

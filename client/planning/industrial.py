@@ -33,7 +33,7 @@ from urproto.vectors import ZERO6
 
 INDUSTRIAL: Final = ("PTP", "LIN", "CIRC")
 
-_APART_RAD: Final = 1e-9
+_DISTINCT_RAD: Final = 1e-9
 _BISECTIONS: Final = 30
 _SHRINKINGS: Final = 6  # attempts with a smaller radius when a blend leaves its sphere
 _SAMPLES: Final = 16  # of a blend, to check whether it stays in its sphere
@@ -121,7 +121,7 @@ class Segment:
 def ptp_segment(checker: CollisionChecker, start: Joints, goal: Goal) -> Segment:
     """PTP: all joints go straight to the goal and arrive together. Raises the same as `goal_configurations`."""
     end = goal_configurations(goal, start, checker)[0]
-    apart = max(abs(one - other) for one, other in zip(start, end, strict=True)) > _APART_RAD
+    apart = max(abs(one - other) for one, other in zip(start, end, strict=True)) > _DISTINCT_RAD
     path = RoundedPath([start, end]).with_columns(COLUMNS) if apart else None
     return Segment(path, (start, end), interpolator_for(checker, goal).pose)
 

@@ -27,9 +27,9 @@ STEP_M: Final = 0.02
 TURN_RAD_M: Final = 3.5
 """How rotation compares with distance, as in MoveIt's MaxEEFStep: 2 degrees count as 1 cm."""
 
-_OFF_M: Final = 2e-5  # guess: a tenth of the arms' repeatability; MoveIt 2 allows 1 mm (CartesianPrecision)
-_OFF_RAD: Final = 2e-4
-_FINEST: Final = 1e-5  # smallest step as a share of the line, as CartesianPrecision
+_TOLERANCE_M: Final = 2e-5  # guess: a tenth of the arms' repeatability; MoveIt 2 allows 1 mm (CartesianPrecision)
+_TOLERANCE_RAD: Final = 2e-4
+_MIN_STEP: Final = 1e-5  # smallest step as a share of the line, as CartesianPrecision
 _NUDGE: Final = 1e-5  # step of the finite difference of the Jacobian [rad]
 _GRIDPOINTS: Final = 4
 _RADIUS_TOLERANCE_M: Final = 0.01  # between the distances of start and goal from an arc's centre, as in Pilz' planner
@@ -191,7 +191,7 @@ class CartesianInterpolator:
             piece = None if end is None else hermite(begin, end, there - shares[-1])
             if piece is None or not self._is_accurate(tool_path, shares[-1], there, piece):
                 step *= 0.5
-                if step < _FINEST:
+                if step < _MIN_STEP:
                     break
                 continue
             assert after is not None
@@ -200,7 +200,7 @@ class CartesianInterpolator:
             shares.append(there)
             q, begin, step = after, end, min(coarsest, 2.0 * step)
         path = PiecewisePath(np.array(pieces), np.diff(shares).tolist(), _GRIDPOINTS) if pieces else None
-        reason = "" if shares[-1] >= 1.0 else self._reason(tool_path, min(1.0, shares[-1] + 2.0 * _FINEST), q)
+        reason = "" if shares[-1] >= 1.0 else self._reason(tool_path, min(1.0, shares[-1] + 2.0 * _MIN_STEP), q)
         return Interpolation(path, q, tuple(shares[1:]), reason)
 
     def _inverse(self, tool_path: ToolPath, share: float, q_near: Joints) -> Joints | None:
@@ -235,7 +235,7 @@ class CartesianInterpolator:
         q = (0.5 * (high - low)) ** np.arange(6) @ piece
         is_at, wanted = self.pose(q[:6].tolist()), tool_path.pose(0.5 * (low + high))
         off = float(np.linalg.norm(np.subtract(is_at[:3], wanted[:3])))
-        return off < _OFF_M and float(np.linalg.norm(_turn(is_at, wanted))) < _OFF_RAD
+        return off < _TOLERANCE_M and float(np.linalg.norm(_turn(is_at, wanted))) < _TOLERANCE_RAD
 
     def _reason(self, tool_path: ToolPath, share: float, q: Joints) -> str:
         """Why the arm cannot take the step to this share."""

@@ -23,8 +23,8 @@ PathFunction = Callable[[Array], tuple[Array, Array, Array]]
 Scalings = Callable[[Array], Array]
 """From places s (n,) to the shares of the velocity and acceleration limits that may be used there (n, 2)."""
 
-_TINY: Final = 1e-9
-_ALMOST: Final = 1.0 - 1e-9
+_EPSILON: Final = 1e-9
+_SAFETY_FACTOR: Final = 1.0 - 1e-9
 _MAX_ITERATIONS: Final = 12
 
 
@@ -114,7 +114,7 @@ def _velocity_profile(path: PathFunction, s: Array, limits: Limits, scalings: Ar
     """The largest ds/dt at each gridpoint."""
     _, first, second = path(s)
     with np.errstate(divide="ignore"):
-        largest = np.min((limits.velocity * scalings[:, :1] / np.maximum(abs(first), _TINY)) ** 2, axis=1)
+        largest = np.min((limits.velocity * scalings[:, :1] / np.maximum(abs(first), _EPSILON)) ** 2, axis=1)
     steps = np.diff(s)
     a, b, c = first, second, limits.acceleration * scalings[:, 1:]
     x = np.empty(len(s))
@@ -130,7 +130,7 @@ def _velocity_profile(path: PathFunction, s: Array, limits: Limits, scalings: Ar
 
 def _accelerations(a: Array, bx: Array, c: Array) -> tuple[float, float]:
     """The smallest and the largest u for which |a u + bx| <= c in all joints."""
-    moving = abs(a) > _TINY
+    moving = abs(a) > _EPSILON
     a, bx, c = a[moving], bx[moving], c[moving]
     one, other = (-c - bx) / a, (c - bx) / a
     return float(np.minimum(one, other).max(initial=-np.inf)), float(np.maximum(one, other).min(initial=np.inf))
@@ -142,7 +142,7 @@ def _controllable(a: Array, b: Array, c: Array, largest: float, after: float, st
     Each joint bounds u from below and above by lines in x; so do the two ends of the next interval. A valid u exists
     where the highest lower line is below the lowest upper one.
     """
-    moving = abs(a) > _TINY
+    moving = abs(a) > _EPSILON
     still = ~moving & (b != 0.0)
     if still.any():
         largest = min(largest, float(np.min(c[still] / abs(b[still]))))
@@ -153,14 +153,14 @@ def _controllable(a: Array, b: Array, c: Array, largest: float, after: float, st
     # low0 + low1 x <= high0 + high1 x for each pair
     rise, room = low1[:, None] - high1[None, :], high0[None, :] - low0[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        bounds = np.where(rise > _TINY, room / rise, np.inf)
-    return max(0.0, min(largest, float(bounds.min()))) * _ALMOST
+        bounds = np.where(rise > _EPSILON, room / rise, np.inf)
+    return max(0.0, min(largest, float(bounds.min()))) * _SAFETY_FACTOR
 
 
 def _times(s: Array, speed: Array) -> Array:
     """When each gridpoint is reached, with constant acceleration between gridpoints."""
     mean = 0.5 * (speed[1:] + speed[:-1])
-    return np.concatenate(((0.0,), np.cumsum(np.diff(s) / np.maximum(mean, _TINY))))
+    return np.concatenate(((0.0,), np.cumsum(np.diff(s) / np.maximum(mean, _EPSILON))))
 
 
 def _sampled(
@@ -184,7 +184,7 @@ def _sampled(
 def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, Array, Array]:
     """The integral of the place over time, the place, and the speed at these times; at rest before and after."""
     spans = np.diff(when)
-    acceleration = np.diff(speed) / np.maximum(spans, _TINY)
+    acceleration = np.diff(speed) / np.maximum(spans, _EPSILON)
     areas = s[:-1] * spans + 0.5 * speed[:-1] * spans**2 + acceleration * spans**3 / 6.0
     whole = np.concatenate(((0.0,), np.cumsum(areas)))
     inside = np.clip(times, 0.0, when[-1])

@@ -15,7 +15,7 @@ from urproto.robots.shapes import Capsule
 from urproto.robots.shapes import Cylinder as LinkCylinder
 from urproto.vectors import Vector3, add3, cross, dot, scaled3, sub3, unit
 
-_RIM: Final = 24  # corners of a polygon around a cylinder's end
+_RIM_CORNERS: Final = 24  # corners of a polygon around a cylinder's end
 
 
 def placed_capsule(part: Capsule) -> tuple[Any, Any]:
@@ -55,9 +55,9 @@ def _rims(part: LinkCylinder) -> Iterator[Vector3]:
     axis = unit(sub3(part.end, part.start), (0.0, 0.0, 1.0))
     across = unit(cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)), (1.0, 0.0, 0.0))
     upright = cross(axis, across)
-    radius = part.radius / cos(pi / _RIM)
-    for k in range(_RIM):
-        angle = 2.0 * pi * k / _RIM
+    radius = part.radius / cos(pi / _RIM_CORNERS)
+    for k in range(_RIM_CORNERS):
+        angle = 2.0 * pi * k / _RIM_CORNERS
         out = add3(scaled3(across, radius * cos(angle)), scaled3(upright, radius * sin(angle)))
         yield add3(part.start, out)
         yield add3(part.end, out)

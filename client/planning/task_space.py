@@ -32,7 +32,7 @@ _INNER: Final = 0.9  # share of the tolerances that is searched, which leaves ro
 _SHORTCUT_ATTEMPTS: Final = 12
 _ATTEMPTS: Final = 4
 _BLENDS: Final = 8  # attempts, each with half the radius
-_LARGEST_BLEND_M: Final = 0.1
+_MAX_BLEND_M: Final = 0.1
 _NUDGE: Final = 1e-5
 
 
@@ -186,7 +186,7 @@ class TaskSpaceSearch:
         done: list[PiecewisePath] = []
         last = segments[0].path
         for before, after in pairwise(segments):
-            radius = _LARGEST_BLEND_M
+            radius = _MAX_BLEND_M
             for _ in range(_BLENDS):
                 assert after.path is not None
                 try:

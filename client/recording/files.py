@@ -20,7 +20,7 @@ from client.recording.timestamps import Stamps
 from client.recording.topics import markers_message
 from client.rtde import unknown_fields
 from urproto.compat import Self
-from urproto.rtde.fields import LONGEST_S
+from urproto.rtde.fields import MAX_TIMESTAMP_S
 
 FORMATS: Final = (".mcap", ".csv", ".npz")
 _DEFAULT: Final = "default"
@@ -205,7 +205,7 @@ def remarks(info: Info) -> list[str]:
 def _with_times(path: Path, recording: Recording) -> Recording:
     """Leave out states without a valid time. Raises RecordingError if no others remain."""
     stamps = recording["timestamp"]
-    sound = np.isfinite(stamps) & (np.abs(stamps) < LONGEST_S)
+    sound = np.isfinite(stamps) & (np.abs(stamps) < MAX_TIMESTAMP_S)
     if bad := int(len(sound) - sound.sum()):
         if bad == len(sound):
             raise RecordingError(f"{path}: none of its {bad} states has a valid timestamp")

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 PLOTJUGGLER_PORT: Final = 9870  # default of its UDP server
 PLOTJUGGLER_WEBSOCKET_PORT: Final = 9871  # default of its WebSocket server
 FOXGLOVE_PORT: Final = 8765  # Foxglove's default
-_PATIENCE_S: Final = 5.0  # guess: a program on the same network answers within this
-_LARGEST_DATAGRAM: Final = 1400  # bytes: below Ethernet's MTU; PlotJuggler truncates at 2048
+_TIMEOUT_S: Final = 5.0  # guess: a program on the same network answers within this
+_MAX_DATAGRAM: Final = 1400  # bytes: below Ethernet's MTU; PlotJuggler truncates at 2048
 _DESCRIPTION_NS: Final = 1_000_000_000  # interval at which the URDF is repeated, for late subscribers
 
 
@@ -86,7 +86,7 @@ class PlotJugglerSocket:
         self._failures = (OSError, exceptions.WebSocketException)
         self._opened = ExitStack()  # closes the connection, which is a context manager
         # no proxy from the environment: PlotJuggler runs nearby
-        options: dict[str, Any] = {"proxy": None, "open_timeout": _PATIENCE_S, "close_timeout": _PATIENCE_S}
+        options: dict[str, Any] = {"proxy": None, "open_timeout": _TIMEOUT_S, "close_timeout": _TIMEOUT_S}
         try:
             self._socket = self._opened.enter_context(client.connect(self._address, **options))
         except self._failures as error:
@@ -115,7 +115,7 @@ def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
     head, *parts = _parts(values, time_ns)
     packed, size = [head], len(head) + 1
     for part in parts:
-        if size + 1 + len(part) > _LARGEST_DATAGRAM and len(packed) > 1:
+        if size + 1 + len(part) > _MAX_DATAGRAM and len(packed) > 1:
             yield f"{{{','.join(packed)}}}".encode()
             packed, size = [head], len(head) + 1
         packed.append(part)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _WHAT: Final = "an MCAP file"
 _CHUNK: Final = 1 << 18  # bytes; a chunk also ends after FLUSH_S, which limits the loss in a crash
-_MOST_IN_CHUNK: Final = 1 << 30  # bytes, uncompressed; guess: a larger size means damage
+_MAX_CHUNK_BYTES: Final = 1 << 30  # bytes, uncompressed; guess: a larger size means damage
 _METADATA: Final = "ur-client"
 _JOINT_STATES: Final = "/joint_states"
 _CONTROLLER_STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
@@ -166,7 +166,7 @@ def records_of(file: BinaryIO, damage: Damage) -> Iterator[object]:
             yield record
             continue
         try:
-            if record.uncompressed_size > _MOST_IN_CHUNK:
+            if record.uncompressed_size > _MAX_CHUNK_BYTES:
                 raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
             inside = breakup_chunk(record, validate_crc=True)
         except Exception as error:  # as above

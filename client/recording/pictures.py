@@ -31,7 +31,7 @@ JPEG, DEPTH = "rgb.jpg", "depth.npy"
 """The forms of images that are recorded."""
 
 _FRAMES: Final = "tf2_msgs/msg/TFMessage"
-_AGAIN_NS: Final = 1_000_000_000  # guess: unchanged messages are repeated once a second, for late subscribers
+_REPEAT_NS: Final = 1_000_000_000  # guess: unchanged messages are repeated once a second, for late subscribers
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Pictures:
 
     def _frames(self, shot: Shot, time_ns: int) -> Iterator[tuple[PictureTopic, bytes]]:
         name = shot.camera.name
-        if not 0 <= time_ns - self._sent_ns.get(name, -_AGAIN_NS) < _AGAIN_NS:
+        if not 0 <= time_ns - self._sent_ns.get(name, -_REPEAT_NS) < _REPEAT_NS:
             self._sent_ns[name] = time_ns
             yield _message("/tf_static", _FRAMES, _transforms(fixed_frames(shot.camera), time_ns))
         if moving := moving_frames(shot):

@@ -47,7 +47,7 @@ _STYLE: Final[Any] = {
 _DESIRED: Final[dict[str, Any]] = {"linewidth": 3.2, "alpha": 0.35, "solid_capstyle": "butt"}
 _ACTUAL: Final[dict[str, Any]] = {"linewidth": 0.9}
 _STOPPED: Final = "#b40000"
-_GOES_ON: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
+_SAFE_MODES: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +194,7 @@ def _stops(recording: Recording) -> Iterator[tuple[float, float, str]]:
     modes, time_s = recording["safety_mode"], recording.time_s
     edges = np.flatnonzero(np.diff(modes)) + 1
     for begin, end in zip([0, *edges], [*edges, len(modes) - 1], strict=True):
-        if (mode := int(modes[begin])) not in _GOES_ON:
+        if (mode := int(modes[begin])) not in _SAFE_MODES:
             yield float(time_s[begin]), float(time_s[end]), _mode_name(mode)
 
 

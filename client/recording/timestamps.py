@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from urproto.rtde.fields import LONGEST_S
+from urproto.rtde.fields import MAX_TIMESTAMP_S
 
 _NS = 1_000_000_000
 _BOOT_S = 1.0  # guess: a reboot sets the robot's clock back further than this
@@ -27,7 +27,7 @@ class Stamps:
 
     def of(self, timestamp_s: float) -> int | None:
         """Nanoseconds since 1970 of a state, from its RTDE variable ``timestamp``; None if that is not a valid time."""
-        if not (math.isfinite(timestamp_s) and abs(timestamp_s) < LONGEST_S):
+        if not (math.isfinite(timestamp_s) and abs(timestamp_s) < MAX_TIMESTAMP_S):
             return None
         if self._anchor is None or not -_BOOT_S <= timestamp_s - self._last_s <= JUMP_S:
             self._anchor = (timestamp_s, self._now_ns())

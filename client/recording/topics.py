@@ -14,7 +14,7 @@ from urproto.modes import RuntimeState
 from urproto.robots.pose import rotvec_to_quaternion, wrench_trans
 
 RTDE_TOPIC: Final = "/rtde"
-_AGAIN_NS: Final = 1_000_000_000  # guess: unchanged messages are repeated once a second, for late subscribers
+_REPEAT_NS: Final = 1_000_000_000  # guess: unchanged messages are repeated once a second, for late subscribers
 _TCP_FRAME: Final = "tool0_controller"  # the ROS 2 driver's name for the TCP as the controller has it
 
 Values = Mapping[str, Any]
@@ -84,7 +84,7 @@ class Topics:
 
     def __init__(self, names: Collection[str]) -> None:
         everything = Topic(RTDE_TOPIC, rtde_type(names), frozenset(names), _same)
-        self.topics = (everything, *(topic for topic in _USUAL if topic.needs <= set(names)))
+        self.topics = (everything, *(topic for topic in _TOPICS if topic.needs <= set(names)))
         self._published: dict[str, tuple[int, Values]] = {}
 
     def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
@@ -106,7 +106,7 @@ class Topics:
 
     def _is_due(self, name: str, message: Values, time_ns: int) -> bool:
         published_ns, published = self._published.get(name, (0, {}))
-        if published == message and 0 <= time_ns - published_ns < _AGAIN_NS:
+        if published == message and 0 <= time_ns - published_ns < _REPEAT_NS:
             return False
         self._published[name] = (time_ns, message)
         return True
@@ -221,7 +221,7 @@ def _topic(name: str, kind: str, needs: str, message: Callable[[Values], Values]
 
 _RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
 _IO: Final = "/io_and_status_controller"
-_USUAL: Final = (
+_TOPICS: Final = (
     _topic("/joint_states", "sensor_msgs/msg/JointState", "actual_q", _joint_states),
     _topic(
         "/robot/controller_state",

@@ -12,8 +12,8 @@ from urproto.joints import JOINT_NAMES
 
 Array = NDArray[np.float64]
 
-_BEHIND_S: Final = 1.0  # guess: an arm that follows lags by less than this, normally by 0.05 s
-_AHEAD_S: Final = 0.1  # guess: the desired and the actual state may be a few periods apart
+_MAX_LAG_S: Final = 1.0  # guess: an arm that follows lags by less than this, normally by 0.05 s
+_MAX_LEAD_S: Final = 0.1  # guess: the desired and the actual state may be a few periods apart
 _GAP_S: Final = 0.5  # guess: after this long without a state, the path in between is unknown
 _OLD: Final = {"reference": "desired", "feedback": "actual"}  # names of ROS 2 before Humble
 _COLUMNS: Final = (("reference", "positions"), ("feedback", "positions"), ("feedback", "velocities"))
@@ -60,7 +60,7 @@ class Tracking:
         segments = np.diff(starts, axis=0, append=starts[-1:])
         segments[place[:-1][steps > _GAP_S]] = 0.0
         nearest: Array = np.linalg.norm(self.actual_q - self.desired_q, axis=1)
-        for offset in range(-round(_BEHIND_S * rate_hz), round(_AHEAD_S * rate_hz) + 1):
+        for offset in range(-round(_MAX_LAG_S * rate_hz), round(_MAX_LEAD_S * rate_hz) + 1):
             index = np.clip(place + offset, 0, len(segments) - 1)
             np.fmin(nearest, _distance(self.actual_q, starts[index], segments[index]), out=nearest)
         return nearest

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 from client.calibration import geometry_of
 from client.driver import URDriver, points
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION
-from client.driver.endpoint import LONGEST_REAL_TIME_S, StreamStatistics
+from client.driver.endpoint import MAX_REAL_TIME_S, StreamStatistics
 from client.robot.contact import Contact, Force
 from client.robot.diagnosis import Diagnosis
 from client.robot.io import IO
@@ -281,7 +281,7 @@ class AsyncRobot:
         """
 
         def send(_: RobotState) -> None:
-            self.driver.speedj(qd_rad_s, LONGEST_REAL_TIME_S)
+            self.driver.speedj(qd_rad_s, MAX_REAL_TIME_S)
 
         await self._moves.send_speeds("speed_j", send, duration_s, acceleration_rad_s2, wait)
 
@@ -296,7 +296,7 @@ class AsyncRobot:
         """Move the TCP at a velocity in the base frame (6,) [m/s, rad/s] for ``duration_s``, then come to rest."""
 
         def send(_: RobotState) -> None:
-            self.driver.speedl(velocity_base, LONGEST_REAL_TIME_S)
+            self.driver.speedl(velocity_base, MAX_REAL_TIME_S)
 
         await self._moves.send_speeds("speed_l", send, duration_s, acceleration_m_s2, wait)
 
@@ -320,7 +320,7 @@ class AsyncRobot:
             rotation: Pose = (0.0, 0.0, 0.0, x, y, z)
             linear = pose_trans(rotation, (*values[:3], 0.0, 0.0, 0.0))[:3]
             angular = pose_trans(rotation, (*values[3:], 0.0, 0.0, 0.0))[:3]
-            self.driver.speedl((*linear, *angular), LONGEST_REAL_TIME_S)
+            self.driver.speedl((*linear, *angular), MAX_REAL_TIME_S)
 
         await self._moves.send_speeds("jog", send, math.inf, acceleration_m_s2, False)
 
@@ -380,7 +380,7 @@ class AsyncRobot:
     @asynccontextmanager
     async def servo_j(
         self,
-        timeout_s: float = LONGEST_REAL_TIME_S,
+        timeout_s: float = MAX_REAL_TIME_S,
         *,
         lookahead_s: float | None = None,
         gain: float | None = None,
@@ -403,7 +403,7 @@ class AsyncRobot:
     @asynccontextmanager
     async def servo_pose(
         self,
-        timeout_s: float = LONGEST_REAL_TIME_S,
+        timeout_s: float = MAX_REAL_TIME_S,
         *,
         lookahead_s: float | None = None,
         gain: float | None = None,
@@ -415,7 +415,7 @@ class AsyncRobot:
 
     @asynccontextmanager
     async def velocity_j(
-        self, timeout_s: float = LONGEST_REAL_TIME_S, *, acceleration_rad_s2: float = SPEED_ACCELERATION
+        self, timeout_s: float = MAX_REAL_TIME_S, *, acceleration_rad_s2: float = SPEED_ACCELERATION
     ) -> AsyncIterator[Follow]:
         """Like `servo_j`, with joint speeds (6,) [rad/s].
 
@@ -427,7 +427,7 @@ class AsyncRobot:
 
     @asynccontextmanager
     async def velocity_l(
-        self, timeout_s: float = LONGEST_REAL_TIME_S, *, acceleration_m_s2: float = SPEED_ACCELERATION
+        self, timeout_s: float = MAX_REAL_TIME_S, *, acceleration_m_s2: float = SPEED_ACCELERATION
     ) -> AsyncIterator[Follow]:
         """Like `velocity_j`, with TCP velocities in the base frame (6,) [m/s, rad/s]."""
         tuning = {"acceleration": acceleration_m_s2}
@@ -435,7 +435,7 @@ class AsyncRobot:
             yield follow
 
     @asynccontextmanager
-    async def direct_torque(self, timeout_s: float = LONGEST_REAL_TIME_S) -> AsyncIterator[Follow]:
+    async def direct_torque(self, timeout_s: float = MAX_REAL_TIME_S) -> AsyncIterator[Follow]:
         """Like `servo_j`, with joint torques (6,) [Nm] in addition to gravity compensation; PolyScope 5.23 or newer.
 
         `URDriver.set_friction_scales` (5.25.1) and `set_friction_compensation` set how much friction the robot

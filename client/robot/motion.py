@@ -16,7 +16,7 @@ from urproto.external_control import ControlMode
 
 _REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
 _SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
-_USUAL: Final[Mapping[str, float | None]] = {
+_DEFAULTS: Final[Mapping[str, float | None]] = {
     "acceleration": SPEED_ACCELERATION,
     "deceleration_rad_s2": DECELERATION,
 }
@@ -43,7 +43,7 @@ class MotionRunner:
         self._has_context = False
         self._awaited: asyncio.Task[None] | None = None  # the last motion with a waiting caller; it cannot be replaced
         self._replaced: WeakKeyDictionary[asyncio.Task[None], str] = WeakKeyDictionary()
-        self._tuned: Mapping[str, float | None] = _USUAL  # how setpoints are followed
+        self._tuned: Mapping[str, float | None] = _DEFAULTS  # how setpoints are followed
         self.driver.on_program_state(self._program_changed)
 
     @property
@@ -136,7 +136,7 @@ class MotionRunner:
 
     async def tune(self, doing: str, **parameters: float | None) -> None:
         """Set how setpoints are followed; parameters are those of `URDriver.set_stream_parameters`."""
-        parameters = {name: value for name, value in ({**_USUAL, **parameters}).items() if value is not None}
+        parameters = {name: value for name, value in ({**_DEFAULTS, **parameters}).items() if value is not None}
         if parameters == self._tuned:
             return
         self.driver.set_stream_parameters(**parameters)  # type: ignore[arg-type] # names of floats
@@ -236,7 +236,7 @@ class MotionRunner:
 
     def _program_changed(self, connected: bool) -> None:
         if connected:
-            self._tuned = _USUAL  # a newly started program has the defaults
+            self._tuned = _DEFAULTS  # a newly started program has the defaults
 
 
 def _failed(motion: "asyncio.Task[None]") -> bool:

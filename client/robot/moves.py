@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from client.driver.endpoint import LONGEST_REAL_TIME_S
+from client.driver.endpoint import MAX_REAL_TIME_S
 from client.errors import MotionError, MotionStoppedError
 from client.robot.motion import MotionRunner
 from client.robot.reach import reach_of
@@ -132,7 +132,7 @@ class Moves:
             while not result.done():
                 if self._motion.state.timestamp_s >= until:
                     raise MotionError(doing, f"the tool touched nothing within {timeout_s:g} s")
-                self._driver.speedl(velocity, LONGEST_REAL_TIME_S)
+                self._driver.speedl(velocity, MAX_REAL_TIME_S)
                 await self._diagnosis.next_state(doing)
             result.result()
         finally:

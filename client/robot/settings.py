@@ -13,7 +13,7 @@ from urproto.modes import RobotMode, SafetyMode
 from urproto.signals import digital_signal
 
 _EFFECT_S: Final = 2.0  # guess: ten times the slowest, which is visible through the primary interface only
-_SAME_M: Final = 1e-5  # m or rad
+_TOLERANCE: Final = 1e-5  # m or rad
 
 
 class Settings:
@@ -86,4 +86,4 @@ class Settings:
         state = self._driver.robot.primary_state
         if state is None or state.cartesian is None:
             return False
-        return all(abs(a - b) < _SAME_M for a, b in zip(state.cartesian.tcp_offset, pose_flange_tcp, strict=True))
+        return all(abs(a - b) < _TOLERANCE for a, b in zip(state.cartesian.tcp_offset, pose_flange_tcp, strict=True))

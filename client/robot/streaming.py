@@ -14,8 +14,8 @@ from client.robot.state import RobotState
 
 _logger = logging.getLogger(__name__)
 
-_AS_IT_IS: Final[Mapping[str, float | None]] = {}
-_MANY: Final = 0.01  # guess: share of control periods without a setpoint above which a warning is logged
+_UNCHANGED: Final[Mapping[str, float | None]] = {}
+_LATE_SHARE: Final = 0.01  # guess: share of control periods without a setpoint above which a warning is logged
 
 
 class Follow:
@@ -75,7 +75,7 @@ async def setpoint_stream(
     motion: MotionRunner,
     doing: str,
     send: Callable[[Sequence[float]], None],
-    tuning: Mapping[str, float | None] = _AS_IT_IS,
+    tuning: Mapping[str, float | None] = _UNCHANGED,
 ) -> AsyncIterator[Follow]:
     """Reserve the arm for setpoints sent through ``send``; logs statistics of the stream at its end."""
     async with motion.holding(doing):
@@ -85,5 +85,5 @@ async def setpoint_stream(
         if why := motion.driver.reverse.take_late():
             raise LateSetpointError(doing, why)
         stream = motion.driver.reverse.stream
-        level = logging.WARNING if stream.skipped > _MANY * stream.sent else logging.INFO
+        level = logging.WARNING if stream.skipped > _LATE_SHARE * stream.sent else logging.INFO
         _logger.log(level, "%s: %s", doing, stream)

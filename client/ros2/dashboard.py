@@ -32,9 +32,9 @@ NAME: Final = "dashboard_client"
 _RECEIVE_TIMEOUT_S: Final = 20.0  # default of the parameter
 _EFFECT_S: Final = 30.0  # time limit for an effect
 _POWER_ON_S: Final = 300.0  # the same for power_on, whose command is repeated
-_POWER_ON_AGAIN_S: Final = 1.0  # interval at which it is repeated
+_POWER_ON_RETRY_S: Final = 1.0  # interval at which it is repeated
 _POLL_S: Final = 0.1
-_LARGEST: Final = 2**64 - 1  # uint64
+_MAX_UINT64: Final = 2**64 - 1  # uint64
 _POLYSCOPE_X: Final = "it is for robots with PolyScope X: on this one, use load_program"
 
 
@@ -118,7 +118,7 @@ def _second(answer: Any) -> Any:
 
 
 _OFF: Final = _mode(RobotMode.POWER_OFF)
-_ON: Final = _mode(RobotMode.IDLE, RobotMode.RUNNING, within_s=_POWER_ON_S, again_s=_POWER_ON_AGAIN_S)
+_ON: Final = _mode(RobotMode.IDLE, RobotMode.RUNNING, within_s=_POWER_ON_S, again_s=_POWER_ON_RETRY_S)
 _RUNNING: Final = _mode(RobotMode.RUNNING)
 
 _PROGRAM_STATE: Final = replace(  # with the name that the robot gives no program
@@ -182,7 +182,7 @@ SERVICES: Final = (
     _query("get_robot_model", "GetRobotModel", dashboard.ROBOT_MODEL, robot_model=_itself),
     _query(
         "get_serial_number", "GetSerialNumber", dashboard.SERIAL_NUMBER,
-        serial_number=lambda number: min(int(number), _LARGEST),
+        serial_number=lambda number: min(int(number), _MAX_UINT64),
     ),
     _query(
         "get_polyscope_version", "GetPolyScopeVersion", dashboard.POLYSCOPE_VERSION,

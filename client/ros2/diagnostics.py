@@ -17,13 +17,13 @@ from client.controllers.controller import LifecycleState
 from client.controllers.running import RunningManager
 from client.ros2.host import NodeHost
 
-_EVERY_S: Final = 1.0  # diagnostic_updater
+_PERIOD_S: Final = 1.0  # diagnostic_updater
 _WARN_HZ: Final = (
     5.0  # defaults of diagnostics.threshold.controller_manager.periodicity: mean_error, standard_deviation
 )
 _ERROR_HZ: Final = 10.0
 _HARDWARE_ID: Final = "ros2_control"
-_MOST: Final = 10_000  # cycles between two messages; guess: a message is never later than this
+_MAX_CYCLES: Final = 10_000  # cycles between two messages; guess: a message is never later than this
 
 Values = Sequence[tuple[str, str]]
 
@@ -35,11 +35,13 @@ class Diagnostics:
         self._host = host
         self._node = node
         self._running = running
-        self._times_s: deque[float] = deque(maxlen=_MOST)  # of cycles since the last message, by the robot's clock
+        self._times_s: deque[float] = deque(
+            maxlen=_MAX_CYCLES
+        )  # of cycles since the last message, by the robot's clock
         manager = running.manager
         manager.on_cycle.append(lambda: self._times_s.append(manager.time_s))
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
-        node.create_timer(_EVERY_S, self._publish)
+        node.create_timer(_PERIOD_S, self._publish)
 
     def _publish(self) -> None:
         message = DiagnosticArray(status=self._host.do(self._statuses))

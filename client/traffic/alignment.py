@@ -17,14 +17,14 @@ Numbers = NDArray[np.float64]
 
 # The smoothest fields, which depend least on the arm, come first.
 _PREFERRED: Final = ("target_q", "actual_q", "actual_TCP_pose", "target_TCP_pose", "joints")
-_MOST_COLUMNS: Final = 12
-_MOST_SAMPLES: Final = 1 << 17
-_MOVED: Final = 1e-3  # smallest change of a column that counts as motion; mostly rad (guess)
+_MAX_COLUMNS: Final = 12
+_MAX_SAMPLES: Final = 1 << 17
+_MIN_CHANGE: Final = 1e-3  # smallest change of a column that counts as motion; mostly rad (guess)
 _EXACT: Final = "target_"  # prefix of fields without sensor noise
 _STILL: Final = 1e-6  # the same for those
 _PROGRAM: Final = ("runtime_state",)
 _FINER: Final = 40  # steps per sample in the final search
-_LEAST_OVERLAP: Final = 0.5  # of the shorter recording
+_MIN_OVERLAP: Final = 0.5  # of the shorter recording
 _EQUALLY_GOOD: Final = 1e-9  # of mean squares of columns that have variance 1
 
 
@@ -62,7 +62,7 @@ def find_offset(first: Track, second: Track) -> Offset:
 def _first_change(track: Track, names: list[str]) -> float | None:
     """Time at which the first of these columns leaves its initial value; None if none does."""
     times = numbers(track.times_s)
-    changes = [np.flatnonzero(np.abs(values - values[0]) > (_STILL if name.startswith(_EXACT) else _MOVED))
+    changes = [np.flatnonzero(np.abs(values - values[0]) > (_STILL if name.startswith(_EXACT) else _MIN_CHANGE))
                for name in names for values in [numbers(track.columns[name])]]  # fmt: skip
     return min((float(times[change[0]]) for change in changes if len(change)), default=None)
 
@@ -77,7 +77,7 @@ def _agreement_s(first: Track, second: Track, columns: list[str], offset_s: floa
     apart = np.zeros(len(common), dtype=bool)
     for name in columns:
         other = np.interp(common + offset_s, other_times, numbers(second.columns[name]))
-        apart |= np.abs(numbers(first.columns[name])[inside] - other) > _MOVED
+        apart |= np.abs(numbers(first.columns[name])[inside] - other) > _MIN_CHANGE
     ends = int(np.argmax(apart)) if apart.any() else len(common) - 1
     return float(common[ends] - common[0])
 
@@ -86,20 +86,20 @@ def _informative_columns(first: Track, second: Track) -> list[str]:
     moving = [name for name in first.columns if name in second.columns and _moves(first, name) and _moves(second, name)]
     for base in _PREFERRED:
         if preferred := [name for name in moving if base_name(name).split(".")[0] == base]:
-            return preferred[:_MOST_COLUMNS]
-    return moving[:_MOST_COLUMNS]
+            return preferred[:_MAX_COLUMNS]
+    return moving[:_MAX_COLUMNS]
 
 
 def _moves(track: Track, name: str) -> bool:
     column = numbers(track.columns[name])
-    return bool(np.isfinite(column).all() and np.ptp(column) > _MOVED)
+    return bool(np.isfinite(column).all() and np.ptp(column) > _MIN_CHANGE)
 
 
 def _step(first: Track, second: Track) -> float:
     """Step of the grid on which both are compared [s]."""
     periods = [float(np.median(np.diff(numbers(track.times_s)))) for track in (first, second)]
     longest = max(track.times_s[-1] - track.times_s[0] for track in (first, second))
-    return max(*periods, longest / _MOST_SAMPLES)
+    return max(*periods, longest / _MAX_SAMPLES)
 
 
 def _most_similar(first: Track, second: Track, columns: list[str], step_s: float) -> float:
@@ -123,7 +123,7 @@ def _best_lag(a: list[Numbers], b: list[Numbers]) -> int:
     for one, other in zip(a, b, strict=True):
         middle, scale = float(other.mean()), float(other.std()) or 1.0
         squares += _squares((one - middle) / scale, (other - middle) / scale, lags)
-    cost = np.where(overlap >= _LEAST_OVERLAP * min(sizes), squares / np.maximum(overlap, 1), np.inf)
+    cost = np.where(overlap >= _MIN_OVERLAP * min(sizes), squares / np.maximum(overlap, 1), np.inf)
     good = np.flatnonzero(cost <= cost.min() + _EQUALLY_GOOD)
     return int(lags[good[np.argmax(overlap[good])]])
 

@@ -11,7 +11,7 @@ from urproto import dashboard
 from urproto.errors import RemoteProtocolError
 from urproto.text import from_bytes, readable
 
-_LONGEST_LINE: Final = 1 << 20  # bytes of a request without an end
+_MAX_REQUEST: Final = 1 << 20  # bytes of a request without an end
 
 CutRequests = Callable[[bytearray], Iterator[bytes]]
 
@@ -85,8 +85,8 @@ def cut_lines(buffer: bytearray) -> Iterator[bytes]:
     while (end := buffer.find(b"\n") + 1) > 0:
         yield bytes(buffer[:end])
         del buffer[:end]
-    if len(buffer) > _LONGEST_LINE:
-        raise RemoteProtocolError(f"a line of more than {_LONGEST_LINE} bytes")
+    if len(buffer) > _MAX_REQUEST:
+        raise RemoteProtocolError(f"a line of more than {_MAX_REQUEST} bytes")
 
 
 def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[bytes, Requests]:

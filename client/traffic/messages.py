@@ -13,8 +13,8 @@ from client.traffic.recording import Conversation, Recording
 _STATES = re.compile(r"(state:|state of |data \d+: |data: |input \d+: )")  # compared as tracks, or not at all
 _TIMES = re.compile(r"\btimestamp_us=\S+ ?")
 _ANSWERING: Final = ("dashboard", "rtde", "interpreter", "modbus", "gripper")  # each answer belongs to its request
-_MOST_COMPARED: Final = 4000  # messages of a connection: the comparison's time grows with their square
-_LONGEST: Final = 400  # characters of a message
+_MAX_COMPARED: Final = 4000  # messages of a connection: the comparison's time grows with their square
+_MAX_CHARACTERS: Final = 400  # characters of a message
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +67,8 @@ def _compare(name: str, first: Conversation, second: Conversation) -> Iterator[T
 
 
 def _talk(name: str, first: list[str], second: list[str]) -> Talk:
-    cut = max(len(first), len(second)) > _MOST_COMPARED
-    mine, other = first[:_MOST_COMPARED], second[:_MOST_COMPARED]
+    cut = max(len(first), len(second)) > _MAX_COMPARED
+    mine, other = first[:_MAX_COMPARED], second[:_MAX_COMPARED]
     return Talk(name, (len(first), len(second)), tuple(_partings(mine, other)), cut)
 
 
@@ -90,7 +90,7 @@ def messages_of(conversation: Conversation) -> list[str]:
         stream = streams[piece.from_server]
         lines = stream.feed(piece.data) if piece.data else stream.end()
         mark = "< " if piece.from_server else "> "
-        found += [mark + _TIMES.sub("", line.text)[:_LONGEST] for line in lines if not _STATES.match(line.text)]
+        found += [mark + _TIMES.sub("", line.text)[:_MAX_CHARACTERS] for line in lines if not _STATES.match(line.text)]
     return found
 
 

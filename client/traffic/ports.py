@@ -10,14 +10,14 @@ from client.decoding.codecs import Side, codec_of_port
 from urproto.errors import LocalProtocolError, RobotRefused, URError
 from urproto.ports import CONTROLLER_PORTS
 
-_PATIENCE_S = 2.0
+_TIMEOUT_S = 2.0
 _UNKNOWN = "unknown"
 
 
 async def ask_identity(host: str, port_offset: int = 0) -> list[str]:
     """Ask the dashboard for model and version. This changes nothing on the robot and leaves out its serial number."""
     try:
-        async with DashboardClient(host, PORT + port_offset, _PATIENCE_S) as dashboard:
+        async with DashboardClient(host, PORT + port_offset, _TIMEOUT_S) as dashboard:
             version = await _ask(dashboard, POLYSCOPE_VERSION)
             model = await _ask(dashboard, ROBOT_MODEL)
     except URError:

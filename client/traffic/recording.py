@@ -18,7 +18,7 @@ from urproto.compat import Self
 from urproto.errors import RemoteProtocolError
 
 FLUSH_S: Final = 0.25  # interval at which to call ``flush`` [s]
-_KEPT_BYTES: Final = 1 << 18  # a larger buffer is written immediately
+_BUFFER_BYTES: Final = 1 << 18  # a larger buffer is written immediately
 _APPLICATION: Final = "ur-client proxy"
 
 
@@ -86,7 +86,7 @@ class Recorder:
         now_ns = self._now_ns()
         for frame in frames:
             self._kept += packet_block(now_ns, frame)
-        if len(self._kept) > _KEPT_BYTES:
+        if len(self._kept) > _BUFFER_BYTES:
             self.flush()
 
     def _fail(self, error: OSError) -> None:

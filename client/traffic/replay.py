@@ -47,7 +47,7 @@ Recorded = TypeVar("Recorded")
 _VERSION: Final = "PolyScope: "
 _FRAMINGS: Final[dict[int, Framing]] = {30001: PRIMARY, 30002: PRIMARY, 30011: PRIMARY, 30012: PRIMARY,
                                         30003: REALTIME, 30013: REALTIME}  # fmt: skip
-_MOST_AT_ONCE_S: Final = 1.0  # longest sleep until the clock is checked again
+_MAX_SLEEP_S: Final = 1.0  # longest sleep until the clock is checked again
 
 
 class ReplayRobot:
@@ -202,7 +202,7 @@ class _Connection(asyncio.Protocol):
             self.played = True
             self._transport.close()
         elif (next_s := self._player.next_s) is not None:
-            self._timer = self._loop.call_at(min(next_s, now_s + _MOST_AT_ONCE_S), self._go_on)
+            self._timer = self._loop.call_at(min(next_s, now_s + _MAX_SLEEP_S), self._go_on)
 
     def _cancel(self) -> None:
         if self._timer is not None:

@@ -18,7 +18,7 @@ from urproto.rtde.recipes import type_names
 from urproto.rtde.types import NOT_FOUND, FieldType
 from urproto.versions import PolyscopeVersion
 
-_PATIENCE_S: Final = 0.5  # longest wait for the inputs before a state (guess)
+_INPUT_TIMEOUT_S: Final = 0.5  # longest wait for the inputs before a state (guess)
 _TYPES: Final = {kind.wire_name: kind for kind in FieldType}
 
 
@@ -248,7 +248,7 @@ class _Stream:
             self._resume(now_s, row)
             return False
         if self._patience_until_s is None:
-            self._patience_until_s = now_s + _PATIENCE_S
+            self._patience_until_s = now_s + _INPUT_TIMEOUT_S
         if now_s < self._patience_until_s:
             return True
         self._waits = False

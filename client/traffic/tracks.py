@@ -22,7 +22,7 @@ _REALTIME_PORTS = (30003, 30013)
 _RTDE_PORTS = (30004,)
 _CSV_VECTOR = re.compile(r"(?P<name>.+)_(?P<index>\d+)")
 _INDEX = re.compile(r"\[\d+\]")
-_TRUTHS = {"True": "1", "False": "0"}
+_BOOLEANS = {"True": "1", "False": "0"}
 
 
 @dataclass(slots=True)
@@ -181,6 +181,6 @@ def _column(name: str) -> str:
 
 def _number(text: str | None) -> float | None:
     try:
-        return float(_TRUTHS.get(text or "", text or ""))
+        return float(_BOOLEANS.get(text or "", text or ""))
     except ValueError:
         return None

@@ -42,7 +42,7 @@ _VECTORS: Final[Mapping[str, tuple[str, str]]] = {  # units of six numbers: the 
     "m/s2 rad/s2": ("m/s2", "rad/s2"),
     "N Nm": ("N", "Nm"),
 }
-_EITHER: Final[Mapping[str, str]] = {"A or V": "V"}
+_UNIT_ALIASES: Final[Mapping[str, str]] = {"A or V": "V"}
 _ELEMENT = re.compile(r"\[(\d+)\]$")
 # of the primary interface, by the last part of the name
 _PRIMARY: Final[Mapping[str, str]] = {
@@ -86,7 +86,7 @@ def unit_of(column: str) -> str:
     unit = OUTPUT_FIELDS[base].unit if base in OUTPUT_FIELDS else _PRIMARY.get(base.rpartition(".")[2], "")
     if unit in _VECTORS and (element := _ELEMENT.search(column)):
         return _VECTORS[unit][int(element[1]) >= 3]
-    return _EITHER.get(unit, unit)
+    return _UNIT_ALIASES.get(unit, unit)
 
 
 # Periods of the slower track by which a change may be shifted, for smooth and for switching columns (guesses).

@@ -39,7 +39,7 @@ from emulator.servers.http import (
     is_local,
 )
 from emulator.servers.port import PortServer, ServedController
-from urproto.robotapi import BASE, MOST_UPLOAD, OPENAPI, URCAPS
+from urproto.robotapi import BASE, MAX_UPLOAD, OPENAPI, URCAPS
 
 _FORM: Final = "multipart/form-data"
 _FILE: Final = "file"
@@ -84,7 +84,7 @@ class RobotApiCall(Command):
 
 class _RobotApiConnection(HttpConnection):
     server: RobotApiServer
-    max_body = MOST_UPLOAD
+    max_body = MAX_UPLOAD
 
     def __init__(self, server: RobotApiServer) -> None:
         super().__init__(server)

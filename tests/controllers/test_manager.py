@@ -190,7 +190,7 @@ async def test_two_states_that_come_together_are_one_cycle_with_the_later_one():
     loop._manager = SimpleNamespace(cycle=lambda state, time_s, period_s: cycles.append((time_s, period_s)) or True)
     for timestamps in ((1.0,), (1.002, 1.004), (1.006,)):
         for timestamp in timestamps:
-            loop._take({"timestamp": timestamp})
+            loop._on_state({"timestamp": timestamp})
         await asyncio.sleep(0)
     assert cycles == [(1.0, 0.0), (1.004, pytest.approx(0.004)), (1.006, pytest.approx(0.002))]
 
@@ -205,7 +205,7 @@ async def test_after_a_state_without_a_time_the_period_is_counted_from_the_last_
     loop = ControlLoop(SimpleNamespace())  # type: ignore[arg-type]
     loop._manager = SimpleNamespace(cycle=cycle)
     for timestamp in (1.0, float("nan"), 1.004):
-        loop._take({"timestamp": timestamp})
+        loop._on_state({"timestamp": timestamp})
         await asyncio.sleep(0)
     assert cycles[-1] == (1.004, pytest.approx(0.004))
 

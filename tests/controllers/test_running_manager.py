@@ -241,7 +241,7 @@ HELLO = b'{"protocol":1}\n'
         (HELLO + b'{"id":1,"do":"goal","goal":NaN}\n', "not a JSON message"),
         (HELLO + b'{"id":"1","do":"goal"}\n', "a request must have an id"),
         (HELLO + b'{"id":1}\n', "a request must have an id"),
-        (HELLO + b"x" * (protocol.LONGEST_REQUEST + 10) + b"\n", "bytes at most"),
+        (HELLO + b"x" * (protocol.MAX_REQUEST + 10) + b"\n", "bytes at most"),
     ],
 )
 async def test_who_talks_nonsense_is_told_so_and_sent_away(manager, said, answer):
@@ -262,7 +262,7 @@ NAMES = ("name", "controller", "activate", "deactivate", "values", "trajectory",
 
 
 @given(
-    do=st.sampled_from(sorted(session._DEEDS)) | st.text(max_size=10),
+    do=st.sampled_from(sorted(session._HANDLERS)) | st.text(max_size=10),
     arguments=st.dictionaries(
         st.sampled_from(NAMES) | st.text(max_size=6),
         JSON | st.sampled_from(["jtc", "forward"]) | st.just(["jtc"]) | st.just(point(0.1, 0.1)),
@@ -299,7 +299,7 @@ def test_bytes_are_a_message_or_a_manager_error(line):
 
 
 async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):
-    monkeypatch.setattr(serving, "_UNREAD_S", 0.3)
+    monkeypatch.setattr(serving, "_DRAIN_S", 0.3)
     for number in range(40):  # long answers
         await manager.load(f"jtc{number}", "joint_state_broadcaster/JointStateBroadcaster", {})
     async with served(manager) as place:
@@ -320,7 +320,7 @@ async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):
 
 
 async def test_too_many_connections_are_refused(manager, monkeypatch):
-    monkeypatch.setattr(serving, "_MOST_CONNECTIONS", 2)
+    monkeypatch.setattr(serving, "_MAX_CONNECTIONS", 2)
     async with served(manager), remote(), remote():
         with pytest.raises(ManagerError, match="2 programs are already connected"):
             async with remote():
@@ -374,7 +374,7 @@ async def test_a_manager_that_was_killed_is_none_and_the_next_one_takes_its_plac
             with pytest.raises(ManagerError, match=r"has not answered for 0\.2 s: is it suspended"):
                 await shell.__aenter__()
         process.kill()
-    place = protocol.meeting_place(ROBOT, PORT)
+    place = protocol.rendezvous_path(ROBOT, PORT)
     assert place.with_name(f"{place.name}.sock").exists()
     with pytest.raises(NoManagerError):
         await shell.__aenter__()
@@ -397,23 +397,23 @@ def test_folders_of_others_are_not_trusted(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (tmp_path / "ur-client").symlink_to(tmp_path)
     with pytest.raises(FileError, match="not a folder of this user"):
-        protocol.meeting_place(ROBOT, PORT)
+        protocol.rendezvous_path(ROBOT, PORT)
     (tmp_path / "ur-client").unlink()
     (tmp_path / "ur-client").mkdir(mode=0o777)
     (tmp_path / "ur-client").chmod(0o777)
-    protocol.meeting_place(ROBOT, PORT)
+    protocol.rendezvous_path(ROBOT, PORT)
     assert (tmp_path / "ur-client").stat().st_mode & 0o777 == 0o700
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / ("x" * 100)))
     with pytest.raises(FileError, match="too long for a Unix socket"):
-        protocol.meeting_place(ROBOT, PORT)
+        protocol.rendezvous_path(ROBOT, PORT)
 
 
 def test_robots_have_places_of_their_own():
     hosts = ["127.0.0.1", "127.0.0.2", "a/b", "a_b", "x" * 60, "x" * 61, "../../etc"]
-    places = {protocol.meeting_place(host, port) for host in hosts for port in (PORT, PORT + 1)}
+    places = {protocol.rendezvous_path(host, port) for host in hosts for port in (PORT, PORT + 1)}
     assert len(places) == 2 * len(hosts)
     assert {place.parent for place in places} == {Path(os.environ["XDG_RUNTIME_DIR"]) / "ur-client"}
-    assert protocol.meeting_place("localhost", PORT) == protocol.meeting_place("127.0.0.1", PORT)
+    assert protocol.rendezvous_path("localhost", PORT) == protocol.rendezvous_path("127.0.0.1", PORT)
 
 
 async def test_on_the_loopback_interface_the_token_is_needed(manager, monkeypatch):

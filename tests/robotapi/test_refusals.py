@@ -6,7 +6,7 @@ from typing import Any
 
 from emulator.app import Emulator
 from tests.robotapi.rig import client, urpx
-from urproto.robotapi import MOST_UPLOAD
+from urproto.robotapi import MAX_UPLOAD
 
 Start = Callable[..., Awaitable[Emulator]]
 
@@ -51,7 +51,7 @@ BAD: list[tuple[str, str, bytes, dict[str, str], int]] = [
     ("POST", PROGRAMS, PART % (b"file", urpx("x" * 300)), FORM, 422),
     ("POST", PROGRAMS, PART % (b"file", urpx("  ")), FORM, 422),
     ("PUT", PROGRAMS, PART % (b"file", urpx("Default program")), FORM, 422),
-    ("POST", PROGRAMS, PART % (b"file", b" " * (MOST_UPLOAD + 1)), FORM, 413),
+    ("POST", PROGRAMS, PART % (b"file", b" " * (MAX_UPLOAD + 1)), FORM, 413),
 ]
 
 

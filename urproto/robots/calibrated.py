@@ -17,20 +17,20 @@ from urproto.robots.model import DH, Joints, RobotModel
 from urproto.robots.pose import matrix_to_rotvec, rotvec_to_matrix
 from urproto.vectors import Matrix3, Vector3, times6
 
-_ARRIVED: Final = 1e-10  # m and rad
+_CONVERGED: Final = 1e-10  # m and rad
 _STEPS: Final = 12  # two or three are enough from a close start; singular configurations need more
 # Within this many steps, the error falls to this fraction even near singularities, or it never will (guess).
 _STALL_STEPS: Final = 3
 _STALLED: Final = 0.7
 _STEP_RAD: Final = 0.3  # maximum length of a step
-_MOST_STEPS: Final = 80  # for a pose, all starts together
-_MOST_STARTS: Final = 3  # when only the nearest solution is needed
+_MAX_STEPS: Final = 80  # for a pose, all starts together
+_MAX_STARTS: Final = 3  # when only the nearest solution is needed
 _NEAR_RAD: Final = 0.1  # a solution this close to the given joint angles is accepted as the nearest one (guess)
 # Where the closed form searches for starts: a pose just beyond the nominal arm's reach may be reachable (guess).
 _PULLED: Final = (1.0, 0.99, 1.01)
-_MOVED_RAD: Final = 0.5  # how far Newton steps may lead away from the closed-form solution (guess)
+_MAX_SHIFT_RAD: Final = 0.5  # how far Newton steps may lead away from the closed-form solution (guess)
 _DISTINCT_RAD: Final = 1e-6
-_TINY: Final = 1e-24  # a pivot below this is zero apart from rounding
+_EPSILON: Final = 1e-24  # a pivot below this is zero apart from rounding
 
 _Spot = tuple[Vector3, Matrix3]
 
@@ -96,8 +96,8 @@ class CalibratedKinematics(Kinematics):
 
         def nearest_first(starts: Iterable[Joints]) -> Iterator[Joints]:
             unwound = [unwind(start, q_near, q_min, q_max) for start in starts]
-            for start in sorted(unwound, key=lambda q: dist(q, q_near))[:_MOST_STARTS]:
-                if dist(start, q_near) < least + _MOVED_RAD:
+            for start in sorted(unwound, key=lambda q: dist(q, q_near))[:_MAX_STARTS]:
+                if dist(start, q_near) < least + _MAX_SHIFT_RAD:
                     yield start
 
         for q in self._solutions(pose_base_flange, nearest_first, q_near):
@@ -113,7 +113,7 @@ class CalibratedKinematics(Kinematics):
         q_near: Sequence[float] | None,
     ) -> Iterator[Joints]:
         """Refine the chosen closed-form solutions with Newton steps, until the maximum number of steps is reached."""
-        steps, found = _MOST_STEPS, False
+        steps, found = _MAX_STEPS, False
         for share in _PULLED:
             x, y, z, *turn = flange
             pulled = (x * share, y * share, self._height + (z - self._height) * share, *turn)
@@ -140,7 +140,7 @@ class CalibratedKinematics(Kinematics):
             (x, y, z), axes = spots[-1]
             error = (px - x, py - y, pz - z, *matrix_to_rotvec(_times_transposed(aim, axes)))
             sizes.append(max(map(abs, error)))
-            if sizes[-1] < _ARRIVED:
+            if sizes[-1] < _CONVERGED:
                 return q, step + 1
             if step > _STALL_STEPS and sizes[-1] > _STALLED * sizes[-1 - _STALL_STEPS]:
                 return None, step + 1
@@ -201,7 +201,7 @@ def _solved(squares: Sequence[Sequence[float]], right: Sequence[float]) -> list[
         for part, other in zip(row, lower, strict=False):
             line.append((part - sum(map(mul, line, other))) / other[-1])
         pivot = row[-1] - sum(map(mul, line, line))
-        y.append((value - sum(map(mul, line, y))) / (root := sqrt(max(pivot, _TINY))))
+        y.append((value - sum(map(mul, line, y))) / (root := sqrt(max(pivot, _EPSILON))))
         line.append(root)
         lower.append(line)
     x: list[float] = []

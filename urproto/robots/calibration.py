@@ -28,9 +28,9 @@ LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist
 _VALUES: Final = ("x", "y", "z", "roll", "pitch", "yaw")
 _PARALLEL: Final = 1e-9  # rad; axes closer to parallel than this have no usable common normal
 _NOTHING: Final = 1e-14  # m and rad; rounding errors of sines
-_SAME: Final = 1e-7  # m and rad: accepts files with ten digits, rejects angles in another order
-_FARTHEST_M: Final = 0.03  # guess: calibrations move a frame by millimetres
-_MOST_TURNED: Final = 0.05  # rad (guess)
+_TOLERANCE: Final = 1e-7  # m and rad: accepts files with ten digits, rejects angles in another order
+_MAX_OFFSET_M: Final = 0.03  # guess: calibrations move a frame by millimetres
+_MAX_ROTATION_RAD: Final = 0.05  # rad (guess)
 
 
 class CalibrationError(URError, ValueError):
@@ -103,7 +103,7 @@ class Calibration:
         for link, mine, nominal in zip(LINKS, chain_of(self.dh), chain_of(model.dh), strict=True):
             apart = hypot(*(a - b for a, b in zip(mine.position, nominal.position, strict=True)))
             turned = max(abs(a - b) for a, b in zip(mine.axes, nominal.axes, strict=True))
-            if apart > _FARTHEST_M or turned > _MOST_TURNED:
+            if apart > _MAX_OFFSET_M or turned > _MAX_ROTATION_RAD:
                 raise CalibrationError(
                     f"this is not a calibration of {model.title}: its {link} is {apart * 1e3:.0f} mm and "
                     f"{turned:.2f} rad from where that of {model.title} is"
@@ -272,7 +272,7 @@ def _is_number(value: Any) -> bool:
 
 def _same(one: Chain, other: Chain) -> bool:
     return all(
-        abs(a - b) < _SAME
+        abs(a - b) < _TOLERANCE
         for mine, its in zip(one, other, strict=True)
         for a, b in zip((*mine.position, *mine.axes), (*its.position, *its.axes), strict=True)
     )

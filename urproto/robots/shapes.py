@@ -15,7 +15,7 @@ from urproto.robots.calibration import chain_of
 from urproto.robots.model import RobotModel, Span
 from urproto.vectors import ZERO3, Vector3, add3, scaled3
 
-_SHORTEST_M: Final = 0.01
+_MIN_LENGTH_M: Final = 0.01
 
 Segment = tuple[Vector3, Vector3]
 
@@ -41,7 +41,7 @@ def capsules(model: RobotModel) -> tuple[Capsule, ...]:
         Capsule((0.0, 0.0, fore), (model.dh.a[2], 0.0, fore), elbow),
         Capsule((0.0, 0.0, fore - d4), ZERO3, wrist),
         Capsule((0.0, 0.0, -d5), ZERO3, wrist),
-        Capsule((0.0, 0.0, min(-wrist, _SHORTEST_M - d6)), (0.0, 0.0, -wrist), wrist),
+        Capsule((0.0, 0.0, min(-wrist, _MIN_LENGTH_M - d6)), (0.0, 0.0, -wrist), wrist),
     )
 
 

@@ -19,7 +19,7 @@ from typing import Any, Final
 from urproto.rtde.types import FieldType
 from urproto.versions import Availability, PolyscopeVersion
 
-LONGEST_S: Final = 1e9
+MAX_TIMESTAMP_S: Final = 1e9
 """No robot has been on for so long, so a larger ``timestamp`` is not a valid time; guess."""
 
 _WORD = 0xFFFFFFFF

@@ -23,7 +23,7 @@ from typing import Final
 
 ROOT: Final = Path(__file__).absolute().parents[2]  # the folder with the four packages
 PACKAGES: Final = ("client", "emulator", "urproto", "urscript")
-_GOODBYE_S: Final = 5.0  # guess: how long a clean shutdown may take
+_SHUTDOWN_S: Final = 5.0  # guess: how long a clean shutdown may take
 
 _nameless: dict[str, ModuleType] = {}  # our modules whose names are taken by others
 
@@ -96,7 +96,7 @@ def _end_with_parent() -> None:
     while os.read(0, 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(_GOODBYE_S)
+    time.sleep(_SHUTDOWN_S)
     os._exit(1)
 
 

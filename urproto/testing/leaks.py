@@ -12,7 +12,7 @@ from urproto.compat import Self
 
 _DESCRIPTORS: Final = Path("/proc/self/fd")
 _INTERNET: Final = (socket.AF_INET, socket.AF_INET6)
-_PATIENCE_S: Final = 1.0  # guess: how long a thread may take to finish after a stop request, or a port to close
+_GRACE_S: Final = 1.0  # guess: how long a thread may take to finish after a stop request, or a port to close
 _POLL_S: Final = 0.01
 
 
@@ -39,7 +39,7 @@ class Belongings:
 
     def complaints(self) -> list[str]:
         """One line for each kind of leaked resource; waits a moment for those that are closing."""
-        end = time.monotonic() + _PATIENCE_S
+        end = time.monotonic() + _GRACE_S
         for thread in set(threading.enumerate()) - self.threads:
             if thread is not threading.current_thread():
                 thread.join(max(end - time.monotonic(), 0.0))

@@ -46,7 +46,7 @@ def write_positions(path: Path, q_rad: Sequence[float]) -> Path:
 _FIRST: Final = 0x7F40_0000  # 127.64.0.0: away from addresses that people type
 _COUNT: Final = 2**22
 _STRIDE: Final = 61  # between two processes; prime, so that neighbours are soon apart
-_TRIES: Final = 200
+_ATTEMPTS: Final = 200
 _LOCK_PORT: Final = 29999  # UDP, which controllers do not use
 _DASHBOARD_PORT: Final = 29999
 _ONLY_ADDRESS: Final = "127.0.0.1"
@@ -74,7 +74,7 @@ class ClaimedAddress:
 
 def claim_address() -> ClaimedAddress:
     """Claim an address. Raises NoAddress if a process on this machine uses the usual ports on all addresses."""
-    for number in itertools.islice(_next, _TRIES):
+    for number in itertools.islice(_next, _ATTEMPTS):
         host = socket.inet_ntoa((_FIRST + number % _COUNT).to_bytes(4, "big"))
         lock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -101,7 +101,7 @@ _START_DEADLINE_S: Final = 60.0  # guess: it takes a second, a loaded machine a 
 _STOP_DEADLINE_S: Final = 10.0  # guess
 _POLL_S: Final = 0.02  # between two checks whether it is ready
 _LOG_LINES: Final = 30
-_LOG_PATIENCE_S: Final = 3.0  # guess: short, because a test has already failed when this is used
+_LOG_WAIT_S: Final = 3.0  # guess: short, because a test has already failed when this is used
 _TAIL: Final = 4000  # characters of its output in an error
 
 
@@ -278,7 +278,7 @@ class EmulatorProcess:
         if not self.running or not self._ports_file.exists() or "control" not in self.ports:
             return []
         client = load("emulator.control.remote").ControlClient(
-            self.host, self.ports["control"], self._token, _LOG_PATIENCE_S
+            self.host, self.ports["control"], self._token, _LOG_WAIT_S
         )
         try:
             lines: list[str] = client.call("log", {"lines": _LOG_LINES})

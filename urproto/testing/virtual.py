@@ -10,8 +10,13 @@ from urproto.testing.launch import load
 if TYPE_CHECKING:
     from emulator.control.control import VirtualRobot
 
-_NO_MATTER: Final = {"speed", "control_token", "log_level", "ephemeral_ports"}  # irrelevant without ports and real time
-_UNDER_ANOTHER_NAME: Final = {"model", "version", "programs_dir", "gripper_object_mm"}  # fields of a configuration
+_IRRELEVANT: Final = {
+    "speed",
+    "control_token",
+    "log_level",
+    "ephemeral_ports",
+}  # irrelevant without ports and real time
+_RENAMED: Final = {"model", "version", "programs_dir", "gripper_object_mm"}  # fields of a configuration
 
 
 def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), **options: Any) -> "VirtualRobot":
@@ -22,8 +27,8 @@ def virtual_robot(model: str | None = None, *, fault: str | Sequence[str] = (), 
     """
     configure = load("emulator.config").controller_config
     known = {name for name in signature(configure).parameters if name not in ("model", "fields")}
-    known |= {field.name for field in fields(load("emulator.controller").ControllerConfig)} - _UNDER_ANOTHER_NAME
-    given = {name: value for name, value in options.items() if name not in _NO_MATTER and value is not None}
+    known |= {field.name for field in fields(load("emulator.controller").ControllerConfig)} - _RENAMED
+    given = {name: value for name, value in options.items() if name not in _IRRELEVANT and value is not None}
     for option in given:
         if option not in known:
             names = ", ".join(sorted(known))

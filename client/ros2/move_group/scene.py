@@ -20,10 +20,10 @@ from urproto.robots.pose import Pose, matrix_to_rotvec, pose_inv, pose_trans
 from urproto.vectors import ZERO6
 
 _KINDS: Final = (("primitives", "primitive_poses"), ("meshes", "mesh_poses"), ("planes", "plane_poses"))
-_BESIDE: Final = 2  # links this close along the arm always touch, except base and upper arm
+_ADJACENT_LINKS: Final = 2  # links this close along the arm always touch, except base and upper arm
 # moveit_msgs/PlanningSceneComponents
 _SETTINGS, _STATE, _ATTACHED, _NAMES, _GEOMETRY, _MATRIX, _PADDING, _COLORS = 1, 2, 4, 8, 16, 128, 256, 512
-_SAME: Final = 1e-9
+_TOLERANCE: Final = 1e-9
 EVERYTHING: Final = 0
 """Components of a scene: all of them, as in MoveIt."""
 
@@ -319,7 +319,7 @@ class SceneState:
         if not {one, other} <= set(self.arm.collision_links):
             return False
         low, high = sorted((self.arm.collision_links.index(one), self.arm.collision_links.index(other)))
-        return high - low <= _BESIDE and (low, high) != (1, 3)
+        return high - low <= _ADJACENT_LINKS and (low, high) != (1, 3)
 
 
 def _number(value: Any) -> int:
@@ -347,7 +347,7 @@ def _body(message: Any, frame: Pose, name: str) -> Body:
     )
     pose = pose_of(message.pose)
     if (
-        len(parts) == 1 and max(map(abs, pose)) < _SAME
+        len(parts) == 1 and max(map(abs, pose)) < _TOLERANCE
     ):  # as in MoveIt, the frame of such an object is that of its shape
         pose, parts = parts[0].pose, (replace(parts[0], pose=ZERO6),)
     subframes = dict(zip(message.subframe_names, map(pose_of, message.subframe_poses), strict=False))
@@ -406,7 +406,7 @@ def _plane(coefficients: Sequence[float], pose: Pose, name: str) -> Pose:
     """The pose of a plane that is solid on the side away from the arm, which the arm cannot reach anyway."""
     a, b, c, d = map(float, coefficients)
     length = (a * a + b * b + c * c) ** 0.5
-    if not length > _SAME:
+    if not length > _TOLERANCE:
         raise SceneError(f"{name}: a plane needs a normal that is not zero: {a}, {b}, {c}")
     normal = (a / length, b / length, c / length)
     middle = tuple(-d / length * value for value in normal)
