@@ -12,12 +12,12 @@ ROW = "[" + ",".join(["1.5"] * 60) + "]"
 SQUARE = "[" + ",".join([ROW] * 60) + "]"
 
 
-def test_open_dialogues_are_limited_and_the_oldest_goes_first(rig: Rig) -> None:
+def test_open_dialogues_are_limited_and_the_oldest_closes_first(rig: Rig) -> None:
     rig.run("n = 0\nwhile n < 130:\npopup(n)\nn = n + 1\nend")
     assert [popup.text for popup in rig.controller.popups.shown] == [str(n) for n in range(30, 130)]
 
 
-def test_a_program_forgets_the_dialogues_that_were_closed(rig: Rig) -> None:
+def test_closed_dialogues_are_forgotten(rig: Rig) -> None:
     rig.start('while True:\npopup("go on?", blocking=True)\nend')
     for _ in range(5):
         rig.until(lambda: bool(rig.controller.popups.shown))
@@ -28,7 +28,7 @@ def test_a_program_forgets_the_dialogues_that_were_closed(rig: Rig) -> None:
     assert len(host.dialogues) == 1
 
 
-def test_a_program_cannot_open_sockets_without_end(rig: Rig) -> None:
+def test_the_number_of_open_sockets_is_limited(rig: Rig) -> None:
     rig.start(
         "n = 0\nopened = True\nwhile opened:\n"
         'opened = socket_open("10.0.0.1", 50001, str_cat("s", n))\nn = n + 1\nend\n'
@@ -40,11 +40,11 @@ def test_a_program_cannot_open_sockets_without_end(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("operation", ["m * m", "inv(m)"])
-def test_matrix_operations_have_a_largest_size(rig: Rig, operation: str) -> None:
+def test_matrix_operations_have_a_maximum_size(rig: Rig, operation: str) -> None:
     assert "at most 100000 multiplications" in rig.fault(f"m = {SQUARE}\nx = {operation}")
 
 
-def test_logging_a_long_list_over_and_over_leaves_the_frame_short(rig: Rig) -> None:
+def test_logging_a_long_list_repeatedly_does_not_overrun_the_frame(rig: Rig) -> None:
     rig.start("a = make_list(10000, 1.25, 10000)\nwhile True:\ntextmsg(a)\nend")
     rig.until(lambda: bool(rig.texts))
     before = len(rig.texts)
@@ -57,7 +57,7 @@ def test_logging_a_long_list_over_and_over_leaves_the_frame_short(rig: Rig) -> N
     ("call", "most"),
     [("get_inverse_kin(p[0.3, 0.1, 0.3, 0, 3.14, 0])", 30), ("get_jacobian()", 30), ("get_mass_matrix()", 15)],
 )
-def test_kinematics_in_a_loop_count_for_what_they_take(rig: Rig, call: str, most: int) -> None:
+def test_kinematics_calls_in_a_loop_are_charged_their_cost(rig: Rig, call: str, most: int) -> None:
     rig.start(f"n = 0\nwhile True:\na = {call}\nn = n + 1\nend")
     rig.until(lambda: bool(rig.controller.programs.variables))
     before = rig.controller.programs.variables["n"]
@@ -66,7 +66,7 @@ def test_kinematics_in_a_loop_count_for_what_they_take(rig: Rig, call: str, most
 
 
 @pytest.mark.parametrize("seconds", ["1e12", "1e300"])
-def test_a_move_may_take_as_long_as_it_likes(rig: Rig, seconds: str) -> None:
+def test_a_long_move_is_not_limited(rig: Rig, seconds: str) -> None:
     rig.start(f"movel(p[0.3, 0.1, 0.3, 0, 3.14, 0], t={seconds})")
     rig.seconds(0.5)
     assert not rig.exceptions
@@ -96,7 +96,7 @@ _ABSURD = ["1/0", "0/0", "1e300"]
         "set_payload(1, [0,0,{}])",
     ],
 )
-def test_numbers_that_are_none_stop_the_program_with_a_word(rig, call, number):
+def test_non_finite_arguments_stop_the_program_with_a_message(rig, call, number):
     fault = rig.fault(call.format(number))
     assert "internal error" not in fault
     assert "must be" in fault
@@ -110,7 +110,7 @@ def test_numbers_that_are_none_stop_the_program_with_a_word(rig, call, number):
         ("movep(get_actual_tcp_pose(), a=1e-320)", "must be greater than 0"),
     ],
 )
-def test_numbers_beyond_what_an_arm_bears_are_refused(rig: Rig, call: str, words: str) -> None:
+def test_arguments_beyond_the_limits_of_an_arm_are_refused(rig: Rig, call: str, words: str) -> None:
     assert words in rig.fault(call)
 
 
@@ -144,7 +144,7 @@ def _calls(builtin: Builtin) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("library", LIBRARIES, ids=lambda library: library.chapter)
-def test_no_builtin_stumbles_over_an_odd_argument(make_rig: Callable[..., Rig], library: Library) -> None:
+def test_no_builtin_fails_internally_on_an_odd_argument(make_rig: Callable[..., Rig], library: Library) -> None:
     rig = make_rig("ur3e", None)
     for builtin in library.builtins.values():
         for call in () if builtin.name == "powerdown" else _calls(builtin):
@@ -158,5 +158,5 @@ def test_no_builtin_stumbles_over_an_odd_argument(make_rig: Callable[..., Rig], 
                 rig = make_rig("ur3e", None)
 
 
-def test_a_time_too_long_to_count_is_no_time(rig: Rig) -> None:
+def test_an_excessive_sleep_time_is_refused(rig: Rig) -> None:
     assert rig.fault("sleep(1e308)") == "1e+308 is not a time in seconds"

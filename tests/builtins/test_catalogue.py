@@ -88,7 +88,7 @@ def _sure(text: str) -> PolyscopeVersion | None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row["name"])
-def test_name_appears_in_its_first_version(row):
+def test_each_name_exists_from_its_first_version_on(row):
     builtin = SET.builtins[row["name"]]
     for first in (_sure(row["cb3"]), _sure(row["e"])):
         assert first is None or builtin.availability.covers(first) or row["name"] in {"set_target_payload"}
@@ -110,7 +110,7 @@ EARLIER = {
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row["name"])
-def test_first_versions_are_those_of_the_tables(row):
+def test_first_versions_match_the_tables(row):
     availability = SET.builtins[row["name"]].availability
     for series, first in (("cb3", availability.cb3), ("e", availability.e)):
         if EARLIER.get(row["name"]) == series:
@@ -142,7 +142,7 @@ def _listed_parameters(signature: str) -> list[tuple[str, str | None]]:
 @pytest.mark.parametrize(
     "row", [row for row in ROWS if SET.builtins[row["name"]].status != "refused"], ids=lambda row: row["name"]
 )
-def test_parameters_have_the_names_and_defaults_of_the_tables(row):
+def test_parameter_names_and_defaults_match_the_tables(row):
     parameters = SET.builtins[row["name"]].parameters
     listed = _listed_parameters(row["signature"])
     assert [p.names[0] for p in parameters][: len(listed)] == [name for name, _ in listed]
@@ -167,7 +167,7 @@ def _value(default: str) -> object:
 
 
 @pytest.mark.parametrize("version", ["3.14.3", "3.15.8", "5.9.4", "5.12.8", "5.22", "5.25.1"])
-def test_clients_find_their_names(version):
+def test_names_used_by_clients_exist(version):
     names = available(version)
     wanted = {*EXTERNAL_CONTROL}
     if version not in ("3.14.3", "5.9.4"):
@@ -183,7 +183,7 @@ def test_clients_find_their_names(version):
     assert missing == set()
 
 
-def test_nothing_a_client_or_a_preamble_needs_is_refused():
+def test_no_name_used_by_clients_or_preambles_is_refused():
     needed = {*UR_RTDE, *UR_RTDE_5, *UR_RTDE_523, *EXTERNAL_CONTROL, *PREAMBLE}
     assert {name for name in needed if SET.builtins[name].status == "refused"} == set()
 
@@ -192,7 +192,7 @@ def test_every_partial_built_in_says_what_is_missing():
     assert [b.name for b in SET.builtins.values() if b.status != "supported" and not b.note] == []
 
 
-def test_every_built_in_that_is_not_refused_is_called_by_a_test():
+def test_every_supported_built_in_is_called_by_a_test():
     """Scripts of tests are text: a name in it, or one that a test puts together (`get_{group}_digital_out`)."""
     files = (path for path in Path(__file__).parents[1].rglob("*.py") if path != Path(__file__))
     tokens = {token for path in files for token in re.findall(r"[\w{}]+", path.read_text())}
@@ -203,11 +203,11 @@ def test_every_built_in_that_is_not_refused_is_called_by_a_test():
     assert {b.name for b in SET.builtins.values() if b.status != "refused"} - called == set()
 
 
-def test_every_built_in_that_is_not_refused_is_documented():
+def test_every_supported_built_in_is_documented():
     assert [b.name for b in SET.builtins.values() if b.status != "refused" and not b.doc] == []
 
 
-def test_refused_name_compiles_and_stops_the_program_only_when_called(rig):
+def test_a_refused_name_compiles_and_stops_the_program_only_when_called(rig):
     e_series = PolyscopeVersion.parse("5.9")
     refused = next(b for b in SET.builtins.values() if b.status == "refused" and b.availability.covers(e_series))
     rig.run(f'if False:\n  {refused.name}(1)\nend\ntextmsg("fine")')

@@ -36,7 +36,7 @@ def counting(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 @pytest.mark.parametrize(("model", "period"), [("ur5e", 0.002), ("ur5", 0.008)])
-def test_no_period_does_more_than_its_share(make_rig, monkeypatch, model, period):
+def test_compiling_work_per_period_is_limited(make_rig, monkeypatch, model, period):
     rig = make_rig(model, None)
     share = compiling.WORK_PER_SECOND * period
     prices = counting(monkeypatch)
@@ -53,7 +53,7 @@ def test_no_period_does_more_than_its_share(make_rig, monkeypatch, model, period
     assert periods <= 2 + sum(prices) / (share - max(prices))
 
 
-def test_script_starts_in_the_same_period_every_time(make_rig):
+def test_a_script_always_starts_in_the_same_period(make_rig):
     starts = []
     for _ in range(2):
         rig = make_rig("ur5e", None)
@@ -64,7 +64,7 @@ def test_script_starts_in_the_same_period_every_time(make_rig):
     assert starts[0] > 10
 
 
-def test_compiled_before_starts_at_once(rig):
+def test_a_cached_script_starts_immediately(rig):
     text = long_script("again")
     rig.submit(text)
     rig.until(lambda: rig.state is RuntimeState.PLAYING, 1.0)
@@ -74,7 +74,7 @@ def test_compiled_before_starts_at_once(rig):
     assert rig.state is RuntimeState.PLAYING
 
 
-def test_running_program_goes_on_while_another_is_compiled_or_refused(rig):
+def test_the_running_program_continues_while_another_is_compiled_or_refused(rig):
     rig.start("global i = 0\nwhile True:\n  i = i + 1\n  sync()\nend", name="old")
     rig.tick(3)
     refused = rig.controller.programs.submit(long_script("unknown_in_it", head="  a = nobody\n"))
@@ -111,7 +111,7 @@ def test_stop_drops_the_program_being_compiled_but_not_a_secondary_one(rig):
     assert rig.keys == []
 
 
-def test_what_follows_a_script_on_its_connection_waits_for_it(rig):
+def test_input_after_a_script_waits_until_the_script_is_compiled(rig):
     answers = []
     rig.controller.post(ScriptUnit(long_script("awaited"), "block"), answers.append)
     rig.tick(3)
@@ -133,14 +133,14 @@ def test_play_answers_when_the_loaded_script_has_started(rig, tmp_path):
     assert rig.state is RuntimeState.PLAYING
 
 
-def test_long_thread_is_compiled_in_a_period_of_its_own(rig):
+def test_a_long_thread_is_compiled_in_a_separate_period(rig):
     body = "".join(BLOCK.format(n=n) for n in range(10, 1200))
     submission = rig.controller.programs.submit(f"def outer():\nthread t():\n  local a = 1\n{body}end\nsync()\nend\n")
     rig.until(lambda: submission.accepted is not None, 3.0)
     assert submission.accepted
 
 
-def test_divided_body_runs_as_one(rig):
+def test_a_body_compiled_in_pieces_runs_as_one(rig):
     """Lines of errors, returns and loops are those of the text, whatever piece they are in."""
     loop = "  while a < 40:\n    a = a + 1\n    if a == 30:\n      break\n    end\n  end\n"
     text = long_script("divided", head="  global a = 1\n" + loop, blocks=60)

@@ -11,7 +11,7 @@ from urproto.modes import AnalogDomain, RobotMode
 from urproto.robots import load_model
 
 
-def test_uptime_and_wall_clock_go_on_together(rig):
+def test_uptime_and_wall_clock_advance_together(rig):
     rig.start("global a = time(0)\nglobal b = time(2)\nsleep(1.5)\nglobal c = time()\nglobal d = time(2)\nsleep(1)")
     rig.seconds(2)
     found = {name: rig.controller.programs.variables[name].members for name in "abcd"}
@@ -22,7 +22,7 @@ def test_uptime_and_wall_clock_go_on_together(rig):
     assert started == 1_704_067_200 * 10**9  # the default: 2024-01-01 00:00:00 GMT
 
 
-def test_the_wall_clock_starts_where_the_configuration_says():
+def test_the_wall_clock_starts_at_the_configured_time():
     controller = Controller(ControllerConfig(model=load_model("ur5e"), wall_clock_s=1_800_000_000.25))
     for _ in range(500):
         controller.tick()
@@ -42,14 +42,14 @@ def test_the_reserved_clock_is_refused(rig):
         ("motion_version_set", "motion_version_get", None, 2),
     ],
 )
-def test_a_setting_is_given_back(rig, setter, getter, first, then):
+def test_a_getter_returns_the_value_that_was_set(rig, setter, getter, first, then):
     assert first is None or rig.value(f"{getter}()") == first
     rig.run(f"{setter}({then})\ntextmsg({getter}() == {then})")
     assert rig.texts == ["True"]
 
 
 @pytest.mark.parametrize(("model", "after"), [("ur3", 6.0 - 2 * math.pi), ("ur5e", 6.0)])
-def test_the_turns_of_a_wrist_without_end_are_counted_anew(make_rig, model, after):
+def test_the_revolution_counter_of_an_unlimited_wrist_is_reset(make_rig, model, after):
     rig = make_rig(model, None)
     rig.run("movej([0, -1.5, 1.5, -1.6, -1.57, 6], a=10, v=3)\nsleep(0.1)")
     rig.run("reset_revolution_counter()")
@@ -70,7 +70,7 @@ def test_the_base_light_of_a_large_arm(make_rig):
     assert "0 to 255" in rig.fault("set_baselight_solid(256, 0, 0)")
 
 
-def test_an_arm_without_a_base_light_says_so(rig):
+def test_an_arm_without_a_base_light_refuses_the_command(rig):
     rig.run("set_baselight_solid(255, 0, 0)")
     assert rig.controller.base_light == BaseLight("iec")
     assert any("UR5e has no base light" in line for line in rig.controller.messages.history)
@@ -96,18 +96,18 @@ def test_an_analog_range_chooses_the_domain(rig, port, range_, domain):
 
 
 @pytest.mark.parametrize(("port", "range_"), [(0, 1), (1, 3), (2, 3), (4, 0), (-1, 0)])
-def test_ranges_that_are_gone_stop_the_program(rig, port, range_):
+def test_removed_analog_ranges_stop_the_program(rig, port, range_):
     assert rig.fault(f"set_analog_inputrange({port}, {range_})")
 
 
-def test_powerdown_ends_the_controller(rig):
+def test_powerdown_shuts_the_controller_down(rig):
     rig.start("powerdown()\nsleep(1)")
     rig.seconds(0.1)
     assert rig.controller.shutdown_requested
     assert rig.controller.snapshot.robot_mode is RobotMode.POWER_OFF
 
 
-def test_limits_are_judged_for_the_solution_asked_for(rig):
+def test_safety_limits_are_checked_for_the_requested_solution(rig):
     assert rig.value("is_within_safety_limits(get_actual_tcp_pose())") is True
     assert rig.value("is_within_safety_limits(position=get_actual_tcp_pose(), qNear=[0,-1,1,-1,-1,0])") is True
     assert rig.value("is_within_safety_limits(p[3, 0, 0, 0, 0, 0])") is False

@@ -21,14 +21,14 @@ def y(rig):
     return rig.controller.snapshot.actual_TCP_pose[1]
 
 
-def test_the_arm_goes_along_while_the_program_sleeps_and_poses_are_absolute_afterwards(belt):
+def test_the_arm_tracks_during_sleep_and_poses_are_absolute_afterwards(belt):
     start = y(belt)
     belt.run(TRACK + "sleep(2)\nstop_conveyor_tracking()\nglobal here = get_actual_tcp_pose()\nsleep(0.1)")
     assert y(belt) == pytest.approx(start + 0.2, abs=4e-3)
     assert belt.controller.motion.idle
 
 
-def test_path_and_target_differ_by_what_the_conveyor_went(belt):
+def test_path_and_target_differ_by_the_conveyor_travel(belt):
     belt.run(
         "p0 = get_target_tcp_pose()\n"
         + TRACK
@@ -53,7 +53,7 @@ def test_path_and_target_differ_by_what_the_conveyor_went(belt):
     assert belt.controller.safety.mode is SafetyMode.NORMAL
 
 
-def test_a_turntable_turns_the_tool_along(belt):
+def test_tracking_a_turntable_rotates_the_tool(belt):
     belt.run(
         SETUP
         + """center = get_target_tcp_pose()
@@ -104,12 +104,12 @@ def test_a_protective_stop_holds_the_arm_until_it_is_released(belt):
     assert y(belt) == held
 
 
-def test_a_conveyor_beyond_reach_stops_the_arm_protectively(belt):
+def test_a_conveyor_out_of_reach_causes_a_protective_stop(belt):
     belt.start(SETUP + "track_conveyor_linear(p[-1, 0, 0, 0, 0, 0], 500)\nsleep(20)")
     belt.until(lambda: belt.controller.safety.mode is SafetyMode.PROTECTIVE_STOP, 15.0)
 
 
-def test_a_program_resumed_after_tracking_was_lost_goes_nowhere_else(belt):
+def test_a_program_resumed_after_losing_tracking_does_not_move_the_arm(belt):
     belt.start(
         SETUP + "track_conveyor_linear(p[-1, 0, 0, 0, 0, 0], 500)\nsleep(8)\nmovej([0, -1.5, 1.5, -1.6, -1.57, 0])"
     )
@@ -150,7 +150,7 @@ def test_an_absolute_encoder_is_fed_by_the_program(rig):
     assert 66200 < int(rig.texts[0]) < 66300
 
 
-def test_the_old_names_are_encoder_0(cb3):
+def test_the_old_names_address_encoder_0(cb3):
     cb3.controller.encoders[0].simulated_speed = 200.0
     cb3.run(
         """
@@ -191,15 +191,15 @@ def test_the_old_names_are_encoder_0(cb3):
         ("path_offset_disable(0)", "a must be greater than 0"),
     ],
 )
-def test_what_cannot_be_ends_the_program_by_name(rig, call, complaint):
+def test_invalid_calls_end_the_program_with_their_reason(rig, call, complaint):
     assert complaint in rig.fault(call)
 
 
-def test_the_pins_are_those_of_the_series(cb3):
+def test_encoder_pins_depend_on_the_series(cb3):
     assert "0, 1, 2, 3, not 8 and 9" in cb3.fault("encoder_enable_pulse_decode(0, 1, 8, 9)")
 
 
-def test_an_encoder_that_is_not_set_up_unwinds_nothing(rig):
+def test_unwinding_without_a_configured_encoder_returns_nothing(rig):
     assert rig.value("encoder_unwind_delta_tick_count(0, 5)") is None
 
 
@@ -211,7 +211,7 @@ def test_a_secondary_program_neither_tracks_nor_offsets(rig):
     assert rig.controller.motion.idle
 
 
-def test_weaving_as_the_manual_shows_it(rig):
+def test_weaving_as_in_the_manual(rig):
     """A 2 Hz wave of 5 mm about z from a thread, on top of a line."""
     heights = []
     rig.start(
@@ -245,7 +245,7 @@ def test_weaving_as_the_manual_shows_it(rig):
     assert y(rig) == pytest.approx(start[1] + 0.2, abs=1e-4)
 
 
-def test_settings_last_from_one_enabling_to_the_next_and_end_with_the_program(rig):
+def test_path_offset_settings_survive_disabling_and_end_with_the_program(rig):
     rig.start(
         """
         path_offset_set_alpha_filter(0.05)
@@ -266,7 +266,7 @@ def test_settings_last_from_one_enabling_to_the_next_and_end_with_the_program(ri
     assert rig.controller.motion.superposition.settings == OffsetSettings()
 
 
-def test_path_offsets_are_not_on_cb3(cb3):
+def test_path_offsets_do_not_exist_on_cb3(cb3):
     cb3.start("path_offset_enable()")
     cb3.until(lambda: bool(cb3.exceptions), 1.0)
     assert "path_offset_enable" in cb3.exceptions[-1].text

@@ -46,7 +46,7 @@ def test_operator_answers_on_a_script_port(rig, kind, typed, seen):
         ("string", "é" * 512),
     ],
 )
-def test_answer_of_another_type_leaves_the_question_open(rig, kind, value):
+def test_an_answer_of_the_wrong_type_leaves_the_question_open(rig, kind, value):
     ask(rig, kind)
     replies = []
     rig.controller.post(PopupAnswer(rig.controller.popups.shown[0].request_id, value), replies.append)
@@ -57,7 +57,7 @@ def test_answer_of_another_type_leaves_the_question_open(rig, kind, value):
 
 
 @pytest.mark.parametrize("line", ["answer question maybe", "answer question 5 6"])
-def test_typed_answer_that_means_nothing_is_said_so(rig, line):
+def test_an_invalid_typed_answer_is_reported(rig, line):
     ask(rig, "integer")
     rig.controller.post(ScriptUnit(f"{line}\n", "line"))
     rig.tick(2)
@@ -66,7 +66,7 @@ def test_typed_answer_that_means_nothing_is_said_so(rig, line):
 
 
 @pytest.mark.parametrize("line", ["answer question 5", "cancel question"])
-def test_answer_without_a_question_disturbs_nothing(rig, line):
+def test_an_answer_without_a_question_is_ignored(rig, line):
     rig.start("while True:\n  sync()\nend")
     rig.controller.post(ScriptUnit(f"{line}\n", "line"))
     rig.tick(3)
@@ -91,12 +91,12 @@ def test_varmsg_sends_the_variable_as_text(rig):
 
 
 @pytest.mark.parametrize("call", ["textmsg(x, x)", 'varmsg("x", x)', "popup(x)"])
-def test_long_messages_stay_within_what_clients_read(rig, call):
+def test_long_messages_are_cut_to_the_size_clients_can_read(rig, call):
     rig.run(f"x = make_list(3000, 1.25)\n{call}")
     (message,) = [m for m in rig.messages if isinstance(m, TextMessage | VariableMessage | PopupMessage)]
     assert 3000 < len(message.encode(rig.controller.version)) <= 4096
 
 
-def test_a_cut_message_counts_bytes_not_characters(rig):
+def test_messages_are_cut_by_bytes_not_characters(rig):
     rig.run(f'textmsg("{"é" * 3000}")')
     assert len(rig.texts[0].encode("utf-8", "surrogateescape")) == 4000

@@ -38,7 +38,7 @@ def of_kind(messages: list[RobotMessage], kind: type) -> list[RobotMessage]:
 
 
 @SERIES
-def test_a_script_as_long_as_the_official_one_connects_within_half_a_second(make_rig, model):
+def test_a_script_the_size_of_the_official_one_connects_within_half_a_second(make_rig, model):
     rig = make_rig(model, None)
     functions = "".join(
         f"  def step_{n}(q, qd, time=0.5):\n"
@@ -66,7 +66,7 @@ def test_a_script_as_long_as_the_official_one_connects_within_half_a_second(make
     ],
     ids=["stop", "stop program", "halt", "power off", "another program"],
 )
-def test_the_end_of_a_program_closes_its_connections_at_once(rig, end):
+def test_connections_close_immediately_when_their_program_ends(rig, end):
     rig.start(LOOP)
     rig.tick(5)
     assert [socket.state for socket in rig.sockets.opened] == ["open"]
@@ -102,7 +102,7 @@ socket_send_int(1, "points")
 """
 
 
-def test_a_path_is_cancelled_and_500_points_are_drained_within_half_a_second(rig):
+def test_a_path_of_500_points_is_cancelled_and_drained_within_half_a_second(rig):
     rig.start(DRAIN)
     rig.until(lambda: bool(rig.sockets.opened), 0.5)
     (driver,) = rig.sockets.opened
@@ -119,7 +119,7 @@ def test_a_path_is_cancelled_and_500_points_are_drained_within_half_a_second(rig
 # what is said, and how often
 
 
-def test_an_undisturbed_program_says_two_things(rig):
+def test_an_undisturbed_program_sends_only_its_start_and_stop_messages(rig):
     rig.run('popup("note", "Title", blocking=False)\nmovej([0.1, -1.5, 1.5, -1.6, -1.57, 0])\nsync()')
     rig.seconds(0.5)
     assert [title for title, _ in rig.keys] == ["PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"]
@@ -127,7 +127,7 @@ def test_an_undisturbed_program_says_two_things(rig):
     assert of_kind(rig.messages, SafetyModeMessage) == []
 
 
-def test_a_stopped_program_is_told_once_as_such(rig):
+def test_a_stopped_program_is_reported_once(rig):
     rig.start(LOOP, name="loop")
     rig.tick(5)
     rig.controller.post(ScriptUnit("stop program\n", "line"))
@@ -136,7 +136,7 @@ def test_a_stopped_program_is_told_once_as_such(rig):
     assert rig.keys == [("PROGRAM_XXX_STARTED", "loop"), ("PROGRAM_XXX_STOPPED", "loop")]
 
 
-def test_one_protective_stop_is_one_error_behind_its_safety_mode(rig):
+def test_a_protective_stop_sends_one_error_after_its_safety_mode(rig):
     rig.start("protective_stop()\nsleep(1)")
     rig.until(lambda: rig.controller.snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP, 1.0)
     rig.seconds(1.0)
@@ -149,7 +149,7 @@ def test_one_protective_stop_is_one_error_behind_its_safety_mode(rig):
 
 
 @SERIES
-def test_power_cycles_are_silent(make_rig, model):
+def test_power_cycles_send_no_messages(make_rig, model):
     rig = make_rig(model, None)
     for line in ("power off", "power on", "brake release", "power off"):
         ask(rig.controller, line)
@@ -170,7 +170,7 @@ def test_a_joint_target_far_outside_ends_the_program(rig):
     assert [socket.state for socket in rig.sockets.opened] == ["closed"]
 
 
-def test_an_unreachable_line_tells_its_safety_mode_before_its_error(rig):
+def test_an_unreachable_line_reports_its_safety_mode_before_its_error(rig):
     rig.start("movel(p[10, 0, 0, 0, 0, 0])")
     rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
     mode, error = (m for m in rig.messages if isinstance(m, SafetyModeMessage | ErrorCodeMessage))
@@ -186,7 +186,7 @@ def test_an_unreachable_line_tells_its_safety_mode_before_its_error(rig):
         "movel(pose_add(get_target_tcp_pose(), p[0, 0.23, 0, 0, 0, 0]), t=0.1)",
     ],
 )
-def test_a_time_too_short_is_stretched(rig, move):
+def test_a_move_time_that_is_too_short_is_stretched(rig, move):
     took = rig.run(f'{move}\ntextmsg("arrived")')
     assert took > 0.1
     assert rig.texts == ["arrived"]
@@ -206,7 +206,7 @@ def test_one_command_brings_a_cold_arm_to_run(model, command):
 
 
 @SERIES
-def test_power_comes_within_five_seconds(model):
+def test_power_on_takes_at_most_five_seconds(model):
     controller = Controller(ControllerConfig(model=load_model(model)))
     controller.post(DashboardLine("power on"))
     assert _first(controller, RobotMode.IDLE, within_s=5.0)
@@ -223,7 +223,7 @@ def test_rtde_clients_need_not_wait_for_the_uptime(model):
     assert controller.tick().timestamp > 40.0
 
 
-def test_local_control_refuses_nothing():
+def test_commands_are_accepted_in_local_control():
     """As a simulator: not in remote control, and every command is carried out."""
     controller = Controller(ControllerConfig(model=load_model("ur5e")))
     assert ask(controller, "is in remote control") == "false"
@@ -237,7 +237,7 @@ def test_local_control_refuses_nothing():
 
 
 @SERIES
-def test_all_that_rtde_has_fits_into_a_clients_buffer(model):
+def test_a_recipe_of_all_rtde_outputs_fits_a_clients_buffer(model):
     """The official client reads packages into 4096 bytes, their length included."""
     controller = Controller(ControllerConfig(model=load_model(model)))
     fields = available_fields(OUTPUT_FIELDS, controller.version)

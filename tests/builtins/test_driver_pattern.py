@@ -66,7 +66,7 @@ def send(socket, command: int, q=(0.0,) * 6) -> None:
     socket.feed(struct.pack(">7i", command, *[round(angle * 1e6) for angle in q]))
 
 
-def test_streamed_targets_are_followed_one_a_period(rig, driver):
+def test_streamed_targets_are_followed_one_per_period(rig, driver):
     for step in range(300):
         send(driver, 1, (0.0005 * step, *rig.q[1:]))
         rig.tick()
@@ -76,7 +76,7 @@ def test_streamed_targets_are_followed_one_a_period(rig, driver):
     rig.until(lambda: rig.controller.snapshot.target_qd == (0.0,) * 6, 0.3)
 
 
-def test_move_in_a_thread_can_be_cancelled_quickly(rig, driver):
+def test_a_move_in_a_thread_can_be_cancelled_quickly(rig, driver):
     send(driver, 2)
     rig.seconds(0.4)
     assert rig.controller.snapshot.target_qd[0] > 0.3
@@ -86,7 +86,7 @@ def test_move_in_a_thread_can_be_cancelled_quickly(rig, driver):
     assert driver.sent == b""
 
 
-def test_move_in_a_thread_reports_its_end_while_the_reader_waits(rig, driver):
+def test_a_move_in_a_thread_reports_its_end_while_the_reader_waits(rig, driver):
     for _ in range(100):
         if driver.sent:
             break
@@ -103,13 +103,13 @@ def test_silence_ends_the_loop_after_its_timeout(rig, driver):
     assert rig.texts == ["left with 0"]
 
 
-def test_peer_that_goes_away_ends_the_loop_at_once(rig, driver):
+def test_a_disconnected_peer_ends_the_loop_immediately(rig, driver):
     rig.seconds(1.0)
     driver.close()
     assert rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0) < 0.02
 
 
-def test_no_driver_asks_the_operator(rig):
+def test_a_missing_driver_opens_a_popup(rig):
     rig.sockets.listening.clear()
     rig.submit(DRIVER)
     rig.seconds(0.2)

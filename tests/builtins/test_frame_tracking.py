@@ -21,7 +21,7 @@ def y(rig):
     return rig.controller.snapshot.actual_TCP_pose[1]
 
 
-def test_movements_are_relative_to_a_frame_that_a_thread_moves(rig):
+def test_moves_are_relative_to_a_frame_moved_by_a_thread(rig):
     rig.run(
         DRIFT
         + TRACK
@@ -46,7 +46,7 @@ def test_movements_are_relative_to_a_frame_that_a_thread_moves(rig):
     assert rig.controller.safety.mode is SafetyMode.NORMAL
 
 
-def test_a_frame_comes_along_with_what_it_is_attached_to(rig):
+def test_a_frame_follows_its_parent(rig):
     start = y(rig)
     rig.run(
         PART
@@ -60,14 +60,14 @@ def test_a_frame_comes_along_with_what_it_is_attached_to(rig):
     assert y(rig) == pytest.approx(start + 0.1, abs=1e-6)
 
 
-def test_a_base_that_moves_leaves_the_tool_where_the_world_has_it(rig):
+def test_moving_the_base_keeps_the_tool_in_place_in_the_world(rig):
     start = y(rig)
     rig.run('frame_tracking_enable("world")\nmove_frame("base", p[0, 0.1, 0, 0, 0, 0], "world")\nsleep(2)')
     assert y(rig) == pytest.approx(start - 0.1, abs=1e-6)
 
 
 @pytest.mark.parametrize("frame", ["flange", "tcp", "part"])
-def test_what_the_arm_carries_cannot_be_tracked(rig, frame):
+def test_frames_attached_to_the_arm_cannot_be_tracked(rig, frame):
     said = rig.fault(PART + f'attach_frame("part", "tcp")\nframe_tracking_enable("{frame}")')
     assert f'the frame "{frame}" moves with the arm itself' in said
 
@@ -82,11 +82,11 @@ def test_what_the_arm_carries_cannot_be_tracked(rig, frame):
         ),
     ],
 )
-def test_mistakes_end_the_program(rig, body, said):
+def test_invalid_calls_end_the_program(rig, body, said):
     assert said in rig.fault(body)
 
 
-def test_disabling_what_was_not_enabled_only_stops(rig):
+def test_disabling_without_enabling_only_stops_the_arm(rig):
     rig.run("frame_tracking_disable()")
     assert rig.controller.motion.idle
 
@@ -105,7 +105,7 @@ def test_a_secondary_program_cannot_track(rig):
         ('attach_frame("part", "flange")', 'the frame "part" moves with the arm itself'),
     ],
 )
-def test_a_frame_that_is_lost_stops_the_arm_and_ends_the_program_at_its_next_move(rig, loss, said):
+def test_a_lost_frame_stops_the_arm_and_ends_the_program_at_its_next_move(rig, loss, said):
     rig.start(TRACK + f"sleep(0.1)\n{loss}\nsleep(1)\nmovej(get_actual_joint_positions())")
     rig.until(lambda: rig.controller.safety.mode is SafetyMode.PROTECTIVE_STOP)
     assert rig.controller.motion.fault is not None
@@ -140,7 +140,7 @@ def test_pause_and_resume_catch_up(rig):
     assert rig.exceptions == []
 
 
-def test_frames_are_not_tracked_on_cb3(cb3):
+def test_frame_tracking_does_not_exist_on_cb3(cb3):
     cb3.start('frame_tracking_enable("base")')
     cb3.tick(5)
     assert "compile_error_name_not_found:frame_tracking_enable:" in cb3.exceptions[-1].text

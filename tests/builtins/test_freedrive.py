@@ -26,7 +26,7 @@ def free(rig):
 
 
 @pytest.mark.parametrize("action", INPUTS)
-def test_an_input_frees_the_arm_while_it_is_high(rig, action):
+def test_a_high_input_enables_freedrive(rig, action):
     rig.run(f'{action}, "freedrive")')
     rig.controller.external_wrench = PUSH
     rig.seconds(0.2)
@@ -44,7 +44,7 @@ def test_an_input_frees_the_arm_while_it_is_high(rig, action):
 @pytest.mark.parametrize(
     "undo", ["set_input_actions_to_default()", 'set_standard_digital_input_action(3, "default")', None]
 )
-def test_the_action_can_be_taken_back_and_is_none_at_first(rig, undo):
+def test_inputs_have_no_action_by_default_or_after_reset(rig, undo):
     if undo:
         rig.run(f'set_standard_digital_input_action(3, "freedrive")\n{undo}')
     rig.controller.signals.set_digital_input(STANDARD, 3, True)
@@ -52,7 +52,7 @@ def test_the_action_can_be_taken_back_and_is_none_at_first(rig, undo):
     assert not free(rig)
 
 
-def test_a_program_takes_the_arm_over_and_gives_it_back(rig):
+def test_a_program_interrupts_freedrive_until_it_ends(rig):
     rig.run('set_standard_digital_input_action(3, "freedrive")')
     rig.controller.signals.set_digital_input(STANDARD, 3, True)
     rig.seconds(0.1)
@@ -98,7 +98,7 @@ def test_constrained_freedrive_in_a_frame(rig, feature, along):
 
 
 @pytest.mark.parametrize("call", ["freedrive_mode()", "freedrive_mode_no_incorrect_payload_check()"])
-def test_freedrive_of_a_program_follows_the_hand_until_it_ends(rig, call):
+def test_freedrive_in_a_program_follows_the_hand_until_it_ends(rig, call):
     rig.start(f"{call}\nsleep(1)\nend_freedrive_mode()\nsleep(1)")
     rig.controller.external_wrench = PUSH
     rig.seconds(0.8)
@@ -113,7 +113,7 @@ def test_an_unknown_feature_is_refused(rig):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_the_distance_to_singularities_are_the_factors_of_the_determinant(name):
+def test_singularity_distances_are_the_factors_of_the_determinant(name):
     model = load_model(name)
     rng = np.random.default_rng(3)
     a2, a3, d5 = model.dh.a[1], model.dh.a[2], model.dh.d[4]

@@ -87,7 +87,7 @@ def test_without_a_program_everything_is_discarded(talk: Talk) -> None:
         assert talk.discard(line) == INVALID
 
 
-def test_a_statement_starts_in_the_period_it_arrives_in(begun: Talk) -> None:
+def test_a_statement_starts_in_the_period_of_its_arrival(begun: Talk) -> None:
     assert begun.ack("set_digital_out(3, True)") == 1
     assert begun.rig.controller.snapshot.actual_digital_output_bits == 8
 
@@ -117,13 +117,13 @@ def test_a_bare_line_is_a_program_in_interpreter_mode(talk: Talk) -> None:
         ("def f(): interpreter_mode() end", Reason.COMPILE),
     ],
 )
-def test_what_does_not_compile_is_discarded_and_harms_nothing(begun: Talk, line: str, reason: Reason) -> None:
+def test_lines_that_do_not_compile_are_discarded(begun: Talk, line: str, reason: Reason) -> None:
     assert begun.discard(line) == reason.value
     assert begun.ack("x = 1") == 1
     assert begun.rig.state is RuntimeState.PLAYING
 
 
-def test_all_statements_of_a_line_or_none(begun: Talk) -> None:
+def test_either_all_statements_of_a_line_run_or_none(begun: Talk) -> None:
     assert begun.discard("set_digital_out(1, True) def f(): end unknown()") == "Compile error"
     assert begun.discard("f()") == "Compile error"
     assert begun.ack('def f(): return 4 end set_digital_out(2, True) textmsg(f()) x = 3 textmsg("x=", x)') == 1
@@ -186,7 +186,7 @@ def test_the_scope_of_a_function(talk: Talk) -> None:
     assert talk.rig.exceptions == []
 
 
-def test_functions_see_globals_but_no_locals(talk: Talk) -> None:
+def test_functions_see_globals_but_not_locals(talk: Talk) -> None:
     talk.begin("global g = 5\ndef twice(a):\n  return 2 * a\nend\ninterpreter_mode()")
     talk.ack("here = 1")
     assert talk.discard("def f(): return here end") == "Compile error"
@@ -195,7 +195,7 @@ def test_functions_see_globals_but_no_locals(talk: Talk) -> None:
     assert talk.rig.texts == ["27"]
 
 
-def test_a_function_can_be_defined_anew(talk: Talk) -> None:
+def test_a_function_can_be_redefined(talk: Talk) -> None:
     talk.begin("def f():\n  return 1\nend\ninterpreter_mode()\nsync()\ntextmsg(f())\nsync()")
     talk.ack("sleep(0.1)")
     talk.send("def f(): return 2 end", "textmsg(f())", "def f(): return 3 end", "textmsg(f())", "end_interpreter()")
@@ -238,7 +238,7 @@ def test_an_error_in_an_interpreted_thread_has_the_statements_line(begun: Talk) 
     assert [(error.line, error.column) for error in begun.rig.exceptions] == [(1, 26)]
 
 
-def test_a_variable_without_value(begun: Talk) -> None:
+def test_a_variable_without_a_value(begun: Talk) -> None:
     begun.send("sleep(0.01)", "x = 1")
     begun.rig.tick()
     begun.send("skipbuffer", "textmsg(x)")
@@ -257,18 +257,18 @@ def test_a_variable_without_value(begun: Talk) -> None:
         ("thread t():\n  clear_interpreter()\nend\nrun t()\ninterpreter_mode()", "only be called by a statement"),
     ],
 )
-def test_not_here(rig: Any, body: str, problem: str) -> None:
+def test_interpreter_mode_is_refused_in_other_contexts(rig: Any, body: str, problem: str) -> None:
     assert problem in rig.fault(body)
 
 
-def test_not_nested_through_a_function(talk: Talk) -> None:
+def test_interpreter_mode_cannot_be_nested_through_a_function(talk: Talk) -> None:
     talk.begin("def f():\n  interpreter_mode()\nend\nf()")
     talk.send("f()")
     talk.rig.until(lambda: talk.rig.state is RuntimeState.STOPPED)
     assert "cannot be nested" in talk.rig.exceptions[0].text
 
 
-def test_secondary_programs_can_only_end_it(begun: Talk) -> None:
+def test_secondary_programs_can_only_end_interpreter_mode(begun: Talk) -> None:
     begun.rig.submit("sec s():\n  interpreter_mode()\nend\n")
     begun.rig.tick(2)
     assert any("main thread" in text for _, text in begun.rig.keys)
@@ -284,7 +284,7 @@ def test_end_interpreter_without_the_mode_does_nothing(rig: Any) -> None:
 # before, after, and in between
 
 
-def test_lines_that_came_before_are_cleared(talk: Talk) -> None:
+def test_lines_received_before_interpreter_mode_are_cleared(talk: Talk) -> None:
     talk.rig.start("sleep(0.1)\ninterpreter_mode()\nsync()")
     talk.rig.tick(10)
     talk.send("textmsg(1)")
@@ -296,7 +296,7 @@ def test_lines_that_came_before_are_cleared(talk: Talk) -> None:
     assert talk.ids == (0, 0, 0)
 
 
-def test_lines_that_came_before_are_kept(talk: Talk) -> None:
+def test_lines_received_before_interpreter_mode_are_kept(talk: Talk) -> None:
     talk.rig.start("sleep(0.1)\ninterpreter_mode(clearQueueOnEnter=False)\nsync()")
     talk.rig.tick(10)
     talk.send("textmsg(1)", "textmsg(2)")
@@ -305,7 +305,7 @@ def test_lines_that_came_before_are_kept(talk: Talk) -> None:
     assert talk.rig.texts == ["1", "2"]
 
 
-def test_lines_behind_the_end_are_for_the_next_time(talk: Talk) -> None:
+def test_lines_after_end_interpreter_are_kept_for_the_next_time(talk: Talk) -> None:
     talk.begin("interpreter_mode()\nsleep(0.1)\ninterpreter_mode(False)")
     talk.send("textmsg(1)", "end_interpreter()", "textmsg(2)")
     talk.rig.tick(10)
@@ -314,7 +314,7 @@ def test_lines_behind_the_end_are_for_the_next_time(talk: Talk) -> None:
     assert talk.ids == (3, 3, 2)
 
 
-def test_another_thread_ends_it_after_the_running_statement(talk: Talk) -> None:
+def test_another_thread_ends_interpreter_mode_after_the_running_statement(talk: Talk) -> None:
     talk.begin('thread t():\n  sleep(0.1)\n  end_interpreter()\nend\nrun t()\ninterpreter_mode()\ntextmsg("out")')
     talk.send("sleep(0.5) textmsg(1)", "textmsg(2)")
     took = talk.rig.until(lambda: talk.rig.state is RuntimeState.STOPPED)
@@ -326,7 +326,7 @@ TWICE = "interpreter_mode(clearOnEnd={keep})\nsleep(0.01)\ninterpreter_mode()\ns
 
 
 @pytest.mark.parametrize("clear", [True, False])
-def test_what_is_left_when_it_ends(talk: Talk, clear: bool) -> None:
+def test_state_left_when_interpreter_mode_ends(talk: Talk, clear: bool) -> None:
     talk.begin(TWICE.format(keep=clear))
     talk.ack("def f(): return 4 end x = 1")
     talk.ack("end_interpreter()")
@@ -357,7 +357,7 @@ def test_clear(talk: Talk) -> None:
     assert talk.rig.texts == ["2"]
 
 
-def test_lines_behind_a_clear_are_answered_after_it(begun: Talk) -> None:
+def test_lines_after_a_clear_are_answered_after_it(begun: Talk) -> None:
     begun.send("def f(): return 1 end", "sleep(0.1)", "clear_interpreter()", "f()", "textmsg(2)")
     begun.rig.tick(3)
     assert [answer.split(":")[0] for answer in begun.answers] == ["ack"] * 3
@@ -366,7 +366,7 @@ def test_lines_behind_a_clear_are_answered_after_it(begun: Talk) -> None:
     assert begun.answers[-2:] == ["discard: Compile error: f()", "ack: 4: textmsg(2)"]
 
 
-def test_too_many(begun: Talk) -> None:
+def test_the_number_of_interpreted_statements_is_limited(begun: Talk) -> None:
     for _ in range(MOST_STATEMENTS // 50):
         begun.send(*["x = 1"] * 50)
         begun.rig.tick(10)
@@ -405,7 +405,7 @@ def test_abort_stops_a_move_and_the_next_statement_runs(begun: Talk) -> None:
     assert begun.rig.controller.motion.idle
 
 
-def test_abort_reaches_moves_of_the_program_and_of_threads(talk: Talk) -> None:
+def test_abort_stops_moves_of_the_program_and_of_threads(talk: Talk) -> None:
     talk.rig.start(far(1.5) + "\n" + 'textmsg("next")\nsleep(5)')
     talk.rig.seconds(0.8)
     assert talk.say("ABORT") == "ack: 0: ABORT"
@@ -413,7 +413,7 @@ def test_abort_reaches_moves_of_the_program_and_of_threads(talk: Talk) -> None:
 
 
 @pytest.mark.parametrize("command", ["speedj([0.2,0,0,0,0,0], 1, 2)", "sleep(2)", "stopj(0.1)"])
-def test_abort_leaves_everything_else_alone(begun: Talk, command: str) -> None:
+def test_abort_stops_nothing_but_moves(begun: Talk, command: str) -> None:
     begun.send(command, "textmsg(1)")
     begun.rig.seconds(0.5)
     target = begun.rig.controller.snapshot.target_qd[0]
@@ -440,7 +440,7 @@ def test_skipbuffer_and_abort_together(begun: Talk) -> None:
 # what happens to the program
 
 
-def test_paused(begun: Talk) -> None:
+def test_interpreter_mode_while_paused(begun: Talk) -> None:
     programs = begun.rig.controller.programs
     programs.pause()
     begun.rig.until(lambda: begun.rig.state is RuntimeState.PAUSED)
@@ -452,7 +452,7 @@ def test_paused(begun: Talk) -> None:
     assert begun.rig.texts == ["1"]
 
 
-def test_stopped(begun: Talk) -> None:
+def test_stopping_the_program_discards_pending_statements(begun: Talk) -> None:
     begun.send("sleep(1)", "clear_interpreter()", "x = 1")
     begun.rig.tick()
     assert len(begun.answers) == 2
@@ -461,7 +461,7 @@ def test_stopped(begun: Talk) -> None:
     assert begun.discard("stateunexecuted") == INVALID
 
 
-def test_replaced(begun: Talk) -> None:
+def test_interpreter_mode_ends_when_the_program_is_replaced(begun: Talk) -> None:
     begun.ack("def f(): return 1 end x = 2")
     begun.begin("interpreter_mode() ")
     begun.rig.until(lambda: begun.discard("f()") == "Compile error")
@@ -469,14 +469,14 @@ def test_replaced(begun: Talk) -> None:
     assert begun.ack("textmsg(3)") == 1, "ids begin anew"
 
 
-def test_halt(begun: Talk) -> None:
+def test_halt_in_interpreter_mode(begun: Talk) -> None:
     begun.send("halt", "textmsg(1)")
     begun.rig.until(lambda: begun.rig.state is RuntimeState.STOPPED)
     assert begun.rig.texts == []
     assert begun.rig.exceptions == []
 
 
-def test_a_statement_that_computes_for_ever_stops_nobody(begun: Talk) -> None:
+def test_an_endless_computation_does_not_block_the_controller(begun: Talk) -> None:
     begun.send("while True: x = 1 end", "textmsg(1)")
     begun.rig.seconds(0.1)
     assert begun.state("statelastexecuted") == 1
@@ -484,7 +484,7 @@ def test_a_statement_that_computes_for_ever_stops_nobody(begun: Talk) -> None:
     begun.rig.until(lambda: begun.rig.state is RuntimeState.STOPPED)
 
 
-def test_a_failing_listener_harms_nothing(begun: Talk) -> None:
+def test_a_failing_listener_is_ignored(begun: Talk) -> None:
     def broken(answer: str) -> None:
         raise ConnectionError(answer)
 
@@ -502,7 +502,7 @@ def test_long_lines_are_compiled_in_pieces(begun: Talk) -> None:
     begun.rig.until(lambda: begun.rig.texts == ["750"], 1.0)
 
 
-def test_no_trace_is_left(begun: Talk) -> None:
+def test_cleared_statements_use_no_memory(begun: Talk) -> None:
     """Statements that were cleared take no memory: a program can be in interpreter mode for days."""
     namespace: dict[str, object] = begun.rig.controller.programs.host.runtime._namespace
     begun.ack("def f(a): return textmsg(a) end y = 1 f(2)")
@@ -547,7 +547,7 @@ def test_garbage(make_rig: Callable[..., Any], lines: list[str], ticks: int, cap
     assert not [record for record in caplog.records if record.exc_info], caplog.text
 
 
-def test_a_line_of_many_pieces_goes_on_after_it_cleared_itself(talk: Talk) -> None:
+def test_a_line_compiled_in_pieces_continues_after_clearing_itself(talk: Talk) -> None:
     talk.begin("global x = 0\ninterpreter_mode()")
     steps = " ".join(f"x = x + {number} y{number % 9} = x if x < 0: sync() end" for number in range(200))
     talk.send(f"clear_interpreter() {steps} textmsg(x)")

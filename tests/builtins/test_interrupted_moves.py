@@ -32,7 +32,7 @@ def test_a_stop_between_two_programs_keeps_the_second_from_starting(rig, event):
         ("servoc(pose_add(p0, p[0, 0.0001 * i, 0, 0, 0, 0]), a=1, v=0.2, r=0.05)", "sleep(1)", None),
     ],
 )
-def test_a_stream_goes_on_from_where_force_mode_left_the_arm(rig, stream, stop, end):
+def test_a_stream_continues_from_where_force_mode_left_the_arm(rig, stream, stop, end):
     rig.run(
         f"""
         p0 = get_actual_tcp_pose()
@@ -53,7 +53,7 @@ def test_a_stream_goes_on_from_where_force_mode_left_the_arm(rig, stream, stop, 
         assert rig.q == pytest.approx(end, abs=1e-6)
 
 
-def test_force_mode_entered_again_during_a_move_goes_on_from_where_the_arm_is(rig):
+def test_reentering_force_mode_during_a_move_continues_from_the_current_pose(rig):
     rig.run(
         f"""
         thread mover():
@@ -94,7 +94,7 @@ def test_a_fault_in_force_mode_ends_the_program(rig):
     rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
 
 
-def test_a_program_paused_by_an_emergency_stop_can_be_stopped_while_the_arm_is_off(rig):
+def test_a_program_paused_by_an_emergency_stop_can_be_stopped_with_the_arm_off(rig):
     rig.start("movej([1, -1.5, 1.5, -1.6, -1.57, 0])")
     rig.seconds(0.5)
     rig.controller.safety_event(SafetyEvent.ROBOT_EMERGENCY_STOP)
@@ -119,7 +119,7 @@ def test_the_tcp_may_be_set_between_blended_moves(rig, first, second):
     assert rig.texts == ["True"]
 
 
-def test_servoc_uses_the_tcp_that_holds_when_it_is_called(rig):
+def test_servoc_uses_the_tcp_at_the_time_of_the_call(rig):
     rig.run(
         """
         goal = pose_add(get_actual_tcp_pose(), p[0, 0.1, 0, 0, 0, 0])
@@ -171,7 +171,7 @@ def test_a_negative_acceleration_is_an_error(rig, call):
 
 @pytest.mark.parametrize("stop", ["stopj(0.2)", "stopl(0.02)"])
 @pytest.mark.parametrize("event", [SafetyEvent.PROTECTIVE_STOP, SafetyEvent.ROBOT_EMERGENCY_STOP, SafetyEvent.FAULT])
-def test_a_safety_stop_does_not_wait_for_a_gentle_stop_of_the_program(rig, stop, event):
+def test_a_safety_stop_does_not_wait_for_a_programs_gentle_stop(rig, stop, event):
     rig.start(f"speedj([0.8, 0, 0, 0, 0, 0], 4, 0.5)\n{stop}\nstopped = True\nsleep(1)")
     rig.seconds(0.8)
     assert max(rig.controller.snapshot.target_qd) > 0.5

@@ -44,7 +44,7 @@ def test_mass_and_centre_of_gravity(rig):
     assert found == pytest.approx(list(cog), abs=1e-9)
 
 
-def test_a_zeroed_sensor_and_a_tilted_mounting_give_the_same(rig):
+def test_a_zeroed_sensor_and_a_tilted_mounting_give_the_same_estimate(rig):
     cog, gravity = np.array([0.02, -0.03, 0.11]), np.array([4.0, -2.0, 8.7])
     first = weights(2.3, cog, TURNS, gravity)[0]
     zeroed = weights(2.3, cog, TURNS, gravity, [-v for v in first])
@@ -55,7 +55,7 @@ def test_a_zeroed_sensor_and_a_tilted_mounting_give_the_same(rig):
     assert found == pytest.approx(list(cog), abs=1e-9)
 
 
-def test_the_tcp_of_the_poses_does_not_matter(rig):
+def test_the_estimate_does_not_depend_on_the_tcp_of_the_poses(rig):
     rig.run("set_tcp(p[0, 0, 0.2, 0.5, 0, 0])")
     flange_turns = [tuple(_turn(axes(turn) @ axes((0.5, 0, 0)).T)) for turn in TURNS]
     mass, cog = estimate(rig, TURNS, weights(1.5, np.array([0.0, 0.05, 0.1]), flange_turns))
@@ -69,7 +69,7 @@ def _turn(m):
     return vector * angle / (2 * math.sin(angle)) if angle > 1e-9 else vector
 
 
-def test_noise_is_averaged_as_least_squares_does(rig):
+def test_noise_is_averaged_by_least_squares(rig):
     cog = np.array([0.02, -0.03, 0.11])
     noisy = weights(2.3, cog, TURNS, noise=0.1)
     mass, found = estimate(rig, TURNS, noisy)
@@ -97,7 +97,7 @@ def test_noise_is_averaged_as_least_squares_does(rig):
         ([(x, 0, 0) for x in (0, 0.8, 1.6, 2.4)], None),
     ],
 )
-def test_poses_that_do_not_tell_enough(rig, turns, told):
+def test_insufficient_poses_are_refused(rig, turns, told):
     program = call(turns, weights(1.0, np.array([0.0, 0.0, 0.1]), turns))
     if told is None:  # turned about one axis: the weight sweeps a plane, which determines everything
         assert rig.value(program).members["cog"] == pytest.approx([0, 0, 0.1], abs=1e-9)
@@ -106,11 +106,11 @@ def test_poses_that_do_not_tell_enough(rig, turns, told):
 
 
 @pytest.mark.parametrize("arguments", ["[1, 2, 3, 4], [1, 2, 3, 4]", "[[0]], [[0]]", '["a"], ["b"]'])
-def test_what_is_no_list_of_poses_is_refused(rig, arguments):
+def test_invalid_pose_lists_are_refused(rig, arguments):
     assert rig.fault(f"estimate_payload({arguments})").startswith("estimate_payload:")
 
 
-def test_the_estimate_is_what_a_program_sets_as_payload(rig):
+def test_a_program_sets_the_estimate_as_payload(rig):
     """The example of the vendor's support page, with a wrench that the world exerts in each pose."""
     wrenches = weights(1.2, np.array([0.01, 0.0, 0.06]), TURNS)
     rig.run(f"payload = {call(TURNS, wrenches)}\nset_target_payload(payload.mass, payload.cog)")
@@ -140,14 +140,14 @@ def test_a_base_that_accelerates_adds_to_gravity(make_rig):
     assert math.hypot(*moving.controller.snapshot.ft_raw_wrench[:3]) == pytest.approx(3 * 9.82)
 
 
-def test_a_base_acceleration_is_three_numbers(rig):
+def test_a_base_acceleration_must_be_three_numbers(rig):
     assert rig.fault("set_base_acceleration([1, 2])").startswith("set_base_acceleration:")
 
 
 # where the wrench is measured
 
 
-def test_the_wrench_is_about_the_flange_on_e_series_and_at_the_tcp_on_cb3(rig, cb3):
+def test_the_wrench_refers_to_the_flange_on_e_series_and_to_the_tcp_on_cb3(rig, cb3):
     """Script Manual, get_tcp_force; the official ROS drivers reckon with it."""
     wrench = np.array([3.0, -5.0, 7.0, 0.1, 0.2, -0.3])
 
@@ -175,7 +175,7 @@ def test_an_external_sensor_gives_the_wrench_at_the_tcp(rig):
     assert np.linalg.norm(found[3:]) == pytest.approx(6 * 0.2)
 
 
-def test_an_unset_payload_is_estimated_from_what_the_sensor_reads(rig):
+def test_an_unset_payload_is_estimated_from_sensor_readings(rig):
     """The procedure of the vendor's manual, with a tool the controller knows nothing of hanging on the flange."""
     mass, cog = 1.7, np.array([0.01, -0.02, 0.09])
     rig.run("set_tcp(p[0.02, 0, 0.15, 0.3, 0, 0])\nzero_ftsensor()")
@@ -204,7 +204,7 @@ def test_an_unset_payload_is_estimated_from_what_the_sensor_reads(rig):
 
 
 @pytest.mark.parametrize("command", ["set_payload(12)", "set_target_payload(12, [0, 0, 0])", "set_payload_mass(12)"])
-def test_a_payload_beyond_the_rating_is_taken_and_noted_once(rig, command):
+def test_a_payload_above_the_rating_is_accepted_with_one_warning(rig, command):
     rig.run(f"{command}\n{command}")
     assert rig.controller.installation.payload.mass == 12
     notes = [line for line in rig.controller.messages.history if "rated for" in line]
@@ -213,6 +213,6 @@ def test_a_payload_beyond_the_rating_is_taken_and_noted_once(rig, command):
     assert "the UR5e is rated for 5 kg" in notes[0]
 
 
-def test_a_payload_within_the_rating_is_no_matter(rig):
+def test_a_payload_within_the_rating_causes_no_warning(rig):
     rig.run("set_payload(5)")
     assert not any("rated for" in line for line in rig.controller.messages.history)

@@ -22,7 +22,7 @@ def test_general_purpose_registers(rig, written, read):
 
 
 @pytest.mark.parametrize("call", ["write_port_register(128, 65536)", "write_port_register(128, -32769)"])
-def test_word_that_does_not_fit(rig, call):
+def test_words_out_of_range(rig, call):
     assert "-32768 to 65535" in rig.fault(call)
 
 
@@ -83,7 +83,7 @@ def test_analog_signals(rig):
 
 
 @pytest.mark.parametrize("call", ["write_port_register(20, 13)", "write_port_register(17, 2)"])
-def test_values_the_hardware_does_not_take(rig, call):
+def test_values_the_hardware_does_not_support(rig, call):
     assert "not" in rig.fault(call)
 
 
@@ -140,12 +140,12 @@ def test_uptime_is_latched(rig):
         ("read_port_bit(48)", "can only be written"),
     ],
 )
-def test_addresses_that_are_not_for_that(rig, call, message):
+def test_addresses_that_do_not_support_the_access(rig, call, message):
     assert message in rig.fault(call)
 
 
 @pytest.mark.parametrize("model", ["ur3", "ur10e"])
-def test_every_cell_reads_a_word_whatever_the_arm_does(make_rig, model):
+def test_every_address_returns_a_word_in_any_state_of_the_arm(make_rig, model):
     rig = make_rig(model, None, False)
     assert all(cell.read or cell.write for cell in (*REGISTERS.values(), *COILS.values()))
     words = [word(rig, address) for address, cell in REGISTERS.items() if cell.read]
@@ -154,7 +154,7 @@ def test_every_cell_reads_a_word_whatever_the_arm_does(make_rig, model):
     assert {read_coil(rig.controller, address) for address, cell in COILS.items() if cell.read} == {False}
 
 
-def test_errors_carry_the_code_for_clients(rig):
+def test_errors_carry_a_modbus_exception_code(rig):
     with pytest.raises(PortError) as error:
         word(rig, 34)
     assert error.value.code == 2

@@ -41,7 +41,7 @@ def sent(modbus: MemoryModbus, function: Function) -> list[tuple[int, ...]]:
         (16, 1, "", "7", Function.READ_HOLDING_REGISTERS),
     ],
 )
-def test_each_type_reads_its_table(rig, modbus, type_, address, more, said, function):
+def test_each_signal_type_reads_its_table(rig, modbus, type_, address, more, said, function):
     rig.run(add(type_, address, more) + 'sleep(0.01)\ntextmsg(modbus_get_signal_status("s"))')
     assert rig.texts == [said]
     assert {request.function for request in modbus.units[UNIT].requests} == {function}
@@ -58,7 +58,7 @@ def test_each_type_reads_its_table(rig, modbus, type_, address, more, said, func
         (16, "", 'register("s", 5, False)', Function.WRITE_REGISTERS, (5,)),
     ],
 )
-def test_an_output_reads_until_it_is_set_and_writes_from_then_on(rig, modbus, type_, more, call, function, values):
+def test_an_output_is_read_until_it_is_set_and_written_afterwards(rig, modbus, type_, more, call, function, values):
     rig.run(add(type_, 0, more) + f"sleep(0.15)\nmodbus_set_output_{call}\nsleep(0.25)")
     functions = [request.function for request in modbus.units[UNIT].requests]
     reads = functions.index(function)
@@ -67,7 +67,7 @@ def test_an_output_reads_until_it_is_set_and_writes_from_then_on(rig, modbus, ty
     assert set(sent(modbus, function)) == {values}
 
 
-def test_digital_outputs_of_cb3_are_written_one_by_one(cb3):
+def test_digital_outputs_on_cb3_are_written_individually(cb3):
     backend = MemoryModbus()
     backend.units[UNIT] = MemoryUnit({0: 0})
     cb3.controller.programs.modbus.backend = backend
@@ -75,7 +75,7 @@ def test_digital_outputs_of_cb3_are_written_one_by_one(cb3):
     assert {request.function for request in backend.units[UNIT].requests} == {Function.WRITE_COIL}
 
 
-def test_frequency_counts_in_control_periods(rig, modbus):
+def test_the_update_frequency_is_in_robot_time(rig, modbus):
     rig.run(add(0) + 'modbus_set_signal_update_frequency("s", 20)\nsleep(1)')
     assert len(modbus.units[UNIT].requests) == pytest.approx(20, abs=1)
 
@@ -89,7 +89,7 @@ def test_signals_of_a_unit_take_turns(rig, modbus):
     assert all(addresses.count(i) == pytest.approx(50, abs=2) for i in range(4))
 
 
-def test_signal_without_frequency_asks_when_a_program_wants_it(rig, modbus):
+def test_a_signal_without_frequency_is_read_on_request(rig, modbus):
     rig.run(
         add(3)
         + """
@@ -105,7 +105,7 @@ def test_signal_without_frequency_asks_when_a_program_wants_it(rig, modbus):
     assert rig.texts == ["40000"]
 
 
-def test_an_update_that_is_requested_does_not_wait_for_the_frequency(rig, modbus):
+def test_a_requested_update_does_not_wait_for_the_frequency(rig, modbus):
     rig.run(add(2) + 'modbus_set_signal_update_frequency("s", -1)\nsleep(0.5)')
     before = len(modbus.units[UNIT].requests)
     rig.run('modbus_request_update_signal_value("s")\nsleep(0.5)')
@@ -113,7 +113,7 @@ def test_an_update_that_is_requested_does_not_wait_for_the_frequency(rig, modbus
     assert "no Modbus signal" in rig.fault('modbus_request_update_signal_value("t")')
 
 
-def test_a_program_waits_for_the_answer_it_demanded(rig, modbus):
+def test_a_program_waits_for_a_requested_answer(rig, modbus):
     modbus.silent.add(UNIT)
     rig.start(add(2) + 'modbus_set_signal_update_frequency("s", -1)\ntextmsg(modbus_get_signal_status("s"))')
     rig.seconds(1.0)
@@ -123,7 +123,7 @@ def test_a_program_waits_for_the_answer_it_demanded(rig, modbus):
     assert rig.texts == ["40000"]
 
 
-def test_deleting_a_signal_frees_who_waits_for_it(rig, modbus):
+def test_deleting_a_signal_releases_threads_waiting_for_it(rig, modbus):
     modbus.silent.add(UNIT)
     rig.start(add(2) + 'modbus_set_signal_update_frequency("s", 0)\ntextmsg(modbus_get_signal_status("s"))')
     rig.seconds(0.1)
@@ -132,7 +132,7 @@ def test_deleting_a_signal_frees_who_waits_for_it(rig, modbus):
     assert 'there is no Modbus signal "s"' in rig.exceptions[0].text
 
 
-def test_preamble_without_the_device_disturbs_nothing(rig, modbus):
+def test_a_preamble_for_a_missing_device_does_not_affect_the_program(rig, modbus):
     """As PolyScope writes it for an installation with signals."""
     modbus.units.clear()
     took = rig.run(
@@ -150,7 +150,7 @@ def test_preamble_without_the_device_disturbs_nothing(rig, modbus):
     assert took == pytest.approx(3.0, abs=0.05)
 
 
-def test_value_of_a_silent_device_is_tolerated_as_long_as_the_watchdog(rig, modbus):
+def test_the_value_of_a_silent_device_is_valid_until_the_watchdog_expires(rig, modbus):
     modbus.silent.add(UNIT)
     rig.start(
         add(0) + 'textmsg(modbus_get_signal_status("s"))\nsleep(1.9)\nx = modbus_get_signal_status("s")\nsleep(0.2)'
@@ -166,7 +166,7 @@ def test_value_of_a_silent_device_is_tolerated_as_long_as_the_watchdog(rig, modb
     )
 
 
-def test_without_a_watchdog_time_a_valid_signal_can_be_read_and_no_other(rig, modbus):
+def test_without_a_watchdog_time_only_a_valid_signal_can_be_read(rig, modbus):
     rig.run(add(2) + 'modbus_set_signal_watchdog("s", 0)\nsleep(0.2)\ntextmsg(modbus_get_signal_status("s"))')
     assert rig.texts == ["40000"]
     del modbus.units[UNIT]
@@ -175,7 +175,7 @@ def test_without_a_watchdog_time_a_valid_signal_can_be_read_and_no_other(rig, mo
     )
 
 
-def test_last_value_holds_until_the_watchdog_of_a_lost_device_expires(rig, modbus):
+def test_the_last_value_of_a_lost_device_holds_until_its_watchdog_expires(rig, modbus):
     unit = modbus.units[UNIT]
     rig.start(
         add(2)
@@ -240,7 +240,7 @@ def test_disconnected_and_a_device_error_read_as_in_the_manual(rig, modbus):
     assert rig.value('modbus_get_error("s")') == -131068, "the example of the Script Manual"
 
 
-def test_address_that_the_device_does_not_have(rig, modbus):
+def test_an_address_that_the_device_does_not_have(rig, modbus):
     rig.run(add(2, 99) + "sleep(0.1)")
     assert rig.value('modbus_get_error("s", 1)') == ExceptionCode.ILLEGAL_DATA_ADDRESS
 
@@ -263,7 +263,7 @@ def test_read_write_signal(rig, modbus):
     assert [modbus.units[UNIT].registers[address] for address in (10, 11, 12)] == [5, 6, 0]
 
 
-def test_an_answer_that_was_under_way_does_not_undo_a_set_value(rig, modbus):
+def test_an_answer_in_flight_does_not_overwrite_a_set_value(rig, modbus):
     modbus.silent.add(UNIT)
     rig.start(
         add(3) + 'sleep(0.1)\nmodbus_set_output_register("s", 5)\nsleep(0.5)\ntextmsg(modbus_get_signal_status("s"))'
@@ -274,7 +274,7 @@ def test_an_answer_that_was_under_way_does_not_undo_a_set_value(rig, modbus):
     assert rig.texts == ["5"]
 
 
-def test_signals_outlive_their_program_and_come_from_secondary_ones(rig, modbus):
+def test_signals_outlive_their_program_and_can_come_from_secondary_programs(rig, modbus):
     """URCaps add signals from a secondary program of their own; the next main program uses them."""
     rig.submit('sec install():\n  modbus_add_signal("10.0.0.5", 255, 1, 2, "s")\nend\n')
     rig.seconds(0.2)
@@ -283,14 +283,14 @@ def test_signals_outlive_their_program_and_come_from_secondary_ones(rig, modbus)
     assert rig.texts == ["7", "7"]
 
 
-def test_secondary_program_does_not_wait(rig, modbus):
+def test_a_secondary_program_does_not_wait(rig, modbus):
     rig.run(add(2, 1) + 'modbus_set_signal_update_frequency("s", 0)\nsleep(0.1)')
     rig.submit('sec read():\n  textmsg(modbus_get_signal_status("s", True))\nend\n')
     rig.tick(5)
     assert rig.texts == ["7"]
 
 
-def test_a_name_used_again_is_another_signal(rig, modbus):
+def test_a_reused_name_is_a_new_signal(rig, modbus):
     rig.run(add(2, 1) + add(2, 2) + 'sleep(0.1)\ntextmsg(modbus_get_signal_status("s"))')
     assert rig.texts == ["8"]
     assert modbus.released == [], "its unit is still in use"
@@ -310,7 +310,7 @@ def test_a_name_used_again_is_another_signal(rig, modbus):
         (5, 1, None, 0),
     ],
 )
-def test_runstate_choice(rig, modbus, choice, running, stopped, failed):
+def test_levels_by_run_state(rig, modbus, choice, running, stopped, failed):
     """None: the program's own level stays."""
     signal = add(1) + f'modbus_set_runstate_dependent_choice("s", {choice})\n'
     own = 1 if choice == 1 else 0
@@ -330,7 +330,7 @@ def test_runstate_choice(rig, modbus, choice, running, stopped, failed):
     assert wanted.wanted == (before if failed is None else (failed,))
 
 
-def test_protective_stop_is_an_unscheduled_end(rig, modbus):
+def test_a_protective_stop_is_an_unscheduled_end(rig, modbus):
     rig.start(add(1) + 'modbus_set_runstate_dependent_choice("s", 5)\nwhile True:\n  sync()\nend')
     rig.seconds(0.1)
     rig.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
@@ -340,7 +340,7 @@ def test_protective_stop_is_an_unscheduled_end(rig, modbus):
     assert modbus.units[UNIT].coils[0] == 0
 
 
-def test_custom_command_is_sent_as_it_is(rig, modbus):
+def test_a_custom_command_is_sent_unchanged(rig, modbus):
     rig.run('modbus_send_custom_command("10.0.0.5", 255, 6, [17,32,2,88])')
     assert modbus.units[UNIT].commands == [b"\x06\x11\x20\x02\x58"]
 
@@ -356,7 +356,7 @@ def test_reset_blocks_until_the_device_is_back(rig, modbus):
     assert modbus.resets == ["10.0.0.5"]
 
 
-def test_reset_that_does_not_block_and_reset_of_nothing(rig, modbus):
+def test_a_non_blocking_reset_and_a_reset_without_signals(rig, modbus):
     modbus.units.clear()
     took = rig.run(add(0) + 'modbus_reset_connection("10.0.0.5", False)\nmodbus_reset_connection("10.0.0.9")')
     assert took < 0.05
@@ -413,7 +413,7 @@ def test_without_a_network_units_are_unreachable(make_rig):
         ('modbus_get_error("in", 3)', "0, 1 or 2, not 3"),
     ],
 )
-def test_mistakes_are_named(rig, modbus, call, message):
+def test_errors_name_the_invalid_argument(rig, modbus, call, message):
     signals = "\n".join(
         f'modbus_add_signal("10.0.0.5", 255, 0, {type_}, "{name}")'
         for type_, name in ((0, "in"), (1, "out"), (3, "word"))
@@ -421,12 +421,12 @@ def test_mistakes_are_named(rig, modbus, call, message):
     assert message in rig.fault(f"{signals}\n{call}")
 
 
-def test_there_is_an_end_to_signals(rig, modbus):
+def test_the_number_of_signals_is_limited(rig, modbus):
     text = rig.fault('i = 0\nwhile True:\n  modbus_add_signal("10.0.0.5", 255, 0, 0, to_str(i))\n  i = i + 1\nend')
     assert "there are already 500 Modbus signals" in text
 
 
-def test_an_input_signal_frees_the_arm_while_it_is_high_and_its_unit_answers(rig, modbus):
+def test_a_high_input_signal_enables_freedrive_while_its_unit_answers(rig, modbus):
     rig.run(add(0) + 'modbus_set_digital_input_action("s", "freedrive")\nsleep(0.2)')
     rig.seconds(0.2)
     assert rig.controller.snapshot.control_mode is ControlMode.TEACH
@@ -436,7 +436,7 @@ def test_an_input_signal_frees_the_arm_while_it_is_high_and_its_unit_answers(rig
 
 
 @pytest.mark.parametrize(("choice", "said"), [(3, None), (4, "must be 0 to 3, not 4"), (5, "must be 0 to 3, not 5")])
-def test_runstate_choices_of_cb3_end_at_3(cb3, choice, said):
+def test_cb3_has_run_state_choices_up_to_3(cb3, choice, said):
     body = add(1) + f'modbus_set_runstate_dependent_choice("s", {choice})'
     if said is None:
         cb3.run(body)

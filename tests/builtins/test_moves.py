@@ -20,13 +20,13 @@ def trapezoid(distance: float, v: float, a: float) -> float:
 
 
 @pytest.mark.parametrize(("distance", "a", "v"), [(1.0, 1.4, 1.05), (0.1, 2.0, 1.0), (2.0, 5.0, 0.5)])
-def test_movej_ends_at_its_target_after_the_profile_s_time(rig, distance, a, v):
+def test_movej_reaches_its_target_in_the_time_of_its_profile(rig, distance, a, v):
     took = rig.run(f"movej([{distance}, -1.5, 1.5, -1.6, -1.57, 0], a={a}, v={v})")
     assert rig.q == pytest.approx((distance, *HOME[1:]), abs=1e-9)
     assert took == pytest.approx(trapezoid(distance, v, a), abs=0.03)
 
 
-def test_movej_on_cb3_runs_at_its_period(cb3):
+def test_movej_on_cb3_uses_the_8_ms_period(cb3):
     took = cb3.run("movej([0.5, -1.5, 1.5, -1.6, -1.57, 0])")
     assert cb3.q[0] == pytest.approx(0.5, abs=1e-9)
     assert took == pytest.approx(trapezoid(0.5, 1.05, 1.4), abs=0.08)
@@ -57,7 +57,7 @@ def test_movel_goes_straight(rig):
     assert worst < 1e-6
 
 
-def test_movel_takes_joint_angles_too(rig):
+def test_movel_accepts_joint_angles(rig):
     rig.run(f"movej([0.3, -1.4, 1.4, -1.6, -1.5, 0.2])\nmovel({START})")
     assert rig.q == pytest.approx(HOME, abs=1e-6)
 
@@ -72,7 +72,7 @@ textmsg(point_dist(get_actual_tcp_pose(), pose_add(p0, p[0, 0, -0.1, 0, 0, 0])) 
 
 
 @pytest.mark.parametrize("series", ["rig", "cb3"])
-def test_overlapping_blends_are_told_of_as_an_error_code(series, request):
+def test_overlapping_blends_are_reported_as_an_error_code(series, request):
     robot = request.getfixturevalue(series)
     robot.run(OVERLAPPING)
     assert robot.texts == ["True"]
@@ -82,7 +82,7 @@ def test_overlapping_blends_are_told_of_as_an_error_code(series, request):
     assert robot.controller.snapshot.safety_mode == SafetyMode.NORMAL
 
 
-def test_a_program_that_asks_for_it_is_paused_by_a_skipped_waypoint(rig):
+def test_a_skipped_waypoint_pauses_the_program_if_requested(rig):
     rig.start(f"pause_on_error_code(171)\n{OVERLAPPING}")
     rig.until(lambda: rig.state is RuntimeState.PAUSED)
     assert rig.controller.snapshot.safety_mode == SafetyMode.NORMAL
@@ -147,7 +147,7 @@ def test_optimovej_arrives(rig):
     assert rig.q[0] == pytest.approx(0.5, abs=1e-9)
 
 
-def test_the_shares_of_optimovej_are_of_what_the_slowest_joint_can_do(make_rig):
+def test_optimovej_fractions_refer_to_the_slowest_joint(make_rig):
     """A UR10e's base turns more slowly than its wrists."""
     rig = make_rig("ur10e", None)
     model = rig.controller.model
@@ -159,7 +159,7 @@ def test_the_shares_of_optimovej_are_of_what_the_slowest_joint_can_do(make_rig):
 
 
 @pytest.mark.parametrize(("given", "turning"), [("", 0.5), (", aRot=2.0", 2.0)])
-def test_speedl_turns_as_quickly_as_it_speeds_up_unless_told_otherwise(rig, given, turning):
+def test_the_rotational_acceleration_of_speedl_defaults_to_its_acceleration(rig, given, turning):
     rig.start(f"speedl([0, 0, 0, 0, 0, 0.5], a=0.5, t=3{given})")
     rig.until(lambda: rig.controller.snapshot.actual_TCP_speed[5] > 0.05, 1.0)
     assert rig.controller.snapshot.actual_TCP_acceleration[5] == pytest.approx(turning, rel=0.05)
@@ -189,7 +189,7 @@ def test_optimove_goes_to_frames_and_poses_in_frames(rig, move, goal, expected):
     assert list(pose_sub(reached, wanted)) == pytest.approx([0.0] * 6, abs=1e-6)
 
 
-def test_a_goal_in_a_tracked_frame_is_where_the_frame_is_now(rig):
+def test_a_goal_in_a_tracked_frame_uses_the_current_position_of_the_frame(rig):
     rig.run(
         WORLD
         + """movej(p[0.4, -0.2, 0.35, 0.1, 3, 0.2])
@@ -236,7 +236,7 @@ def test_servoj_blocks_for_its_time(rig):
     assert rig.q[0] == pytest.approx(0.05, abs=0.02)
 
 
-def test_one_frame_calls_take_one_frame_each(rig):
+def test_single_frame_calls_take_one_frame_each(rig):
     took = rig.run("i = 0\nwhile i < 50:\n  servoj(get_actual_joint_positions())\n  i = i + 1\nend")
     assert took == pytest.approx(50 * rig.period, abs=3 * rig.period)
     took = rig.run("i = 0\nwhile i < 50:\n  speedj([0, 0, 0, 0, 0, 0], 1, get_steptime())\n  i = i + 1\nend")
@@ -278,12 +278,12 @@ def test_sleep_takes_whole_periods(rig, seconds, frames):
     assert took == pytest.approx(frames * rig.period, abs=1.5 * rig.period)
 
 
-def test_set_pos_puts_the_simulated_arm_elsewhere(rig):
+def test_set_pos_moves_the_simulated_arm_instantly(rig):
     rig.run("set_pos([0.1, -1.4, 1.3, -1.2, -1.1, 0.9])")
     assert rig.q == pytest.approx((0.1, -1.4, 1.3, -1.2, -1.1, 0.9))
 
 
-def test_direct_torque_without_torque_holds_the_arm(rig):
+def test_zero_direct_torque_holds_the_arm(rig):
     rig.controller.version = rig.controller.version.parse("5.25.1")
     rig.run("i = 0\nwhile i < 100:\n  direct_torque([0, 0, 0, 0, 0, 0])\n  i = i + 1\nend")
     assert rig.q == pytest.approx(HOME, abs=1e-9)
@@ -340,7 +340,7 @@ def test_move_with_another_tcp_brings_that_point_to_the_target(rig):
         "movej(p[nan[1], 0, 0, 0, 0, 0])",
     ],
 )
-def test_what_is_not_a_usable_number_is_an_error_of_the_program(rig, call):
+def test_unusable_numbers_are_program_errors(rig, call):
     text = rig.fault(f"nan = socket_read_ascii_float(1)\n{call}")
     assert "internal error" not in text
     rig.tick(5)

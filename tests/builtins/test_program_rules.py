@@ -10,7 +10,7 @@ def errors(rig):
     return [(m.code, m.argument) for m in rig.messages if isinstance(m, ErrorCodeMessage)]
 
 
-def test_an_endless_loop_is_told_of_and_then_stops_the_arm(rig):
+def test_an_endless_loop_causes_a_warning_and_then_stops_the_arm(rig):
     rig.start("n = 0\nwhile True:\n  n = n + 1\nend")
     rig.until(lambda: errors(rig) != [], 2.0)
     assert errors(rig) == [(218, 0)]
@@ -30,7 +30,7 @@ def test_an_endless_loop_ends_the_program_on_cb3(cb3):
     assert cb3.controller.snapshot.safety_mode is SafetyMode.NORMAL
 
 
-def test_the_warning_names_the_thread_that_computes(rig):
+def test_the_warning_names_the_busy_thread(rig):
     rig.start("thread busy():\n  while True:\n    x = 1\n  end\nend\nrun busy()\nsleep(1.5)\nhalt")
     rig.until(lambda: rig.state is RuntimeState.STOPPED and bool(rig.keys), 3.0)
     (warning,) = [m for m in rig.messages if isinstance(m, ErrorCodeMessage)]
@@ -38,14 +38,14 @@ def test_the_warning_names_the_thread_that_computes(rig):
 
 
 @pytest.mark.parametrize("wait", ["sync()", "sleep(0.002)"])
-def test_a_loop_that_waits_now_and_then_is_left_alone(rig, wait):
+def test_a_loop_that_occasionally_waits_is_not_an_endless_loop(rig, wait):
     rig.start(f"while True:\n  n = 0\n  while n < 3000:\n    n = n + 1\n  end\n  {wait}\nend")
     rig.seconds(12.0)
     assert rig.state is RuntimeState.PLAYING
     assert errors(rig) == []
 
 
-def test_a_reader_whose_peer_never_pauses_is_no_endless_loop(rig):
+def test_reading_from_a_peer_that_never_pauses_is_not_an_endless_loop(rig):
     """Some drivers send keep-alives without a pause; the official script reads them all."""
     rig.start('socket_open("10.0.0.1", 50001, "s")\nwhile True:\n  m = socket_read_binary_integer(8, "s", 0.5)\nend')
     rig.until(lambda: bool(rig.sockets.opened), 1.0)
@@ -58,7 +58,7 @@ def test_a_reader_whose_peer_never_pauses_is_no_endless_loop(rig):
     assert errors(rig) == []
 
 
-def test_secondary_program_uses_the_sockets_of_the_main_one(rig):
+def test_a_secondary_program_uses_the_sockets_of_the_main_program(rig):
     """The manual allows a secondary program a single socket_send, and no time to open a socket."""
     rig.start('socket_open("10.0.0.1", 50001, "link")\nwhile True:\n  sync()\nend')
     rig.tick(3)
@@ -69,7 +69,7 @@ def test_secondary_program_uses_the_sockets_of_the_main_one(rig):
     assert link.state == "open"
 
 
-def test_secondary_program_without_a_main_one_closes_its_sockets(rig):
+def test_a_secondary_program_without_a_main_program_closes_its_sockets(rig):
     rig.submit('sec aside():\n  socket_open("10.0.0.1", 50001)\n  socket_send_string("hello")\nend\n')
     rig.tick(3)
     (link,) = rig.sockets.opened
@@ -86,7 +86,7 @@ def test_secondary_program_without_a_main_one_closes_its_sockets(rig):
         'x = request_boolean_from_primary_client("Really?")',
     ],
 )
-def test_secondary_program_that_takes_time_is_too_much_behind(rig, statement):
+def test_a_secondary_program_that_takes_too_long_is_stopped(rig, statement):
     rig.sockets.listening.add(("10.0.0.1", 50001))
     rig.start('socket_open("10.0.0.1", 50001, "none")\nwhile True:\n  sync()\nend', name="main")
     rig.tick(3)
@@ -99,7 +99,7 @@ def test_secondary_program_that_takes_time_is_too_much_behind(rig, statement):
     assert rig.controller.popups.shown == []
 
 
-def test_thread_of_a_secondary_program_does_not_outlive_it(rig):
+def test_a_thread_of_a_secondary_program_does_not_outlive_it(rig):
     rig.submit(
         "sec aside():\n  thread t():\n    sleep(0.1)\n    set_standard_digital_out(1, True)\n  end\n  run t()\nend\n"
     )
@@ -107,7 +107,7 @@ def test_thread_of_a_secondary_program_does_not_outlive_it(rig):
     assert rig.controller.signals.digital_outputs == 0
 
 
-def test_secondary_program_that_does_not_compile_is_a_runtime_exception(rig):
+def test_a_secondary_program_that_does_not_compile_is_a_runtime_exception(rig):
     rig.submit("sec aside():\n  no_such_thing()\nend\n")
     rig.tick(3)
     (exception,) = rig.exceptions

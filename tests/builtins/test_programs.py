@@ -10,7 +10,7 @@ from urproto.modes import RuntimeState, SafetyMode
 from urproto.primary.messages import PopupMessage, RequestValueMessage
 
 
-def test_start_and_end_are_told_once_around_the_text(rig):
+def test_start_and_end_are_reported_once_around_the_text(rig):
     rig.start('textmsg("hello ", 3)', name="greet")
     rig.seconds(0.1)
     kinds = [(m.title, m.text) if hasattr(m, "title") else m.text for m in rig.messages]
@@ -18,14 +18,14 @@ def test_start_and_end_are_told_once_around_the_text(rig):
     assert rig.state is RuntimeState.STOPPED
 
 
-def test_bare_line_is_a_program_of_its_own(rig):
+def test_a_bare_line_is_a_separate_program(rig):
     rig.controller.post(ScriptUnit("set_digital_out(2, True)\n", "line"))
     rig.seconds(0.1)
     assert rig.controller.snapshot.actual_digital_output_bits == 0b100
     assert [title for title, _ in rig.keys] == ["PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"]
 
 
-def test_unknown_name_is_reported_with_place_and_starts_nothing(rig):
+def test_an_unknown_name_is_reported_with_its_line_and_nothing_starts(rig):
     rig.submit("def illegal_fun():\n  calldoesntexist()\nend\n")
     rig.tick(3)
     (error,) = rig.exceptions
@@ -33,7 +33,7 @@ def test_unknown_name_is_reported_with_place_and_starts_nothing(rig):
     assert rig.keys == []
 
 
-def test_program_that_does_not_compile_leaves_the_running_one_alone(rig):
+def test_a_program_that_does_not_compile_leaves_the_running_one_alone(rig):
     rig.start("while True:\n  sync()\nend", name="keeper")
     rig.tick(3)
     rig.submit("def broken(:\nend\n")
@@ -43,14 +43,14 @@ def test_program_that_does_not_compile_leaves_the_running_one_alone(rig):
     assert len(rig.exceptions) == 1
 
 
-def test_runtime_error_ends_the_program_after_its_message(rig):
+def test_a_runtime_error_ends_the_program_after_its_message(rig):
     rig.start("a = [1, 2]\nb = a[5]", name="careless")
     rig.seconds(0.1)
     assert [type(m).__name__ for m in rig.messages] == ["KeyMessage", "RuntimeExceptionMessage", "KeyMessage"]
     assert rig.exceptions[0].line == 3
 
 
-def test_new_program_replaces_the_running_one(rig):
+def test_a_new_program_replaces_the_running_one(rig):
     rig.start("while True:\n  sync()\nend", name="old")
     rig.tick(5)
     rig.start("while True:\n  sync()\nend", name="new")
@@ -91,7 +91,7 @@ def test_halt_ends_all_threads_and_closes_sockets(rig):
     assert [socket.state for socket in rig.sockets.opened] == ["closed"]
 
 
-def test_stop_lets_the_arm_come_to_rest_before_it_is_stopped(rig):
+def test_a_stopped_program_ends_once_the_arm_is_at_rest(rig):
     rig.start("movej([1, -1.5, 1.5, -1.6, -1.57, 0], a=5, v=2)")
     rig.seconds(0.4)
     assert rig.controller.snapshot.target_qd[0] > 1.0
@@ -102,7 +102,7 @@ def test_stop_lets_the_arm_come_to_rest_before_it_is_stopped(rig):
     assert rig.q[0] < 0.9
 
 
-def test_pause_and_resume_keep_to_the_path_and_arrive(rig):
+def test_pause_and_resume_stay_on_the_path_and_arrive(rig):
     rig.start("movej([0.5, -1.5, 1.5, -1.6, -1.57, 0])")
     rig.seconds(0.3)
     assert rig.controller.programs.pause()
@@ -118,7 +118,7 @@ def test_pause_and_resume_keep_to_the_path_and_arrive(rig):
     ]
 
 
-def test_arm_without_power_runs_no_program_and_says_so(make_rig):
+def test_a_program_without_arm_power_is_refused_with_a_message(make_rig):
     rig = make_rig("ur5e", None, running=False)
     rig.start('textmsg("no")')
     rig.tick(5)
@@ -133,7 +133,7 @@ def test_power_off_ends_the_program(rig):
     rig.until(lambda: rig.state is RuntimeState.STOPPED, 1.0)
 
 
-def test_secondary_program_runs_beside_the_main_one(rig):
+def test_a_secondary_program_runs_alongside_the_main_one(rig):
     rig.start("while True:\n  sync()\nend", name="main")
     rig.tick(3)
     rig.submit("sec aside():\n  set_standard_digital_out(1, True)\nend\n")
@@ -147,7 +147,7 @@ def test_secondary_program_runs_beside_the_main_one(rig):
     ("statement", "part"),
     [("sleep(0.5)", "too much behind"), ("movej([0,0,0,0,0,0])", "cannot control the robot"), ('x = to_num("a")', "")],
 )
-def test_secondary_program_that_fails_leaves_the_main_one_alone(rig, statement, part):
+def test_a_failing_secondary_program_leaves_the_main_one_alone(rig, statement, part):
     rig.start("while True:\n  sync()\nend", name="main")
     rig.tick(3)
     rig.submit(f"sec aside():\n  {statement}\nend\n")
@@ -158,7 +158,7 @@ def test_secondary_program_that_fails_leaves_the_main_one_alone(rig, statement, 
     assert rig.state is RuntimeState.PLAYING
 
 
-def test_protective_stop_pauses_and_resuming_goes_on_behind_the_call(rig):
+def test_a_protective_stop_pauses_and_resuming_continues_after_the_call(rig):
     rig.start('protective_stop()\nsync()\ntextmsg("after")')
     rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
     snapshot = rig.controller.snapshot
@@ -172,7 +172,7 @@ def test_protective_stop_pauses_and_resuming_goes_on_behind_the_call(rig):
     assert rig.texts == ["after"]
 
 
-def test_a_program_that_only_stops_protectively_ends(rig):
+def test_a_program_consisting_of_a_protective_stop_ends(rig):
     """The official client library waits for the message that it did."""
     rig.start("protective_stop()")
     rig.tick(5)
@@ -181,7 +181,7 @@ def test_a_program_that_only_stops_protectively_ends(rig):
     assert [title for title, _ in rig.keys][-1] == "PROGRAM_XXX_STOPPED"
 
 
-def test_program_after_a_protective_stop_without_program_moves(rig):
+def test_a_program_moves_after_a_protective_stop_without_program(rig):
     rig.submit("protective_stop()\n")
     rig.tick(5)
     rig.controller.programs.stop()
@@ -193,7 +193,7 @@ def test_program_after_a_protective_stop_without_program_moves(rig):
 
 
 @pytest.mark.parametrize(("action", "state"), [("stop", RuntimeState.STOPPED), ("pause", RuntimeState.PAUSED)])
-def test_watchdog_acts_when_the_client_falls_silent(rig, action, state):
+def test_the_watchdog_acts_when_the_client_falls_silent(rig, action, state):
     rig.start(f'rtde_set_watchdog("input_int_register_0", 10, "{action}")\nwhile True:\n  sync()\nend')
     rig.tick()
     for _ in range(10):
@@ -210,7 +210,7 @@ def test_watchdog_action_in_capitals(rig):
     rig.until(lambda: rig.state is RuntimeState.PAUSED, 1.0)
 
 
-def test_watchdog_that_ignores_does_nothing_and_ends_with_the_program(rig):
+def test_a_watchdog_with_action_ignore_does_nothing_and_ends_with_the_program(rig):
     rig.run('rtde_set_watchdog("input_int_register_0", 100, "ignore")\nsleep(0.2)')
     rig.run('rtde_set_watchdog("input_int_register_0", 100, "stop")')
     rig.run("sleep(0.3)")
@@ -219,11 +219,11 @@ def test_watchdog_that_ignores_does_nothing_and_ends_with_the_program(rig):
 @pytest.mark.parametrize(
     "call", ['"no_such_field", 10', '"input_int_register_0", 10, "explode"', '"input_int_register_0", -1']
 )
-def test_watchdog_refuses_nonsense(rig, call):
+def test_invalid_watchdog_arguments_are_refused(rig, call):
     assert "rtde_set_watchdog" in rig.fault(f"rtde_set_watchdog({call})")
 
 
-def test_blocking_popup_suspends_the_whole_program_until_it_is_closed(rig):
+def test_a_blocking_popup_suspends_the_whole_program_until_it_is_closed(rig):
     rig.start(
         """
         thread count():
@@ -251,20 +251,20 @@ def test_blocking_popup_suspends_the_whole_program_until_it_is_closed(rig):
     assert rig.texts == ["closed"]
 
 
-def test_popup_that_does_not_block_stops_nothing_and_outlives_the_program(rig):
+def test_a_non_blocking_popup_outlives_the_program(rig):
     rig.run('popup(p[1, 2, 3, 4, 5, 6], "Point")\ntextmsg("on")')
     assert rig.texts == ["on"]
     assert [popup.text for popup in rig.controller.popups.shown] == ["p[1,2,3,4,5,6]"]
 
 
-def test_blocking_popup_goes_with_its_program(rig):
+def test_a_blocking_popup_closes_with_its_program(rig):
     rig.start('popup("wait", blocking=True)')
     rig.tick(3)
     rig.controller.programs.stop()
     assert rig.controller.popups.shown == []
 
 
-def test_question_to_the_operator_waits_for_its_answer(rig):
+def test_a_question_to_the_operator_waits_for_its_answer(rig):
     rig.start('textmsg(request_integer_from_primary_client("How many?"))')
     rig.seconds(0.5)
     (asked,) = [m for m in rig.messages if isinstance(m, RequestValueMessage)]
@@ -290,7 +290,7 @@ def test_only_one_thread_moves_the_robot(rig):
     assert text == "Another thread is already controlling the robot"
 
 
-def test_killed_thread_gives_the_robot_up_and_leaves_it_moving(rig):
+def test_a_killed_thread_releases_the_robot_and_leaves_it_moving(rig):
     rig.run(
         """
         thread go():
@@ -309,7 +309,7 @@ def test_killed_thread_gives_the_robot_up_and_leaves_it_moving(rig):
     assert 0.4 < rig.q[0] < 0.8
 
 
-def test_thread_owns_the_robot_only_while_it_moves(rig):
+def test_a_thread_owns_the_robot_only_while_it_moves(rig):
     rig.run(
         """
         thread first():
@@ -323,7 +323,7 @@ def test_thread_owns_the_robot_only_while_it_moves(rig):
     assert rig.q[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_loaded_script_plays_and_its_name_is_known(rig, tmp_path):
+def test_a_loaded_script_plays_and_its_name_is_reported(rig, tmp_path):
     path = tmp_path / "tool.urp"
     path.write_bytes(b"")
     path.with_suffix(".script").write_text('def tool():\n  textmsg("played")\nend\n')
@@ -334,7 +334,7 @@ def test_loaded_script_plays_and_its_name_is_known(rig, tmp_path):
     assert rig.texts == ["played"]
 
 
-def test_program_tree_that_cannot_be_read_is_not_loaded_without_its_script(rig, tmp_path):
+def test_an_unreadable_program_tree_is_not_loaded_without_its_script(rig, tmp_path):
     path = tmp_path / "bare.urp"
     path.write_bytes(b"")
     with pytest.raises(ProgramLoadError, match=r"bare\.urp"):
@@ -397,7 +397,7 @@ def test_each_run_state_action(rig, kind, action, before, running, ended, failed
     assert read(rig.controller) == failed
 
 
-def test_outputs_that_follow_drive_power(make_rig):
+def test_outputs_follow_drive_power(make_rig):
     rig = make_rig("ur5e", None, running=False)
     rig.submit(
         "sec s():\n  set_runstate_standard_digital_output_to_value(0, 6)\n"
@@ -425,7 +425,7 @@ def test_a_protective_stop_that_ends_a_program_is_an_unscheduled_end(rig):
 
 
 @pytest.mark.parametrize("action", [4, 8, -1])
-def test_run_state_actions_of_cb3_end_at_3(cb3, action):
+def test_cb3_has_run_state_actions_up_to_3(cb3, action):
     assert "must be 0 to 3" in cb3.fault(f"set_runstate_standard_digital_output_to_value(0, {action})")
 
 
@@ -435,7 +435,7 @@ def test_flags_survive_programs(rig):
     assert "no flag 32" in rig.fault("set_flag(32, True)")
 
 
-def test_busy_loop_does_not_hold_the_controller_up(rig):
+def test_a_busy_loop_does_not_delay_the_controller(rig):
     rig.start("while True:\n  x = 1\nend")
     rig.tick(20)
     assert rig.state is RuntimeState.PLAYING

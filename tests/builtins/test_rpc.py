@@ -94,7 +94,7 @@ def test_the_request(rig):
     assert arguments == (pose, [1, 2.5, True], "a<&>", -7)
 
 
-def test_the_form_is_that_of_xmlrpc_c():
+def test_requests_are_formatted_as_by_xmlrpc_c():
     assert to_end(encode_call("set", (7, True, 1e-7, "a\rb"))) == (
         b'<?xml version="1.0" encoding="UTF-8"?>\r\n<methodCall>\r\n<methodName>set</methodName>\r\n<params>\r\n'
         b"<param><value><i4>7</i4></value></param>\r\n"
@@ -125,7 +125,7 @@ def as_struct(value):
 
 
 @given(VALUES)
-def test_what_is_sent_is_what_the_standard_library_reads(value):
+def test_the_standard_library_reads_our_requests(value):
     arguments, _ = xmlrpc.client.loads(to_end(encode_call("m", (as_struct(value),))))
     assert arguments == (value,)
 
@@ -138,7 +138,7 @@ def read(reply: bytes, piece: int = 1024, structs: bool = True):
 
 
 @given(VALUES, st.integers(1, 50))
-def test_what_the_standard_library_sends_is_read_in_any_pieces(value, piece):
+def test_replies_of_the_standard_library_are_read_in_any_split(value, piece):
     value = value.replace("\r", "") if isinstance(value, str) else value  # which that library does not escape
     encoded = to_end(encode_call("m", (as_struct(value),)))
     reply = encoded.replace(b"methodCall>", b"methodResponse>").replace(b"<methodName>m</methodName>\r\n", b"")
@@ -146,7 +146,7 @@ def test_what_the_standard_library_sends_is_read_in_any_pieces(value, piece):
     assert read(xml(7), piece) == 7
 
 
-def test_matrices_and_poses_go_out_as_arrays_and_structs():
+def test_matrices_and_poses_are_sent_as_arrays_and_structs():
     sent = to_end(encode_call("m", (Matrix(((1, 2), (3, 4))), Struct({"at": Pose([0.0] * 6)}))))
     arguments, _ = xmlrpc.client.loads(sent)
     assert arguments == ([[1, 2], [3, 4]], {"at": dict.fromkeys(("x", "y", "z", "rx", "ry", "rz"), 0.0)})
@@ -156,7 +156,7 @@ def test_matrices_and_poses_go_out_as_arrays_and_structs():
     ("argument", "named"),
     [("1 / 0.0", "inf"), ("server", "RPC handle"), ('socket_read_string("s")', "'\\x00', at 1")],
 )
-def test_what_xml_cannot_carry_is_an_error(rig, argument, named):
+def test_values_that_xml_cannot_carry_are_errors(rig, argument, named):
     rig.start(f'socket_open("10.0.0.1", 50001, "s")\n{FACTORY}server.set({argument})')
     rig.until(lambda: bool(rig.sockets.opened), 1.0)
     rig.sockets.opened[0].feed(b"a\0b")
@@ -188,7 +188,7 @@ def test_results(make_rig, sent, value):
     assert type(result) is type(value)
 
 
-def test_a_pose_that_came_back_moves_the_arm(rig):
+def test_the_arm_moves_to_a_returned_pose(rig):
     target = [round(part, 4) for part in rig.controller.snapshot.actual_TCP_pose]
     target[2] += 0.05
     rig.start(FACTORY + "movej(server.get_next_pose(get_actual_tcp_pose()))")
@@ -208,7 +208,7 @@ def test_a_pose_that_came_back_moves_the_arm(rig):
         ([[[[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]]], "levels"),
     ],
 )
-def test_results_without_a_counterpart(rig, value, problem):
+def test_results_without_a_urscript_type(rig, value, problem):
     assert problem in fails(rig, http(xml(value)))
 
 
@@ -218,7 +218,7 @@ def test_integers_of_more_than_32_bits(rig):
     )
 
 
-def test_a_struct_that_is_no_pose_before_structs_existed(make_rig):
+def test_other_structs_are_errors_in_versions_without_structs(make_rig):
     assert "needs 5.15" in fails(make_rig("ur5", "3.15.8"), http(xml({"a": 1})))
 
 
@@ -229,7 +229,7 @@ def test_replies_in_chunks_and_in_single_bytes(rig):
     assert call(rig, "server.get()", *(reply[at : at + 1] for at in range(120)), reply[120:]) == [1, 2, 3]
 
 
-def test_a_reply_that_ends_with_the_connection(rig):
+def test_a_reply_delimited_by_the_end_of_the_connection(rig):
     socket = start_call(rig, "server.get()")
     socket.feed(b"HTTP/1.0 200 OK\r\n\r\n" + xml(5))
     rig.tick(3)
@@ -238,7 +238,7 @@ def test_a_reply_that_ends_with_the_connection(rig):
     assert rig.controller.programs.variables["result"] == 5
 
 
-def test_a_call_takes_its_thread_and_no_other(rig):
+def test_a_call_blocks_only_its_own_thread(rig):
     rig.start(
         f"{FACTORY}global n = 0\nthread count():\nwhile True:\nn = n + 1\nsync()\nend\nend\nrun count()\nserver.get()"
     )
@@ -277,7 +277,7 @@ def test_one_connection_serves_all_calls(rig):
 
 
 @pytest.mark.parametrize("between", ["server.closeXMLRPCClientConnection()", "sleep(0.1)"])
-def test_a_connection_closed_by_either_side_is_opened_again(rig, between):
+def test_a_connection_closed_by_either_side_is_reopened(rig, between):
     rig.start(f"{FACTORY}a = server.first()\n{between}\ntextmsg(server.second())")
     rig.until(lambda: bool(rig.sockets.opened and rig.sockets.opened[0].sent), 1.0)
     rig.sockets.opened[0].feed(http(xml(1)))
@@ -289,7 +289,7 @@ def test_a_connection_closed_by_either_side_is_opened_again(rig, between):
     assert rig.texts == ["2"]
 
 
-def test_a_kept_connection_that_dies_under_a_call_is_tried_once_more(rig):
+def test_a_call_is_retried_once_if_a_kept_connection_breaks(rig):
     rig.start(FACTORY + "a = server.first()\ntextmsg(server.second())")
     rig.until(lambda: bool(rig.sockets.opened and rig.sockets.opened[0].sent), 1.0)
     rig.sockets.opened[0].feed(http(xml(1)))
@@ -323,7 +323,7 @@ def test_threads_take_turns_on_a_handle(rig):
     assert rig.texts == ["slow", "fast"]
 
 
-def test_a_killed_call_leaves_no_half_answer_to_the_next(rig):
+def test_a_killed_call_leaves_no_partial_answer_for_the_next(rig):
     body = f"{FACTORY}thread other():\nserver.slow()\nend\nt = run other()\nsleep(0.1)\nkill t\ntextmsg(server.fast())"
     rig.start(body)
     rig.until(lambda: len(rig.sockets.opened) == 2 and bool(rig.sockets.opened[1].sent), 1.0)
@@ -347,7 +347,7 @@ def test_other_values_have_no_members(rig):
 
 
 @pytest.mark.parametrize("name", ["append", "pop", "clear", "to_string", "length"])
-def test_names_that_lists_have_as_methods_are_the_servers(make_rig, name):
+def test_list_method_names_are_methods_of_the_server(make_rig, name):
     rig = make_rig("ur5e", "5.22")
     assert call(rig, f"server.{name}()", http(xml(3))) == 3
     assert requested(bytes(rig.sockets.opened[0].sent))[3] == name
@@ -356,7 +356,7 @@ def test_names_that_lists_have_as_methods_are_the_servers(make_rig, name):
 # errors
 
 
-def test_the_factory_needs_no_server_and_the_first_call_does(rig):
+def test_only_the_first_call_needs_the_server_not_the_factory(rig):
     rig.run('server = rpc_factory("xmlrpc", "http://10.0.0.2:80")\ntextmsg(server)')
     assert rig.texts == ["rpc_factory(http://10.0.0.2:80/)"]
     text = rig.fault('server = rpc_factory("xmlrpc", "http://10.0.0.2:80")\nserver.get()')
@@ -389,7 +389,7 @@ def test_a_server_that_never_accepts(rig, monkeypatch):
         ("xmlrpc", "http://[::1"),
     ],
 )
-def test_addresses_that_cannot_be(rig, kind, url):
+def test_invalid_addresses(rig, kind, url):
     assert rig.fault(f'rpc_factory("{kind}", "{url}")').startswith("rpc_factory: ")
 
 
@@ -481,7 +481,7 @@ def test_a_secondary_program_cannot_wait_for_a_server(rig):
     assert rig.sockets.opened[0].state == "closed"
 
 
-def test_inf_is_not_sent_but_may_come(rig):
+def test_inf_is_not_sent_but_can_be_received(rig):
     assert call(rig, "server.get()", http(xml(math.inf))) == math.inf
 
 
@@ -501,7 +501,7 @@ def start_stream(rig, body: str):
     return rig.sockets.opened[0]
 
 
-def test_packet_streams_in_single_bytes(rig):
+def test_packet_streams_in_single_byte_chunks(rig):
     socket = start_stream(rig, "a = server.first(7)\ntextmsg(server.second() + a)")
     sent = bytes(socket.sent)
     assert sent[:4] == b"\x1bPKT"
@@ -518,12 +518,12 @@ def test_packet_streams_in_single_bytes(rig):
     assert socket.state == "closed"
 
 
-def test_a_packet_stream_needs_its_server_at_once(rig):
+def test_a_packet_stream_needs_its_server_immediately(rig):
     text = rig.fault('rpc_factory("xmlrpc", "10.0.0.2:80")')
     assert text == 'rpc_factory: "10.0.0.2:80" cannot be used: cannot connect to 10.0.0.2:80: is the server running?'
 
 
-def test_a_closed_packet_stream_is_opened_again(rig):
+def test_a_closed_packet_stream_is_reopened(rig):
     socket = start_stream(rig, "a = server.first()\nserver.closeXMLRPCClientConnection()\ntextmsg(server.second())")
     socket.feed(packet(xml(1)))
     rig.until(lambda: len(rig.sockets.opened) == 2 and bool(rig.sockets.opened[1].sent), 1.0)
@@ -537,7 +537,7 @@ def test_a_closed_packet_stream_is_opened_again(rig):
     "answer",
     [b"HTTP/1.1 200 OK", b"\x1bEND", b"\x1bESC", b"\x1bPKT\x1bPKT", b"\x1bXYZ", packet(b"x") + b"y", packet(b"")],
 )
-def test_answers_that_are_no_packet(rig, answer):
+def test_answers_that_are_not_packets(rig, answer):
     socket = start_stream(rig, "server.get()")
     socket.feed(answer)
     rig.until(lambda: bool(rig.exceptions), 1.0)
@@ -556,7 +556,7 @@ def test_a_packet_stream_that_ends_early(rig):
 
 
 @given(st.binary(), st.integers(1, 9), st.booleans())
-def test_any_packet_is_read_in_any_pieces(body, piece, framed):
+def test_any_packet_is_read_in_any_split(body, piece, framed):
     got = bytearray()
     reader = PacketReader(got.extend)
     wire = packet(body.replace(b"\x1b", b"\x1bESC")) if framed else body

@@ -19,7 +19,7 @@ def talk(rig, body: str, *sent: bytes, limit_s: float = 10.0):
     return rig.sockets.opened[0]
 
 
-def test_open_tells_success_refusal_and_silence(rig):
+def test_open_reports_success_refusal_and_timeout(rig):
     rig.sockets.silent.add(("10.0.0.9", 1))
     took = rig.run(
         """
@@ -33,7 +33,7 @@ def test_open_tells_success_refusal_and_silence(rig):
     assert took == pytest.approx(2.0, abs=0.02)
 
 
-def test_opening_a_name_again_closes_the_first(rig):
+def test_reopening_a_name_closes_the_first_connection(rig):
     rig.run(OPEN * 2 + "sleep(0.01)")
     assert len(rig.sockets.opened) == 2
 
@@ -62,7 +62,7 @@ def test_opening_a_name_again_closes_the_first(rig):
         ('socket_send_int(2147483647, socket_name="s")', b"\x7f\xff\xff\xff"),
     ],
 )
-def test_what_is_sent(rig, call, wire):
+def test_bytes_sent_by_each_function(rig, call, wire):
     assert bytes(talk(rig, call).sent) == wire
 
 
@@ -105,31 +105,31 @@ def test_what_is_sent(rig, call, wire):
         ('socket_read_string("s", "", "\\n", False, 0.2)', b"a\nb", ""),
     ],
 )
-def test_what_is_read(rig, call, sent, text):
+def test_values_returned_by_each_read_function(rig, call, sent, text):
     talk(rig, f"textmsg({call})", sent)
     assert rig.texts == [text]
 
 
-def test_bytes_in_pieces_are_waited_for(rig):
+def test_reads_wait_for_data_that_arrives_in_pieces(rig):
     talk(rig, 'textmsg(socket_read_binary_integer(1, "s", 1))', b"\0", b"\0\1", b"\2")
     assert rig.texts == ["[1,258]"]
 
 
-def test_what_follows_the_suffix_is_kept(rig):
+def test_data_after_the_suffix_is_kept(rig):
     body = 'textmsg(socket_read_string("s", "<", ">"))\ntextmsg(socket_read_byte_list(2, "s", 1))'
     talk(rig, body, b"<a>bc")
     assert rig.texts == ["a", "[2,98,99]"]
 
 
 @pytest.mark.parametrize("timeout", [0.1, 0.002, 0.5])
-def test_timeout_is_counted_in_control_periods(rig, timeout):
+def test_timeouts_are_counted_in_control_periods(rig, timeout):
     took = rig.run(OPEN + f'textmsg(socket_read_binary_integer(2, "s", {timeout}))')
     assert rig.texts == ["[0,-1,-1]"]
     assert took == pytest.approx(timeout, abs=3 * rig.period)
 
 
 @pytest.mark.parametrize("timeout", [0, -1])
-def test_no_timeout_waits_for_ever_and_a_closed_peer_wakes_it(rig, timeout):
+def test_a_read_without_timeout_waits_until_the_peer_closes(rig, timeout):
     rig.start(OPEN + f'textmsg(socket_read_binary_integer(1, "s", {timeout}))')
     rig.seconds(5.0)
     assert rig.texts == []
@@ -138,7 +138,7 @@ def test_no_timeout_waits_for_ever_and_a_closed_peer_wakes_it(rig, timeout):
     assert rig.texts == ["[0,-1]"]
 
 
-def test_bytes_that_came_before_the_peer_closed_are_read(rig):
+def test_bytes_received_before_the_peer_closed_are_read(rig):
     rig.start(OPEN + 'sleep(0.1)\ntextmsg(socket_read_byte_list(1, "s", 1))')
     rig.tick(5)
     rig.sockets.opened[0].feed(b"z")
@@ -147,7 +147,7 @@ def test_bytes_that_came_before_the_peer_closed_are_read(rig):
     assert rig.texts == ["[1,122]"]
 
 
-def test_reading_what_is_there_takes_no_time(rig):
+def test_reading_available_data_takes_no_time(rig):
     rig.start(OPEN + 'sleep(0.1)\ni = 0\nwhile i < 10:\n  x = socket_read_byte_list(1, "s")\n  i = i + 1\nend')
     rig.tick(5)
     rig.sockets.opened[0].feed(b"0123456789")
@@ -155,7 +155,7 @@ def test_reading_what_is_there_takes_no_time(rig):
     assert took == pytest.approx(0.1, abs=0.02)
 
 
-def test_socket_that_was_never_opened_fails_at_once(rig):
+def test_a_socket_that_was_never_opened_fails_immediately(rig):
     took = rig.run(
         """
         textmsg(socket_read_string("nobody"))
@@ -176,7 +176,7 @@ def test_text_longer_than_a_string_is_an_error(rig):
     assert rig.exceptions[0].text == "Received String exceeds maximum length (1023 Bytes)."
 
 
-def test_bytes_survive_the_way_through_a_string(rig):
+def test_bytes_survive_a_round_trip_through_a_string(rig):
     socket = talk(rig, 'socket_send_string(socket_read_string("s"), "s")', bytes(range(256)))
     assert bytes(socket.sent) == bytes(range(256))
 
@@ -189,7 +189,7 @@ def test_bytes_survive_the_way_through_a_string(rig):
         ('socket_read_string("s", "<", ">", timeout=0)', b"<" + b"x" * 1025),
     ],
 )
-def test_longer_than_a_string_in_every_reader(rig, call, sent):
+def test_data_longer_than_a_string_is_an_error_in_every_reader(rig, call, sent):
     rig.start(OPEN + f"x = {call}")
     rig.tick(3)
     rig.sockets.opened[0].feed(sent)
@@ -197,7 +197,7 @@ def test_longer_than_a_string_in_every_reader(rig, call, sent):
     assert rig.exceptions[0].text == "Received String exceeds maximum length (1023 Bytes)."
 
 
-def test_the_longest_string_passes_through_every_reader(rig):
+def test_every_reader_accepts_the_longest_string(rig):
     longest = "x" * 1023
     read = 'socket_read_string("s", "<", ">")', 'socket_read_line("s")', 'socket_read_string("s")'
     body = "\n".join(f"textmsg(str_len({call}))" for call in read[:2])
@@ -215,7 +215,7 @@ def test_the_longest_string_passes_through_every_reader(rig):
         ('socket_read_ascii_float(1, "s", 0.1)', 'socket_read_byte_list(4, "s")', ["[0,nan]", "[4,0,0,1,2]"]),
     ],
 )
-def test_a_read_that_timed_out_leaves_what_came(rig, first, second, texts):
+def test_a_read_that_timed_out_keeps_the_received_data(rig, first, second, texts):
     rig.start(OPEN + f"textmsg({first})\nsleep(0.1)\ntextmsg({second})")
     rig.until(lambda: bool(rig.sockets.opened), 1.0)
     rig.sockets.opened[0].feed(b"\0\0\1")
@@ -236,7 +236,7 @@ def test_a_read_that_timed_out_leaves_what_came(rig, first, second, texts):
         ('socket_get_var("POS", "s")', "0"),
     ],
 )
-def test_a_peer_that_closes_in_the_middle_wakes_every_reader(rig, call, text):
+def test_a_peer_that_closes_mid_message_wakes_every_reader(rig, call, text):
     rig.start(OPEN + f'textmsg({call})\ntextmsg(socket_send_int(1, "s"))\ntextmsg(socket_read_string("s"))')
     rig.tick(3)
     rig.sockets.opened[0].feed(b"(1,2")
@@ -246,7 +246,7 @@ def test_a_peer_that_closes_in_the_middle_wakes_every_reader(rig, call, text):
     assert rig.texts == [text, "False", "(1,2"]
 
 
-def test_names_are_separate_connections(rig):
+def test_each_socket_name_is_a_separate_connection(rig):
     rig.start(
         'socket_open("10.0.0.1", 50001)\n' + OPEN + 'socket_send_string("a")\nsocket_send_string("b", "s")\nsleep(1)'
     )
@@ -256,13 +256,13 @@ def test_names_are_separate_connections(rig):
     assert [socket.state for socket in rig.sockets.opened] == ["closed", "closed"]
 
 
-def test_a_name_that_was_closed_can_be_opened_again(rig):
+def test_a_closed_name_can_be_reopened(rig):
     rig.run(OPEN + 'socket_close("s")\ntextmsg(socket_send_int(1, "s"))\n' + OPEN + 'textmsg(socket_send_int(1, "s"))')
     assert rig.texts == ["False", "True"]
 
 
 @pytest.mark.parametrize("call", ["socket_read_ascii_float", "socket_read_binary_integer", "socket_read_byte_list"])
-def test_thirty_values_are_the_most(rig, call):
+def test_at_most_thirty_values_are_read(rig, call):
     wire = {"socket_read_ascii_float": b"(" + b",".join([b"1"] * 30) + b")"}.get(call, b"\0\0\0\1" * 30)
     talk(rig, f'x = {call}(30, "s", 1)\ntextmsg(x[0], length(x))', wire)
     assert rig.texts == ["3031"]
@@ -303,7 +303,7 @@ def test_failed_floats_are_not_numbers(rig):
         'socket_get_var("x", "closed") > 0',
     ],
 )
-def test_trying_again_and_again_leaves_time_for_others(rig, attempt):
+def test_retrying_in_a_loop_leaves_time_for_other_threads(rig, attempt):
     """Public programs do it without sync(); it is no endless loop."""
     rig.start(f"n = 0\nwhile not {attempt}:\nn = n + 1\nend")
     rig.seconds(12.0)

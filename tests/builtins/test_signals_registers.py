@@ -25,7 +25,7 @@ def test_digital_outputs_and_inputs(rig, group, bit):
 
 
 @pytest.mark.parametrize(("n", "bit"), [(3, 3), (8, 16), (9, 17)])
-def test_old_names_reach_the_tool_behind_the_standard_signals(rig, n, bit):
+def test_old_functions_number_tool_signals_after_standard_signals(rig, n, bit):
     rig.controller.signals.digital_inputs = 1 << bit
     rig.run(f"set_digital_out({n}, True)\ntextmsg(get_digital_out({n}))\ntextmsg(get_digital_in({n}))")
     assert rig.texts == ["True", "True"]
@@ -158,7 +158,7 @@ tool_wrench_limit_disable()
 """
 
 
-def test_polyscope_preamble_takes_effect_silently(rig):
+def test_a_polyscope_preamble_takes_effect_without_messages(rig):
     took = rig.run(PREAMBLE)
     assert took < 0.05
     assert rig.texts == []

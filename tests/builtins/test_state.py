@@ -22,7 +22,7 @@ def test_positions_and_poses_agree_with_the_snapshot(rig):
     assert rig.value("get_target_tcp_pose()") == pose
 
 
-def test_flange_pose_leaves_the_tcp_out(rig):
+def test_the_flange_pose_excludes_the_tcp_offset(rig):
     rig.run("set_tcp(p[0, 0, 0.2, 0, 0, 0])")
     flange, tcp = rig.value("get_actual_tool_flange_pose()"), rig.value("get_actual_tcp_pose()")
     assert list(tcp) == pytest.approx(pose_trans(flange, (0, 0, 0.2, 0, 0, 0)))
@@ -69,7 +69,7 @@ def test_accelerations_are_read_during_a_move(rig):
     assert rig.texts == ["True", "800"]
 
 
-def test_target_waypoint_is_where_the_move_goes(rig):
+def test_the_target_waypoint_is_the_target_of_the_move(rig):
     rig.run(
         """
         global goal = pose_add(get_actual_tcp_pose(), p[0, 0.1, 0, 0, 0, 0])
@@ -197,17 +197,17 @@ def test_payload_changes_gradually_over_its_transition_time(rig):
         "set_tcp([0, 0, 0, 0, 0, 0])",
     ],
 )
-def test_impossible_set_up_is_refused(rig, call):
+def test_invalid_settings_are_refused(rig, call):
     assert rig.fault(call)
 
 
-def test_gravity_is_used_and_read_back(rig):
+def test_gravity_takes_effect_and_is_read_back(rig):
     rig.run("set_gravity([0, 9.82, 0])")
     assert rig.controller.snapshot.target_gravity == (0, 9.82, 0)
     assert rig.value("get_gravity()") == [0, 9.82, 0]
 
 
-def test_external_force_is_felt_and_can_be_zeroed(cb3):
+def test_external_force_is_measured_and_can_be_zeroed(cb3):
     cb3.controller.external_wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
     cb3.tick(2)
     assert cb3.value("force()") == pytest.approx(5.0)
@@ -217,7 +217,7 @@ def test_external_force_is_felt_and_can_be_zeroed(cb3):
     assert cb3.value("force()") == pytest.approx(0.0)
 
 
-def test_the_sensor_of_an_e_series_arm_is_zeroed_by_every_program_that_starts(rig):
+def test_starting_a_program_zeroes_the_sensor_of_an_e_series_arm(rig):
     """The vendor's word, in two issues of the ROS driver (512 and 643)."""
     wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
 
@@ -230,7 +230,7 @@ def test_the_sensor_of_an_e_series_arm_is_zeroed_by_every_program_that_starts(ri
     assert rig.controller.snapshot.ft_raw_wrench != pytest.approx((0.0,) * 6)  # the sensor itself still feels it
 
 
-def test_a_secondary_program_and_a_program_that_goes_on_do_not_zero_the_sensor(rig):
+def test_secondary_programs_and_resumed_programs_do_not_zero_the_sensor(rig):
     rig.start("sleep(5)")
     rig.controller.external_wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
     rig.submit("sec beside():\n  set_standard_digital_out(0, True)\nend\n")
@@ -256,7 +256,7 @@ def test_force_sensor_can_come_from_rtde(rig, name):
     assert rig.value("force()") == 0.0
 
 
-def test_contact_is_found_against_the_direction_of_motion(rig):
+def test_contact_is_detected_against_the_direction_of_motion(rig):
     assert rig.value("tool_contact(direction=[0, 0, -1, 0, 0, 0])") == 0
     rig.start(
         """
@@ -354,7 +354,7 @@ def test_impossible_force_modes_are_refused(rig, call):
 
 
 @pytest.mark.parametrize("begin", ["freedrive_mode()", "teach_mode()", "freedrive_mode(freeAxes=[1,1,1,1,1,1])"])
-def test_hand_guiding_follows_the_hand(rig, begin):
+def test_freedrive_follows_the_hand(rig, begin):
     end = "end_teach_mode()" if "teach" in begin else "end_freedrive_mode()"
     rig.start(f"{begin}\ntextmsg(get_freedrive_status())\nsleep(1)\n{end}\nsleep(0.5)")
     start = rig.controller.snapshot.actual_TCP_pose
@@ -374,7 +374,7 @@ def test_rtde_outputs_can_be_read(rig, key, attribute):
     assert "no RTDE output" in rig.fault('get_rtde_value("nonsense")')
 
 
-def test_temperatures_currents_and_the_rest(rig):
+def test_temperatures_currents_and_other_state(rig):
     assert rig.value("get_steptime()") == 0.002
     assert rig.value("get_joint_temp(2)") == rig.controller.snapshot.joint_temperatures[2]
     assert isinstance(rig.value("get_tool_temp()"), float)
@@ -390,7 +390,7 @@ def test_cb3_has_its_own_step_time(cb3):
     assert cb3.value("get_steptime()") == 0.008
 
 
-def test_revolution_counter_is_only_reset_where_the_wrist_has_no_end(make_rig):
+def test_the_revolution_counter_is_reset_only_on_unlimited_wrists(make_rig):
     rig = make_rig("ur3e", None)
     rig.run("movej([0, -1.5, 1.5, -1.6, -1.57, 7], t=3)\nreset_revolution_counter()")
     assert rig.q[5] == pytest.approx(7 - 2 * math.pi, abs=1e-9)

@@ -31,7 +31,7 @@ def run(queue: Queue) -> str:
     return statement.code
 
 
-def test_a_line_on_its_way(queue: Queue, answers: list[str]) -> None:
+def test_the_life_of_a_line(queue: Queue, answers: list[str]) -> None:
     queue.receive("a", answers.append)
     assert (answers, queue.unexecuted, queue.last_interpreted) == ([], 1, 0)
     queue.accept("A", holds=False)
@@ -50,13 +50,13 @@ def test_refused_lines_have_no_id(queue: Queue, answers: list[str]) -> None:
     assert answers == ["discard: Syntax error: (", "ack: 1: b"]
 
 
-def test_ids_begin_again(queue: Queue, answers: list[str]) -> None:
+def test_ids_wrap_around(queue: Queue, answers: list[str]) -> None:
     queue.last_interpreted = LAST_ID
     interpret(queue, answers, "a")
     assert answers == ["ack: 1: a"]
 
 
-def test_lines_behind_a_clear_wait_until_it_was_executed(queue: Queue, answers: list[str]) -> None:
+def test_lines_after_a_clear_wait_until_it_was_executed(queue: Queue, answers: list[str]) -> None:
     interpret(queue, answers, "a")
     interpret(queue, answers, "clear", holds=True)
     queue.receive("b", answers.append)
@@ -71,7 +71,7 @@ def test_lines_behind_a_clear_wait_until_it_was_executed(queue: Queue, answers: 
     assert received.line == "b"
 
 
-def test_skip_keeps_what_is_executed_and_what_is_defined(queue: Queue, answers: list[str]) -> None:
+def test_skip_keeps_running_statements_and_definitions(queue: Queue, answers: list[str]) -> None:
     interpret(queue, answers, "a", "b")
     queue.start()
     interpret(queue, answers, "clear", holds=True)

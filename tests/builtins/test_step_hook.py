@@ -12,7 +12,7 @@ end
 """
 
 
-def test_a_thread_can_be_held_at_a_statement_even_inside_a_function(rig):
+def test_a_thread_can_be_held_at_any_statement_including_inside_functions(rig):
     held = [True]
     seen = []
 
@@ -35,7 +35,7 @@ def test_a_thread_can_be_held_at_a_statement_even_inside_a_function(rig):
     assert seen[-2:] == [("f", 7, 3, "f"), ("f", 3, 5, "f")]
 
 
-def test_programs_submitted_without_a_hook_take_no_steps(rig):
+def test_programs_submitted_without_a_hook_have_no_steps(rig):
     rig.submit(PROGRAM)
     rig.controller.programs.step_hook = lambda *_: True  # too late: the program was compiled without steps
     rig.tick(5)

@@ -28,7 +28,7 @@ def test_screw_driving_pushes_along_the_tool_at_limited_speed(rig):
     assert after[3:] == pytest.approx(before[3:], abs=1e-6)
 
 
-def test_a_screw_that_resists_with_the_same_force_holds_the_tool(rig):
+def test_a_screw_resisting_with_equal_force_holds_the_tool(rig):
     z = tool_z(rig.value("get_actual_tcp_pose()"))
     before = rig.q
     rig.controller.external_wrench = (*(-5 * z), 0.0, 0.0, 0.0)
@@ -57,14 +57,14 @@ def test_screw_driving_follows_the_tool_when_it_is_turned(rig):
 
 
 @pytest.mark.parametrize("call", ["screw_driving(5, 0)", "screw_driving(5, -0.1)", "screw_driving(5 / 0.0, 0.1)"])
-def test_screw_driving_wants_a_force_and_a_speed(rig, call):
+def test_screw_driving_requires_a_force_and_a_speed(rig, call):
     assert rig.fault(call).count("screw_driving")
 
 
 # errors that pause
 
 
-def test_a_chosen_error_pauses_instead_of_stopping(rig):
+def test_a_selected_error_pauses_instead_of_stopping(rig):
     rig.start('pause_on_error_code(209)\nprotective_stop()\nsleep(0.1)\ntextmsg("went on")')
     rig.until(lambda: rig.state is RuntimeState.PAUSED)
     assert rig.controller.safety.mode is SafetyMode.NORMAL
@@ -74,20 +74,20 @@ def test_a_chosen_error_pauses_instead_of_stopping(rig):
 
 
 @pytest.mark.parametrize(("argument", "mode"), [(0, SafetyMode.NORMAL), (3, SafetyMode.PROTECTIVE_STOP)])
-def test_the_argument_of_the_error_counts(rig, argument, mode):
+def test_errors_are_selected_by_their_argument_too(rig, argument, mode):
     rig.start(f"pause_on_error_code(209, {argument})\nprotective_stop()\nsleep(0.1)")
     rig.until(lambda: rig.state is RuntimeState.PAUSED)
     assert rig.controller.safety.mode is mode
 
 
-def test_the_end_of_the_program_forgets_the_error(rig):
+def test_selected_errors_are_reset_when_the_program_ends(rig):
     rig.run("pause_on_error_code(209)\nsleep(0.1)")
     rig.start("protective_stop()\nsleep(0.1)")
     rig.until(lambda: rig.state is RuntimeState.PAUSED)
     assert rig.controller.safety.mode is SafetyMode.PROTECTIVE_STOP
 
 
-def test_a_movement_that_fails_pauses_and_fails_when_resumed(rig):
+def test_a_failing_move_pauses_and_fails_when_resumed(rig):
     rig.start("pause_on_error_code(204)\nmovel(p[3, 0, 0, 0, 0, 0])")
     rig.until(lambda: rig.state is RuntimeState.PAUSED)
     assert rig.controller.safety.mode is SafetyMode.NORMAL
@@ -112,7 +112,7 @@ def hardest_stop(rig, hardness, event):
 
 
 @pytest.mark.parametrize("event", [SafetyEvent.REDUCED, SafetyEvent.SAFEGUARD_OPEN])
-def test_hard_transitions_use_what_the_joints_can_and_soft_ones_do_not(make_rig, event):
+def test_hard_transitions_use_the_joint_limits_and_soft_ones_do_not(make_rig, event):
     hard, soft = (hardest_stop(make_rig("ur5e", None), hardness, event) for hardness in (0, 1))
     most = min(make_rig("ur5e", None).controller.model.qdd_max)
     assert soft <= 10.0 + 1e-6
@@ -163,7 +163,7 @@ SET = f"tool_wrench_limit_set(p{list(FRAME)}, "
 
 @pytest.mark.parametrize("move", MOVES)
 @pytest.mark.parametrize(("name", "column"), [("Fx", 0), ("Fz", 2), ("My", 4)])
-def test_the_wrench_limit_holds_and_costs_no_more_than_it_must(make_rig, move, name, column):
+def test_the_wrench_limit_is_kept_without_slowing_more_than_necessary(make_rig, move, name, column):
     free = wrenches(make_rig("ur5e", "5.20"), PAYLOAD + MOVES[move])[:, column].max()
     limit = free / 3
     rig = make_rig("ur5e", "5.20")
@@ -173,7 +173,7 @@ def test_the_wrench_limit_holds_and_costs_no_more_than_it_must(make_rig, move, n
     assert freed[:, column].max() > 2 * limit
 
 
-def test_a_wrench_limit_leaves_gentle_movements_alone(make_rig):
+def test_a_wrench_limit_does_not_affect_gentle_moves(make_rig):
     rig = make_rig("ur5e", "5.20")
     plain = rig.run(PAYLOAD + "movej([0.5, -1.5, 1.5, -1.6, -1.57, 0])")
     rig.run("movej([0, -1.5, 1.5, -1.6, -1.57, 0])")

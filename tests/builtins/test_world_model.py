@@ -32,7 +32,7 @@ def close(pose, expected):
     np.testing.assert_allclose(matrix(pose), expected, atol=1e-9)
 
 
-def test_predefined_frames_live_with_the_arm(rig):
+def test_predefined_frames_follow_the_arm(rig):
     rig.run("set_tcp(p[0.01, 0.02, 0.1, 0, 0.5, 0])\nmovej([0.3, -1.2, 1.1, -1.6, -1.57, 0.4], t=0.5)")
     flange, tcp = rig.value("get_actual_tool_flange_pose()"), rig.value("get_actual_tcp_pose()")
     close(rig.value('get_pose("flange", "base")'), matrix(flange))
@@ -68,7 +68,7 @@ def test_a_relative_pose_in_the_coordinates_of_a_third_frame(rig):
     close(rig.value('get_pose("a", "b", "c")'), expected)
 
 
-def test_an_attached_frame_moves_with_the_arm_and_a_loose_one_does_not(rig):
+def test_an_attached_frame_moves_with_the_arm_and_a_detached_one_does_not(rig):
     part = some_pose()
     rig.run(f'add_frame("part", {text(part)}, "tcp")\nadd_frame("loose", {text(part)}, "tcp")')
     before = rig.value('get_pose("part", "base")')
@@ -135,7 +135,7 @@ def test_the_base_on_a_rail_survives_delete_all_and_is_reset(rig):
         ('i = 0\nwhile True:\n  add_frame(str_cat("f", i), p[0,0,0,0,0,0])\n  i = i + 1\nend', "100 frames"),
     ],
 )
-def test_what_cannot_be_is_said_and_changes_nothing(rig, body, told):
+def test_invalid_calls_are_reported_and_change_nothing(rig, body, told):
     frames = rig.value('get_children("world")')
     assert told in rig.fault(body)
     assert rig.value('get_children("world")')[: len(frames)] == frames
@@ -171,7 +171,7 @@ def _tensor(xx, yy, zz, xy, xz, yz):
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def test_a_part_put_down_is_payload_no_more(rig):
+def test_a_detached_part_is_no_longer_payload(rig):
     rig.run(
         'add_frame("part", p[0, 0, 0.1, 0, 0, 0], "tcp")\n'
         'set_mass_properties("part", 2, [0, 0, 0], [0, 0, 0, 0, 0, 0])\n'
@@ -182,7 +182,7 @@ def test_a_part_put_down_is_payload_no_more(rig):
     assert rig.value("get_target_payload()") == 0
 
 
-def test_the_world_model_is_not_on_cb3(cb3):
+def test_the_world_model_does_not_exist_on_cb3(cb3):
     cb3.start('textmsg(is_frame("base"))')
     cb3.tick(5)
     assert "compile_error_name_not_found:is_frame:" in cb3.exceptions[-1].text

@@ -47,7 +47,7 @@ def _node() -> dict[str, Any]:
     return {"num_cpus": 1, "object_store_memory": STORE_BYTES, "include_dashboard": False, **ports}
 
 
-def test_a_node_that_dies_in_the_middle_loses_nothing_and_doubles_nothing(
+def test_a_node_that_dies_midway_loses_and_duplicates_no_results(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from ray.cluster_utils import Cluster

@@ -18,7 +18,7 @@ def campaign(*words: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_it_ends_with_files_a_summary_and_a_status(tmp_path: Path) -> None:
+def test_a_campaign_writes_its_files_prints_a_summary_and_exits_with_a_status(tmp_path: Path) -> None:
     write(tmp_path)
     shown = campaign("trial.yaml", "--dry-run", folder=tmp_path)
     assert shown.returncode == 0
@@ -37,7 +37,7 @@ def test_it_ends_with_files_a_summary_and_a_status(tmp_path: Path) -> None:
     assert again.stdout.splitlines()[-1] == ran.stdout.splitlines()[-1]
 
 
-def test_mistakes_are_one_line(tmp_path: Path) -> None:
+def test_errors_are_one_line(tmp_path: Path) -> None:
     write(tmp_path, "script: work.script\nmatrix: {model: [ur4]}")
     ended = campaign("trial.yaml", folder=tmp_path)
     assert ended.returncode == 2
@@ -46,5 +46,5 @@ def test_mistakes_are_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(5, "5 s"), (600, "10 min"), (7200, "2.0 h"), (1e6, "11.6 days")])
-def test_times_are_for_people(seconds: float, text: str) -> None:
+def test_durations_are_formatted_for_people(seconds: float, text: str) -> None:
     assert duration(seconds) == text

@@ -40,7 +40,9 @@ def complete(plan: Plan, results: list[Result]) -> bool:
     return sorted(result.run for result in results) == list(range(len(plan)))
 
 
-def test_what_came_of_a_run_is_what_its_command_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rerunning_the_command_of_a_run_gives_the_same_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     import pyarrow.parquet
 
     plan = read_plan(write(tmp_path))
@@ -58,7 +60,7 @@ def test_what_came_of_a_run_is_what_its_command_prints(tmp_path: Path, capsys: p
         assert f"time    {row['robot_s']:.3f} s\nresult  {row['failure'] or 'finished'}\n" in printed
 
 
-def test_a_campaign_that_was_interrupted_goes_on(tmp_path: Path) -> None:
+def test_an_interrupted_campaign_resumes(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path))
 
     def interrupt(results: list[Result]) -> None:
@@ -76,7 +78,7 @@ def test_a_campaign_that_was_interrupted_goes_on(tmp_path: Path) -> None:
     assert sum(len(numbers) for _, numbers, *_ in workers.jobs) == len(plan) - done
 
 
-def test_results_of_another_campaign_are_not_gone_on_with(tmp_path: Path) -> None:
+def test_results_of_another_campaign_are_not_resumed(tmp_path: Path) -> None:
     conducted(read_plan(write(tmp_path, "script: work.script")), tmp_path / "out")
     with pytest.raises(ConfigError, match="has changed: add --fresh"):
         conducted(read_plan(write(tmp_path, "script: work.script", "sync()\n")), tmp_path / "out")
@@ -94,7 +96,7 @@ def test_a_run_that_kills_its_process_is_the_only_one_lost(tmp_path: Path) -> No
     assert max(len(numbers) for _, numbers, *_ in workers.jobs) > 1  # it was one of a portion
 
 
-def test_a_process_that_is_killed_loses_nothing_and_doubles_nothing(tmp_path: Path) -> None:
+def test_a_killed_process_loses_and_duplicates_no_results(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 40}}", "sleep(10)\n"))
     workers = LocalWorkers(plan.folder, 2)
     killed: list[int] = []
@@ -116,10 +118,10 @@ def test_a_process_that_is_killed_loses_nothing_and_doubles_nothing(tmp_path: Pa
 def test_a_machine_with_another_version_is_refused(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script"))
     with Journal(tmp_path / "out", plan, "9.9") as journal, pytest.raises(ConfigError):
-        Conductor(plan, _Telling(plan.folder), journal, "9.9", lambda _: None).run()
+        Conductor(plan, RaisingWorkers(plan.folder), journal, "9.9", lambda _: None).run()
 
 
-class _Telling(Here):
+class RaisingWorkers(Here):
     """As the others, what a function raises is told."""
 
     def submit(self, function: Callable[..., object], *arguments: object) -> int:
@@ -132,7 +134,7 @@ class _Telling(Here):
         return super().submit(told, *arguments)
 
 
-def test_one_failed_run_of_each_kind_is_made_as_simple_as_it_can_be(tmp_path: Path) -> None:
+def test_one_failed_run_of_each_kind_is_reduced_to_a_minimum(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, CAMPAIGN.replace("robot: [{model: ur3, ", "robot: [{model: ur10, ")))
     results = conducted(plan, tmp_path / "out")
     with Journal(tmp_path / "out", plan, VERSION) as journal:
@@ -153,7 +155,7 @@ def test_one_failed_run_of_each_kind_is_made_as_simple_as_it_can_be(tmp_path: Pa
         assert shown == (result.status is Status.FAILED)
 
 
-def test_a_report_bears_any_text(tmp_path: Path) -> None:
+def test_a_report_escapes_any_text(tmp_path: Path) -> None:
     text = CAMPAIGN.replace("message=oh", "message=<b>&")
     plan = read_plan(write(tmp_path, text))
     conducted(plan, tmp_path / "out")
@@ -205,7 +207,7 @@ def test_tests_are_run_with_the_robots_and_seeds_of_the_campaign(tmp_path: Path)
 
 
 @pytest.mark.long
-def test_a_test_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_missing_test_is_refused(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text(TESTS)
     plan = read_plan(write(tmp_path, "pytest: [test_it.py::test_none, test_it.py]\nmatrix: {wheels: [4]}"))
     results = conducted(plan, tmp_path / "out")
@@ -214,7 +216,7 @@ def test_a_test_that_is_not_there_is_refused(tmp_path: Path) -> None:
     assert "no option 'wheels'" in results[1].failure
 
 
-def test_portions_become_small_in_the_end(tmp_path: Path) -> None:
+def test_job_sizes_shrink_towards_the_end(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 60}}", "sync()\n"))
     workers = Here(plan.folder)
     conducted(plan, tmp_path / "out", workers)

@@ -9,7 +9,7 @@ from emulator.campaign.plan import read_plan
 from emulator.config import ConfigError
 
 
-def test_the_runs_are_every_combination_and_the_last_axis_turns_fastest(tmp_path: Path) -> None:
+def test_runs_are_all_combinations_with_the_last_axis_varying_fastest(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path))
     assert len(plan) == 2 * 2 * 3
     commands = [" ".join(plan.command(plan.run(number))) for number in range(len(plan))]
@@ -22,7 +22,7 @@ def test_the_runs_are_every_combination_and_the_last_axis_turns_fastest(tmp_path
     )
 
 
-def test_options_of_tests_go_through_the_plugin(tmp_path: Path) -> None:
+def test_options_of_tests_are_passed_through_the_plugin(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text("")
     text = """
 pytest: test_it.py::test_one
@@ -36,12 +36,12 @@ matrix: {model: [ur5e], seed: {count: 2}, fault: [["joint_fault,joint=1", "stall
     ]
 
 
-def test_joint_angles_are_six_words(tmp_path: Path) -> None:
+def test_joint_angles_become_six_arguments(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {joints: [[0, -1.2, 1, -1.4, -1.5, 0]]}"))
     assert "--joints 0 -1.2 1 -1.4 -1.5 0" in " ".join(plan.command(plan.run(0)))
 
 
-def test_a_million_runs_take_no_room(tmp_path: Path) -> None:
+def test_a_million_runs_need_little_memory(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {model: [ur3, ur5], seed: {count: 500000}}"))
     assert len(plan) == 1_000_000
     assert plan.command(plan.run(999_999))[3:7] == ["--model", "ur5", "--seed", "499999"]
@@ -69,7 +69,7 @@ def test_a_million_runs_take_no_room(tmp_path: Path) -> None:
         ("{script: work.script, matrix: {seed: {count: 2000000000}}}", "2,000,000,000 runs"),
     ],
 )
-def test_what_cannot_be_is_one_line_before_anything_runs(tmp_path: Path, text: str, complaint: str) -> None:
+def test_invalid_plans_are_refused_in_one_line_before_anything_runs(tmp_path: Path, text: str, complaint: str) -> None:
     with pytest.raises(ConfigError, match=r"trial\.yaml") as raised:
         read_plan(write(tmp_path, text))
     assert complaint in str(raised.value)

@@ -34,7 +34,7 @@ def test_lines_in_any_split(step):
     assert decoder.feed(b" a line\n") == ["half a line"]
 
 
-def test_a_line_has_a_limit():
+def test_line_length_is_limited():
     decoder = LineDecoder(max_line=10)
     assert decoder.feed(b"0123456789\n") == ["0123456789"]
     assert decoder.feed(b"ok\n0123456789a") == ["ok"]
@@ -98,7 +98,7 @@ def test_replies(parse, reply, value):
         (parse_polyscope_version, "URSoftware"),
     ],
 )
-def test_replies_that_say_something_else(parse, reply):
+def test_unexpected_replies_are_protocol_errors(parse, reply):
     with pytest.raises(RemoteProtocolError):
         parse(reply)
 

@@ -48,7 +48,7 @@ def drain(decoder, chunks):
 @pytest.mark.parametrize("kind", DECODERS)
 @settings(max_examples=examples(20), deadline=None)
 @given(data=GARBAGE)
-def test_split_makes_no_difference(kind, data):
+def test_results_do_not_depend_on_the_split(kind, data):
     whole = drain(kind(), [data])
     bytewise = drain(kind(), [bytes([byte]) for byte in data])
     assert repr(whole) == repr(bytewise)  # repr: NaN equals itself there

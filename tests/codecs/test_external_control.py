@@ -141,7 +141,7 @@ def test_answers(message, words):
     assert told.values == pytest.approx(message.values, abs=1e-15)
 
 
-def test_an_answer_is_a_6_by_6_matrix_at_most():
+def test_an_answer_is_at_most_a_6_by_6_matrix():
     largest = Answer(tuple(float(number) for number in range(36))).encode()
     assert ReplyDecoder().feed(largest) == [Answer(tuple(float(number) for number in range(36)))]
     with pytest.raises(RemoteProtocolError, match="an answer of 37 values is too long"):
@@ -187,6 +187,6 @@ def test_any_bytes_are_messages_or_a_protocol_error(chunks):
         lambda: ScriptCommand.set_tool_voltage(5),
     ],
 )
-def test_what_cannot_be_sent_is_the_callers_error(make):
+def test_unsendable_values_are_an_error_of_the_caller(make):
     with pytest.raises(LocalProtocolError):
         make()

@@ -299,11 +299,11 @@ def test_every_kind_has_a_case() -> None:
     assert [kind for kind, known in origins().items() if not known] == []
 
 
-def test_every_case_is_of_a_kind_that_is_there() -> None:
+def test_every_case_is_of_an_existing_kind() -> None:
     assert set(origins()) == set(wanted())
 
 
-def test_the_tests_that_are_named_exist() -> None:
+def test_referenced_tests_exist() -> None:
     for row in ROWS:
         if row[2].startswith("test:"):
             path, _, name = row[2].removeprefix("test:").partition("::")

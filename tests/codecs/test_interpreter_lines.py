@@ -23,7 +23,7 @@ from urproto.interpreter import (
 VENDOR_HELPER = re.compile(r"(\w+):\W+(\d+)?")  # how the vendor's InterpreterHelper reads answers
 
 
-def test_answers_as_the_manual_writes_them() -> None:
+def test_answers_match_the_manual() -> None:
     assert ack(1, "x = 1") == "ack: 1: x = 1"
     assert discard(Reason.SYNTAX, "x = ") == "discard: Syntax error: x = "
     assert state(7, "statelastexecuted") == "state: 7: statelastexecuted"
@@ -37,21 +37,21 @@ def test_answers_as_the_manual_writes_them() -> None:
         (discard(Reason.INVALID_STATE, "3"), "discard", None),
     ],
 )
-def test_the_vendors_helper_understands_them(text: str, kind: str, number: str | None) -> None:
+def test_the_vendors_helper_parses_our_answers(text: str, kind: str, number: str | None) -> None:
     match = VENDOR_HELPER.match(text)
     assert match is not None
     assert match.groups() == (kind, number)
 
 
 @given(st.text(st.characters(exclude_characters="\n")), st.integers(0, 65535))
-def test_answers_come_back(line: str, number: int) -> None:
+def test_answers_round_trip(line: str, number: int) -> None:
     assert parse_answer(ack(number, line)) == InterpreterAnswer(number, "", line)
     assert parse_answer(state(number, line)) == InterpreterAnswer(number, "", line)
     assert parse_answer(discard(Reason.COMPILE, line)) == InterpreterAnswer(None, "Compile error", line)
 
 
 @pytest.mark.parametrize("text", ["", "ack", "ack: x: y", "nack: 1: y", "Connected: Universal Robots Dashboard Server"])
-def test_what_is_no_answer(text: str) -> None:
+def test_other_text_is_not_an_answer(text: str) -> None:
     with pytest.raises(RemoteProtocolError, match="not an answer of interpreter mode"):
         parse_answer(text)
 
@@ -64,7 +64,7 @@ def test_commands(line: str) -> None:
 
 
 @pytest.mark.parametrize("line", ["abort()", "abort end_interpreter()", "", "skip buffer"])
-def test_statements_are_no_commands(line: str) -> None:
+def test_statements_are_not_commands(line: str) -> None:
     assert InterpreterCommand.of(line) is None
 
 

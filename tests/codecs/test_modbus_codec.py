@@ -131,7 +131,7 @@ def test_frames():
         (b"\x17\0\0\0\1\0\0\0\0\0", 3),
     ],
 )
-def test_bad_requests_have_a_code(pdu, code):
+def test_bad_requests_have_an_exception_code(pdu, code):
     with pytest.raises(ModbusException) as refused:
         decode_request(pdu)
     assert refused.value.code == code
@@ -152,7 +152,7 @@ def test_any_request_is_understood_or_refused(data):
 
 
 @given(st.sampled_from(OURS), st.binary(max_size=40))
-def test_any_response_is_an_answer_or_rubbish(request_, data):
+def test_any_response_is_an_answer_or_a_protocol_error(request_, data):
     try:
         values = decode_response(request_, data)
     except (ModbusException, RemoteProtocolError):

@@ -127,18 +127,18 @@ def test_recorded_streams(golden, name, step):
 
 
 @pytest.mark.parametrize("name", sorted(set(RECORDED) - {"connect_3.10", "key_stopped_5.4"}))
-def test_recorded_messages_are_encoded_to_the_same_bytes(golden, name):
+def test_recorded_messages_are_reencoded_to_the_same_bytes(golden, name):
     assert b"".join(message.encode(V5_22) for message in RECORDED[name]) == golden(name)
 
 
 @pytest.mark.parametrize(("message", "wire"), WRITTEN_OUT)
-def test_written_out(message, wire):
+def test_each_kind_decodes_from_and_encodes_to_its_bytes(message, wire):
     data = bytes.fromhex(wire)
     assert message.encode(V5_22) == data
     assert PrimaryDecoder().feed(data) == [message]
 
 
-def test_old_popup_is_shorter():
+def test_old_popups_are_shorter():
     popup = PopupMessage(error=True, title="T", text="x")
     assert popup.encode(V3_2)[15:] == bytes.fromhex("00 01 01 54 78")
     assert PrimaryDecoder(V3_2).feed(popup.encode(V3_2)) == [popup]
@@ -158,7 +158,7 @@ def test_titles_are_cut_at_255_bytes():
 
 
 @pytest.mark.parametrize("text", ["", "grüß", "\udc80 not UTF-8", "two\nlines"])
-def test_texts_survive(text):
+def test_texts_round_trip(text):
     message = TextMessage(text=text)
     assert PrimaryDecoder().feed(message.encode(V3_15)) == [message]
 

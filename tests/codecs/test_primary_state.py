@@ -52,7 +52,7 @@ def sub_packages(message: bytes) -> dict[int, int]:
 
 
 @pytest.mark.parametrize(("name", "version", "full"), RECORDED)
-def test_recorded_states_survive_decoding_and_encoding_to_the_byte(golden, name, version, full):
+def test_recorded_states_are_reencoded_to_the_same_bytes(golden, name, version, full):
     data = golden(name)
     state = decode(data)
     assert state.unknown == ()
@@ -179,7 +179,7 @@ def test_appended_bytes_of_newer_software_are_ignored(golden):
     assert decode_robot_state(longer).configuration == state.configuration
 
 
-def test_unknown_parts_survive():
+def test_unknown_parts_are_preserved():
     payload = bytes.fromhex("00000007 63 abcd")
     state = decode_robot_state(payload)
     assert state.unknown == (RawSubPackage(0x63, b"\xab\xcd"),)
@@ -261,7 +261,7 @@ def test_mode_data_against_construct():
     assert list(parsed.speeds) == [0.25, 0.5, 0.75]
 
 
-def test_joint_data_wants_six_joints(golden):
+def test_joint_data_requires_six_joints(golden):
     state = decode(golden("robot_state_full_5.24"))
     assert len(state.joints.joints) == 6
     assert isinstance(state.joints, JointData)

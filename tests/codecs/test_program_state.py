@@ -62,7 +62,7 @@ def test_matrix():
         GlobalVariableValues(values=(MatrixValue(((1,), (1, 2))),)).encode(E_NEW)
 
 
-def test_other_strings_and_numbers_are_read():
+def test_alternative_string_and_number_codes_are_decoded():
     payload = struct.pack(">QBH", 0, 1, 0) + bytes.fromhex("04 0001 61 0a 0e 3f000000 0a")
     assert decode_program_state(payload, NEW).values == ("a", 0.5)
 

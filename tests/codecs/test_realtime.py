@@ -81,7 +81,7 @@ def test_round_trip_in_any_split(version, step):
     assert states == [{name: value for name, value in values().items() if name in sent}] * 2
 
 
-def test_modes_travel_as_doubles():
+def test_modes_are_encoded_as_doubles():
     packet = encode_realtime(SimpleNamespace(**{**values(), "robot_mode": RobotMode.RUNNING}), V3_15)
     assert struct.unpack_from(">d", packet, 756) == (7.0,)
     assert decode_realtime(packet)["robot_mode"] == RobotMode.RUNNING

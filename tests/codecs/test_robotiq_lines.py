@@ -42,7 +42,7 @@ def test_lines(line: str, request_: object, end: str, chunk: int) -> None:
     assert decoder.flush() == []
 
 
-def test_a_get_without_its_end() -> None:
+def test_a_get_without_a_line_end() -> None:
     decoder = RequestDecoder()
     assert decoder.feed(b"GET STA") == []
     assert decoder.flush() == [Get("STA", named=False)]
@@ -66,7 +66,7 @@ def test_answers() -> None:
     assert encode_value(Get("FLT", named=False), "07") == b"07"
 
 
-def test_a_line_without_end_is_no_request() -> None:
+def test_an_unterminated_line_is_not_a_request() -> None:
     with pytest.raises(RemoteProtocolError, match="longer than 1024"):
         RequestDecoder().feed(b"x" * 1025)
 

@@ -121,7 +121,7 @@ def test_several_packages_in_one_segment():
     assert decode_request(third, 2) == Start()
 
 
-def test_trailing_comma_of_ur_rtde_is_no_name():
+def test_the_trailing_comma_of_ur_rtde_is_not_a_name():
     package = Package(ord("I"), b"input_int_register_0,")
     assert decode_request(package, 2) == SetupInputs(("input_int_register_0",))
 
@@ -130,7 +130,7 @@ def test_no_names_at_all():
     assert decode_request(Package(ord("I"), b""), 2) == SetupInputs(())
 
 
-def test_long_texts_are_cut_where_the_length_byte_ends():
+def test_long_texts_are_cut_to_255_bytes():
     message = decode_reply(RTDEDecoder().feed(TextMessage("x" * 300, "y" * 300).encode(2))[0], 2)
     assert message == TextMessage("x" * 255, "y" * 255)
 
@@ -162,7 +162,7 @@ def test_packages_before_the_impossible_size_are_not_lost():
         (Package(ord("M"), b"\x05ab"), "TEXT_MESSAGE"),
     ],
 )
-def test_bad_request_says_which_and_leaves_the_stream_usable(package, text):
+def test_a_bad_request_is_named_and_leaves_the_stream_usable(package, text):
     decoder = RTDEDecoder()
     bad, good = decoder.feed(package.encode() + Start().encode(2))
     with pytest.raises(RemoteProtocolError, match=text):
@@ -174,7 +174,7 @@ def test_bad_request_says_which_and_leaves_the_stream_usable(package, text):
     "message",
     [RequestProtocol(70000), SetupOutputs(("timestamp",)), InputData(300, b""), InputData(1, bytes(65535))],
 )
-def test_what_the_wire_cannot_carry_is_refused(message):
+def test_unencodable_values_are_refused(message):
     with pytest.raises(LocalProtocolError):
         message.encode(2)
 

@@ -153,7 +153,7 @@ def test_packer_reads_what_the_fields_read():
         ("input_double_register_47", 1047),
     ],
 )
-def test_registers_are_cut_out_of_their_stores(name, expected):
+def test_registers_are_read_from_their_arrays(name, expected):
     assert OUTPUT_FIELDS[name].read(snapshot()) == expected
 
 

@@ -26,7 +26,7 @@ any_text = st.binary().map(from_bytes) | st.text(st.characters())  # with lone s
 
 
 @given(st.binary())
-def test_bytes_come_back_as_they_were(data: bytes) -> None:
+def test_bytes_round_trip(data: bytes) -> None:
     assert to_bytes(from_bytes(data)) == data
 
 
@@ -37,11 +37,11 @@ def test_any_text_has_bytes_and_can_be_shown(text: str) -> None:
 
 
 @given(st.binary().filter(lambda data: b"\\x" not in data))
-def test_what_is_shown_can_be_taken_back(data: bytes) -> None:
+def test_displayed_text_can_be_read_back(data: bytes) -> None:
     assert to_bytes(from_readable(readable(from_bytes(data)))) == data
 
 
-def test_what_is_no_utf_8_shows_as_its_bytes() -> None:
+def test_invalid_utf_8_is_displayed_as_bytes() -> None:
     assert readable(from_bytes("größe".encode())) == "größe"
     assert readable(from_bytes("größe".encode("latin-1"))) == r"gr\xf6\xdfe"
 
@@ -52,7 +52,7 @@ class Said:
     parts: tuple[str, ...]
 
 
-def test_nothing_of_a_value_is_left_out() -> None:
+def test_values_are_displayed_completely() -> None:
     odd = from_bytes(b"\xe9")
     value = {odd: [odd, (odd, 1)], "said": Said(odd, (odd, "a")), "n": None}
     shown = readable_in(value)
@@ -60,7 +60,7 @@ def test_nothing_of_a_value_is_left_out() -> None:
     json.dumps(shown["\\xe9"], ensure_ascii=False).encode("utf-8")
 
 
-def test_blanks_and_line_ends_are_those_of_ascii() -> None:
+def test_only_ascii_whitespace_and_line_ends_count() -> None:
     text = " a\x1cb\x85\u2003c\td\v "
     assert strip(text) == "a\x1cb\x85\u2003c\td"
     assert words(text) == ["a\x1cb\x85\u2003c", "d"]
@@ -70,7 +70,7 @@ def test_blanks_and_line_ends_are_those_of_ascii() -> None:
 
 
 @pytest.mark.parametrize("text", ["²", "٣", "1_0", "", " ", "nan", "inf", "1e", "0x1", "1\x1c", "--1", "1,5"])
-def test_what_is_no_number(text: str) -> None:
+def test_text_that_is_not_a_number(text: str) -> None:
     with pytest.raises(ValueError, match="not a"):
         number(text)
     with pytest.raises(ValueError, match="not a whole number"):
@@ -86,7 +86,7 @@ def test_numbers() -> None:
         whole_number("9" * 5000)
 
 
-def test_a_document_of_brackets_is_an_error_as_any_other() -> None:
+def test_invalid_or_deeply_nested_json_is_an_ordinary_error() -> None:
     assert json_document(b'{"a": [1, null]}') == {"a": [1, None]}
     for nonsense in ("[" * 5000, b"[" * 100_000, b"\xff", "{"):
         with pytest.raises(ValueError, match=r"."):

@@ -16,21 +16,21 @@ from urproto.versions import Availability, PolyscopeVersion, Series
         ("5.26", "10.13"),
     ],
 )
-def test_what_came_with_a_5_x_came_with_its_10_x(e: str, x: str) -> None:
+def test_features_of_a_5_x_are_in_the_corresponding_10_x(e: str, x: str) -> None:
     first = PolyscopeVersion.parse(x)
     assert Availability.since(None, e).x == first
     assert Availability.since(None, e).covers(first)
     assert x == "10.0" or not Availability.since(None, e).covers(PolyscopeVersion(10, first.minor - 1, 9))
 
 
-def test_a_pair_that_is_known_holds() -> None:
+def test_an_explicit_pair_of_versions_is_used() -> None:
     scales = Availability.since(None, "5.25.1", "10.12.1")
     covered = {text for text in ("5.25", "5.25.1", "10.12", "10.12.1", "10.7", "3.15") if
                scales.covers(PolyscopeVersion.parse(text))}  # fmt: skip
     assert covered == {"5.25.1", "10.12.1"}
 
 
-def test_a_line_may_never_get_it() -> None:
+def test_a_software_line_may_lack_a_feature() -> None:
     lines = ("3.15", "5.25", "10.13")
     for availability, having in (
         (Availability.since("3.0", "5.0", None), {"3.15", "5.25"}),
@@ -50,7 +50,7 @@ def test_a_line_may_never_get_it() -> None:
         (Availability.since(None, None), "no series"),
     ],
 )
-def test_in_words(availability: Availability, text: str) -> None:
+def test_availability_as_text(availability: Availability, text: str) -> None:
     assert str(availability) == text
 
 

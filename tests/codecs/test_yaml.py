@@ -20,12 +20,12 @@ MULTIPLYING = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1
         ("a: [", "expected the node content"),
     ],
 )
-def test_what_is_no_settings(text: str | bytes, reason: str) -> None:
+def test_invalid_documents_are_refused(text: str | bytes, reason: str) -> None:
     with pytest.raises(NotYaml, match=reason):
         load_yaml(text)
 
 
-def test_aliases_are_fine_that_stand_for_little() -> None:
+def test_small_aliases_are_accepted() -> None:
     assert load_yaml("a: &a {x: 1}\nb: {<<: *a, y: 2}\nc: [*a, *a]") == {
         "a": {"x": 1},
         "b": {"x": 1, "y": 2},

@@ -12,7 +12,7 @@ from urproto.versions import Series
 BOOT_S = 60.0
 
 
-def test_who_it_is(robot, has):
+def test_version_serial_number_and_model(robot, has):
     with robot.dashboard() as asked:
         assert asked.ask(dashboard.POLYSCOPE_VERSION) == robot.version
         assert asked.ask(has(dashboard.SERIAL_NUMBER)).isdigit()
@@ -21,13 +21,13 @@ def test_who_it_is(robot, has):
         assert not model.endswith("e")
 
 
-def test_the_short_version_is_the_same(robot, has):
+def test_the_short_version_agrees(robot, has):
     with robot.dashboard() as asked:
         short = asked.ask(has(dashboard.VERSION))
     assert (short.major, short.minor, short.bugfix) == (robot.version.major, robot.version.minor, robot.version.bugfix)
 
 
-def test_modes_are_those_of_rtde(robot):
+def test_modes_agree_with_rtde(robot):
     with robot.dashboard() as asked, robot.rtde(["robot_mode", "safety_mode"]) as rtde:
         state = rtde.latest()
         assert asked.ask(dashboard.ROBOT_MODE) == state["robot_mode"]
@@ -48,7 +48,7 @@ def test_program_queries_agree(robot):
             assert (loaded or "").endswith(name or "")
 
 
-def test_commands_in_any_case_of_letters(robot):
+def test_commands_are_case_insensitive(robot):
     with robot.dashboard() as asked:
         assert asked.ask(dashboard.command("ROBOTMODE")).startswith("Robotmode: ")
         assert asked.ask(dashboard.command("programstate")).split(" ")[0] in ("STOPPED", "PLAYING", "PAUSED")
@@ -67,7 +67,7 @@ def test_commands_of_the_other_series_are_not_understood(robot):
             asked.ask(other)
 
 
-def test_two_clients_side_by_side(robot):
+def test_two_concurrent_clients(robot):
     with robot.dashboard() as first, robot.dashboard() as second:
         assert first.ask(dashboard.ROBOT_MODE) is second.ask(dashboard.ROBOT_MODE)
 
@@ -112,7 +112,7 @@ def test_operational_modes(robot, has):
 
 
 @pytest.mark.moves
-def test_from_off_to_running_and_back(robot):
+def test_power_cycle(robot):
     with robot.dashboard() as asked, robot.rtde(["timestamp", "robot_mode"]) as rtde:
 
         def becomes(mode: RobotMode) -> None:

@@ -37,14 +37,14 @@ def test_the_first_state_is_full(robot):
     assert configuration.sub_type == generation
 
 
-def test_ten_states_a_second(robot):
+def test_ten_states_per_second(robot):
     with robot.primary() as primary:
         stamps = [primary.run(primary.core.robot_state()).mode.timestamp_us for _ in range(12)]
     steps_s = [(after - before) / 1e6 for before, after in pairwise(stamps[1:])]
     assert steps_s == pytest.approx([0.1] * len(steps_s), abs=0.02)
 
 
-def test_joints_and_pose_are_those_of_rtde(robot):
+def test_joints_and_pose_agree_with_rtde(robot):
     with robot.primary() as primary, robot.rtde(["actual_q", "actual_TCP_pose", "robot_mode"]) as rtde:
         state = primary.run(primary.core.robot_state())
         seen = rtde.latest()
@@ -66,14 +66,14 @@ def test_power_through_the_script_port(robot):
 
 
 @pytest.mark.moves
-def test_a_robot_that_is_off_runs_no_program(robot):
+def test_programs_do_not_run_while_the_robot_is_off(robot):
     with robot.primary() as primary:
         primary.run(primary.core.command(POWER_OFF))
         with pytest.raises(RobotRefused, match="POWER_OFF"):
             primary.run(primary.core.execute("textmsg(1)"))
 
 
-def test_states_go_on_while_others_listen(robot):
+def test_states_continue_with_other_listeners(robot):
     with robot.primary() as first, robot.primary() as second:
         for client in (first, second):
             assert isinstance(client.run(client.core.robot_state()), RobotStateData)

@@ -49,7 +49,7 @@ def test_play_pause_play_stop(loaded):
     assert state() == (ProgramState.STOPPED, False)
 
 
-def test_files_that_are_not_there(running):
+def test_missing_files(running):
     with running.dashboard() as asked:
         with pytest.raises(RobotRefused, match="below the controller's programs folder"):
             asked.ask(dashboard.load("no such program.urp"))
@@ -57,7 +57,7 @@ def test_files_that_are_not_there(running):
             asked.ask(dashboard.load_installation("no such installation.installation"))
 
 
-def test_nothing_to_pause(running):
+def test_pause_when_nothing_runs(running):
     with running.dashboard() as asked, pytest.raises(RobotRefused, match="no running program"):
         asked.ask(dashboard.PAUSE)
 

@@ -33,7 +33,7 @@ def test_input_registers_are_read_back(robot, name, value):
 
 
 @pytest.mark.moves
-def test_a_program_gets_inputs_and_gives_outputs(running):
+def test_a_program_reads_input_and_writes_output_registers(running):
     lines = (
         "i = read_input_integer_register(26)",
         "d = read_input_float_register(26)",
@@ -79,7 +79,7 @@ def test_a_program_switches_outputs(running):
 
 
 @pytest.mark.moves
-def test_an_analog_output_as_a_share_of_ten_volts(running):
+def test_an_analog_output_as_a_fraction_of_ten_volts(running):
     outputs = ["timestamp", "standard_analog_output0", "analog_io_types"]
     with running.rtde(outputs, [ANALOG]) as rtde:
         for share in (0.5, 0.0):

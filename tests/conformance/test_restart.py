@@ -8,7 +8,7 @@ from client import BlockingRTDEClient
 OUTPUTS = ["timestamp", "robot_mode", "input_int_register_24"]
 
 
-def test_rtde_comes_back_with_its_recipes():
+def test_rtde_reconnects_with_its_recipes():
     process = EmulatorProcess(["--model", "ur3"])
     try:
         process.start()

@@ -18,7 +18,7 @@ def steps_s(rtde, count=20):
     return [after - before for before, after in pairwise(stamps)]
 
 
-def test_the_version_is_that_of_the_dashboard(robot):
+def test_the_version_agrees_with_the_dashboard(robot):
     with robot.rtde(["timestamp"]) as rtde:
         version = rtde.core.version
     assert (version.major, version.minor, version.bugfix) == (
@@ -29,7 +29,7 @@ def test_the_version_is_that_of_the_dashboard(robot):
 
 
 @pytest.mark.parametrize("divisor", [1, 2, 4, 10])
-def test_states_come_every_so_many_periods(robot, divisor):
+def test_states_arrive_at_the_requested_interval(robot, divisor):
     frequency_hz = robot.version.series.frequency_hz / divisor
     with robot.rtde(["timestamp"], frequency_hz=frequency_hz) as rtde:
         assert rtde.core.rate_hz == pytest.approx(robot.version.series.frequency_hz / divisor)
@@ -47,7 +47,7 @@ def test_every_output_of_the_version(robot):
             assert len(rtde.core.unavailable) < len(state) / 4
 
 
-def test_outputs_the_version_lacks(robot):
+def test_outputs_missing_in_the_version(robot):
     missing = [name for name, field in OUTPUT_FIELDS.items() if not field.available.covers(robot.version)]
     if not missing:
         pytest.skip("this version has every output that is known")
@@ -58,7 +58,7 @@ def test_outputs_the_version_lacks(robot):
         assert rtde.core.unavailable == {missing[0]}
 
 
-def test_values_make_sense(robot):
+def test_values_are_plausible(robot):
     names = ["robot_mode", "safety_mode", "actual_q", "target_speed_fraction", "speed_scaling", "actual_main_voltage"]
     with robot.rtde(names) as rtde:
         state = rtde.receive()
@@ -89,7 +89,7 @@ def test_the_latest_state_is_new(robot):
         assert slow.core.skipped > 0.2 / robot.period_s
 
 
-def test_one_writer_a_variable(robot):
+def test_one_writer_per_variable(robot):
     with robot.rtde([], [[REGISTER]]) as first:
         with pytest.raises(RobotRefused, match=f"{REGISTER}: IN_USE"), robot.rtde([], [[REGISTER]]):
             pytest.fail("two clients write one variable")
@@ -106,7 +106,7 @@ def test_several_input_recipes_and_a_file(robot, tmp_path):
         rtde.receive()
 
 
-def test_inputs_that_are_not_there(robot):
+def test_unknown_inputs(robot):
     missing = [name for name, field in INPUT_FIELDS.items() if not field.available.covers(robot.version)]
     if not missing:
         pytest.skip("this version has every input that is known")
@@ -114,7 +114,7 @@ def test_inputs_that_are_not_there(robot):
         pytest.fail("agreed on a variable that is not there")
 
 
-def test_coming_back(robot):
+def test_reconnecting(robot):
     with robot.rtde(["timestamp"], [[REGISTER]], frequency_hz=25) as rtde:
         before = rtde.receive()["timestamp"]
         rtde.close()

@@ -56,7 +56,7 @@ def test_unlocking_when_nothing_is_locked(running):
         assert asked.ask(dashboard.SAFETY_MODE) is SafetyMode.NORMAL
 
 
-def test_a_stop_ends_a_move_at_once(running):
+def test_a_stop_ends_a_move_immediately(running):
     """The arm stands within a second, long before the move would end."""
     with running.rtde([*FIELDS, "actual_q", "actual_qd"]) as rtde, running.primary() as primary:
         start = list(rtde.latest()["actual_q"])

@@ -22,7 +22,7 @@ def primary(running):
         client.run(client.core.command(STOP_PROGRAM))
 
 
-def test_texts_of_a_program(primary):
+def test_text_messages_of_a_program(primary):
     result = primary.run(primary.core.execute('textmsg("half of 3 is ", 3 / 2)', "conformance"))
     assert result.name == "conformance"
     assert result.texts == ("half of 3 is 1.5",)
@@ -65,7 +65,7 @@ def test_after_an_error_the_next_program_runs(primary):
     assert primary.run(primary.core.execute("textmsg(2)")).texts == ("2",)
 
 
-def test_a_program_is_stopped(running, primary):
+def test_stopping_a_program(running, primary):
     with running.rtde(["timestamp", "runtime_state"]) as rtde:
         name = primary.run(primary.core.run_script("def endless():\n  while True:\n    sync()\n  end\nend"))
         assert name == "endless"
@@ -74,7 +74,7 @@ def test_a_program_is_stopped(running, primary):
         wait_until(rtde, lambda state: state["runtime_state"] == RuntimeState.STOPPED)
 
 
-def test_a_program_that_takes_too_long(primary):
+def test_a_program_exceeding_its_timeout(primary):
     with pytest.raises(ScriptFailedError, match=r"still running after 0\.5 s"):
         primary.run(primary.core.execute("while True:\n  sync()\nend", timeout_s=0.5))
 
@@ -131,7 +131,7 @@ stopj(2)
         primary.run(primary.core.execute(f"movej({start}, a=1.0, v={SPEED_RAD_S})", timeout_s=20))
 
 
-def test_forward_kinematics_is_the_pose_of_the_state(running, primary):
+def test_forward_kinematics_agrees_with_the_pose_of_the_state(running, primary):
     result = primary.run(primary.core.execute("textmsg(get_actual_tcp_pose())\ntextmsg(get_forward_kin())"))
     with running.rtde(["actual_TCP_pose"]) as rtde:
         pose = rtde.latest()["actual_TCP_pose"]

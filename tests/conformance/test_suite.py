@@ -11,7 +11,7 @@ import pytest
 from client import DashboardClient, PrimaryClient, RealtimeClient, RTDEClient, dashboard
 
 
-def test_no_case_looks_into_the_emulator():
+def test_no_case_imports_the_emulator():
     for path in Path(__file__).parent.glob("*.py"):
         nodes = list(ast.walk(ast.parse(path.read_text())))
         modules = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
@@ -32,7 +32,7 @@ def test_without_the_flag_nothing_moves():
 
 
 @pytest.mark.moves
-async def test_all_clients_at_once_in_one_loop(robot):
+async def test_all_clients_in_one_event_loop(robot):
     """The same flows in the other shell."""
     async with (
         DashboardClient(robot.host) as asked,

@@ -33,7 +33,7 @@ async def beside(work: Callable[[], Any]) -> Any:
     return await asyncio.to_thread(work)
 
 
-async def test_over_http(emulator: Emulator) -> None:
+async def test_faults_over_http(emulator: Emulator) -> None:
     def use() -> list[dict[str, Any]]:
         robot = RemoteControl(HOST, emulator.ports["control"])
         try:
@@ -79,7 +79,7 @@ async def test_the_control_api_outlives_the_controller(emulator: Emulator) -> No
     assert all(server.listening for server in emulator.servers.values())
 
 
-async def test_on_the_command_line(emulator: Emulator) -> None:
+async def test_faults_on_the_command_line(emulator: Emulator) -> None:
     async def run(*words: str) -> tuple[int, str]:
         place = ["--port", str(emulator.ports["control"])]
         result = await beside(lambda: CliRunner().invoke(ctl.app, [*place, *words], env={"COLUMNS": "200"}))
@@ -108,7 +108,7 @@ async def test_on_the_command_line(emulator: Emulator) -> None:
         ("restart_controller", {"outage_s": 0.3, "boot_s": 0.0}),
     ],
 )
-async def test_our_client_comes_back(emulator: Emulator, kind: str, arguments: dict[str, object]) -> None:
+async def test_our_client_reconnects(emulator: Emulator, kind: str, arguments: dict[str, object]) -> None:
     rtde = RTDEClient(HOST, ["timestamp", "robot_mode"], port=emulator.ports["rtde"], reconnect_s=20.0)
     async with rtde:
         await rtde.receive()

@@ -52,7 +52,7 @@ def request(emulator: Emulator, path: str, body: bytes | None = None, **headers:
             return error.code, json.load(error)
 
 
-async def test_verbs_from_another_process_side(emulator: Emulator) -> None:
+async def test_verbs_over_http(emulator: Emulator) -> None:
     def use() -> list[Any]:
         robot = RemoteControl(HOST, emulator.ports["control"])
         try:
@@ -98,7 +98,7 @@ async def test_the_description_is_openapi(emulator: Emulator) -> None:
     assert "/verbs/set_joints" in description["paths"]
 
 
-async def test_time_stops_and_goes_on_step_by_step(emulator: Emulator) -> None:
+async def test_time_stops_and_continues_step_by_step(emulator: Emulator) -> None:
     control, period_s = emulator.control, emulator.controller.period_s
 
     def use() -> list[float]:
@@ -122,7 +122,7 @@ async def test_time_stops_and_goes_on_step_by_step(emulator: Emulator) -> None:
     assert not control.pace.paused
 
 
-async def test_a_client_that_leaves_does_not_keep_its_verb_waiting(emulator: Emulator) -> None:
+async def test_a_disconnected_client_does_not_keep_its_verb_waiting(emulator: Emulator) -> None:
     emulator.control.pause_time()
     _, writer = await asyncio.open_connection(HOST, emulator.ports["control"])
     body = b'{"condition": "timestamp < 0"}'
@@ -172,7 +172,7 @@ async def test_several_requests_on_one_connection_are_answered_in_order(emulator
         ("/verbs/state", b"", {"Host": "localhost:30080"}, 200),
     ],
 )
-async def test_requests_that_are_refused(
+async def test_invalid_requests_are_refused(
     emulator: Emulator, path: str, body: bytes | None, headers: dict[str, str], status: int
 ) -> None:
     answered, content = await beside(lambda: request(emulator, path, body, **headers))
@@ -180,7 +180,7 @@ async def test_requests_that_are_refused(
     assert status == 200 or content["error"]
 
 
-async def test_what_is_no_http_is_answered_and_disconnected(emulator: Emulator) -> None:
+async def test_non_http_data_is_answered_and_disconnected(emulator: Emulator) -> None:
     reader, writer = await asyncio.open_connection(HOST, emulator.ports["control"])
     writer.write(bytes(range(256)) * 10)
     answer = await reader.read()
@@ -189,7 +189,7 @@ async def test_what_is_no_http_is_answered_and_disconnected(emulator: Emulator) 
     assert (await beside(lambda: request(emulator, "/health")))[0] == 200
 
 
-async def test_who_has_no_token_stays_outside() -> None:
+async def test_requests_without_the_token_are_refused() -> None:
     async with Emulator(config(control_token="secret")) as emulator:
         port = emulator.ports["control"]
 
@@ -206,7 +206,7 @@ async def test_who_has_no_token_stays_outside() -> None:
         assert await beside(use) == (401, 200)
 
 
-def test_no_token_no_other_machine() -> None:
+def test_listening_on_other_interfaces_requires_a_token() -> None:
     with pytest.raises(ConfigError, match="token"):
         config(control_host="0.0.0.0")
     assert config(host="0.0.0.0").host_of("control") == "127.0.0.1"
@@ -214,12 +214,12 @@ def test_no_token_no_other_machine() -> None:
     assert config(control_host="0.0.0.0", control_token="t").host_of("control") == "0.0.0.0"
 
 
-async def test_it_can_be_left_out() -> None:
+async def test_the_control_api_can_be_disabled() -> None:
     async with Emulator(config(control=False)) as emulator:
         assert "control" not in emulator.ports
 
 
-async def test_time_that_a_test_drives_is_not_driven_by_others() -> None:
+async def test_the_speed_of_virtual_time_cannot_be_set() -> None:
     async with Emulator(config(), StepClock()) as emulator:
         status, answer = await beside(lambda: request(emulator, "/verbs/set_speed", b'{"speed": 2}'))
         assert (status, "virtual time" in answer["error"]) == (409, True)
@@ -264,14 +264,12 @@ class TestCommand:
             (["restore", "-f", "/nowhere/state.json"], 2, "No such file"),
         ],
     )
-    async def test_mistakes_are_one_line(
-        self, emulator: Emulator, words: list[str], status: int, complaint: str
-    ) -> None:
+    async def test_errors_are_one_line(self, emulator: Emulator, words: list[str], status: int, complaint: str) -> None:
         exit_code, output = await self.run(emulator, *words)
         assert (exit_code, output.count("\n")) == (status, 1), output
         assert complaint in output
 
-    def test_no_emulator_there(self) -> None:
+    def test_no_emulator_at_the_address(self) -> None:
         result = CliRunner().invoke(ctl.app, ["--port", "9", "state"])
         assert result.exit_code == 2
         assert "no control API on 127.0.0.1 port 9" in result.output

@@ -31,7 +31,7 @@ def robot(tmp_path: Path) -> VirtualRobot:
     return VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True, programs_dir=tmp_path))
 
 
-def test_programs_are_those_that_load_takes(robot: VirtualRobot, tmp_path: Path) -> None:
+def test_listed_programs_are_those_that_can_be_loaded(robot: VirtualRobot, tmp_path: Path) -> None:
     (tmp_path / "cell" / "a").mkdir(parents=True)
     (tmp_path / "cell" / "a" / "deep.script").write_text("textmsg(1)")
     (tmp_path / "tree.script").write_text("def tree():\nend\n")  # as PolyScope saves it with each program
@@ -43,7 +43,7 @@ def test_programs_are_those_that_load_takes(robot: VirtualRobot, tmp_path: Path)
         assert robot.dashboard(f"load {name}").startswith("Loading program")
 
 
-def test_many_files_take_their_time(robot: VirtualRobot, tmp_path: Path) -> None:
+def test_listing_many_files_takes_several_periods(robot: VirtualRobot, tmp_path: Path) -> None:
     for number in range(200):
         (tmp_path / f"p{number:03}.script").write_text("")
     before = robot.time()["time_s"]
@@ -51,13 +51,13 @@ def test_many_files_take_their_time(robot: VirtualRobot, tmp_path: Path) -> None
     assert robot.time()["time_s"] > before
 
 
-def test_without_a_folder_there_is_the_program_of_drivers_and_before_the_first_none_runs() -> None:
+def test_without_a_folder_only_the_external_control_program_exists() -> None:
     robot = VirtualRobot(ControllerConfig(model=load_model("ur5e"), running=True))
     assert robot.programs() == ["external_control.urp"]  # for drivers
     assert robot.program() == {"file": None, "running": False, "text": "", "tree": []}
 
 
-def test_a_script_has_its_text_before_and_while_it_runs(robot: VirtualRobot) -> None:
+def test_the_text_of_a_script_is_available_before_and_while_it_runs(robot: VirtualRobot) -> None:
     robot.dashboard("load count.script")
     assert robot.program() == {"file": "count.script", "running": False, "text": SCRIPT, "tree": []}
     robot.dashboard("play")
@@ -68,7 +68,7 @@ def test_a_script_has_its_text_before_and_while_it_runs(robot: VirtualRobot) -> 
     assert "sync()" in shown["text"].splitlines()[line - 1]
 
 
-def test_a_program_of_a_client_is_shown_while_it_runs_then_the_loaded_one_again(robot: VirtualRobot) -> None:
+def test_a_clients_program_is_shown_while_it_runs_then_the_loaded_one(robot: VirtualRobot) -> None:
     robot.dashboard("load count.script")
     robot.send_script("def other():\n  sleep(1)\nend\n")
     robot.run_until("runtime_state == PLAYING")
@@ -82,7 +82,7 @@ def test_a_program_of_a_client_is_shown_while_it_runs_then_the_loaded_one_again(
     assert robot.program()["file"] == "count.script"
 
 
-def test_a_tree_has_its_nodes_and_once_played_its_script(robot: VirtualRobot) -> None:
+def test_a_tree_has_its_nodes_and_its_script_once_played(robot: VirtualRobot) -> None:
     robot.dashboard("load tree.urp")
     loaded = robot.program()
     assert (loaded["file"], loaded["text"]) == ("tree.urp", "")
@@ -125,7 +125,9 @@ def test_a_program_is_saved_read_back_and_loaded(robot: VirtualRobot, tmp_path: 
     "path",
     ["../out.urp", "/etc/out.urp", "a/../../out.urp", "out/x.urp", "link.urp", "x.py", ".hidden.urp", "", "a\0.urp"],
 )
-def test_no_file_is_saved_elsewhere_or_as_something_else(robot: VirtualRobot, tmp_path: Path, path: str) -> None:
+def test_paths_outside_the_folder_and_other_file_types_are_refused(
+    robot: VirtualRobot, tmp_path: Path, path: str
+) -> None:
     (tmp_path / "out").symlink_to("/tmp", target_is_directory=True)
     (tmp_path / "link.urp").symlink_to(tmp_path / "count.script")
     before = sorted(tmp_path.rglob("*"))
@@ -137,7 +139,7 @@ def test_no_file_is_saved_elsewhere_or_as_something_else(robot: VirtualRobot, tm
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_what_cannot_be_saved_is_refused_with_its_reason(robot: VirtualRobot, tmp_path: Path) -> None:
+def test_unsavable_programs_are_refused_with_the_reason(robot: VirtualRobot, tmp_path: Path) -> None:
     with pytest.raises(BadArguments, match="must not exceed 2 MiB"):
         robot.save_program("big.script", encoded("#" * (2 << 20) + "\n"))
     with pytest.raises(BadArguments, match="not base64"):
@@ -148,7 +150,7 @@ def test_what_cannot_be_saved_is_refused_with_its_reason(robot: VirtualRobot, tm
         robot.read_program("nowhere.urp")
 
 
-def test_without_a_folder_programs_are_saved_to_a_temporary_one(
+def test_without_a_folder_programs_are_saved_to_a_temporary_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -201,7 +203,7 @@ def paused_at(robot: VirtualRobot) -> str:
     return robot.variables()["n"]
 
 
-def test_a_breakpoint_pauses_before_its_node_and_behind_a_waypoint(ways: VirtualRobot) -> None:
+def test_a_breakpoint_pauses_before_its_node_and_after_a_waypoint(ways: VirtualRobot) -> None:
     ways.set_breakpoints([1, 2, 3])
     ways.dashboard("play")
     reached = []
@@ -216,7 +218,7 @@ def test_a_breakpoint_pauses_before_its_node_and_behind_a_waypoint(ways: Virtual
     ways.run_until("runtime_state == STOPPED")
 
 
-def test_steps_lead_from_node_to_node_of_the_main_program(ways: VirtualRobot) -> None:
+def test_steps_go_from_node_to_node_of_the_main_program(ways: VirtualRobot) -> None:
     reached = []
     for _ in range(5):
         assert ways.step_program()
@@ -231,7 +233,7 @@ def test_steps_lead_from_node_to_node_of_the_main_program(ways: VirtualRobot) ->
         ways.step_program()
 
 
-def test_a_step_that_cannot_begin_is_forgotten(ways: VirtualRobot) -> None:
+def test_a_step_that_cannot_begin_is_discarded(ways: VirtualRobot) -> None:
     ways.dashboard("power off")
     ways.run_until("robot_mode == POWER_OFF")
     assert not ways.step_program()
@@ -290,7 +292,7 @@ def ordered(robot: VirtualRobot, tmp_path: Path) -> VirtualRobot:
     return robot
 
 
-def test_a_program_is_played_from_a_node_and_loops_come_back_to_those_before_it(ordered: VirtualRobot) -> None:
+def test_a_program_played_from_a_node_loops_back_to_earlier_nodes(ordered: VirtualRobot) -> None:
     whole = "abcefghgh"
     went = {}
     for node in (1, 3, 4, 6, 7, 8, 11, 14, 16, 20):
@@ -318,13 +320,15 @@ def test_a_program_is_played_from_a_node_and_loops_come_back_to_those_before_it(
         (23, "has no node 23"),
     ],
 )
-def test_where_no_program_can_begin_the_reason_is_given(ordered: VirtualRobot, node: int, reason: str) -> None:
+def test_playing_from_an_unsuitable_node_is_refused_with_the_reason(
+    ordered: VirtualRobot, node: int, reason: str
+) -> None:
     with pytest.raises(NotPossible, match=reason):
         ordered.play_from(node)
     assert ordered.state(["runtime_state"])["runtime_state"] == "STOPPED"
 
 
-def test_only_a_loaded_tree_that_does_not_run_is_played_from_a_node(ordered: VirtualRobot) -> None:
+def test_only_a_loaded_tree_at_rest_can_be_played_from_a_node(ordered: VirtualRobot) -> None:
     ordered.dashboard("play")
     ordered.run_until("runtime_state == PLAYING")
     with pytest.raises(NotPossible, match="stop it first"):

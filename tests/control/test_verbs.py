@@ -33,7 +33,7 @@ def field(robot: VirtualRobot, name: str) -> object:
     return robot.state([name])[name]
 
 
-def test_a_robot_from_switching_on_to_the_end_of_a_move() -> None:
+def test_power_on_to_the_end_of_a_move() -> None:
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3")))
     robot.release_brakes()
     robot.run_until("robot_mode == RUNNING")
@@ -59,24 +59,24 @@ def test_steps_are_control_periods(robot: VirtualRobot) -> None:
         ("timestamp > soon", "give a number"),
     ],
 )
-def test_a_condition_that_makes_no_sense_is_explained(robot: VirtualRobot, condition: str, complaint: str) -> None:
+def test_an_invalid_condition_is_explained(robot: VirtualRobot, condition: str, complaint: str) -> None:
     with pytest.raises(BadArguments, match=complaint):
         robot.run_until(condition)
 
 
-def test_waiting_for_what_does_not_happen_ends(robot: VirtualRobot) -> None:
+def test_waiting_for_an_unmet_condition_times_out(robot: VirtualRobot) -> None:
     before = robot.time()["time_s"]
     with pytest.raises(NotPossible, match="within 2 s"):
         robot.run_until("robot_mode == POWER_OFF and timestamp > 0", timeout_s=2.0)
     assert robot.time()["time_s"] == pytest.approx(before + 2.0)
 
 
-def test_the_time_of_a_virtual_robot_has_no_speed(robot: VirtualRobot) -> None:
+def test_virtual_time_has_no_speed(robot: VirtualRobot) -> None:
     with pytest.raises(NotPossible):
         robot.set_speed(2.0)
 
 
-def test_emergency_stop_and_the_way_back(robot: VirtualRobot) -> None:
+def test_emergency_stop_and_recovery(robot: VirtualRobot) -> None:
     robot.press_emergency_stop("system")
     assert field(robot, "safety_mode") == "SYSTEM_EMERGENCY_STOP"
     with pytest.raises(NotPossible, match="SYSTEM_EMERGENCY_STOP"):
@@ -86,7 +86,7 @@ def test_emergency_stop_and_the_way_back(robot: VirtualRobot) -> None:
     robot.run_until("robot_mode == RUNNING and safety_mode == NORMAL")
 
 
-def test_a_gate_pauses_the_program_and_lets_it_go_on(robot: VirtualRobot) -> None:
+def test_a_safeguard_stop_pauses_the_program_and_resumes_it(robot: VirtualRobot) -> None:
     robot.set_joints(UP)
     robot.send_script("def go():\n  movej([0, -1, 1, 0, 0, 0], t=2)\nend\n")
     robot.run_until("runtime_state == PLAYING")
@@ -139,7 +139,7 @@ def test_inputs_outputs_and_registers(robot: VirtualRobot) -> None:
         ("state", {"names": ["actual_Q"]}, "actual_q"),
     ],
 )
-def test_arguments_that_do_not_fit_change_nothing(
+def test_invalid_arguments_change_nothing(
     robot: VirtualRobot, verb: str, arguments: dict[str, object], complaint: str
 ) -> None:
     before = robot.state()
@@ -148,7 +148,7 @@ def test_arguments_that_do_not_fit_change_nothing(
     assert robot.state() == before
 
 
-def test_an_arm_that_moves_is_not_put_elsewhere(robot: VirtualRobot) -> None:
+def test_a_moving_arm_cannot_be_repositioned(robot: VirtualRobot) -> None:
     robot.send_script("def go():\n  movej([0, -1, 1, 0, 0, 0], t=2)\nend\n")
     robot.run_until("actual_qd[2] > 0.1")
     with pytest.raises(NotPossible, match="moving"):
@@ -181,7 +181,7 @@ def test_questions_are_answered(robot: VirtualRobot) -> None:
 
 
 class TestSnapshots:
-    def test_a_state_survives_as_a_file(self, robot: VirtualRobot) -> None:
+    def test_a_state_survives_in_a_file(self, robot: VirtualRobot) -> None:
         robot.set_joints(BENT)
         robot.set_tcp((0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
         robot.set_payload(1.5, (0.0, 0.0, 0.05))
@@ -197,7 +197,7 @@ class TestSnapshots:
         assert other.state() == robot.state()
 
     @pytest.mark.parametrize("running", [True, False])
-    def test_the_arm_is_on_or_off_as_it_was(self, running: bool) -> None:
+    def test_the_power_state_is_restored(self, running: bool) -> None:
         config = ControllerConfig(model=load_model("ur3"), running=running)
         kept = VirtualRobot(config).save()
         other = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=not running))
@@ -210,12 +210,12 @@ class TestSnapshots:
         with pytest.raises(NotPossible, match="program is running"):
             robot.save()
 
-    def test_another_robot_does_not_take_it(self, robot: VirtualRobot) -> None:
+    def test_another_robot_refuses_the_state(self, robot: VirtualRobot) -> None:
         other = VirtualRobot(ControllerConfig(model=load_model("ur10"), version=PolyscopeVersion(3, 15)))
         with pytest.raises(BadArguments, match="model"):
             other.restore(robot.save())
 
-    def test_damage_is_found_and_changes_nothing(self, robot: VirtualRobot) -> None:
+    def test_damaged_states_are_detected_and_change_nothing(self, robot: VirtualRobot) -> None:
         for key in robot.save():
             damaged = robot.save()
             damaged[key] = {"unknown": 1}
@@ -234,7 +234,7 @@ def test_every_verb_is_a_method_of_the_robot_and_no_two_subjects_share_a_name(ro
     assert set(verbs_of(LiveControl.SUBJECTS)) - set(VERBS) == {"ports", "connections", "turned_away", "pendant"}
 
 
-def test_type_checkers_see_the_subjects_that_there_are() -> None:
+def test_type_checkers_see_all_subjects() -> None:
     """The classes that stand for the verbs exist for type checkers only: no call would notice a missing one."""
     seen = {
         node.name: {base.id for base in node.bases if isinstance(base, ast.Name)}
@@ -246,7 +246,7 @@ def test_type_checkers_see_the_subjects_that_there_are() -> None:
     assert seen["_MethodsOfPorts"] == {subject.__name__ for subject in with_ports}
 
 
-def test_no_verb_forgets_what_it_waits_for() -> None:
+def test_every_verb_returns_its_steps() -> None:
     """Steps that are not returned are never taken where many clients are served, and the verb ends at once."""
     forgotten = list[str]()
     waits = 0
@@ -262,7 +262,7 @@ def test_no_verb_forgets_what_it_waits_for() -> None:
     assert not forgotten
 
 
-def test_only_ports_that_turned_somebody_away_are_told(robot: VirtualRobot) -> None:
+def test_only_ports_that_turned_clients_away_are_listed(robot: VirtualRobot) -> None:
     ports = {name: SimpleNamespace(port=1, peers=[], turned_away=TurnedAway(name)) for name in ("rtde", "dashboard")}
     ports["dashboard"].turned_away.count(Reason.PORT_FULL, "127.0.0.1:5", "is turned away")
     verbs = PortVerbs(robot._robot, ports, dict)
@@ -270,12 +270,12 @@ def test_only_ports_that_turned_somebody_away_are_told(robot: VirtualRobot) -> N
     assert verbs.ports() == {"rtde": 1, "dashboard": 1}
 
 
-def test_results_are_plain(robot: VirtualRobot) -> None:
+def test_results_are_json_serialisable(robot: VirtualRobot) -> None:
     for name in ("state", "describe", "time", "save", "log", "popups", "variables"):
         msgspec.json.encode(VERBS[name].call(robot, {}))
 
 
-def test_the_page_of_external_control(robot: VirtualRobot) -> None:
+def test_external_control_settings(robot: VirtualRobot) -> None:
     assert robot.external_control() == {"host": "192.168.56.1", "port": 50002}
     robot.set_external_control("10.0.0.7")
     assert robot.external_control() == {"host": "10.0.0.7", "port": 50002}

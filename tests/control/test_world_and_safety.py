@@ -25,7 +25,7 @@ def force_z(robot: VirtualRobot) -> float:
     return float(robot.state(["actual_TCP_force"])["actual_TCP_force"][2])
 
 
-def test_hands_push_and_let_go(make) -> None:
+def test_pushing_and_releasing_the_tool(make) -> None:
     robot = make()
     robot.push_tool((0.0, 0.0, 12.0, 0.0, 0.0, 0.0))
     assert force_z(robot) == pytest.approx(12.0)
@@ -37,7 +37,7 @@ def test_hands_push_and_let_go(make) -> None:
     assert force_z(robot) == 0.0
 
 
-def test_things_come_and_go(make) -> None:
+def test_objects_are_added_and_removed(make) -> None:
     robot = make()
     height = robot.state(["actual_TCP_pose"])["actual_TCP_pose"][2]
     robot.add_object("table", {"plane": {}, "pose": [0, 0, height + 0.001], "stiffness": 5000.0})
@@ -66,12 +66,12 @@ def test_things_come_and_go(make) -> None:
         (lambda robot: robot.trip_safety("joint_fault", 6), "joint 6"),
     ],
 )
-def test_what_makes_no_sense_is_refused(make, call: Callable[[VirtualRobot], None], complaint: str) -> None:
+def test_invalid_arguments_are_refused(make, call: Callable[[VirtualRobot], None], complaint: str) -> None:
     with pytest.raises(BadArguments, match=complaint):
         call(make())
 
 
-def test_a_payload_that_nobody_told_of_pulls_the_arm_down_until_the_drives_hold_it(make) -> None:
+def test_an_unannounced_payload_pulls_the_arm_down_until_the_drives_hold_it(make) -> None:
     robot = make(dynamic=True)
     robot.step(500)
     before = robot.state(["actual_q"])["actual_q"][1]
@@ -95,7 +95,7 @@ def test_every_listed_cause_can_be_tripped(make) -> None:
     assert "clamping" not in make("ur3").safety_causes()  # of the e-Series
 
 
-def test_a_stop_is_measured(make) -> None:
+def test_a_stop_is_analysed(make) -> None:
     robot = make()
     assert robot.last_stop() is None
     robot.jog((0.8, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -109,7 +109,7 @@ def test_a_stop_is_measured(make) -> None:
     assert 0.0 < stop["distance_m"] < 0.05
 
 
-def test_a_jog_ends_with_zeros_and_not_beside_a_program(make) -> None:
+def test_a_jog_ends_with_zeros_and_cannot_run_alongside_a_program(make) -> None:
     robot = make()
     robot.jog((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
     robot.run_until("actual_qd[0] > 0.49")
@@ -132,7 +132,7 @@ def test_both_emergency_stops_have_to_be_released(make) -> None:
     robot.run_until("robot_mode == RUNNING and safety_mode == NORMAL")
 
 
-def test_reduced_mode_and_the_arm_s_supply(make) -> None:
+def test_reduced_mode_and_the_arms_supply(make) -> None:
     robot = make()
     robot.set_safety_device("reduced_mode", True)
     robot.run_until("safety_mode == REDUCED")
@@ -168,12 +168,12 @@ def test_an_arm_without_brakes_sags(make) -> None:
     assert robot.state(["actual_q"])["actual_q"] == pytest.approx(still, abs=1e-3)
 
 
-def test_an_ideal_arm_has_no_weight_to_lose(make) -> None:
+def test_an_ideal_arm_cannot_lose_its_brakes(make) -> None:
     with pytest.raises(NotPossible, match="--arm dynamic"):
         make().inject_fault("lost_brake", joint=1)
 
 
-def test_the_world_is_told_as_it_was_described(make) -> None:
+def test_the_world_is_reported_as_described(make) -> None:
     robot = make()
     block = {"box": [0.1, 0.2, 0.3], "pose": [0.5, 0.1, 0.2, 0.0, 0.0, 1.0], "stiffness": 1e4, "damping": 5.0}
     robot.add_object("block", block)
@@ -187,7 +187,7 @@ def test_the_world_is_told_as_it_was_described(make) -> None:
     assert other.world() == told
 
 
-def test_the_world_tells_what_pushes_and_what_hangs_on_the_flange(make) -> None:
+def test_the_world_reports_pushes_and_the_mounted_payload(make) -> None:
     robot = make()
     assert (robot.world()["push"], robot.world()["payload"]) == (None, None)
     robot.push_tool((1.0, 2.0, 3.0, 0.0, 0.0, 0.0), "tool")
@@ -199,7 +199,7 @@ def test_the_world_tells_what_pushes_and_what_hangs_on_the_flange(make) -> None:
     assert told["tool"] == {"sphere": 0.01, "pose": [0.0] * 6}
 
 
-def test_safety_devices_are_told(make) -> None:
+def test_safety_devices_are_reported(make) -> None:
     robot = make()
     assert not any(robot.safety_devices().values())
     robot.open_safeguard()
