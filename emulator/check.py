@@ -212,7 +212,7 @@ def _causes(finding: Finding) -> str:
 
 def _show_installation() -> None:
     typer.echo(f"ur-emulator {version(_DISTRIBUTION)} in {ROOT}, Python {sys.version.split()[0]}")
-    namesakes = [*_found_before_ours(), *_overwritten()]
+    namesakes = [*_shadowing_packages(), *_overwritten()]
     for package, problem, remedy in namesakes:
         typer.echo(f"FAILED {package}: {problem}\n{'':7}remedy: {remedy}")
     if not namesakes:
@@ -220,7 +220,7 @@ def _show_installation() -> None:
     raise typer.Exit(_FAILED if namesakes else 0)
 
 
-def _found_before_ours() -> Iterator[tuple[str, str, str]]:
+def _shadowing_packages() -> Iterator[tuple[str, str, str]]:
     """Other packages with the names of ours that ``import`` finds first: name, problem, and remedy.
 
     A folder that is not a package is found only if ours is not on the path at all.

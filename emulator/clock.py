@@ -28,8 +28,8 @@ from typing import Final, Protocol
 Tick = Callable[[], object]
 
 _NS: Final = 1_000_000_000
-_LEAST_GAP: Final = 0.6  # of a period, between two ticks while catching up: 1.2 ms at 500 Hz, above the 1 ms of clients
-_MOST_BEHIND_NS: Final = 250_000_000  # guess: after a longer standstill the missed periods are dropped
+_MIN_GAP: Final = 0.6  # of a period, between two ticks while catching up: 1.2 ms at 500 Hz, above the 1 ms of clients
+_MAX_BEHIND_NS: Final = 250_000_000  # guess: after a longer standstill the missed periods are dropped
 _REVIEW_EVERY_NS: Final = 10 * _NS
 _TOO_MANY_MISSED: Final = 0.01  # of all ticks, before it is worth a warning (guess)
 _BURST: Final = 50  # ticks of a fast clock before the event loop runs
@@ -149,7 +149,7 @@ class RealClock:
         self._speed = speed
         period_s = self._period_s / (speed * (1.0 + self._drift))
         self._period_ns = max(1, round(period_s * _NS)) if speed < math.inf else 0
-        self._least_gap_ns = int(self._period_ns * _LEAST_GAP)
+        self._least_gap_ns = int(self._period_ns * _MIN_GAP)
         self._begin()
 
     def set_drift(self, share: float) -> None:
@@ -233,7 +233,7 @@ class RealClock:
         return late_ns
 
     def _fell_behind(self, behind_ns: int, now_ns: int) -> None:
-        if behind_ns > _MOST_BEHIND_NS:
+        if behind_ns > _MAX_BEHIND_NS:
             given_up = behind_ns // self._period_ns
             self.statistics.missed += given_up
             self._deadline_ns += given_up * self._period_ns
@@ -276,7 +276,7 @@ class FastClock:
     def start(self, tick: Tick) -> None:
         self._tick = tick
         self._running = True
-        self._hurry()
+        self._schedule_burst()
 
     def close(self) -> None:
         self._running = False
@@ -284,24 +284,24 @@ class FastClock:
         if self._next is not None:
             self._next.cancel()
 
-    def _hurry(self) -> None:
+    def _schedule_burst(self) -> None:
         self._next = asyncio.get_running_loop().call_soon(self._burst)
 
     def _burst(self) -> None:
         for _ in range(_BURST):
             if self._has_company():
-                self._real.start(self._in_company)
+                self._real.start(self._tick_in_company)
                 return
             self._tick()
             if not self._running:
                 return
-        self._hurry()
+        self._schedule_burst()
 
-    def _in_company(self) -> None:
+    def _tick_in_company(self) -> None:
         self._tick()
         if self._running and not self._has_company():
             self._real.close()
-            self._hurry()
+            self._schedule_burst()
 
 
 class _Timer(Protocol):

@@ -307,7 +307,7 @@ class Controller(Machine):
         self.motion.stand_at(place)
         self.messages.note("simulation: the real arm stands still" if on else "simulation is over: the real arm moves")
 
-    def forget_movement(self) -> None:
+    def discard_movement(self) -> None:
         self._fault, self._arm_changed = None, False
 
     # stages of a tick

@@ -93,7 +93,7 @@ class Guard:
     def _force_fault_state(self) -> None:
         """Fallback: bring each part to rest separately, so that the failure of one does not prevent the others."""
         machine = self._machine
-        machine.forget_movement()
+        machine.discard_movement()
         for rest in (
             self._programs.abandon,
             machine.motion.halt,

@@ -17,8 +17,8 @@ from typing import Final, TextIO, cast
 from urproto.compat import StrEnum
 from urproto.text import show_anything
 
-_MOST_WAITING: Final = 10_000  # texts: some megabytes (guess)
-_MOST_REMEMBERED: Final = 20  # kinds of failures that are reported in full, and saved (guess)
+_MAX_WAITING: Final = 10_000  # texts: some megabytes (guess)
+_MAX_REMEMBERED: Final = 20  # kinds of failures that are reported in full, and saved (guess)
 _FLUSH_S: Final = 2.0  # time limit for writing the rest of the queue at the end (guess)
 
 
@@ -45,7 +45,7 @@ class BackgroundStream(io.TextIOBase):
         if waiting is None:
             self._target.write(text)
             self._target.flush()
-        elif waiting.qsize() >= _MOST_WAITING:
+        elif waiting.qsize() >= _MAX_WAITING:
             self._lost += 1
         else:
             waiting.put(text)
@@ -124,7 +124,7 @@ class ReportedErrors:
     def is_new(self, error: BaseException, who: object = "") -> bool:
         """Whether this type of error is raised at this place for the first time; who: tells sources apart."""
         key = f"{who} {type(error).__name__} {place_of(error)}"
-        if key in self._keys or len(self._keys) >= _MOST_REMEMBERED:
+        if key in self._keys or len(self._keys) >= _MAX_REMEMBERED:
             return False
         self._keys.add(key)
         return True

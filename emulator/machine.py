@@ -228,5 +228,5 @@ class Machine(ABC):
         """Set the pendant's switch to Simulation or Real Robot. Raises ValueError during programs and movements."""
 
     @abstractmethod
-    def forget_movement(self) -> None:
+    def discard_movement(self) -> None:
         """Discard this period's results of the arm, so that they are neither checked nor published; for the guard."""

@@ -94,8 +94,8 @@ def _dashboard_line(emulator: Emulator) -> str:
     if "dashboard" not in emulator.ports:
         return _api_line(emulator)
     if config.ephemeral_ports:
-        return f"printf '{command}\\nquit\\n' | nc {_here(emulator)} {emulator.ports['dashboard']}"
-    options = "" if _here(emulator) == _LOOPBACK else f" --robot-ip {_here(emulator)}"
+        return f"printf '{command}\\nquit\\n' | nc {_local_address(emulator)} {emulator.ports['dashboard']}"
+    options = "" if _local_address(emulator) == _LOOPBACK else f" --robot-ip {_local_address(emulator)}"
     options += f" --port-offset {config.port_offset}" if config.port_offset else ""
     return f'{_client()} dashboard "{command}"{options}'
 
@@ -116,14 +116,14 @@ def _client() -> str:
     return "ur-client" if which("ur-client") else str(Path(sys.executable).with_name("ur-client"))
 
 
-def _here(emulator: Emulator) -> str:
+def _local_address(emulator: Emulator) -> str:
     """The emulator's address for clients on this machine."""
     host = emulator.config.host
     return _LOOPBACK if host == _ANY else host
 
 
 def _first_steps(emulator: Emulator) -> Text:
-    host = _here(emulator)
+    host = _local_address(emulator)
     steps = f"  {_dashboard_line(emulator)}\n"
     if emulator.config.wanted_ports["rtde"] != PORTS["rtde"]:
         return Text(
@@ -260,7 +260,7 @@ class Pendant:
         emulator, config = self._emulator, self._emulator.config
         local = is_loopback(config.host)
         options = {
-            "--robot-ip": _here(emulator),
+            "--robot-ip": _local_address(emulator),
             "--port-offset": config.port_offset,
             "--host": config.host,
             "--port": self._port,

@@ -29,14 +29,14 @@ from urproto.primary.messages import RobotMessage
 from urproto.primary.program_state import VariableMessage
 from urproto.vectors import ZERO3, ZERO6, Vector3, Vector6
 
-_MOST: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: beyond any arm and its load (guess)
+_MAX_PLAUSIBLE: Final = 1e7  # rad, rad/s, A, Nm, m, N, kg: beyond any arm and its load (guess)
 
 
 def plausible(*numbers: float) -> bool:
     """Whether numbers in SI units are plausible for an arm and its surroundings: finite, and not absurdly large."""
-    if hypot(*numbers) < _MOST:  # the usual case, checked in a single operation
+    if hypot(*numbers) < _MAX_PLAUSIBLE:  # the usual case, checked in a single operation
         return True
-    return all(-_MOST < number < _MOST for number in numbers)
+    return all(-_MAX_PLAUSIBLE < number < _MAX_PLAUSIBLE for number in numbers)
 
 
 @dataclass(kw_only=True)

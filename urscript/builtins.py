@@ -31,7 +31,7 @@ from urscript.meter import METER
 from urscript.values import (
     ANY,
     LIST,
-    MOST_PHYSICAL,
+    MAX_PHYSICAL,
     PLAIN_KINDS,
     Kind,
     KindMismatchError,
@@ -124,7 +124,7 @@ class Builtin:
             try:
                 _acceptor(parameter)(value)
             except NotPhysicalError:
-                most = f", with no number beyond {MOST_PHYSICAL:g}" if isinstance(value, list) else ""
+                most = f", with no number beyond {MAX_PHYSICAL:g}" if isinstance(value, list) else ""
                 raise RuntimeFault(
                     f"argument '{parameter.names[0]}' of {self.name} must be finite{most}: it is {cut_text(value, 200)}"
                 ) from None

@@ -75,10 +75,10 @@ _ORDER: dict[str, tuple[str, type[ast.cmpop]]] = {
     ">=": ("_ge", ast.GtE),
 }
 _LOGIC: dict[str, type[ast.boolop]] = {"and": ast.And, "or": ast.Or}
-_MOST_ERRORS = 1000
+_MAX_ERRORS = 1000
 """Unknown names that are reported; beyond them, only one that comes before the first error so far."""
 
-_MOST_OWNERS = 50
+_MAX_OWNERS = 50
 """Errors after which an unknown variable is no longer searched for among the locals of all functions."""
 
 _ACCEPTED: dict[values.Kind, KindSet] = {
@@ -123,7 +123,7 @@ class Unit:
 
     def name_not_found(self, name: str, node: Node, kind: str, hint: str, candidates: Callable[[], list[str]]) -> None:
         """Record the error; a program can contain thousands."""
-        if len(self.errors) >= _MOST_ERRORS and (node.line, node.column) > self.first_error:
+        if len(self.errors) >= _MAX_ERRORS and (node.line, node.column) > self.first_error:
             return  # only the first error in the text matters then
         message = f"{kind} '{name}' is not defined" + (f"; {hint}" if hint else "")
         self.first_error = min(self.first_error, (node.line, node.column))
@@ -268,7 +268,7 @@ class ExpressionCompiler:
         if name in unit.program.damaged:
             return
         if kind == "variable":
-            hint = self._variable_hint(name) if len(unit.errors) < _MOST_OWNERS else ""
+            hint = self._variable_hint(name) if len(unit.errors) < _MAX_OWNERS else ""
             unit.name_not_found(name, node, kind, hint, lambda: [*unit.program.globals, *scope.locals, *scope.assigned])
         else:
             hint = self._function_hint(name, kind)

@@ -19,7 +19,7 @@ from urscript.compile_expressions import CallWarning, Unit
 from urscript.compile_statements import PythonFunction, compile_function, compile_main
 from urscript.errors import CompileError, ScriptError, ScriptWarning
 from urscript.inference import Kinds, infer_kinds
-from urscript.parser import forget, normalize, parse
+from urscript.parser import discard, normalize, parse
 from urscript.syntax import Label, Program, ProgramKind
 from urscript.work import Steps, release, run_to_end
 
@@ -61,9 +61,9 @@ _Key: TypeAlias = tuple[str, LibrarySet, PolyscopeVersion, bool]
 _cache: dict[_Key, CompiledProgram] = {}  # least recently used first
 
 _FUNCTION_WORK = 60  # of Python's compiler, per function
-_FORGETTING_WORK = 5  # to free a function that is not compiled, without its statements
+_RELEASE_WORK = 5  # to free a function that is not compiled, without its statements
 _SLICE = 20  # functions freed at a time
-_MOST_HINTS = 5  # unknown names for which a similar one is searched when all errors are collected
+_MAX_HINTS = 5  # unknown names for which a similar one is searched when all errors are collected
 _STARTING_WORK = 10  # to create the namespace of a run, which follows immediately, without its contents
 _PYTHON_WORK = 6  # of Python's compiler, per expression and statement
 
@@ -109,10 +109,10 @@ def _make_room(needed: int) -> Steps[None]:
         program = _cache.pop(oldest)
         code, labels, plans = list(program.code), list(program.labels), list(program.functions.values())
         del program  # the program itself is freed with its last run; the contents of these lists are freed in steps
-        yield _FORGETTING_WORK
+        yield _RELEASE_WORK
         while code:
             del code[-_SLICE:]
-            yield _SLICE * _FORGETTING_WORK
+            yield _SLICE * _RELEASE_WORK
         yield from release(labels)
         yield from release(plans)
 
@@ -133,7 +133,7 @@ def find_problems(
             unit = run_to_end(_parsed(source, libraries, version, errors, statements=statements))
             unit.errors = errors
             run_to_end(generate(unit, _bodies(unit), FILE_NAME))
-            for error in errors[:_MOST_HINTS]:
+            for error in errors[:_MAX_HINTS]:
                 run_to_end(unit.explain(error))
             warnings = unit.warnings
     except CompileError as error:
@@ -154,7 +154,7 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         code = yield from generate(unit, _bodies(unit), FILE_NAME)
     error = yield from first_error(unit)
     if error is not None:
-        yield from _forget(unit)
+        yield from _discard(unit)
         raise error
     program = unit.program
     compiled = CompiledProgram(
@@ -170,17 +170,17 @@ def _compile(text: str, libraries: LibrarySet, version: PolyscopeVersion, steppe
         libraries=libraries,
         version=version,
     )
-    yield from _forget(unit)
+    yield from _discard(unit)
     yield _STARTING_WORK + 2 * len(compiled.code) + len(compiled.global_names) // 4
     return compiled
 
 
-def _forget(unit: Unit) -> Steps[None]:
+def _discard(unit: Unit) -> Steps[None]:
     """Free the syntax tree and the results of its analysis, in steps."""
     yield from release(unit.errors)
     unit.unexplained.clear()
-    yield from unit.kinds.forget()
-    yield from forget(unit.program)
+    yield from unit.kinds.discard()
+    yield from discard(unit.program)
 
 
 @contextmanager
@@ -242,7 +242,7 @@ def generate(unit: Unit, bodies: list[Steps[list[PythonFunction]]], file_name: s
         while functions:  # each is freed as soon as it is compiled
             function = functions.pop()
             if unit.errors:
-                yield _FORGETTING_WORK + function.size
+                yield _RELEASE_WORK + function.size
                 continue
             yield _FUNCTION_WORK + function.size * _PYTHON_WORK
             code.append(_python(function, file_name))

@@ -71,13 +71,13 @@ _KIND_OF_RESULT: Final[tuple[tuple[Any, KindSet], ...]] = (  # by annotation; an
     (str, STRING),
 )
 _SLICE: Final = 40  # work between two yields
-_MOST_ROUNDS: Final = 8
+_MAX_ROUNDS: Final = 8
 """Rounds after which inference gives up and every variable may have any kind. Programs need two to four; only a text
 designed to need more reaches the limit."""
 _LONG_LIST: Final = 500  # items from which a list is not examined: each item takes a microsecond
 _SCOPE_WORK: Final = 12  # per body, however short
 _WORK: Final = 2  # per store or call that is found
-_FORGETTING_WORK: Final = 20  # to free a hundred stores or kinds
+_RELEASE_WORK: Final = 20  # to free a hundred stores or kinds
 
 
 def is_number(kind: KindSet) -> bool:
@@ -118,9 +118,9 @@ class Kinds:
         self._builtins = builtins
         self._variables = variables
 
-    def forget(self) -> Steps[None]:
+    def discard(self) -> Steps[None]:
         """Free all results, in steps, when they are no longer needed."""
-        yield from release(self._variables, _FORGETTING_WORK)
+        yield from release(self._variables, _RELEASE_WORK)
 
     def variable(self, scope: Scope, name: str) -> KindSet:
         """The kinds a variable may have once a value was assigned to it."""
@@ -218,7 +218,7 @@ def infer_kinds(program: Program, builtins: Mapping[str, Builtin]) -> Steps[Kind
     """
     stores: list[_Store] = []
     kinds = yield from _kinds(program, builtins, stores)
-    yield from release(stores, _FORGETTING_WORK)
+    yield from release(stores, _RELEASE_WORK)
     return kinds
 
 
@@ -239,7 +239,7 @@ def _kinds(program: Program, builtins: Mapping[str, Builtin], stores: list[_Stor
     constants = yield from _constants(stores)
     variables: dict[Variable, KindSet] = {}
     kinds = Kinds(program, builtins, variables, constants)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         changed, work = False, 0
         for store in stores:
             work += store.work

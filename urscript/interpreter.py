@@ -44,7 +44,7 @@ class Locals(dict[str, Value]):
         """Add names to the scope."""
         self.declared |= frozenset(names) - self.own
 
-    def forget(self, names: Iterable[str]) -> None:
+    def remove(self, names: Iterable[str]) -> None:
         """Remove declared names with their values."""
         for name in self.declared.intersection(names):
             self.pop(name, None)

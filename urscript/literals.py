@@ -22,11 +22,11 @@ _POSES: Final = frozenset(["pose", "pose_via", "pose_to", "q", "x"])
 _SPEEDS: Final = frozenset(["v"])
 _STRAIGHT: Final = frozenset(["movel", "movep", "movec", "servoc"])
 
-_MOST_RAD: Final = 4 * math.pi  # joints turn once in either direction; an unlimited wrist 3 may have turned further
-_MOST_TURN_RAD: Final = 4 * math.pi  # of a rotation vector, whose length need not be more than pi
-_MOST_M: Final = 5.0  # guess: several times the reach of the longest arm
-_MOST_M_S: Final = 20.0  # guess: several times what a tool can do
-_MOST_RAD_S: Final = 20.0  # guess: several times what a joint can do
+_MAX_RAD: Final = 4 * math.pi  # joints turn once in either direction; an unlimited wrist 3 may have turned further
+_MAX_TURN_RAD: Final = 4 * math.pi  # of a rotation vector, whose length need not be more than pi
+_MAX_M: Final = 5.0  # guess: several times the reach of the longest arm
+_MAX_M_S: Final = 20.0  # guess: several times what a tool can do
+_MAX_RAD_S: Final = 20.0  # guess: several times what a joint can do
 
 
 def literal_value(node: Expression) -> Any:
@@ -89,18 +89,18 @@ def _unlikely(builtin: Builtin, name: str, value: Any) -> str:
     if isinstance(value, Pose):
         if name not in _POSES:
             return ""
-        if max(map(abs, value[:3])) > _MOST_M:
+        if max(map(abs, value[:3])) > _MAX_M:
             return f"the position of a pose is in metres, but {_widest(value[:3])} looks like millimetres"
-        if math.hypot(*value[3:]) > _MOST_TURN_RAD:
+        if math.hypot(*value[3:]) > _MAX_TURN_RAD:
             widest = _widest(value[3:])
             return f"the rotation of a pose is a vector in radians, but {widest} looks like degrees: use d2r()"
     elif isinstance(value, list):
-        if name in _JOINTS and all(map(is_number, value)) and max(map(abs, value), default=0) > _MOST_RAD:
+        if name in _JOINTS and all(map(is_number, value)) and max(map(abs, value), default=0) > _MAX_RAD:
             return f"joint angles are in radians, but {_widest(value)} looks like degrees: use d2r({_widest(value)})"
     elif is_number(value) and name in _SPEEDS:
-        if builtin.name in _STRAIGHT and value > _MOST_M_S:
+        if builtin.name in _STRAIGHT and value > _MAX_M_S:
             return f"{builtin.name} takes its speed in m/s, but v={value:g} looks like millimetres per second"
-        if builtin.name == "movej" and value > _MOST_RAD_S:
+        if builtin.name == "movej" and value > _MAX_RAD_S:
             return f"movej takes its speed in rad/s, but v={value:g} looks like degrees per second: use d2r({value:g})"
     return ""
 

@@ -80,14 +80,14 @@ def parse(source: str, errors: list[CompileError] | None = None, *, statements: 
     yield from release(tokens)
     if error is None:
         return program
-    yield from forget(parser.syntax)
+    yield from discard(parser.syntax)
     try:
         raise error
     finally:
         del error  # it refers to this frame: keeping it in a local variable would create a reference cycle
 
 
-def forget(program: Program) -> Steps[None]:
+def discard(program: Program) -> Steps[None]:
     """Free a syntax tree that is no longer needed, in steps."""
     for block in program.blocks:
         yield from release(block, _STATEMENTS_WORK)
@@ -95,11 +95,11 @@ def forget(program: Program) -> Steps[None]:
     for scope in program.scopes:
         yield from release(scope.calls, _STATEMENTS_WORK)
         yield from release(scope.methods, _STATEMENTS_WORK)
-        yield _FORGETTING_WORK
+        yield _RELEASE_WORK
     yield from release(program.scopes)
     while program.functions:
         program.functions.popitem()
-        yield _FORGETTING_WORK
+        yield _RELEASE_WORK
 
 
 def parse_statements(source: str) -> Steps[Program]:
@@ -401,7 +401,7 @@ _MAX_FUNCTIONS = 5000
 """Most defs and threads in a program, because they are planned in one step: ten times the largest seen (a guess)."""
 
 _WORK = 2  # per token
-_FORGETTING_WORK = 2  # to free a scope or a function
+_RELEASE_WORK = 2  # to free a scope or a function
 _STATEMENTS_WORK = 40  # to free a hundred statements or calls
 _SLICE = 32  # tokens, at least, between two yields
 

@@ -260,16 +260,16 @@ class Runtime:
         for code in statement.code:
             exec(code, namespace)
         body: Callable[[Locals, list[Any]], ThreadBody] = namespace.pop(STATEMENT)
-        pieces = self._forget_pieces(STATEMENT)
+        pieces = self._take_pieces(STATEMENT)
         return lambda scope: body(scope, pieces)
 
     def unlink(self, statement: CompiledStatement) -> None:
         """Remove the functions of a linked statement; calls in progress continue."""
         for plan in statement.functions.values():
             self._namespace.pop(plan.symbol, None)
-            self._forget_pieces(plan.symbol)
+            self._take_pieces(plan.symbol)
 
-    def _forget_pieces(self, symbol: str) -> list[Any]:
+    def _take_pieces(self, symbol: str) -> list[Any]:
         """Remove the pieces of a function; while it is executed, it refers to them itself."""
         pieces: list[Any] = []
         while (piece := self._namespace.pop(piece_name(symbol, len(pieces)), None)) is not None:
@@ -311,14 +311,14 @@ class Runtime:
             except StopIteration:
                 self._ended(thread)
             except _Killed:
-                self._forget(thread)
+                self._remove(thread)
             except _Halt:
                 self.halted = True
-                self._forget(thread)
+                self._remove(thread)
                 self._finish()
             except Exception as error:
                 self.error = self._describe(error, thread)
-                self._forget(thread)
+                self._remove(thread)
                 self._finish()
             finally:
                 self.current = None
@@ -333,11 +333,11 @@ class Runtime:
             self.parked = thread
 
     def _ended(self, thread: ScriptThread) -> None:
-        self._forget(thread)
+        self._remove(thread)
         if thread.id == 0:
             self._finish()
 
-    def _forget(self, thread: ScriptThread) -> None:
+    def _remove(self, thread: ScriptThread) -> None:
         self._threads.pop(thread.id, None)
         if self._holder is thread:
             self._holder = None
@@ -354,7 +354,7 @@ class Runtime:
             self._close(thread)
 
     def _close(self, thread: ScriptThread) -> None:
-        self._forget(thread)
+        self._remove(thread)
         try:
             thread.body.close()
         except Exception as error:

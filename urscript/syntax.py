@@ -216,5 +216,5 @@ class Program:
     globals: dict[str, None]  # in order of appearance
     labels: list[Label]
     damaged: set[str]  # names in text that did not parse
-    blocks: list[list[Statement]]  # all lists of statements, for `urscript.parser.forget`
+    blocks: list[list[Statement]]  # all lists of statements, for `urscript.parser.discard`
     scopes: list[Scope]

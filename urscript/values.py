@@ -267,13 +267,13 @@ class NotPhysicalError(KindMismatchError):
     """A number of the right kind that is meaningless as a physical quantity."""
 
 
-MOST_PHYSICAL = 1e12
+MAX_PHYSICAL = 1e12
 """Largest physical number in a pose or list, in any unit; its square can still be computed. A guess."""
 
 
 @dataclass(frozen=True)
 class PhysicalKind(Kind):
-    """Restricts another kind to finite numbers, which in lists and poses do not exceed `MOST_PHYSICAL`."""
+    """Restricts another kind to finite numbers, which in lists and poses do not exceed `MAX_PHYSICAL`."""
 
     kind: Kind
 
@@ -284,7 +284,7 @@ class PhysicalKind(Kind):
                 raise NotPhysicalError
         elif isinstance(accepted, list):
             for item in accepted:
-                if item.__class__ is float and not -MOST_PHYSICAL <= item <= MOST_PHYSICAL:
+                if item.__class__ is float and not -MAX_PHYSICAL <= item <= MAX_PHYSICAL:
                     raise NotPhysicalError
         return accepted
 

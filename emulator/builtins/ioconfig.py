@@ -117,7 +117,7 @@ def set_gp_boolean_input_action(host: ProgramHost, port: Int, action: Str) -> No
     if wants_freedrive(action):
         actions.watch_register(port)
     else:
-        actions.forget("register", port)
+        actions.remove("register", port)
 
 
 @LIBRARY.builtin()
@@ -207,7 +207,7 @@ def _input_action(host: ProgramHost, group: DigitalGroup, port: int, action: str
         if wants_freedrive(action):
             actions.watch_digital(group, port)
         else:
-            actions.forget(group.name, port)
+            actions.remove(group.name, port)
 
 
 def wants_freedrive(action: str) -> bool:

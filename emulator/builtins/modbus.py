@@ -148,7 +148,7 @@ def modbus_set_digital_input_action(host: ProgramHost, signal_name: Str, action:
     if wants_freedrive(action):
         actions.watch_signal(signal_name)
     else:
-        actions.forget("modbus", signal_name)
+        actions.remove("modbus", signal_name)
 
 
 @LIBRARY.builtin()

@@ -13,7 +13,7 @@ from urscript.values import Any_, Bool, Int, Joints, Num, Pose, PoseOrJoints, St
 
 LIBRARY = Library("motion", host=True, physical=True)
 
-_LEAST = 1e-100  # a smaller number counts as 0, because its square underflows to 0
+_MIN_VALUE = 1e-100  # a smaller number counts as 0, because its square underflows to 0
 
 
 @LIBRARY.builtin()
@@ -300,7 +300,7 @@ def _check_profile(name: str, a: float, v: float, t: float, r: float) -> None:
 
 def _check_positive(name: str, **values: float) -> None:
     for key, value in values.items():
-        if not value >= _LEAST:
+        if not value >= _MIN_VALUE:
             raise RuntimeFault(f"{name}: {key} must be greater than 0, not {value}")
 
 

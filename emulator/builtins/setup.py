@@ -18,10 +18,10 @@ from urscript.values import Any_, ListArg, Matrix, Num, PoseArg, Str, Struct
 LIBRARY = Library("setup", host=True, physical=True)
 
 # These three are far beyond any arm, and within what the equations of motion can handle.
-_MOST_MASS = 1000.0  # kg, of a payload (guess)
-_MOST_LEVER = 10.0  # m, of a payload's centre of gravity (guess)
-_MOST_ACCELERATION = 100.0  # m/s2, of gravity and of the base (guess)
-_MOST_INERTIA = 133.0  # kg m2: Script Manual, set_target_payload
+_MAX_MASS = 1000.0  # kg, of a payload (guess)
+_MAX_LEVER = 10.0  # m, of a payload's centre of gravity (guess)
+_MAX_ACCELERATION = 100.0  # m/s2, of gravity and of the base (guess)
+_MAX_INERTIA = 133.0  # kg m2: Script Manual, set_target_payload
 _NO_INERTIA: Any = (0, 0, 0, 0, 0, 0)  # a tuple stands for the list that scripts see
 
 
@@ -140,8 +140,8 @@ def _sixes(values: object, what: str) -> list[Vector6]:
 
 def _acceleration(vector: ListArg, name: str) -> Vector3:
     found = three(vector, f"{name}: the vector")
-    if math.hypot(*found) > _MOST_ACCELERATION:
-        raise RuntimeFault(f"{name}: the vector must be at most {_MOST_ACCELERATION:g} m/s2 long, not {list(found)}")
+    if math.hypot(*found) > _MAX_ACCELERATION:
+        raise RuntimeFault(f"{name}: the vector must be at most {_MAX_ACCELERATION:g} m/s2 long, not {list(found)}")
     return found
 
 
@@ -160,9 +160,9 @@ def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) 
     A mass beyond the arm's rating is accepted: real arms were seen to accept one, and then to rise on their own when it
     was not mounted. The pendant accepted at most twice the rating.
     """
-    if math.hypot(*payload.cog) > _MOST_LEVER:
+    if math.hypot(*payload.cog) > _MAX_LEVER:
         where = list(payload.cog)
-        raise RuntimeFault(f"the centre of gravity must be within {_MOST_LEVER:g} m of the flange, not at {where}")
+        raise RuntimeFault(f"the centre of gravity must be within {_MAX_LEVER:g} m of the flange, not at {where}")
     model = host.machine.model
     if payload.mass > model.payload_max_kg:
         host.note_once(
@@ -175,8 +175,8 @@ def use_payload(host: ProgramHost, payload: Payload, transition_s: float = 0.0) 
 
 def checked_mass(m: float) -> float:
     """A payload's mass [kg]; RuntimeFault if it is negative, not a number or implausibly large."""
-    if not 0 <= m <= _MOST_MASS:
-        raise RuntimeFault(f"the payload mass must be 0 to {_MOST_MASS:g} [kg], not {m:g}")
+    if not 0 <= m <= _MAX_MASS:
+        raise RuntimeFault(f"the payload mass must be 0 to {_MAX_MASS:g} [kg], not {m:g}")
     return float(m)
 
 
@@ -185,8 +185,8 @@ def checked_inertia(inertia: Sequence[float], name: str) -> Vector6:
     moments = as_six(numbers(inertia, 6, f"{name}: inertia"))
     if min(moments[:3]) < 0:
         raise RuntimeFault(f"{name}: Ixx, Iyy and Izz must be 0 or more: {list(moments)}")
-    if max(map(abs, moments)) > _MOST_INERTIA:
-        raise RuntimeFault(f"{name}: no moment may exceed {_MOST_INERTIA} kg m2: {list(moments)}")
+    if max(map(abs, moments)) > _MAX_INERTIA:
+        raise RuntimeFault(f"{name}: no moment may exceed {_MAX_INERTIA} kg m2: {list(moments)}")
     return moments
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from emulator.builtins.host import Frames, ProgramHost
-from emulator.services.sockets import MOST_SOCKETS, ScriptSocket
+from emulator.services.sockets import MAX_SOCKETS, ScriptSocket
 from urproto.text import from_bytes, to_bytes
 from urscript.builtins import Library
 from urscript.errors import RuntimeFault
@@ -36,7 +36,7 @@ LIBRARY = Library("sockets", host=True)
 
 _CONNECT_S: Final = 2.0  # Script Manual, socket_open
 _VARIABLE_S: Final = 2.0  # Script Manual, socket_get_var
-_MOST_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
+_MAX_VALUES: Final = 30  # Script Manual, socket_read_ascii_float and the other list readers
 _SEARCHED_BYTES: Final = 8  # per meter unit of work, in the worst case: all data resembles the marker
 _NAME: Final = "socket_0"
 _ESCAPES: Final = {"\\n": "\n", "\\r": "\r", "\\t": "\t", "\\\\": "\\"}
@@ -47,7 +47,7 @@ def socket_open(host: ProgramHost, address: Str, port: Int, socket_name: Str = _
     """Connect; False if that fails or takes longer than 2 s. An open socket of that name is closed first."""
     if not 0 < port < 65536:
         raise RuntimeFault(f"socket_open: there is no port {port}: use 1 to 65535")
-    if len(host.sockets) >= MOST_SOCKETS and host.sockets.get(socket_name) is None:
+    if len(host.sockets) >= MAX_SOCKETS and host.sockets.get(socket_name) is None:
         return False
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.put(socket_name, socket)
@@ -271,8 +271,8 @@ def _floats(text: bytes) -> list[float] | None:
 
 
 def _count(number: int) -> int:
-    if not 0 <= number <= _MOST_VALUES:
-        raise RuntimeFault(f"one call can read 0 to {_MOST_VALUES} values, not {number}")
+    if not 0 <= number <= _MAX_VALUES:
+        raise RuntimeFault(f"one call can read 0 to {_MAX_VALUES} values, not {number}")
     return number
 
 

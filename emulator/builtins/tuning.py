@@ -12,7 +12,7 @@ from urscript.values import Int, Num, PoseArg
 
 LIBRARY = Library("tuning", host=True, physical=True)
 
-_LEAST_JERK_GAIN = 0.01  # Script Manual
+_MIN_JERK_GAIN = 0.01  # Script Manual
 
 
 @LIBRARY.builtin()
@@ -84,8 +84,8 @@ def tool_wrench_limit_disable(host: ProgramHost) -> None:
 @LIBRARY.builtin(cb3=None, e="5.20", status="partial", note="stored and returned; no speed profile here limits jerk")
 def jerk_gain_scaling_set(host: ProgramHost, gain: Num) -> None:
     """Set the scale of the jerk of jerk-limited movements, 0.01 to 1."""
-    if not _LEAST_JERK_GAIN <= gain <= 1:
-        raise RuntimeFault(f"jerk_gain_scaling_set: gain must be {_LEAST_JERK_GAIN} to 1, not {gain}")
+    if not _MIN_JERK_GAIN <= gain <= 1:
+        raise RuntimeFault(f"jerk_gain_scaling_set: gain must be {_MIN_JERK_GAIN} to 1, not {gain}")
     host.programs.jerk_gain_scaling = float(gain)
 
 

@@ -81,7 +81,7 @@ def _carry_out(plan: Plan, journal: Journal, ray: str | None, workers: int | Non
     version = installed_version()
     with closing(_workers(plan, ray, workers)) as chosen:
         try:
-            Conductor(plan, chosen, journal, version, progress.tell).run()
+            Conductor(plan, chosen, journal, version, progress.update).run()
             progress.finish()
             return simplest(plan, chosen, version, failing_ones(journal, minimise))
         except KeyboardInterrupt:

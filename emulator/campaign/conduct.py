@@ -21,18 +21,21 @@ _LARGEST: Final = 500  # runs in a portion, which are repeated when a process di
 _TRIES: Final = 3  # attempts at a run whose process dies (guess)
 _PATIENCE_S: Final = 0.5  # interval between reports of progress
 
-Tell = Callable[[list[Result]], None]
+OnResults = Callable[[list[Result]], None]
 
 
 @dataclass
 class Conductor:
-    """Executes the runs of a plan that have no result yet. tell: called with new results, or none, for progress."""
+    """Executes the runs of a plan that have no result yet.
+
+    on_results: called with new results, or none, for progress.
+    """
 
     plan: Plan
     workers: Workers
     journal: Journal
     version: str
-    tell: Tell
+    on_results: OnResults
     _pending: dict[int, tuple[int, ...]] = field(default_factory=dict)  # runs of each job
     _again: deque[tuple[int, ...]] = field(default_factory=deque)
     _losses: Counter[int] = field(default_factory=Counter)
@@ -47,7 +50,7 @@ class Conductor:
                 return
             for finished in self.workers.finished(_PATIENCE_S):
                 self._take(self._pending.pop(finished.job), finished.value)
-            self.tell([])
+            self.on_results([])
 
     def _hand_out(self, missing: Iterator[int]) -> None:
         while self.workers.room > 0:
@@ -72,7 +75,7 @@ class Conductor:
             return
         mean_s = sum(result.wall_s for result in value) / len(value)
         self._run_s = mean_s if not self._run_s else 0.8 * self._run_s + 0.2 * mean_s
-        self.tell(self.journal.add(value))
+        self.on_results(self.journal.add(value))
 
     def _lost(self, runs: tuple[int, ...], why: str) -> None:
         if len(runs) > 1:
@@ -83,7 +86,7 @@ class Conductor:
         if self._losses[run] < _TRIES:
             self._again.append(runs)
         else:
-            self.tell(self.journal.add([Result(run, Status.LOST, why)]))
+            self.on_results(self.journal.add([Result(run, Status.LOST, why)]))
 
 
 def failing_ones(journal: Journal, most: int) -> list[Result]:

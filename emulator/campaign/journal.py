@@ -86,7 +86,7 @@ class Journal:
 
     def _resume(self) -> None:
         """Continue with the results in the file."""
-        self._cut_off_what_is_not_whole()
+        self._truncate_partial_line()
         with self.path.open("rb") as lines:
             try:
                 head = msgspec.json.decode(next(lines, b""), type=_Head)
@@ -101,7 +101,7 @@ class Journal:
             for line in lines:
                 self._done[_DECODER.decode(line).run] = 1
 
-    def _cut_off_what_is_not_whole(self) -> None:
+    def _truncate_partial_line(self) -> None:
         with self.path.open("rb+") as file:
             content_ends = file.seek(0, os.SEEK_END)
             file.seek(max(0, content_ends - 1))

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from emulator.campaign.plan import Axis, Plan, Run
 
-_MOST_TRIES: Final = 60  # guess: enough for a dozen options and faults of a few arguments
+_MAX_TRIES: Final = 60  # guess: enough for a dozen options and faults of a few arguments
 _FAULT: Final = "fault"
 _NUMBER: Final = re.compile(r"-?\d+(\.\d+)?(e-?\d+)?")
 
@@ -31,7 +31,7 @@ def minimised(plan: Plan, number: int, failure: str, failure_of: Callable[[Run],
     while simpler:
         simpler = False
         for options in _simpler(plan, run):
-            if options in tried or len(tried) > _MOST_TRIES:
+            if options in tried or len(tried) > _MAX_TRIES:
                 continue
             tried.append(options)
             candidate = Run(number, run.target, options)
@@ -46,7 +46,7 @@ def _simpler(plan: Plan, run: Run) -> Iterator[dict[str, Any]]:
     options = dict(run.options)
     for axis in plan.axes:
         if axis.name != plan.kind:
-            yield _with_the_first(axis, options)
+            yield _with_first_value(axis, options)
     value = options.get(_FAULT, [])
     faults = value if isinstance(value, list) else [value]
     for index, fault in enumerate(faults):
@@ -59,7 +59,7 @@ def _without(options: dict[str, Any], *names: str) -> dict[str, Any]:
     return {name: value for name, value in options.items() if name not in names}
 
 
-def _with_the_first(axis: Axis, options: dict[str, Any]) -> dict[str, Any]:
+def _with_first_value(axis: Axis, options: dict[str, Any]) -> dict[str, Any]:
     """The options, with the value of an axis replaced by its first one."""
     first = axis.value(0)
     if not isinstance(first, dict):

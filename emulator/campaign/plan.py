@@ -29,7 +29,7 @@ from urproto.compat import StrEnum
 
 Options: TypeAlias = dict[str, Any]
 _LIMIT_S: Final = 600.0  # guess: a program that takes longer is waiting for something
-_MOST_RUNS: Final = 1_000_000_000  # so that numbers of runs fit into the results
+_MAX_RUNS: Final = 1_000_000_000  # so that numbers of runs fit into the results
 _NOT_IN_CAMPAIGNS: Final = {
     "speed": "runs are in virtual time; for the speed slider use speed-slider",
     "trace": "add it to the replay command of a run instead",
@@ -154,8 +154,8 @@ def read_plan(path: Path) -> Plan:
     if empty := [axis.name for axis in axes if not len(axis)]:
         raise ConfigError(f"{path}: {empty[0]} has no values: nothing would run")
     plan = Plan(path.stem, str(path.parent.resolve()), kind, file.limit_s, file.options, axes)
-    if len(plan) > _MOST_RUNS:
-        raise ConfigError(f"{path} has {len(plan):,} runs: the maximum is {_MOST_RUNS:,}")
+    if len(plan) > _MAX_RUNS:
+        raise ConfigError(f"{path} has {len(plan):,} runs: the maximum is {_MAX_RUNS:,}")
     _check_names(path, plan)
     _check_values(path, plan)
     return plan

@@ -22,21 +22,21 @@ class Progress:
     _failed: int = 0
     _marks: deque[tuple[float, int, float]] = field(default_factory=deque)  # time, runs, robot time
     _robot_s: float = 0.0
-    _said: float = 0.0
+    _printed_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._marks.append((time.monotonic(), self.done, 0.0))
-        self._said = self._marks[0][0]
+        self._printed_s = self._marks[0][0]
 
-    def tell(self, results: list[Result]) -> None:
+    def update(self, results: list[Result]) -> None:
         """Add new results, if any, and update the line when it is due."""
         self.done += len(results)
         self._failed += sum(result.status is not Status.PASSED for result in results)
         self._robot_s += sum(result.robot_s or 0.0 for result in results)
         now = time.monotonic()
-        if now - self._said >= (_TERMINAL_S if self.out.isatty() else _FILE_S):
-            self._said = now
-            self._say(now)
+        if now - self._printed_s >= (_TERMINAL_S if self.out.isatty() else _FILE_S):
+            self._printed_s = now
+            self._print_line(now)
 
     def finish(self) -> None:
         """End the line."""
@@ -44,7 +44,7 @@ class Progress:
             self.out.write("\r\x1b[K")
             self.out.flush()
 
-    def _say(self, now: float) -> None:
+    def _print_line(self, now: float) -> None:
         self._marks.append((now, self.done, self._robot_s))
         while len(self._marks) > 2 and now - self._marks[0][0] > _WINDOW_S:
             self._marks.popleft()

@@ -39,7 +39,7 @@ _RELEASE_DATE: Final = "Jun 20 2022"  # of 3.15.8; other versions report the sam
 # PolyScope answers when program and installation are loaded. Drivers wait 1 s for that, which simulators keep to unless
 # the machine is slow (an issue of the ROS 2 driver tells of one). How long it takes is a guess.
 _LOAD_S: Final = 0.6
-_MOST_WORDS: Final = 4  # of a command's name
+_MAX_WORDS: Final = 4  # of a command's name
 _START_WITHIN_S: Final = 0.1  # then it counts as started: one shorter than a period never seems to play (guess)
 
 
@@ -89,8 +89,8 @@ def execute(
 
 def _find(text: str, version: PolyscopeVersion) -> tuple[DashboardCommand, str] | None:
     """The longest command that begins the line, and the rest of the line."""
-    words = text.split(" ", _MOST_WORDS)
-    for count in range(min(len(words), _MOST_WORDS), 0, -1):
+    words = text.split(" ", _MAX_WORDS)
+    for count in range(min(len(words), _MAX_WORDS), 0, -1):
         entry = COMMANDS.get(lower(" ".join(words[:count])))
         argument = strip(" ".join(words[count:]))
         if entry and entry.form.available.covers(version) and (entry.form.takes_argument or not argument):

@@ -18,13 +18,13 @@ _Handler = Callable[[Controller, str], None]
 
 TEXT_COMMANDS: Final[dict[str, _Handler]] = {}
 _WITH_ARGUMENT: Final[set[str]] = set()
-_MOST_WORDS: Final = 4  # of a command's name
+_MAX_WORDS: Final = 4  # of a command's name
 
 
 def execute(controller: Controller, line: str) -> bool:
     """Execute a line if it is a text command; return False if it is not, and therefore URScript."""
     said = words(line.split("#", 1)[0])
-    for count in range(min(len(said), _MOST_WORDS), 0, -1):
+    for count in range(min(len(said), _MAX_WORDS), 0, -1):
         command = lower(" ".join(said[:count]))
         handler = TEXT_COMMANDS.get(command)
         if handler is not None:

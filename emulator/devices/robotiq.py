@@ -18,7 +18,7 @@ from typing import Final
 from urproto.compat import IntEnum
 
 SLAVE_ID: Final = 9  # of a gripper as delivered
-_MOST: Final = 255
+_FULL: Final = 255
 _ACTIVATION_SPEED: Final = 255  # as SPE (guess)
 _RELEASE_SPEED: Final = 0  # as SPE: automatic release is slow
 # as `GET DST` reports them; the names are from the maker's programs
@@ -56,7 +56,7 @@ class GripperModel:
 
     def speed(self, spe: int) -> float:
         """Counts/s at a value of SPE."""
-        return (self.slowest + (self.fastest - self.slowest) * spe / _MOST) * self.counts_per_mm
+        return (self.slowest + (self.fastest - self.slowest) * spe / _FULL) * self.counts_per_mm
 
 
 MODELS: Final[Mapping[str, GripperModel]] = {  # strokes and speeds: the maker's specifications
@@ -139,9 +139,9 @@ _MOTION_FAULT: Final = {
 }
 
 _WRITABLE: Final[Mapping[str, int]] = {  # name: greatest value
-    "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": _MOST, "SPE": _MOST, "FOR": _MOST,
+    "ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "POS": _FULL, "SPE": _FULL, "FOR": _FULL,
     # of the maker's other grippers; stored without effect, because the maker's programs read them all
-    "MOD": _MOST, "LBP": _MOST, "LRD": _MOST, "LBL": _MOST, "LGN": _MOST, "MSC": _MOST,
+    "MOD": _FULL, "LBP": _FULL, "LRD": _FULL, "LBL": _FULL, "LGN": _FULL, "MSC": _FULL,
 }  # fmt: skip
 _ALIASES: Final = {"ADR": "ARD"}  # as a widespread client spells it
 _TEXTS: Final = {"VER": "EMULATED", "FWV": "EMULATED", "SNU": "EMULATED"}
@@ -177,7 +177,7 @@ class Gripper:
         self._stopped: bool | None = None  # by an object in a scene; None without a scene
         self._moving = False
         self._closing = True  # the direction the fingers moved last
-        self._set: dict[str, int] = dict.fromkeys(_WRITABLE, 0) | {"SPE": _MOST, "FOR": _MOST}  # guess: full
+        self._set: dict[str, int] = dict.fromkeys(_WRITABLE, 0) | {"SPE": _FULL, "FOR": _FULL}  # guess: full
         self._read = {
             "POS": lambda: f"{round(self.position)}",
             "PRE": lambda: f"{self._set['POS']:03d}",  # three digits, FLT two: the maker's programs count them
@@ -278,7 +278,7 @@ class Gripper:
         goal = self._goal()
         if goal is None or not self.powered:
             return None
-        share = self._set["FOR"] / _MOST if self.phase is Phase.ACTIVE else 0.0  # activation: gently (guess)
+        share = self._set["FOR"] / _FULL if self.phase is Phase.ACTIVE else 0.0  # activation: gently (guess)
         per_s = self.model.speed(self._spe()) / self.model.counts_per_mm
         return Drive(self.model.width_mm(goal), per_s, share)
 

@@ -8,7 +8,7 @@ the same time.
 
 from typing import Final, NamedTuple, Protocol
 
-_MOST_WAITING: Final = 4096  # bytes per direction; more stay in the network, or are lost on the device's side (guess)
+_MAX_WAITING: Final = 4096  # bytes per direction; more stay in the network, or are lost on the device's side (guess)
 _DATA_BITS: Final = 8
 
 
@@ -58,7 +58,7 @@ class EchoDevice:
 
     def write(self, data: bytes) -> None:
         self._bytes += data
-        del self._bytes[_MOST_WAITING:]
+        del self._bytes[_MAX_WAITING:]
 
     def read(self, most: int) -> bytes:
         taken = bytes(self._bytes[:most])
@@ -92,7 +92,7 @@ class ToolLine:
     @property
     def full(self) -> bool:
         """True while the line is behind."""
-        return len(self._waiting) >= _MOST_WAITING
+        return len(self._waiting) >= _MAX_WAITING
 
     def connect(self, device: SerialDevice) -> None:
         """Put a device on the line."""
@@ -125,4 +125,4 @@ class ToolLine:
         self._waiting.clear()
         self._credit = 0.0
         self.received = b""
-        device.read(_MOST_WAITING)
+        device.read(_MAX_WAITING)

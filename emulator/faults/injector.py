@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from emulator.controller import Controller
 
 
-_MOST: Final = 100  # faults at a time (guess), to limit the work in a control period
+_MAX_FAULTS: Final = 100  # faults at a time (guess), to limit the work in a control period
 _REMEMBERED: Final = 100  # faults that are over and still listed
 
 _logger = logging.getLogger(__name__)
@@ -42,9 +42,9 @@ class _Entry:
         if not self.fault.occasion and not self.strikes.count:
             self.strikes.count = 1
         self.act = self.fault.act(site, self.strikes)
-        self.go_on()
+        self.step()
 
-    def go_on(self) -> None:
+    def step(self) -> None:
         """One control period."""
         assert self.act is not None
         try:
@@ -181,8 +181,8 @@ class FaultInjector:
         return begins, None if fault.lasting is None else first + max(1, self.site.periods(fault.lasting))
 
     def _check_room(self, claims: set[str]) -> None:
-        if len(self._present) >= _MOST:
-            raise FaultError(f"{_MOST} faults wait or are in force, the maximum: clear some of them")
+        if len(self._present) >= _MAX_FAULTS:
+            raise FaultError(f"{_MAX_FAULTS} faults wait or are in force, the maximum: clear some of them")
         for entry in self._present:
             if common := claims & entry.claims:
                 raise FaultError(
@@ -195,7 +195,7 @@ class FaultInjector:
         elif entry.state == "in force" and entry.ends is not None and self._now >= entry.ends:
             entry.end()
         elif entry.act is not None:
-            entry.go_on()
+            entry.step()
 
     def _begin(self, entry: _Entry) -> None:
         entry.begin(self.site)

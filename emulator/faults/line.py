@@ -15,7 +15,7 @@ from emulator.servers.connection import Connection
 from emulator.servers.hooks import Direction
 
 Positive = Annotated[float, Meta(gt=0.0)]
-_MOST_KEPT: Final = 256 * 1024  # bytes held back of a client, beyond which no more are read from it
+_MAX_KEPT: Final = 256 * 1024  # bytes held back of a client, beyond which no more are read from it
 _PACKAGE: Final = "each package: bytes sent, or received, at one time"
 
 
@@ -56,7 +56,7 @@ class Link:
     def _count(self, change: int) -> None:
         self.size += change
         if self.direction is Direction.RECEIVED:
-            self.connection.stall(self) if self.size > _MOST_KEPT else self.connection.unstall(self)
+            self.connection.stall(self) if self.size > _MAX_KEPT else self.connection.unstall(self)
 
 
 class Line:
@@ -82,7 +82,7 @@ class Line:
             return data
         link = self._links.get((connection, direction))
         if self._ending:
-            return self._behind(link, data)
+            return self._queue_behind(link, data)
         if link is None:
             link = self._links[connection, direction] = Link(connection, direction)
         return self._fault.change(self, link, data)
@@ -105,7 +105,7 @@ class Line:
                 link.release(data, self)
             link.connection.unstall(link)
 
-    def _behind(self, link: Link | None, data: bytes) -> bytes:
+    def _queue_behind(self, link: Link | None, data: bytes) -> bytes:
         if link is None or not link.waiting:
             return data
         link.keep(0, data)

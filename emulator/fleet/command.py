@@ -15,7 +15,7 @@ from emulator.cli import (
     with_robot_options,
 )
 from emulator.config import ConfigError, EmulatorConfig
-from emulator.fleet.plan import FIRST_HOST, MOST_ROBOTS, FleetFile, place
+from emulator.fleet.plan import FIRST_HOST, MAX_ROBOTS, FleetFile, place
 from emulator.fleet.supervisor import AllReady, Died, Event, GivenUp, Restarted, ShutDown, Supervisor
 from emulator.logs import LogLevel, log_to_stderr
 from emulator.ports import PORTS
@@ -34,7 +34,7 @@ app = application(completion=False)
 def _fleet(
     robot: Mapping[str, Any],
     *,
-    count: Annotated[int | None, typer.Option(min=1, max=MOST_ROBOTS, help="Number of robots.")] = None,
+    count: Annotated[int | None, typer.Option(min=1, max=MAX_ROBOTS, help="Number of robots.")] = None,
     fleet: Annotated[
         Path | None,
         typer.Option(help="YAML file of different robots; the other options are defaults for what it leaves out."),
@@ -63,7 +63,7 @@ def _fleet(
         with Supervisor(configs, processes or usable_cores(), restart=restart) as supervisor:
             _stop_on_signals(supervisor)
             for event in supervisor.watch():
-                shown.tell(event, supervisor)
+                shown.show(event, supervisor)
                 if exit_when_ready and isinstance(event, AllReady):
                     break
         shown.finish()
@@ -97,7 +97,7 @@ class _Screen:
         self._console = console()
         self._lost: set[int] = set()
 
-    def tell(self, event: Event, supervisor: Supervisor) -> None:
+    def show(self, event: Event, supervisor: Supervisor) -> None:
         """Show an event. Raises ConfigError when the fleet cannot be started."""
         match event:
             case AllReady():

@@ -18,7 +18,7 @@ import msgspec
 from emulator.config import ConfigError, EmulatorConfig, read_yaml
 
 FIRST_HOST: Final = "127.0.0.1"
-MOST_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine reaches its limit earlier)
+MAX_ROBOTS: Final = 250  # of one fleet: the last byte of an address (guess; a machine reaches its limit earlier)
 
 Options = Mapping[str, Any]
 
@@ -27,7 +27,7 @@ class FleetFile:
     """Reads fleet files. parameters: the options of one robot; paths are relative to the file."""
 
     def __init__(self, parameters: Mapping[str, Parameter]) -> None:
-        count = ("count", Annotated[int, msgspec.Meta(ge=1, le=MOST_ROBOTS)], 1)
+        count = ("count", Annotated[int, msgspec.Meta(ge=1, le=MAX_ROBOTS)], 1)
         fields = [(name, parameter.annotation, parameter.default) for name, parameter in parameters.items()]
         self._robot = msgspec.defstruct("Robot", [count, *fields], kw_only=True, forbid_unknown_fields=True)
         self._file = msgspec.defstruct("Fleet", [("robots", list[dict[str, Any]])], forbid_unknown_fields=True)
@@ -38,8 +38,8 @@ class FleetFile:
         robots: list[Options] = []
         for number, entry in enumerate(content.robots, 1):
             robots += self._expand(entry, path.parent, f"{path}: entry {number}")
-        if not 1 <= len(robots) <= MOST_ROBOTS:
-            raise ConfigError(f"{path} has {len(robots)} robots: a fleet has 1 to {MOST_ROBOTS}")
+        if not 1 <= len(robots) <= MAX_ROBOTS:
+            raise ConfigError(f"{path} has {len(robots)} robots: a fleet has 1 to {MAX_ROBOTS}")
         return robots
 
     def _expand(self, entry: dict[str, Any], folder: Path, where: str) -> list[Options]:
@@ -86,7 +86,7 @@ def place(
 def _successive(first: str) -> Iterator[str]:
     try:
         address = ip_address(first)
-        for step in range(2 * MOST_ROBOTS):
+        for step in range(2 * MAX_ROBOTS):
             yield str(address + step)
     except ValueError as error:
         raise ConfigError(

@@ -27,7 +27,7 @@ from emulator.fleet.worker import Ended, Failed, Ready
 from urproto.compat import Self
 
 _PAUSE_S: Final = 1.0  # before a process is restarted: its ports may need it (guess)
-_MOST_TRIES: Final = 5  # consecutive attempts to restart a process
+_MAX_TRIES: Final = 5  # consecutive attempts to restart a process
 _LEAVE_S: Final = 5.0  # time limit for closing the ports, before a process is killed (guess)
 
 
@@ -193,7 +193,7 @@ class Supervisor:
         how = group.failure or _describe_exit(group.process.exitcode)
         if group.ready:
             yield Died(group.process.pid or 0, group.robots, how)
-        if self._restart and self._announced and group.tries < _MOST_TRIES:
+        if self._restart and self._announced and group.tries < _MAX_TRIES:
             self._waiting.append(group)
         elif not group.ready:
             yield GivenUp(group.robots, how)

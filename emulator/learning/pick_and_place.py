@@ -75,14 +75,14 @@ end
         part = _place(options, PART)
         goal = _place(options, "goal")
         if part is None:
-            part = self._somewhere()
+            part = self._random_place()
         while goal is None or ("goal" not in options and hypot(*(goal - part)) < _APART_M):
-            goal = self._somewhere()
+            goal = self._random_place()
         self._goal = (float(goal[0]), float(goal[1]), _RESTING_M)
         self._closing = False
         self.scene.move(PART, (float(part[0]), float(part[1]), _RESTING_M + 1e-4, 0.0, 0.0, 0.0))
 
-    def _somewhere(self) -> NDArray[np.float64]:
+    def _random_place(self) -> NDArray[np.float64]:
         return np.array([self.np_random.uniform(*along) for along in _TABLE])
 
     def act(self, action: NDArray[np.float32]) -> None:

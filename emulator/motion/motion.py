@@ -284,7 +284,7 @@ class Motion:
         self.movement.put(self.target.q, ZERO6)
 
     def _discard_all(self) -> None:
-        self.movement.forget()
+        self.movement.discard()
         self.superposition.clear()
         self.force_control.drop()
         self.commands.take_refusal()

@@ -137,7 +137,7 @@ class ActiveMovement:
             self._waiting = None
         self._drop()
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """Discard the movement and any pause; its program continues."""
         self._drop()
         self._holding = Holding.RUN

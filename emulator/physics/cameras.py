@@ -30,7 +30,7 @@ from urproto.robots.pose import Pose, matrix_to_rotvec
 
 _Pixel = TypeVar("_Pixel", bound=np.generic)
 
-_MOST_GEOMS: Final = 10_000
+_MAX_GEOMS: Final = 10_000
 _TO_OPTICAL: Final = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
 
 
@@ -115,7 +115,7 @@ class Cameras:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
-        self._scene = mujoco.MjvScene(model, _MOST_GEOMS)
+        self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
         self._option = mujoco.MjvOption()
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED

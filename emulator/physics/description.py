@@ -23,7 +23,7 @@ Colour = tuple[
     Annotated[float, msgspec.Meta(ge=0.0, le=1.0)],
 ]
 Pose = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=6)]  # x, y, z, and a rotation vector
-_MOST_PIXELS: Final = 1920
+_MAX_PIXELS: Final = 1920
 _UP: Final[Vector3] = (0.0, 0.0, 1.0)
 _RIGHT: Final[Vector3] = (1.0, 0.0, 0.0)  # of a camera that looks straight up or down
 _AHEAD: Final = _UP
@@ -129,7 +129,7 @@ class Camera(_Part, frozen=True):
     at: Vector3 | None = None
     frame: Annotated[str, msgspec.Meta(pattern="^(base|flange)$")] = "base"
     size: tuple[
-        Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)], Annotated[int, msgspec.Meta(ge=1, le=_MOST_PIXELS)]
+        Annotated[int, msgspec.Meta(ge=1, le=_MAX_PIXELS)], Annotated[int, msgspec.Meta(ge=1, le=_MAX_PIXELS)]
     ] = (320, 240)
     fov: Annotated[float, msgspec.Meta(gt=0.01, lt=3.1)] = 0.8
 

@@ -42,7 +42,7 @@ class SceneDisturbances:
         if part not in self._missing:
             self._missing[part] = self._first_place(part), (model.geom_contype[geoms], model.geom_conaffinity[geoms])
             model.geom_contype[geoms] = model.geom_conaffinity[geoms] = 0
-        elif not _nowhere(place):
+        elif not _is_removed(place):
             self._missing[part] = place.copy(), self._missing[part][1]
         for cup in self._wires.cups.values():
             if cup.holds == body:
@@ -57,7 +57,7 @@ class SceneDisturbances:
         place, speed = self._state_of(part)
         there, touching = self._missing.pop(part)
         model.geom_contype[geoms], model.geom_conaffinity[geoms] = touching
-        if _nowhere(place):  # otherwise, it was placed elsewhere in this period
+        if _is_removed(place):  # otherwise, it was placed elsewhere in this period
             place[:], speed[:] = there, 0.0
 
     def set_friction(self, part: str, friction: float | None) -> None:
@@ -88,6 +88,6 @@ class SceneDisturbances:
         return data.qpos[place : place + 7], data.qvel[speed : speed + 6]
 
 
-def _nowhere(place: Any) -> bool:
+def _is_removed(place: Any) -> bool:
     """Whether a part is removed, even after it has fallen for a period."""
     return bool(place[2] < 0.5 * _NOWHERE[2])

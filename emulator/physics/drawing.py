@@ -34,7 +34,7 @@ _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _LOOKS: Final = ("body_pos", "body_quat", "geom_rgba")  # parts of the model that a running robot changes
 _JPEG_QUALITY: Final = 85  # guess: edges of parts stay sharp, 320 x 240 pixels take some 10 kB
 _NICE: Final = 5  # a third of the CPU share of other processes, such as the robot (guess)
-_MOST_MM: Final = 65535.0
+_MAX_MM: Final = 65535.0
 
 
 @dataclass
@@ -140,7 +140,7 @@ def _rgbd(cameras: Cameras, name: str) -> bytes:
 
 def _millimetres(metres: NDArray[np.float32]) -> NDArray[np.uint16]:
     mm = np.rint(1e3 * metres.astype(np.float64))
-    return np.where(mm > _MOST_MM, 0.0, mm).astype(np.uint16)
+    return np.where(mm > _MAX_MM, 0.0, mm).astype(np.uint16)
 
 
 _FORMS: Final[Mapping[str, Callable[[Cameras, str], bytes]]] = {

@@ -23,7 +23,7 @@ SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 SCENE_FILES: Final = (".xml", ".urdf")
 _GRIPPERS: Final = ("parallel", "suction", "changer")
 _OF_MOUNTED: Final = {"mass", "colour"}
-_MOST_FRICTION: Final = 10.0  # as in a world of springs
+_MAX_FRICTION: Final = 10.0  # as in a world of springs
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def read_physics(path: Path, gripper: GripperModel | None = None) -> ScenePlan:
 
 def _read_world(path: Path) -> ScenePlan:
     world = read_world_file(path, SHAPES)
-    things = {name: _beside(path, _solid(name, thing)) for name, thing in world.things.items()}
+    things = {name: _resolve_mesh(path, _solid(name, thing)) for name, thing in world.things.items()}
     moving = {name: moving_of(name, thing) for name, thing in things.items()}
     for name, thing in things.items():
         if thing.shape == "plane" and moving[name].mass is not None:
@@ -97,7 +97,7 @@ def _read_world(path: Path) -> ScenePlan:
         scene=None if scene is None else path.parent / scene,
         things=things,
         moving=moving,
-        tool=None if world.tool is None else _beside(path, _solid("tool", world.tool)),
+        tool=None if world.tool is None else _resolve_mesh(path, _solid("tool", world.tool)),
         **_mounted(path, world.sections.get("mounted") or {}, tools),
         barriers=section(world.sections, "barriers", Barrier),
         cameras=section(world.sections, "cameras", Camera),
@@ -109,14 +109,14 @@ def _solid(name: str, thing: Thing) -> Thing:
         raise ValueError("an object must have a name")
     if not all(map(isfinite, thing.pose)):
         raise ValueError(f"{name}: the pose must be finite numbers, not {list(thing.pose)}")
-    if not 0.0 <= thing.material.get("friction", 0.0) <= _MOST_FRICTION:
-        raise ValueError(f"{name}: the friction must be from 0 to {_MOST_FRICTION:g}, not {thing.material['friction']}")
+    if not 0.0 <= thing.material.get("friction", 0.0) <= _MAX_FRICTION:
+        raise ValueError(f"{name}: the friction must be from 0 to {_MAX_FRICTION:g}, not {thing.material['friction']}")
     if not all(0.0 < size < 1e3 for size in thing.sizes):
         raise ValueError(f"{name}: {thing.shape} must have lengths greater than 0, not {list(thing.sizes)}")
     return thing
 
 
-def _beside(path: Path, thing: Thing) -> Thing:
+def _resolve_mesh(path: Path, thing: Thing) -> Thing:
     """Find a mesh, relative to the folder of the world file."""
     if not thing.mesh:
         return thing
@@ -148,7 +148,7 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
             elif mounted.changer is not None:
                 changers[str(name)] = Plate(mounted.changer, mounted.pose)
             continue
-        thing = _beside(path, _solid(str(name), read_description(str(name), what, SHAPES)))
+        thing = _resolve_mesh(path, _solid(str(name), read_description(str(name), what, SHAPES)))
         if strange := set(thing.moving) - _OF_MOUNTED:
             raise ValueError(f"{name}: {min(strange)} is not possible for a part mounted on the flange")
         moving = moving_of(str(name), thing)

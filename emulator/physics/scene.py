@@ -22,7 +22,7 @@ from urproto.worldfile import Thing
 STEP_S: Final = 0.002
 """The longest step; a scene file may have a shorter one."""
 _OVERLAP_M: Final = 0.002  # permitted overlap of objects at the start: they push each other apart gently (guess)
-_MOST_STEPS: Final = 100  # in a control period of 8 ms
+_MAX_STEPS: Final = 100  # in a control period of 8 ms
 _ARMATURE_KG: Final = 0.05  # of a cylinder's drive (guess)
 _DRIVE_GAIN: Final = 20.0  # of a cylinder's drive: full force from a twentieth of its stroke (guess)
 _FRICTION: Final = 0.6  # of a moving object without its own (guess)
@@ -71,7 +71,7 @@ def build(plan: PhysicsPlan, arm: RobotModel, period_s: float) -> Scene:
             spec.worldbody.add_light(pos=[0.5, -0.5, 2.5], dir=[-0.2, 0.2, -1.0], castshadow=False)
         wanted = min(STEP_S, spec.option.timestep)
         steps = max(1, int(np.ceil(period_s / wanted - 1e-9)))
-        if steps > _MOST_STEPS:
+        if steps > _MAX_STEPS:
             raise SceneError(f"the time step of {spec.option.timestep:g} s is too short: use 0.0001 or more")
         spec.option.timestep = period_s / steps
         model = spec.compile()

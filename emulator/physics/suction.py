@@ -43,11 +43,11 @@ class SuctionCup:
 
     def act(self, data: Any, *, sucking: bool) -> None:
         """After each step: catch an object at the lip; release it if it is pulled off or the vacuum is off."""
-        if self.holds and (not sucking or self._torn_off(data)):
+        if self.holds and (not sucking or self._is_torn_off(data)):
             data.eq_active[self._welded] = False
             self.holds = 0
         elif sucking and not self.holds:
-            self._catch(data)
+            self._grasp(data)
 
     def release(self, data: Any) -> None:
         """Release any object."""
@@ -55,7 +55,7 @@ class SuctionCup:
 
     def save(self) -> list[float]:
         """The held body and its weld, for `restore`; whether the weld is active is part of the scene's state."""
-        return [self.holds, self._welded, *self._how.ravel().tolist()]
+        return [self.holds, self._welded, *self._weld_parameters.ravel().tolist()]
 
     def restore(self, values: Sequence[float]) -> None:
         """Restore a state from `save`. Raises ValueError."""
@@ -63,14 +63,14 @@ class SuctionCup:
         if not (0 <= holds < self._model.nbody and 0 <= welded < max(1, self._model.neq)):
             raise ValueError(f"a cup cannot hold body {holds:g} by weld {welded:g}: they do not exist")
         self.holds, self._welded = int(holds), int(welded)
-        self._how[:] = how
+        self._weld_parameters[:] = how
 
     @property
-    def _how(self) -> Any:
+    def _weld_parameters(self) -> Any:
         """Parameters of the weld; empty if there are no bodies to hold."""
         return self._model.eq_data[self._welded : self._welded + 1]
 
-    def _torn_off(self, data: Any) -> bool:
+    def _is_torn_off(self, data: Any) -> bool:
         rows = np.flatnonzero(
             (data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
             & (data.efc_id[: data.nefc] == self._welded)
@@ -83,7 +83,7 @@ class SuctionCup:
         across = float(np.linalg.norm(force - pull * way))
         return pull > self.suction.force or across > _ACROSS * self.suction.force
 
-    def _catch(self, data: Any) -> None:
+    def _grasp(self, data: Any) -> None:
         model = self._model
         lip, way = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)[:, 2].copy()
         hit = np.array([-1], np.int32)

@@ -33,7 +33,7 @@ _EXPLODED: Final = slice(mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjW
 assert mujoco.mjtWarning.mjWARN_BADQVEL in range(_EXPLODED.start, _EXPLODED.stop)
 _FASTEST_M_S: Final = 1e3  # no real object in a cell moves that fast
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_LEAST_N: Final = 1e-6
+_MIN_N: Final = 1e-6
 _DAMPING_N_S_M: Final = 200.0  # of contacts, as used by force control (guess)
 _PLAIN: Final = Camera(pose=(0.0,) * 6)  # default size of the cameras of a scene file
 _FIXED: Final = "the objects of a world with physics are those of its file: "
@@ -288,7 +288,7 @@ class PhysicsWorld(World):
         force = np.zeros(6)
         for i in np.flatnonzero(mine[:, 0] != mine[:, 1]).tolist():
             mujoco.mj_contactForce(self.model, data, i, force)
-            if force[0] < _LEAST_N:
+            if force[0] < _MIN_N:
                 continue
             sign = -1.0 if mine[i, 0] else 1.0  # the frame's x axis points from the first geom to the second
             axes = data.contact.frame[i].reshape(3, 3)

@@ -17,7 +17,7 @@ from urscript.errors import CompileError
 from urscript.interpreter import CompiledStatement, Locals, compile_statement
 from urscript.runtime import Runtime
 
-MOST_STATEMENTS: Final = 1000
+MAX_STATEMENTS: Final = 1000
 """Maximum of interpreted lines between clears, and of waiting ones (guess; the vendor's helper clears after 500)."""
 
 CodeT = TypeVar("CodeT")
@@ -63,7 +63,7 @@ class StatementQueue(Generic[CodeT]):
     @property
     def full(self) -> bool:
         """Whether no more lines can be interpreted before a clear."""
-        return len(self.kept) >= MOST_STATEMENTS
+        return len(self.kept) >= MAX_STATEMENTS
 
     @property
     def next_received(self) -> Received | None:
@@ -72,7 +72,7 @@ class StatementQueue(Generic[CodeT]):
 
     def receive(self, line: str, answer: Answer) -> None:
         """Queue a line; answer immediately if too many are waiting."""
-        if len(self._waiting) >= MOST_STATEMENTS:
+        if len(self._waiting) >= MAX_STATEMENTS:
             answer(discard(Reason.TOO_MANY, line))
         else:
             self._waiting.append(Received(line, answer))
@@ -302,7 +302,7 @@ class Interpreter:
         runtime.end_interpreted_threads()
         for statement in self.queue.clear():
             runtime.unlink(statement.code.compiled)
-            statement.code.scope.forget(statement.code.compiled.names)
+            statement.code.scope.remove(statement.code.compiled.names)
         self._functions = dict(runtime.program.functions)
         for statement in self.queue.kept:
             self._functions.update(statement.code.compiled.functions)

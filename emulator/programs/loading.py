@@ -26,9 +26,9 @@ from urscript.polyscope.urpx import Urpx, UrpxError, read_urpx
 from urscript.polyscope.writer import ExternalControlCode
 from urscript.work import Steps
 
-MOST_PROGRAMS: Final = 2000  # guess: a longer list is of no use for choosing a program
+MAX_PROGRAMS: Final = 2000  # guess: a longer list is of no use for choosing a program
 _AT_ONCE: Final = 20  # entries checked per control period; each may access the file system
-_MOST_ENTRIES: Final = 50_000  # guess: a folder with more is not a programs folder
+_MAX_ENTRIES: Final = 50_000  # guess: a folder with more is not a programs folder
 _SUFFIXES: Final = (".urp", URPX, ".script")
 
 
@@ -39,7 +39,7 @@ def program_files(root: Path) -> Generator[None, None, list[str]]:
     """
     found = list[Path]()
     waiting, looked = [root], 0
-    while waiting and len(found) < MOST_PROGRAMS and looked < _MOST_ENTRIES:
+    while waiting and len(found) < MAX_PROGRAMS and looked < _MAX_ENTRIES:
         for entry in _entries(waiting.pop(0)):
             looked += 1
             if looked % _AT_ONCE == 0:
@@ -52,7 +52,7 @@ def program_files(root: Path) -> Generator[None, None, list[str]]:
                 waiting.append(entry)
     trees = {path.with_suffix("") for path in found if path.suffix == ".urp"}
     shown = [path for path in found if path.suffix == ".urp" or path.with_suffix("") not in trees]
-    return sorted(path.relative_to(root).as_posix() for path in shown[:MOST_PROGRAMS])
+    return sorted(path.relative_to(root).as_posix() for path in shown[:MAX_PROGRAMS])
 
 
 def _entries(folder: Path) -> list[Path]:

@@ -43,7 +43,7 @@ _RESUMING_S: Final = 0.1
 _PAUSED: Final = (RuntimeState.PAUSING, RuntimeState.PAUSED)
 _RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)
 _FLAGS: Final = 32  # Script Manual, set_flag
-_MOST_WARNINGS: Final = 100  # of one program, in the log
+_MAX_WARNINGS: Final = 100  # of one program, in the log
 # Script Manual, modbus_set_runstate_dependent_choice: these, and runtime exceptions, end a program unscheduled
 _UNSCHEDULED_ENDS: Final = (SafetyMode.PROTECTIVE_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT)
 
@@ -471,7 +471,7 @@ class Programs:
             self._report(submission.refusal)
         if program is None:
             return None
-        shown, rest = program.warnings[:_MOST_WARNINGS], len(program.warnings) - _MOST_WARNINGS
+        shown, rest = program.warnings[:_MAX_WARNINGS], len(program.warnings) - _MAX_WARNINGS
         for warning in shown:
             self._note(f"{program.name}:{warning.line}:{warning.column}: {warning.message}")
         if rest > 0:

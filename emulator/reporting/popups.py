@@ -11,7 +11,7 @@ from urproto.primary.messages import PopupMessage, RequestValueMessage
 from urproto.text import lower, number, strip, to_bytes, whole_number
 from urscript.values import INT_MAX, INT_MIN, MAX_STRING
 
-_MOST_OPEN: Final = 100
+_MAX_OPEN: Final = 100
 """Maximum number of open dialogues; another one closes the oldest (a guess: a program can open them in a loop)."""
 
 
@@ -108,7 +108,7 @@ class Popups:
         popup.request_id = self._last_id
         popup.opened_at_s = self._time_s()
         self.shown.append(popup)
-        if len(self.shown) > _MOST_OPEN:
+        if len(self.shown) > _MAX_OPEN:
             self._close(self.shown[:1])
         return popup
 

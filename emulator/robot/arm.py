@@ -79,7 +79,7 @@ class ToolState:
 
 
 CURRENT_WINDOW_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)  # of collision detection (guess)
-_MOST_PUSH: Final = 3.0  # times a joint's torque limit: a larger external torque would break it (guess)
+_MAX_PUSH: Final = 3.0  # times a joint's torque limit: a larger external torque would break it (guess)
 _LOST_RAD_S: Final = 1e4  # a body reaches this speed only if its payload has an impossible inertia
 _STANDING_RAD_S: Final = 0.005  # a slower arm counts as at rest (guess)
 
@@ -393,7 +393,7 @@ class Arm:
         if not math.isfinite(sum(torque)):
             return ZERO6
         excess = max(abs(value) / most for value, most in zip(torque, self.model.torque_max, strict=True))
-        return torque if excess <= _MOST_PUSH else _onwards(ZERO6, torque, _MOST_PUSH / excess)
+        return torque if excess <= _MAX_PUSH else _onwards(ZERO6, torque, _MAX_PUSH / excess)
 
     def _update_sensors(self, installation: Installation) -> None:
         """Update force/torque sensor and accelerometer; both are in the flange and share its axes."""

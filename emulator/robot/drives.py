@@ -31,7 +31,7 @@ VISCOUS_SHARE: Final[Vector6] = (0.9, 0.9, 0.8, 0.9, 0.9, 0.9)
 COULOMB_SHARE: Final[Vector6] = (0.8, 0.8, 0.7, 0.8, 0.8, 0.8)
 # Bound of an integral part. Measured on a UR5 (below): currents of base and shoulder stay within 4 A of their targets,
 # however large the deviation or the push. Elbow: the same; wrists: guess
-_MOST_HELD_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)
+_MAX_HELD_A: Final[Vector6] = (4.0, 4.0, 4.0, 2.0, 2.0, 2.0)
 # An arm that is (almost) at rest and whose target is at rest has an integral gain as high as friction allows. Measured
 # on a UR5 that is pushed at rest: 2 MNm/(rad s) in base, shoulder and elbow, ten times the gain in motion, and 0.3 to
 # 0.9 in the wrists; here 0.7, 0.6, 1.2 and 0.8 to 1.4
@@ -87,7 +87,7 @@ class Drives:
         ]
         spare = [_SPARE * torque / inertia for torque, inertia in zip(model.torque_max, heaviest, strict=True)]
         near = [rate / gain**2 for rate, gain in zip(spare, position, strict=True)]
-        most_held = [a * k for a, k in zip(_MOST_HELD_A, drivetrain.torque_constants_Nm_A, strict=True)]
+        most_held = [a * k for a, k in zip(_MAX_HELD_A, drivetrain.torque_constants_Nm_A, strict=True)]
         self._gains = (position, damping, near, model.qd_max, model.torque_max, most_held)
         self._integral_torque = [0.0] * 6  # torques of the integral parts
         self._placed = False  # the arm was placed, so the integral parts have yet to be initialised

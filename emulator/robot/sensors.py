@@ -18,7 +18,7 @@ from urproto.vectors import ZERO6, Vector3, Vector6, as_six
 _GEAR: Final = 101
 _CREEP_RAD_S: Final = 0.005  # a slower joint has the noise of one at rest (guess)
 _DRAWN: Final = 4096
-_MOST_TAKEN: Final = 12
+_MAX_TAKEN: Final = 12
 _ANGLE_STEP: Final = 2.0 * pi / 2**19  # rad
 _MOTOR_STEP: Final = 2.0 * pi / (2**17 * _GEAR)  # rad, at the joint
 
@@ -34,9 +34,9 @@ class _Normals:
         self._table: list[float] = []  # an ideal arm needs none
 
     def take(self, count: int) -> list[float]:
-        """Return this many numbers, at most ``_MOST_TAKEN``."""
+        """Return this many numbers, at most ``_MAX_TAKEN``."""
         if not self._table:
-            self._table = [self._chance.gauss(0.0, 1.0) for _ in range(_DRAWN + _MOST_TAKEN)]
+            self._table = [self._chance.gauss(0.0, 1.0) for _ in range(_DRAWN + _MAX_TAKEN)]
         place = int(_DRAWN * self._chance.random())
         return self._table[place : place + count]
 

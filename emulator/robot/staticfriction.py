@@ -12,7 +12,7 @@ from urproto.vectors import ZERO6, Vector6, as_six
 # 0.37 and 0.55)
 _MEAN: Final = 0.24
 _SPREAD: Final = 0.41
-_MOST: Final = 0.8  # 95 of 100 are within
+_MAX_SHARE: Final = 0.8  # 95 of 100 are within
 _MOVED_RAD_S: Final = 0.02  # a slower movement has no direction, as in the measurement of the fractions
 
 
@@ -38,5 +38,5 @@ class StaticFriction:
         return self._held
 
     def _share(self, way: float, coulomb: float) -> float:
-        share = max(-_MOST, min(_MOST, self._chance.gauss(_MEAN, _SPREAD)))
+        share = max(-_MAX_SHARE, min(_MAX_SHARE, self._chance.gauss(_MEAN, _SPREAD)))
         return coulomb * share * (way or self._chance.choice((-1.0, 1.0)))

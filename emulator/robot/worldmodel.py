@@ -18,7 +18,7 @@ _ORIGIN: Final = ZERO6
 _WORLD, _BASE, _FLANGE, _TCP = "world", "base", "flange", "tcp"
 _PREDEFINED: Final = (_WORLD, _BASE, _FLANGE, _TCP)
 _FIXED: Final = (_WORLD, _FLANGE, _TCP)  # MotionPlus manual: these are never attached elsewhere
-_MOST_FRAMES: Final = 100  # a limit of this implementation, which bounds the cost of a look-up
+_MAX_FRAMES: Final = 100  # a limit of this implementation, which bounds the cost of a look-up
 
 
 class WorldModelError(ValueError):
@@ -91,8 +91,8 @@ class WorldModel:
             raise WorldModelError(f'the frame "{name}" exists already: move it with move_frame(), or delete it first')
         if not name:
             raise WorldModelError("a frame needs a name")
-        if len(self._frames) >= _MOST_FRAMES:
-            raise WorldModelError(f"there are already {_MOST_FRAMES} frames, the maximum: delete some")
+        if len(self._frames) >= _MAX_FRAMES:
+            raise WorldModelError(f"there are already {_MAX_FRAMES} frames, the maximum: delete some")
         self._frames[name] = _Frame(_WORLD, pose_trans(self.in_world(reference, arm), pose))
 
     def attach(self, child: str, parent: str, arm: ArmPose) -> None:

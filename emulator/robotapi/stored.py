@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from emulator.controller import Controller
-from emulator.programs.loading import DEFAULT_URPX, MOST_PROGRAMS
+from emulator.programs.loading import DEFAULT_URPX, MAX_PROGRAMS
 from emulator.programs.own_folder import ensure_programs_folder
 from emulator.servers.http import BAD, INVALID, NOT_FOUND, Refused
 from urproto.robotapi import DEFAULT_PROGRAM
@@ -40,7 +40,7 @@ def _files(controller: Controller) -> list[Path]:
     if root is None:
         return []
     paths = sorted(path for path in root.glob(f"*{SUFFIX}") if path.is_file() and not path.name.startswith("."))
-    return paths[:MOST_PROGRAMS]
+    return paths[:MAX_PROGRAMS]
 
 
 def find_program(controller: Controller, name: str) -> Generator[None, None, Path]:

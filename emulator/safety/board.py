@@ -118,7 +118,7 @@ def _is_at(q: Vector6, home: Vector6) -> bool:
 
 
 _STOPS_COUNTED_S: Final = 8 * 3600.0
-_MOST_STOPS: Final = 50  # dashboard manual, on C163
+_MAX_STOPS: Final = 50  # dashboard manual, on C163
 _ENABLING_BIT: Final = Availability.since(None, "5.25")
 _HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
 
@@ -148,7 +148,7 @@ class SafetyBoard:
         self.freedrive_held = False
         self._operational_mode = ""
         self._power = PowerState.OFF
-        self._stops: list[deque[float]] = [deque(maxlen=_MOST_STOPS + 1) for _ in range(6)]
+        self._stops: list[deque[float]] = [deque(maxlen=_MAX_STOPS + 1) for _ in range(6)]
         self._transition_until_s = 0.0  # until then, both sets of limits are accepted
         self._resume = False  # the program was playing when the safeguard opened
         self._checksum = self.configuration.checksum
@@ -265,7 +265,7 @@ class SafetyBoard:
             return
         times, now = self._stops[joint], self._machine.time_s
         times.append(now)
-        if len(times) > _MOST_STOPS and now - times[0] <= _STOPS_COUNTED_S:
+        if len(times) > _MAX_STOPS and now - times[0] <= _STOPS_COUNTED_S:
             times.clear()
             self.trip(Cause.STOP_COUNT, joint)
 
@@ -313,7 +313,7 @@ class SafetyBoard:
         if held:
             self._machine.freedrive_inputs.hold_button()
         else:
-            self._machine.freedrive_inputs.forget("button", 0)
+            self._machine.freedrive_inputs.remove("button", 0)
 
     def _follow_inputs(self) -> None:
         machine, inputs = self._machine, self.inputs

@@ -21,7 +21,7 @@ _JOINT_SPEED_MARGIN_RAD_S: Final = 0.2
 _POSITION_MARGIN_RAD: Final = radians(3.0)
 _MOMENTUM_MARGIN: Final = 3.0
 _TURNING_M_S: Final = 0.02  # upper bound for the change of any part's speed by the links' rotation within a period
-_LEAST_SHARE: Final = 0.2  # of a limit remains even if the margin is larger (guess)
+_MIN_SHARE: Final = 0.2  # of a limit remains even if the margin is larger (guess)
 
 
 class Governor:
@@ -122,7 +122,7 @@ def operational_positions(limits: LimitSet, model: RobotModel) -> tuple[Joints, 
 
 
 def _less(limit: float, margin: float) -> float:
-    return max(limit - margin, _LEAST_SHARE * limit)
+    return max(limit - margin, _MIN_SHARE * limit)
 
 
 def _radii(model: RobotModel) -> Joints:

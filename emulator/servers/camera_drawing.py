@@ -1,7 +1,7 @@
 """Requests for camera pictures, and the process that draws them.
 
 The first request starts the process; it is stopped after a while without requests. Requests for the same picture share
-the result, and the same picture is drawn at most `MOST_HZ` times a second. Pictures are drawn one at a time, in turn,
+the result, and the same picture is drawn at most `MAX_HZ` times a second. Pictures are drawn one at a time, in turn,
 each from the state at the moment when drawing starts.
 """
 
@@ -20,7 +20,7 @@ from urproto.robots.pose import Pose
 if TYPE_CHECKING:
     from emulator.physics.world import PhysicsWorld
 
-MOST_HZ: Final = 30.0
+MAX_HZ: Final = 30.0
 """Maximum rate of one camera in one form, for any number of viewers (guess: the rate of cameras in robot cells)."""
 
 _PIECE: Final = 64 * 1024  # bytes of a picture that are read and sent in one go
@@ -87,7 +87,7 @@ class Drawing:
             self._tasks.add(self._worker)
             self._worker.add_done_callback(self._tasks.discard)
 
-    def forget(self, callback: PictureCallback) -> None:
+    def remove(self, callback: PictureCallback) -> None:
         """Drop the requests of a client that has disconnected."""
         for key, callbacks in tuple(self._requests.items()):
             if callback in callbacks:
@@ -148,7 +148,7 @@ class Drawing:
         idle_at_s = loop.time() + _IDLE_S
         while True:
             self._new_request.clear()
-            due_s = {key: self._drawn_s.get(key, -1e9) + 1.0 / MOST_HZ for key in self._requests}
+            due_s = {key: self._drawn_s.get(key, -1e9) + 1.0 / MAX_HZ for key in self._requests}
             if due_s:
                 key = min(due_s, key=due_s.__getitem__)  # the one that was drawn least recently
                 if due_s[key] <= loop.time():

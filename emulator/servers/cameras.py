@@ -11,7 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qs, unquote
 
-from emulator.servers.camera_drawing import MOST_HZ, CannotDraw, Drawing, Picture
+from emulator.servers.camera_drawing import MAX_HZ, CannotDraw, Drawing, Picture
 from emulator.servers.connection import Connection
 from emulator.servers.http import (
     BAD,
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 _DEFAULT_HZ: Final = 10.0
 _MIN_HZ: Final = 0.01
-_MOST_VIEWERS: Final = 32  # clients that wait for a picture or receive a stream (guess)
+_MAX_VIEWERS: Final = 32  # clients that wait for a picture or receive a stream (guess)
 _BUFFER: Final = 128 * 1024  # bytes that may be buffered for a client; above that, sending pauses
-_MOST_AHEAD: Final = 64 * 1024  # bytes of further requests that a client may send before its picture is sent (guess)
+_MAX_AHEAD: Final = 64 * 1024  # bytes of further requests that a client may send before its picture is sent (guess)
 _JPEG: Final = "rgb.jpg"
 _BOUNDARY: Final = "picture"
 _COMMON_HEADERS: Final = {
@@ -97,7 +97,7 @@ class CameraServer(PortServer):
         return {
             "cameras": [describe(self.world, name).as_json() for name in self.world.cameras],
             "bodies": [model.body(i).name for i in range(model.nbody)],
-            "most_hz": MOST_HZ,
+            "most_hz": MAX_HZ,
         }
 
     def page(self) -> bytes:
@@ -116,8 +116,8 @@ class CameraServer(PortServer):
 
     def check_room(self) -> None:
         """Raises Refused if the maximum number of viewers is reached."""
-        if sum(isinstance(one, HttpConnection) and one.waiting for one in self.connections) >= _MOST_VIEWERS:
-            raise Refused(UNAVAILABLE, f"the limit of {_MOST_VIEWERS} viewers of cameras is reached: close one")
+        if sum(isinstance(one, HttpConnection) and one.waiting for one in self.connections) >= _MAX_VIEWERS:
+            raise Refused(UNAVAILABLE, f"the limit of {_MAX_VIEWERS} viewers of cameras is reached: close one")
 
 
 class _CameraConnection(HttpConnection):
@@ -168,8 +168,8 @@ class _CameraConnection(HttpConnection):
         # A client may send its next request during a stream, but no more than that: it is buffered until the end.
         if self._viewing is not None:
             self._bytes_ahead += len(data)
-            if self._bytes_ahead > _MOST_AHEAD:
-                raise RemoteProtocolError(f"it sent more than {_MOST_AHEAD} bytes while it was being sent pictures")
+            if self._bytes_ahead > _MAX_AHEAD:
+                raise RemoteProtocolError(f"it sent more than {_MAX_AHEAD} bytes while it was being sent pictures")
         super().received(data)
 
     def opened(self) -> None:
@@ -228,7 +228,7 @@ class _Viewing:
 
     def cancel(self) -> None:
         """The client has disconnected."""
-        self._connection.server.drawing.forget(self._callback)
+        self._connection.server.drawing.remove(self._callback)
         if self._next is not None:
             self._next.cancel()
 
@@ -285,6 +285,6 @@ def _fps(query: str) -> float:
         rate_hz = float(given)
     except ValueError:
         rate_hz = 0.0
-    if not _MIN_HZ <= rate_hz <= MOST_HZ:
-        raise Refused(BAD, f"fps must be a number from {_MIN_HZ:g} to {MOST_HZ:g}, not {given[:20]!r}")
+    if not _MIN_HZ <= rate_hz <= MAX_HZ:
+        raise Refused(BAD, f"fps must be a number from {_MIN_HZ:g} to {MAX_HZ:g}, not {given[:20]!r}")
     return rate_hz

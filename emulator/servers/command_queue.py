@@ -8,7 +8,7 @@ from typing import Any, Final
 from emulator.mailbox import Command
 from emulator.servers.port import Reply, ServedController
 
-_MOST_WAITING: Final = 64  # requests of one connection; above that, reading from it pauses (guess)
+_MAX_WAITING: Final = 64  # requests of one connection; above that, reading from it pauses (guess)
 
 
 class CommandQueue:
@@ -28,7 +28,7 @@ class CommandQueue:
     @property
     def full(self) -> bool:
         """Whether no more commands should be added for now."""
-        return len(self._waiting) > _MOST_WAITING
+        return len(self._waiting) > _MAX_WAITING
 
     @property
     def idle(self) -> bool:

@@ -25,7 +25,7 @@ SEND_BUFFER: Final = 256 * 1024
 """Size of the system's buffer for a client that does not read, which limits the age of what it reads later (guess)."""
 
 _READ_BYTES: Final = 1024  # at a time: parsing them takes some ms even if each byte is a message (guess)
-_MOST_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
+_MAX_UNDELIVERED: Final = 1024 * 1024  # bytes that must be delivered and are not read (guess)
 _LINGER_S: Final = 1.0  # for a client that keeps sending after its final answer (guess)
 _RESET: Final = struct.pack("ii", 1, 0)  # SO_LINGER: on, no time: closing sends RST
 _WRONG_PORT: Final = {
@@ -69,7 +69,7 @@ class Connection(asyncio.BufferedProtocol):
     them.
     """
 
-    most_undelivered = _MOST_UNDELIVERED
+    most_undelivered = _MAX_UNDELIVERED
     for_browsers = False
     patient = True
 

@@ -30,9 +30,9 @@ from urproto.modbus import (
 _CONNECT_S: Final = 2.0  # guess, the same as for a script socket
 _ANSWER_S: Final = 1.0  # guess
 _PAUSES_S: Final = (0.1, 0.2, 0.5, 1.0, 2.0)  # before the next attempt to connect (guess)
-_MOST_TIMEOUTS: Final = 3  # consecutive ones, after which the connection is considered dead (guess)
-_MOST_UNITS: Final = 512  # guess; there are fewer signals, only custom commands can address more units
-_MOST_WAITING: Final = 256  # requests to one unit that have not been sent yet (guess)
+_MAX_TIMEOUTS: Final = 3  # consecutive ones, after which the connection is considered dead (guess)
+_MAX_UNITS: Final = 512  # guess; there are fewer signals, only custom commands can address more units
+_MAX_WAITING: Final = 256  # requests to one unit that have not been sent yet (guess)
 
 _logger = logging.getLogger(__name__)
 
@@ -87,7 +87,7 @@ class ModbusClient:
     def _put(self, unit: ModbusUnit, pending: "_PendingRequest") -> None:
         connection = self._connections.get(unit)
         if connection is None:
-            if len(self._connections) >= _MOST_UNITS:
+            if len(self._connections) >= _MAX_UNITS:
                 pending.fail(errno.EMFILE)
                 return
             connection = _UnitConnection(unit, *self._own_ports.reach(unit.address, self._port))
@@ -150,7 +150,7 @@ class _UnitConnection(asyncio.Protocol):
 
     def put(self, item: _PendingRequest) -> None:
         """Send a request when its turn comes; connect first if necessary."""
-        if len(self._waiting) >= _MOST_WAITING:
+        if len(self._waiting) >= _MAX_WAITING:
             item.fail(errno.EAGAIN)
             return
         if self._transport is None and self._connecting is None:
@@ -224,7 +224,7 @@ class _UnitConnection(asyncio.Protocol):
     def _timed_out(self, transaction: int) -> None:
         self._sent.pop(transaction).fail(errno.ETIMEDOUT)
         self._timeouts += 1
-        if self._timeouts >= _MOST_TIMEOUTS and self._transport is not None:
+        if self._timeouts >= _MAX_TIMEOUTS and self._transport is not None:
             self._transport.abort()
         else:
             self._send()

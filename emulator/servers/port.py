@@ -209,7 +209,7 @@ class PortServer:
     def client_disconnected(self, connection: Connection) -> None:
         """Forget a client that has disconnected."""
         self._clients.pop(connection, None)
-        self.send_scheduler.forget(connection)
+        self.send_scheduler.remove(connection)
         if connection in self.connections:
             self.connections.remove(connection)
         if not self.connections:

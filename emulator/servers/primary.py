@@ -203,7 +203,7 @@ class PrimaryServer(PortServer):
             if connection not in new:
                 self.send_scheduler.send(snapshot.step, connection, *before, state)
                 continue
-            self.send_scheduler.forget(connection)
+            self.send_scheduler.remove(connection)
             for package in (*before, full_state):
                 connection.send(package)
 

@@ -27,7 +27,7 @@ _MESSAGE: Final = 2000  # bytes; one public client has a buffer of 2048, another
 _CYCLE: Final = 2000  # bytes of values in a cycle, rounded up to a complete message: about 0.3 ms of work (guess)
 _HEADER: Final = 16  # bytes of a message before its names or values
 _SMALLEST: Final = 28  # bytes that must be left in a message to add another item to a list
-_MOST_VARIABLES: Final = 65536  # an index has two bytes in the message
+_MAX_VARIABLES: Final = 65536  # an index has two bytes in the message
 _LONGEST_LABEL: Final = 255  # bytes (guess)
 _FLOAT32_MAX: Final = 3.4028234e38
 
@@ -75,13 +75,13 @@ class ProgramReporter:
     def _encode_names(self, names: tuple[str, ...]) -> bytes:
         messages = []
         start, size = 0, _HEADER
-        for index, name in enumerate(names[:_MOST_VARIABLES]):
+        for index, name in enumerate(names[:_MAX_VARIABLES]):
             if size + len(name) + 1 > _MESSAGE and index > start:
                 messages.append(GlobalVariableNames(start_index=start, names=names[start:index]))
                 start, size = index, _HEADER
             size += len(name) + 1  # a name is ASCII
         if names:
-            messages.append(GlobalVariableNames(start_index=start, names=names[start:_MOST_VARIABLES]))
+            messages.append(GlobalVariableNames(start_index=start, names=names[start:_MAX_VARIABLES]))
         return b"".join([message.encode(self._version) for message in messages])
 
     def _threads(self, view: ProgramView, time_us: int) -> bytes:
@@ -99,7 +99,7 @@ class ProgramReporter:
 
     def _values(self, view: ProgramView) -> bytes:
         """Return messages with as many values as fit into a cycle, from the cursor on, each variable at most once."""
-        count = min(len(view.names), _MOST_VARIABLES)
+        count = min(len(view.names), _MAX_VARIABLES)
         if not count:  # a simulator sends it for a program without variables too
             return GlobalVariableValues(values=()).encode(self._version)
         messages: list[bytes] = []

@@ -53,9 +53,9 @@ from urproto.versions import PolyscopeVersion
 Packer = Callable[[Snapshot], bytes]
 
 # The RTDE guide allows 2048; the official client's tests request 9 kB in one recipe from PolyScope 3.14, 5.9 and later.
-_MOST_NAME_BYTES: Final = 12 * 1024  # guess: the variables that so many names can stand for fit into a package of 64 kB
-_MOST_NAMES: Final = _MOST_NAME_BYTES // 2
-_MOST_INPUT_RECIPES: Final = 255  # the id is one byte, 0 means refused
+_MAX_NAME_BYTES: Final = 12 * 1024  # guess: the variables that so many names can stand for fit into a package of 64 kB
+_MAX_NAMES: Final = _MAX_NAME_BYTES // 2
+_MAX_INPUT_RECIPES: Final = 255  # the id is one byte, 0 means refused
 _OUTPUT_RECIPE: Final = 1
 _REFUSED: Final = 0
 # The official C++ client receives it before the answer to its next request; the words around the quotation are a guess
@@ -231,8 +231,8 @@ class RTDESession:
             for name, kind in zip(request.names, self._types(request.names, self._host.inputs), strict=False)
         )
         problem = _problem(request.names, types)
-        if len(self._inputs) >= _MOST_INPUT_RECIPES:
-            problem = f"this connection has {_MOST_INPUT_RECIPES} input recipes already, the maximum"
+        if len(self._inputs) >= _MAX_INPUT_RECIPES:
+            problem = f"this connection has {_MAX_INPUT_RECIPES} input recipes already, the maximum"
         if problem:
             return [SetupInputsReply(types, _REFUSED), _error(f"the input recipe is not valid: {problem}")]
         recipe_id = len(self._inputs) + 1
@@ -282,7 +282,7 @@ class RTDESession:
         Such an answer has at most as many types as a list of the maximum size could have names, because it has to fit
         into its package.
         """
-        return (NOT_FOUND,) * min(len(names), _MOST_NAMES) if _too_long(names) else type_names(names, fields)
+        return (NOT_FOUND,) * min(len(names), _MAX_NAMES) if _too_long(names) else type_names(names, fields)
 
     def _set_frequency(self, frequency_hz: float | None) -> str:
         """Set the number of control periods per package; return the problem of an invalid frequency, else ""."""
@@ -302,7 +302,7 @@ class RTDESession:
 
     def _warn_once(self, text: str) -> list[Reply]:
         """Return a warning the first time only: it would otherwise be repeated for every package."""
-        if text in self._warned or len(self._warned) > _MOST_INPUT_RECIPES:
+        if text in self._warned or len(self._warned) > _MAX_INPUT_RECIPES:
             return []
         self._warned.add(text)
         return [_warning(text)]
@@ -311,7 +311,7 @@ class RTDESession:
 def _problem(names: tuple[str, ...], types: tuple[str, ...]) -> str:
     """Return the reason why a recipe is invalid, "" for a valid one."""
     if _too_long(names):
-        return f"its names take more than {_MOST_NAME_BYTES} bytes"
+        return f"its names take more than {_MAX_NAME_BYTES} bytes"
     for bad in (NOT_FOUND, IN_USE):
         refused = [name for name, kind in zip(names, types, strict=True) if kind == bad]
         if refused:
@@ -320,7 +320,7 @@ def _problem(names: tuple[str, ...], types: tuple[str, ...]) -> str:
 
 
 def _too_long(names: tuple[str, ...]) -> bool:
-    return len(",".join(names)) > _MOST_NAME_BYTES
+    return len(",".join(names)) > _MAX_NAME_BYTES
 
 
 def _warning(text: str) -> TextMessage:

@@ -39,8 +39,8 @@ class OwnPorts:
         return self._listening.get(port, (address, port)) if address in _LOOPBACK else (address, port)
 
 
-_MOST_UNREAD: Final = 1024 * 1024  # received bytes that the script has not read; above that, reading pauses (guess)
-_MOST_UNSENT: Final = 1024 * 1024  # bytes from the script that wait for the peer; above that, sends fail (guess)
+_MAX_UNREAD: Final = 1024 * 1024  # received bytes that the script has not read; above that, reading pauses (guess)
+_MAX_UNSENT: Final = 1024 * 1024  # bytes from the script that wait for the peer; above that, sends fail (guess)
 
 _logger = logging.getLogger(__name__)
 
@@ -141,7 +141,7 @@ def _reason(error: Exception) -> str:
 class _ScriptConnection(Connection):
     """The network connection of a script's socket, which it informs by ``opened``, ``received`` and ``lost``."""
 
-    most_undelivered = 2 * _MOST_UNSENT  # not reached: sends of the script fail before
+    most_undelivered = 2 * _MAX_UNSENT  # not reached: sends of the script fail before
     for_browsers = True  # the script opened the connection: the peer may send anything, also what a browser sends
 
     def __init__(self, server: PortServer, owner: "_NetworkSocket") -> None:
@@ -178,7 +178,7 @@ class _NetworkSocket:
 
     @property
     def state(self) -> SocketState:
-        if self._paused and len(self.inbox) < _MOST_UNREAD:  # the script, which checks every period, has caught up
+        if self._paused and len(self.inbox) < _MAX_UNREAD:  # the script, which checks every period, has caught up
             self._paused = False
             self._connection.read_on(True)
         return self._state
@@ -188,7 +188,7 @@ class _NetworkSocket:
         self._connecting.add_done_callback(self._connected)
 
     def send(self, data: bytes) -> bool:
-        if self._state != "open" or self._connection.undelivered > _MOST_UNSENT:
+        if self._state != "open" or self._connection.undelivered > _MAX_UNSENT:
             return False
         self._connection.send(data)
         return True
@@ -234,7 +234,7 @@ class _NetworkSocket:
 
     def received(self, data: bytes) -> None:
         self.inbox += data
-        if len(self.inbox) >= _MOST_UNREAD:
+        if len(self.inbox) >= _MAX_UNREAD:
             self._paused = True
             self._connection.read_on(False)
 

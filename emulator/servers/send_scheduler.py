@@ -43,7 +43,7 @@ class StateFeed:
         self.up_to_date: list[_Client] = []  # clients that got the last packages
 
     def remove(self, client: _Client) -> None:
-        """Forget a client that has disconnected; `SendScheduler.forget` does the same for a waiting one."""
+        """Remove a client that has disconnected; `SendScheduler.remove` does the same for a waiting one."""
         if client in self.up_to_date:
             self.up_to_date.remove(client)
 
@@ -120,7 +120,7 @@ class SendScheduler:
             client.skip_state()
             self._waiting[client] = feed
 
-    def forget(self, client: _Client) -> None:
+    def remove(self, client: _Client) -> None:
         """Drop the waiting packages of a client that was served in another way or has disconnected."""
         self._waiting.pop(client, None)
 

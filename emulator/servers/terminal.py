@@ -14,7 +14,7 @@ from emulator.devices.tool_line import SerialSettings
 assert sys.platform != "win32"  # for mypy, which there looks no further
 
 _READ_BYTES: Final = 4096
-_MOST_UNREAD: Final = 65536  # bytes the device may be ahead of the line (guess)
+_MAX_UNREAD: Final = 65536  # bytes the device may be ahead of the line (guess)
 
 _logger = logging.getLogger(__name__)
 
@@ -69,7 +69,7 @@ class TerminalDevice:
     def read(self, most: int) -> bytes:
         taken = bytes(self._inbox[:most])
         del self._inbox[:most]
-        if not self._reading and len(self._inbox) < _MOST_UNREAD:
+        if not self._reading and len(self._inbox) < _MAX_UNREAD:
             self._reading = True
             self._loop.add_reader(self._descriptor, self._readable)
         return taken
@@ -85,7 +85,7 @@ class TerminalDevice:
         if not data:
             _logger.warning("the tool device %s was disconnected", self._name)
             self._loop.remove_reader(self._descriptor)
-        elif len(self._inbox) >= _MOST_UNREAD:
+        elif len(self._inbox) >= _MAX_UNREAD:
             self._reading = False
             self._loop.remove_reader(self._descriptor)
 

@@ -38,10 +38,10 @@ class FreedriveInputs:
         self._levels["modbus", name] = lambda: self._modbus.is_high(name)
 
     def hold_button(self) -> None:
-        """Activate freedrive while the pendant's button is held, until `forget`."""
+        """Activate freedrive while the pendant's button is held, until `remove`."""
         self._levels["button", 0] = lambda: True
 
-    def forget(self, kind: str, index: int | str) -> None:
+    def remove(self, kind: str, index: int | str) -> None:
         """Remove an input's action. ``kind``: the group's name, "register", "modbus" or "button"."""
         self._levels.pop((kind, index), None)
 

@@ -8,7 +8,7 @@ from typing import Final, Literal, Protocol
 
 from urproto.compat import StrEnum
 
-MOST_SOCKETS: Final = 64
+MAX_SOCKETS: Final = 64
 """Maximum number of connections of one program (a guess); each takes a file descriptor."""
 
 SocketState = Literal["connecting", "open", "closed"]

@@ -28,7 +28,7 @@ _SILENCE_S: Final = 0.5  # after which an incomplete line is given up
 _PAUSE_S: Final = 0.02  # after which a program with its known last line is complete (guess)
 _LONG_PAUSE_S: Final = 0.1  # after which a program without a known last line is complete (guess)
 _WHOLE_S: Final = 10.0  # for the whole program (guess; the URCap would continue to wait)
-_MOST_BYTES: Final = 256 * 1024  # guess: the official program has 48 kB
+_MAX_BYTES: Final = 256 * 1024  # guess: the official program has 48 kB
 _LAST_LINE: Final = b"# NODE_CONTROL_LOOP_ENDS"
 _HEADER_BEGIN: Final = re.compile(r"^ *# HEADER_BEGIN *$", re.MULTILINE)
 _HEADER_END: Final = re.compile(r"^ *# HEADER_END *$", re.MULTILINE)
@@ -126,8 +126,8 @@ class ProgramRequest:
         size = len(socket.inbox)
         self._quiet_s = 0.0 if size != self._size else self._quiet_s + self._period_s
         self._size = size
-        if size > _MOST_BYTES:
-            return self._unreachable(f"the program has more than {_MOST_BYTES >> 10} KiB")
+        if size > _MAX_BYTES:
+            return self._unreachable(f"the program has more than {_MAX_BYTES >> 10} KiB")
         if ended:
             return self._closed()
         if self._complete():

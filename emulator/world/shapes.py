@@ -68,7 +68,9 @@ def contacts(tool: "WorldObject", things: "Iterable[WorldObject]", tcp: Pose, sp
     detected.
     """
     box = tool.mounted(tcp) if isinstance(tool.shape, Box) else None
-    balls = _balls(tool, tcp) if box is None else [(box.place(probe.centre), probe) for probe in box.shape.probes]
+    balls = (
+        _tool_spheres(tool, tcp) if box is None else [(box.place(probe.centre), probe) for probe in box.shape.probes]
+    )
     for thing in things:
         for centre, probe in balls:
             yield from _contact(thing.touch(centre, probe.radius), centre, probe, (thing, 1.0), (tcp, speed))
@@ -78,7 +80,7 @@ def contacts(tool: "WorldObject", things: "Iterable[WorldObject]", tcp: Pose, sp
                 yield from _contact(box.touch(centre, probe.radius), centre, probe, (thing, -1.0), (tcp, speed))
 
 
-def _balls(tool: "WorldObject", tcp: Pose) -> "list[tuple[Vector3, Probe]]":
+def _tool_spheres(tool: "WorldObject", tcp: Pose) -> "list[tuple[Vector3, Probe]]":
     """The parts of a round tool, in the base frame."""
     centre = (tcp[0], tcp[1], tcp[2]) if tool.pose == _AT_TCP else pose_trans(tcp, tool.pose)[:3]
     return [(centre, probe) for probe in tool.shape.probes]

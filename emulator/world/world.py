@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from emulator.world.links import Links
 
 
-MOST_OBJECTS: Final = 32  # a limit of this implementation, which bounds the computing time of a period
+MAX_OBJECTS: Final = 32  # a limit of this implementation, which bounds the computing time of a period
 POINT: Final = WorldObject(Sphere(0.0))  # a tool that touches with its TCP alone
 
 
@@ -101,8 +101,8 @@ class World:
         """Add an object. Raises WorldError if there is one of this name, or too many."""
         if name in self._things:
             raise WorldError(f"the object {name!r} exists already: remove or move it, or choose another name")
-        if len(self._things) >= MOST_OBJECTS:
-            raise WorldError(f"a world can have at most {MOST_OBJECTS} objects: remove one")
+        if len(self._things) >= MAX_OBJECTS:
+            raise WorldError(f"a world can have at most {MAX_OBJECTS} objects: remove one")
         if isinstance(thing.shape, Sphere) and not thing.shape.radius:
             raise WorldError(f"the object {name!r} is a sphere without a radius")
         self._things[name] = thing
@@ -130,8 +130,8 @@ class World:
 
         Raises WorldError if there are too many.
         """
-        if name not in self._pushes and len(self._pushes) >= MOST_OBJECTS:
-            raise WorldError(f"at most {MOST_OBJECTS} pushes can be active at a time: release one")
+        if name not in self._pushes and len(self._pushes) >= MAX_OBJECTS:
+            raise WorldError(f"at most {MAX_OBJECTS} pushes can be active at a time: release one")
         self._pushes[name] = push
 
     def release(self, name: str) -> bool:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from emulator.builtins.interpreter import LIBRARY
 from emulator.commands.requests import InterpreterLine
-from emulator.programs.interpreter import MOST_STATEMENTS
+from emulator.programs.interpreter import MAX_STATEMENTS
 from tests.budget import examples
 from urproto.interpreter import AVAILABLE, LAST_ID, Reason
 from urproto.modes import RuntimeState
@@ -367,13 +367,13 @@ def test_lines_after_a_clear_are_answered_after_it(begun: Talk) -> None:
 
 
 def test_the_number_of_interpreted_statements_is_limited(begun: Talk) -> None:
-    for _ in range(MOST_STATEMENTS // 50):
+    for _ in range(MAX_STATEMENTS // 50):
         begun.send(*["x = 1"] * 50)
         begun.rig.tick(10)
-    assert begun.answers[-1] == f"ack: {MOST_STATEMENTS}: x = 1"
+    assert begun.answers[-1] == f"ack: {MAX_STATEMENTS}: x = 1"
     assert begun.discard("x = 1") == "Too many interpreted messages"
-    assert begun.ack("clear_interpreter()") == MOST_STATEMENTS + 1
-    assert begun.ack("x = 1") == MOST_STATEMENTS + 2
+    assert begun.ack("clear_interpreter()") == MAX_STATEMENTS + 1
+    assert begun.ack("x = 1") == MAX_STATEMENTS + 2
 
 
 def test_ids_wrap(begun: Talk) -> None:

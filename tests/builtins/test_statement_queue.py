@@ -2,7 +2,7 @@
 
 import pytest
 
-from emulator.programs.interpreter import MOST_STATEMENTS, StatementQueue
+from emulator.programs.interpreter import MAX_STATEMENTS, StatementQueue
 from urproto.interpreter import LAST_ID, Reason
 
 Queue = StatementQueue[str]
@@ -96,14 +96,14 @@ def test_skip_during_a_clear_still_waits_for_it(queue: Queue, answers: list[str]
 
 
 def test_limits(queue: Queue, answers: list[str]) -> None:
-    interpret(queue, answers, *["x"] * MOST_STATEMENTS)
+    interpret(queue, answers, *["x"] * MAX_STATEMENTS)
     assert queue.full
     answers.clear()
-    for _ in range(MOST_STATEMENTS):
+    for _ in range(MAX_STATEMENTS):
         queue.receive("y", answers.append)
     assert answers == []
     queue.receive("z", answers.append)
     assert answers == ["discard: Too many interpreted messages: z"]
     queue.end()
-    assert len(queue.clear()) == MOST_STATEMENTS
+    assert len(queue.clear()) == MAX_STATEMENTS
     assert not queue.full

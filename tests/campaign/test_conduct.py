@@ -28,11 +28,11 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def conducted(
-    plan: Plan, folder: Path, workers: object | None = None, tell: Callable[[list[Result]], None] = lambda _: None
+    plan: Plan, folder: Path, workers: object | None = None, on_results: Callable[[list[Result]], None] = lambda _: None
 ) -> list[Result]:
     """What the journal has when the campaign is over."""
     with Journal(folder, plan, VERSION) as journal:
-        Conductor(plan, workers or Here(plan.folder), journal, VERSION, tell).run()
+        Conductor(plan, workers or Here(plan.folder), journal, VERSION, on_results).run()
         return list(journal.results())
 
 
@@ -68,7 +68,7 @@ def test_an_interrupted_campaign_resumes(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        conducted(plan, tmp_path / "out", tell=interrupt)
+        conducted(plan, tmp_path / "out", on_results=interrupt)
     journal = tmp_path / "out" / "journal.jsonl"
     done = journal.read_bytes().count(b"\n") - 1
     assert 0 < done < len(plan)

@@ -36,7 +36,7 @@ HALF_S = {"ur3": Series.CB3.period_s / 2, "ur5e": Series.E.period_s / 2}
 MOST_OF_A_STEP = 2600  # units of `urscript.work`: half a period of a CB3 arm. One statement may take as many
 MOST_TO_START = 10_500  # of these, to start a program of as many defs and threads as there may be; others: as above
 # Processor time on a core that others use, too: beside other tests it is up to three times as much. What is exact there
-# is the count of `test_no_step_of_compiling_a_long_text_is_long`; `make soak` measures times.
+# is the count of `test_every_step_of_compiling_a_long_text_is_short`; `make soak` measures times.
 CROWDED = 1.25 if WANTED else 4.0
 COMPILED_WITHIN = 10  # periods
 # In every run; the work on all of them is counted.
@@ -80,7 +80,7 @@ def feed(make: Callable[[], object], data: bytes) -> None:
 
 
 @pytest.mark.parametrize("name", STREAMS)
-def test_a_byte_costs_the_same_however_many_came_before(name: str) -> None:
+def test_the_cost_of_a_byte_does_not_depend_on_earlier_bytes(name: str) -> None:
     """Four times the bytes take four times as long; what begins over at each chunk takes sixteen times as long."""
     make, data = STREAMS[name]
     few, many = data(250_000), data(1_000_000)
@@ -92,7 +92,7 @@ def test_a_byte_costs_the_same_however_many_came_before(name: str) -> None:
 
 
 @pytest.mark.parametrize("data", [b" " * 400_000, b"#" + b"x" * 400_000], ids=["blanks", "a comment"])
-def test_one_byte_at_a_time_is_as_good(data: bytes) -> None:
+def test_reading_byte_by_byte_gives_the_same_result(data: bytes) -> None:
     def one_by_one(count: int) -> None:
         splitter = ScriptSplitter()
         for byte in data[:count]:
@@ -103,7 +103,7 @@ def test_one_byte_at_a_time_is_as_good(data: bytes) -> None:
 
 @pytest.mark.timeout(0 if WANTED else 120)
 @pytest.mark.parametrize("model", HALF_S)
-def test_a_busy_program_leaves_half_the_period(model: str) -> None:
+def test_a_busy_program_uses_at_most_half_the_period(model: str) -> None:
     bound_s = CROWDED * HALF_S[model] * slowness()
     for seed in range(EACH):
         text = busy_program(Random(seed))
@@ -112,7 +112,7 @@ def test_a_busy_program_leaves_half_the_period(model: str) -> None:
 
 
 @pytest.mark.parametrize("name", SOURCES)
-def test_no_step_of_compiling_a_long_text_is_long(name: str) -> None:
+def test_every_step_of_compiling_a_long_text_is_short(name: str) -> None:
     """Counted: what cannot be interrupted is a step. The next test says that the count is right."""
     *steps, last = [0, *steps_of(source(name, SIZE))]
     assert max(steps, default=0) <= MOST_OF_A_STEP
@@ -128,7 +128,7 @@ def test_a_long_text_leaves_little_to_the_garbage_collector(name: str) -> None:
     assert not garbage
 
 
-def test_programs_that_make_room_for_another_are_forgotten_in_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_replaced_programs_are_freed_in_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     long = source("a long def", SIZE)
     monkeypatch.setattr(compiler, "_cache", {})
     monkeypatch.setattr(compiler, "_CACHE_CHARACTERS", len(long))
@@ -142,7 +142,7 @@ def test_programs_that_make_room_for_another_are_forgotten_in_steps(monkeypatch:
 
 @pytest.mark.timeout(0 if WANTED else 120)
 @pytest.mark.parametrize("name", some(SOURCES, now=TIMED))
-def test_compiling_a_long_text_leaves_half_the_period(name: str) -> None:
+def test_compiling_a_long_text_uses_at_most_half_the_period(name: str) -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
     if WANTED and name == "threads":
         bound_s *= 5  # Python gets to know 5,000 of them in one step, when the program starts: see MOST_TO_START
@@ -159,7 +159,7 @@ def test_random_long_texts() -> None:
         assert longest <= bound_s, f"seed {seed}, period {period}: {longest * 1e3:.2f} ms"
 
 
-def test_compiling_takes_its_share_on_the_average_whatever_a_piece_takes() -> None:
+def test_compiling_keeps_to_its_share_on_average_regardless_of_piece_size() -> None:
     """A function that Python compiles in one go is paid for in the periods after it."""
     body = "".join(f"    if n == {i}:\n      return {i}\n    end\n" for i in range(600))
     text = f"def p():\n  def f(n):\n{body}    return 0\n  end\n  while True:\n    sync()\n  end\nend\n"
@@ -182,9 +182,7 @@ class _Reader:
 
 
 @pytest.mark.parametrize("clients", [1, 2, 3])
-async def test_clients_together_are_read_within_their_share_of_time(
-    clients: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_reading_all_clients_keeps_to_its_share_of_time(clients: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Virtual time: clients that always have something to say, and what it costs to read them."""
     now_s, wakes = 0.0, []
 

@@ -94,7 +94,7 @@ async def rig(tmp_path: Path) -> AsyncIterator[Rig]:
         yield Rig(robot)
 
 
-async def test_nothing_is_drawn_before_somebody_looks(rig: Rig) -> None:
+async def test_nothing_is_rendered_without_viewers(rig: Rig) -> None:
     index = json.loads((await rig.get("/cameras")).body)
     assert [camera["name"] for camera in index["cameras"]] == ["over all", "wrist"]
     assert [camera["frame"] for camera in index["cameras"]] == ["base", "flange"]
@@ -106,7 +106,7 @@ async def test_nothing_is_drawn_before_somebody_looks(rig: Rig) -> None:
     assert not rig.server.drawing.at_work
 
 
-async def test_pictures_are_those_of_the_scene_as_it_is(rig: Rig) -> None:
+async def test_pictures_show_the_current_scene(rig: Rig) -> None:
     """Also of what the program of the robot changes, here the colour of a lamp."""
     world, signals = rig.robot.controller.world, rig.robot.controller.signals
     dark, looks = await rig.array(f"{OVER}/rgb.npy"), world.model.geom_rgba.copy()
@@ -152,9 +152,7 @@ def pictures(response: HTTPResponse, count: int) -> list[tuple[float, Any]]:
     return found
 
 
-async def test_a_stream_goes_on_with_the_robot_and_ends_with_its_viewer(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_stream_follows_the_robot_and_ends_with_its_viewer(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     def look() -> list[tuple[float, Any]]:
         connection = HTTPConnection("127.0.0.1", rig.port, timeout=PATIENCE_S)
         try:
@@ -196,7 +194,7 @@ async def pages_of_other_sites_are_kept_out(rig: Rig) -> None:
 
 
 async def viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cameras, "_MOST_VIEWERS", 1)
+    monkeypatch.setattr(cameras, "_MAX_VIEWERS", 1)
     reader, writer = await asyncio.open_connection("127.0.0.1", rig.port)
     writer.write(f"GET {OVER}/{STREAM}?fps=0.01 HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
     async with timeout(PATIENCE_S):
@@ -213,7 +211,7 @@ async def viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None
     assert (await rig.get(f"{OVER}/rgb.jpg")).status == 200
 
 
-async def test_who_draws_ends_when_nobody_looks_and_comes_back_when_killed(
+async def test_the_renderer_exits_without_viewers_and_restarts_when_killed(
     rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(camera_drawing, "_RETRY_S", 0.0)
@@ -240,7 +238,7 @@ async def test_who_draws_ends_when_nobody_looks_and_comes_back_when_killed(
     assert len(started) == 2
 
 
-async def test_where_nothing_draws_a_picture_is_one_clear_line(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_without_a_renderer_a_picture_is_a_one_line_error(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     drawing = camera_drawing.Drawing(rig.server.world, lambda: 0.0)
     monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "99")  # there is no such graphics card
     monkeypatch.setattr(rig.server, "_drawing", drawing)
@@ -258,7 +256,7 @@ async def test_where_nothing_draws_a_picture_is_one_clear_line(rig: Rig, monkeyp
     await drawing.close()
 
 
-async def test_a_world_without_physics_has_no_such_port(tmp_path: Path) -> None:
+async def test_a_world_without_physics_has_no_camera_port(tmp_path: Path) -> None:
     (scene := tmp_path / "cell.yaml").write_text("objects:\n  floor: {plane: {}, pose: [0, 0, -0.5]}\n")
     config = EmulatorConfig(controller=controller_config("ur5", world=scene), ephemeral_ports=True)
     assert "cameras" not in config.wanted_ports

@@ -55,7 +55,7 @@ BAD: list[tuple[str, str, bytes, dict[str, str], int]] = [
 ]
 
 
-async def test_bad_requests_get_4xx_with_json_and_lose_nothing(robot: Start, tmp_path: Path) -> None:
+async def test_bad_requests_get_4xx_with_json_and_change_nothing(robot: Start, tmp_path: Path) -> None:
     secret = tmp_path.parent / f"{tmp_path.name}_secret.urpx"
     secret.write_bytes(urpx("secret"))
     (tmp_path / "good.urpx").write_bytes(urpx("good"))
@@ -73,7 +73,7 @@ async def test_bad_requests_get_4xx_with_json_and_lose_nothing(robot: Start, tmp
     assert sorted(path.name for path in tmp_path.iterdir()) == ["broken.urpx", "good.urpx"]
 
 
-async def test_what_is_wrong_is_said_where_it_is(robot: Start) -> None:
+async def test_validation_errors_name_the_location(robot: Start) -> None:
     async with client(await robot()) as api:
         (part,) = (await api.put(STATE, json={"action": "FLY"})).json()["detail"]
         assert (part["loc"], "FLY" in part["msg"]) == (["body", "action"], True)
@@ -93,7 +93,7 @@ VISITORS: list[tuple[dict[str, str], int]] = [
 ]
 
 
-async def test_pages_of_others_may_not_use_the_robot(robot: Start) -> None:
+async def test_foreign_web_pages_cannot_use_the_robot(robot: Start) -> None:
     """A form with a file is what a browser sends for any page without asking; a page's own name can point here."""
     async with client(await robot()) as api:
         for number, (headers, status) in enumerate(VISITORS):

@@ -75,7 +75,7 @@ needs_addresses = pytest.mark.skipif(sys.platform != "linux", reason="one loopba
 
 
 @needs_addresses
-async def test_one_address_does_not_take_every_place(
+async def test_one_address_cannot_occupy_every_connection(
     server: PortServer, clients: ExitStack, caplog: pytest.LogCaptureFixture
 ) -> None:
     first = await let_in(server, clients)
@@ -95,7 +95,7 @@ async def test_one_address_does_not_take_every_place(
     assert await let_in(server, clients), "there is room again"
 
 
-async def test_a_minute_later_the_log_says_how_many(
+async def test_the_log_reports_the_number_of_rejections_a_minute_later(
     server: PortServer, clients: ExitStack, caplog: pytest.LogCaptureFixture
 ) -> None:
     server.limits = ClientLimits(0, 0)
@@ -112,7 +112,7 @@ def no_descriptors(*_: object) -> None:
     raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
 
-async def test_the_reserve_turns_clients_away_when_no_descriptor_is_left(
+async def test_the_reserve_turns_clients_away_when_descriptors_run_out(
     server: PortServer, clients: ExitStack, caplog: pytest.LogCaptureFixture
 ) -> None:
     acceptor = server._listening
@@ -139,7 +139,7 @@ async def test_the_reserve_turns_clients_away_when_no_descriptor_is_left(
     assert len([record for record in caplog.records if record.levelname == "WARNING"]) <= 1
 
 
-async def test_the_event_loop_does_not_spin_when_nobody_can_be_accepted(
+async def test_the_event_loop_does_not_spin_when_no_client_can_be_accepted(
     server: PortServer, clients: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     acceptor = server._listening
@@ -237,7 +237,7 @@ def pace(robot: EmulatorProcess) -> float:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="another process's limits can be set on Linux only")
-def test_idle_clients_and_too_many_of_them_harm_nobody(robot: EmulatorProcess, clients: ExitStack) -> None:
+def test_idle_and_excess_clients_do_not_affect_others(robot: EmulatorProcess, clients: ExitStack) -> None:
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

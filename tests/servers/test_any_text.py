@@ -139,7 +139,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 @settings(max_examples=examples(15), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=inside)
 @example(LATIN)
-def test_any_text_in_any_place(robot: Robot, text: bytes) -> None:
+def test_any_text_in_any_field(robot: Robot, text: bytes) -> None:
     robot.play(b'  global v = "%s"\n  textmsg("<", v)\n  popup(v, v)\n  varmsg("n", v)\n' % text)
     assert robot.controller.programs.state is RuntimeState.PLAYING
     for line in (b"popup " + text, b"addToLog x" + text, b"load " + text, b"load installation " + text):
@@ -157,7 +157,7 @@ def test_any_text_in_any_place(robot: Robot, text: bytes) -> None:
 
 
 @pytest.mark.parametrize("text", ODD)
-def test_the_ports_give_back_the_bytes_that_came(robot: Robot, text: bytes) -> None:
+def test_ports_return_text_byte_for_byte(robot: Robot, text: bytes) -> None:
     robot.play(b'  global v = "%s"\n  textmsg(v, str_len(v))\n  popup(v, v)\n' % text)
     said = robot.messages()
     assert [to_bytes(m.text) for m in said if isinstance(m, TextMessage)] == [text + b"%d" % len(text)]
@@ -206,7 +206,7 @@ def test_no_verb_fails_for_a_number(tmp_path: Path, number: str) -> None:
             assert robot.call("state")[0] == robot.call("world")[0] == 200, (name, body)
 
 
-def test_files_of_any_name_and_what_is_written_about_them(tmp_path: Path) -> None:
+def test_files_of_any_name_and_messages_about_them(tmp_path: Path) -> None:
     name = "Zoë".encode("latin-1")
     script = b'def p():\n  textmsg("%s")\nend\n' % name
     for suffix, content in ((b".script", script), (b".installation", gzip.compress(INSTALLATION))):
@@ -239,7 +239,7 @@ def test_files_of_any_name_and_what_is_written_about_them(tmp_path: Path) -> Non
     ("line", "told"),
     [(b"set speed \xd9\xa3", None), (b"set speed 0_1", None), (b"set speed 0.5", 0.5), (b"set\x1cspeed 0.7", None)],
 )
-def test_words_and_numbers_of_text_commands_are_ascii(robot: Robot, line: bytes, told: float | None) -> None:
+def test_keywords_and_numbers_of_text_commands_are_ascii(robot: Robot, line: bytes, told: float | None) -> None:
     robot.controller.speed.set_slider(1.0)
     robot.client("secondary").feed(line + b"\n")
     robot.tick(10)

@@ -62,7 +62,7 @@ async def test_packages_do_not_wait_for_acknowledgements(emulator: Emulator) -> 
     writer.close()
 
 
-async def test_an_emulator_can_be_started_again(emulator: Emulator) -> None:
+async def test_an_emulator_can_be_restarted(emulator: Emulator) -> None:
     async with Emulator(config()) as other:
         await check_ready(HOST, other.ports)
     async with Emulator(config()) as other:
@@ -116,7 +116,7 @@ async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:
         ("ur3", "127.94.7.1", False, False),
     ],
 )
-async def test_who_starts_is_told_what_ur_rtde_asks_for(
+async def test_the_start_screen_shows_the_options_ur_rtde_needs(
     model: str, host: str, remote_control: bool, asked: bool
 ) -> None:
     controller = ControllerConfig(model=load_model(model), remote_control=remote_control)
@@ -138,7 +138,7 @@ async def test_shutdown_ends_it(emulator: Emulator) -> None:
     await asyncio.wait_for(emulator.stopped.wait(), 5)
 
 
-async def test_programs_run_and_reach_out_to_their_driver(emulator: Emulator) -> None:
+async def test_programs_run_and_connect_to_their_driver(emulator: Emulator) -> None:
     called: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
 
     async def driver(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -173,7 +173,7 @@ def deaf_client(port: int) -> socket.socket:
     return deaf
 
 
-async def test_a_client_that_does_not_read_disturbs_nobody() -> None:
+async def test_a_client_that_does_not_read_does_not_affect_others() -> None:
     """State is lost on it; answers it does not fetch end its connection."""
     clock = StepClock()
     async with Emulator(config(), clock) as emulator:
@@ -224,7 +224,7 @@ async def test_readiness_names_the_port_that_fails() -> None:
         await check_ready(HOST, {"dashboard": 1})
 
 
-async def test_readiness_does_not_wait_for_ever() -> None:
+async def test_the_readiness_check_times_out() -> None:
     async with Emulator(config(), StepClock()) as emulator:
         with pytest.raises(NotReady, match=r"realtime port \d+ on 127.0.0.1: no answer within 0.1 s"):
             await check_ready(HOST, {"realtime": emulator.ports["realtime"]}, timeout_s=0.1)

@@ -90,14 +90,14 @@ def test_faults_begin_once_it_is_ready(tmp_path: Path) -> None:
     assert (process.returncode, error) == (0, "")
 
 
-def test_a_fault_that_this_robot_cannot_have(tmp_path: Path) -> None:
+def test_a_fault_not_possible_on_this_robot(tmp_path: Path) -> None:
     command = emulator_command("--ephemeral-ports", "--fault", "stall,port=gripper")
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode == 2
     assert "fault stall: this robot has no port 'gripper'" in done.stderr.replace("\n", " ")
 
 
-def test_scripts_may_be_kept_off_the_network(tmp_path: Path) -> None:
+def test_network_access_of_scripts_can_be_disabled(tmp_path: Path) -> None:
     command = emulator_command(
         "--ephemeral-ports", "--ports-file", "ports.json", "--running", "--script-network", "none"
     )
@@ -115,7 +115,7 @@ def test_scripts_may_be_kept_off_the_network(tmp_path: Path) -> None:
         assert b"opened False" in heard
 
 
-def test_python_m_beside_a_decoy_client(tmp_path: Path) -> None:
+def test_python_m_next_to_a_decoy_client_module(tmp_path: Path) -> None:
     (tmp_path / "client.py").write_text("raise ImportError('a decoy')")
     command = [sys.executable, "-m", "emulator", "--ephemeral-ports", "--exit-when-ready"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
@@ -123,7 +123,7 @@ def test_python_m_beside_a_decoy_client(tmp_path: Path) -> None:
     assert "Ready:" in done.stdout
 
 
-def test_what_is_mounted_on_the_arm_is_shown(tmp_path: Path) -> None:
+def test_the_mounted_tool_is_shown(tmp_path: Path) -> None:
     command = emulator_command(
         "--model",
         "ur5e",
@@ -174,7 +174,7 @@ def test_a_port_in_use(tmp_path: Path) -> None:
         (["--fault", "delay"], "fault: delay: Object missing required field `delay_s`"),
     ],
 )
-def test_mistakes_are_one_clear_line(arguments: list[str], problem: str) -> None:
+def test_errors_are_one_clear_line(arguments: list[str], problem: str) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2
     assert result.stderr.startswith(f"ur-emulator: {problem}")

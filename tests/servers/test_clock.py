@@ -67,7 +67,7 @@ def test_deadlines_are_absolute(simulated: SimulatedTime) -> None:
     assert simulated.arms == 1
 
 
-def test_the_timer_is_armed_anew_only_off_the_grid(simulated: SimulatedTime) -> None:
+def test_the_timer_is_rearmed_only_off_the_grid(simulated: SimulatedTime) -> None:
     clock = RealClock(0.002)
     clock.start(simulated.tick)
     simulated.run(2)
@@ -76,7 +76,7 @@ def test_the_timer_is_armed_anew_only_off_the_grid(simulated: SimulatedTime) -> 
     assert simulated.arms == 3  # at the start, later than the grid, and back on it
 
 
-def test_a_speed_that_is_set_within_a_tick_holds_from_the_next_one_on(simulated: SimulatedTime) -> None:
+def test_a_speed_set_within_a_tick_applies_from_the_next_tick(simulated: SimulatedTime) -> None:
     clock = RealClock(0.002)
     clock.start(lambda: clock.set_speed(2.0) if clock.statistics.ticks == 2 else None)
     simulated.run(2)
@@ -93,7 +93,7 @@ def test_speed_shortens_the_period(simulated: SimulatedTime) -> None:
     assert simulated.ticks_ns[2] - simulated.ticks_ns[0] == 16 * MS // 10
 
 
-def test_a_late_tick_is_caught_up_without_a_burst(simulated: SimulatedTime) -> None:
+def test_a_late_tick_is_made_up_for_without_a_burst(simulated: SimulatedTime) -> None:
     clock = RealClock(0.002)
     clock.start(simulated.tick)
     start = simulated.armed_ns
@@ -106,7 +106,7 @@ def test_a_late_tick_is_caught_up_without_a_burst(simulated: SimulatedTime) -> N
     assert clock.statistics.missed > 10
 
 
-def test_a_long_standstill_is_given_up(simulated: SimulatedTime) -> None:
+def test_a_long_interruption_is_not_made_up_for(simulated: SimulatedTime) -> None:
     clock = RealClock(0.002)
     clock.start(simulated.tick)
     simulated.run(1)
@@ -115,7 +115,7 @@ def test_a_long_standstill_is_given_up(simulated: SimulatedTime) -> None:
     assert clock.statistics.missed == pytest.approx(2500, abs=2)
 
 
-def test_a_machine_too_slow_still_leaves_no_backlog(simulated: SimulatedTime, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_machine_that_is_too_slow_builds_up_no_backlog(simulated: SimulatedTime, caplog: pytest.LogCaptureFixture) -> None:
     clock = RealClock(0.002)
     simulated.tick_takes_ns = 3 * MS
     clock.start(simulated.tick)
@@ -131,7 +131,7 @@ def test_impossible_speeds_are_refused(speed: float) -> None:
         RealClock(0.002, speed)
 
 
-def test_statistics_tell_shares() -> None:
+def test_statistics_report_fractions() -> None:
     statistics = ClockStatistics()
     for lateness_us in range(1, 101):
         statistics.record(lateness_us * 10_000 - 1, 2 * MS)
@@ -142,7 +142,7 @@ def test_statistics_tell_shares() -> None:
 
 
 @pytest.mark.parametrize("kind", ["timerfd", "loop"])
-async def test_real_time_passes(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_clock_runs_in_real_time(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if kind == "loop":
         monkeypatch.setattr(clock_module, "_timer", clock_module._LoopTimer)
     done = asyncio.Event()
@@ -191,7 +191,7 @@ def test_steps() -> None:
     assert len(ticks) == 3
 
 
-def test_time_pauses_and_nothing_is_made_up_for(simulated: SimulatedTime) -> None:
+def test_paused_time_is_not_made_up_for(simulated: SimulatedTime) -> None:
     clock = RealClock(0.002)
     clock.start(simulated.tick)
     simulated.run(3)
@@ -206,7 +206,7 @@ def test_time_pauses_and_nothing_is_made_up_for(simulated: SimulatedTime) -> Non
     assert clock.statistics.missed == 0
 
 
-def test_the_speed_changes_on_the_way(simulated: SimulatedTime) -> None:
+def test_the_speed_can_change_while_running(simulated: SimulatedTime) -> None:
     clock = RealClock(0.002)
     clock.start(simulated.tick)
     simulated.run(2)

@@ -55,7 +55,7 @@ def test_versions_the_arm_never_ran(model: str, text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "new", "5", "5.x", "-5.1"])
-def test_texts_that_are_no_version(text: str) -> None:
+def test_invalid_versions(text: str) -> None:
     with pytest.raises(ConfigError, match="is not a PolyScope version"):
         choose_version(text, load_model("ur5e"))
 
@@ -78,7 +78,7 @@ def test_polyscope_x_by_model(model: str, text: str, problem: str) -> None:
         choose_version(text, load_model(model))
 
 
-def test_polyscope_x_has_the_robot_api_in_the_place_of_the_dashboard() -> None:
+def test_polyscope_x_has_the_robot_api_instead_of_the_dashboard() -> None:
     def wanted(version: PolyscopeVersion, **options: Any) -> dict[str, int]:
         controller = ControllerConfig(model=load_model("ur5e"), version=version)
         return EmulatorConfig(controller=controller, **options).wanted_ports
@@ -155,7 +155,7 @@ def test_ports() -> None:
         EmulatorConfig(controller=controller, speed=0.0)
 
 
-def test_six_joints() -> None:
+def test_positions_need_six_joints() -> None:
     assert len(JOINT_NAMES) == 6
 
 
@@ -179,7 +179,7 @@ def test_calibration_files(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> 
     ("text", "problem"),
     [("kinematics: {shoulder: [", "is not YAML"), ("a: 1", "neither"), ("kinematics: {}", "shoulder is missing")],
 )
-def test_calibration_files_that_are_none(tmp_path: Path, text: str, problem: str) -> None:
+def test_invalid_calibration_files(tmp_path: Path, text: str, problem: str) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(text)
     with pytest.raises(ConfigError, match=problem) as caught:

@@ -43,7 +43,7 @@ def test_state_is_skipped_for_a_client_that_does_not_read(server: PortServer) ->
     assert quick.take() == b"state0 state1 state2 "
 
 
-def test_debug_lines_tell_who_came_lagged_and_left(server: PortServer, caplog: pytest.LogCaptureFixture) -> None:
+def test_debug_lines_report_connects_lag_and_disconnects(server: PortServer, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.DEBUG, logger="emulator")
     slow = MemoryClient(server)
     slow.transport.stalled = True
@@ -61,7 +61,7 @@ def test_debug_lines_tell_who_came_lagged_and_left(server: PortServer, caplog: p
     ]
 
 
-def test_a_client_is_dropped_when_what_must_be_delivered_piles_up(
+def test_a_client_is_dropped_when_undroppable_messages_pile_up(
     server: PortServer, caplog: pytest.LogCaptureFixture
 ) -> None:
     slow, quick = MemoryClient(server), MemoryClient(server)
@@ -93,7 +93,7 @@ def test_commands_of_one_connection_keep_their_order() -> None:
     assert [command.number for command in controller.commands] == [0, 1, 2, 3, 4]
 
 
-def test_a_flood_is_left_with_the_system_until_the_controller_has_caught_up(server: PortServer) -> None:
+def test_reading_pauses_during_a_flood_until_the_controller_catches_up(server: PortServer) -> None:
     client = MemoryClient(server)
     queue = CommandQueue(server.controller, client.connection.read_on)
     for number in range(200):
@@ -104,7 +104,7 @@ def test_a_flood_is_left_with_the_system_until_the_controller_has_caught_up(serv
     assert len(server.controller.commands) == 200
 
 
-def test_a_failing_reply_does_not_hold_up_the_queue() -> None:
+def test_a_failing_reply_does_not_block_the_queue() -> None:
     controller = FakeController()
     queue = CommandQueue(controller, lambda going: None)
 
@@ -124,7 +124,7 @@ class Picky(Connection):
         raise RemoteProtocolError("rubbish")
 
 
-def test_a_protocol_violation_ends_its_own_connection_only(
+def test_a_protocol_violation_ends_only_its_own_connection(
     server: PortServer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     other = MemoryClient(server)
@@ -161,7 +161,7 @@ def test_hooks_turn_clients_away(server: PortServer) -> None:
     assert not server.connections
 
 
-async def test_what_a_client_sent_before_it_reset_the_connection_counts() -> None:
+async def test_data_sent_before_a_connection_reset_is_processed() -> None:
     heard = bytearray()
 
     class Listening(Connection):

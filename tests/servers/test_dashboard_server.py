@@ -38,7 +38,7 @@ def test_greeting_and_answers_in_order(server: DashboardServer, controller: Fake
     assert client.take() == b"<half line>\n"
 
 
-def test_one_line_of_a_client_waits_for_the_one_before(server: DashboardServer, controller: FakeController) -> None:
+def test_each_line_waits_for_the_previous_answer(server: DashboardServer, controller: FakeController) -> None:
     first, second = MemoryClient(server), MemoryClient(server)
     first.feed(b"a\nb\n")
     second.feed(b"c\n")
@@ -55,7 +55,7 @@ def test_quit_closes_after_its_answer(server: DashboardServer, controller: FakeC
     assert [command.text for command in controller.commands] == ["quit"]
 
 
-def test_a_client_that_sends_no_more_still_gets_its_answers(
+def test_a_half_closed_client_still_gets_its_answers(
     server: DashboardServer, controller: FakeController
 ) -> None:
     client = MemoryClient(server)
@@ -66,7 +66,7 @@ def test_a_client_that_sends_no_more_still_gets_its_answers(
     assert not client.connected
 
 
-def test_a_client_that_vanishes_had_its_say(server: DashboardServer, controller: FakeController) -> None:
+def test_lines_of_a_vanished_client_are_carried_out(server: DashboardServer, controller: FakeController) -> None:
     client = MemoryClient(server)
     client.feed(b"a\nb\n")
     client.vanish()

@@ -77,7 +77,7 @@ async def ask(emulator: Emulator, line: str) -> str:
     return await asyncio.wait_for(answer, 20)
 
 
-async def test_a_driver_is_asked_and_its_program_runs(tmp_path: Path, driver: Driver) -> None:
+async def test_a_driver_is_requested_and_its_program_runs(tmp_path: Path, driver: Driver) -> None:
     async with emulator(tmp_path, driver.port) as robot:
         await ask(robot, "load drive.urp")
         assert await ask(robot, "play") == "Starting program"
@@ -88,7 +88,7 @@ async def test_a_driver_is_asked_and_its_program_runs(tmp_path: Path, driver: Dr
         assert any("driven" in line for line in robot.controller.messages.history)
 
 
-async def test_a_robot_without_programs_has_the_one_that_drivers_load(driver: Driver) -> None:
+async def test_a_robot_without_programs_has_the_external_control_program(driver: Driver) -> None:
     async with emulator(None, driver.port) as robot:
         loaded = await ask(robot, "load external_control.urp")
         assert loaded.startswith("Loading program: /programs/external_control.urp,")
@@ -101,7 +101,7 @@ async def test_a_robot_without_programs_has_the_one_that_drivers_load(driver: Dr
         assert (await ask(robot, "load loading.py")).startswith("File not found")
 
 
-async def test_a_port_nobody_listens_on(tmp_path: Path) -> None:
+async def test_a_closed_driver_port(tmp_path: Path) -> None:
     with socket.socket() as bound:
         bound.bind((HOST, 0))
         port = bound.getsockname()[1]
@@ -114,7 +114,7 @@ async def test_a_port_nobody_listens_on(tmp_path: Path) -> None:
     )
 
 
-async def test_the_script_network_holds_for_it_too(tmp_path: Path, driver: Driver) -> None:
+async def test_script_network_restrictions_apply_to_external_control(tmp_path: Path, driver: Driver) -> None:
     async with emulator(tmp_path, driver.port, ScriptNetwork.NONE) as robot:
         await ask(robot, "load drive.urp")
         await ask(robot, "play")

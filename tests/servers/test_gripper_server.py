@@ -183,7 +183,7 @@ async def test_a_program_reaches_the_dashboard_of_its_own_controller(address: st
         assert [message.text for message in texts if isinstance(message, TextMessage)] == ["Robotmode: RUNNING"]
 
 
-def test_own_ports() -> None:
+def test_connections_to_own_ports_are_redirected() -> None:
     own = OwnPorts()
     assert own.reach("127.0.0.1", 29999) == ("127.0.0.1", 29999), "not open yet"
     own.opened("0.0.0.0", {29999: 30099, 502: 4000})
@@ -208,7 +208,7 @@ async def test_signals_of_a_program_reach_its_own_modbus_server() -> None:
         assert controller.programs.state is RuntimeState.STOPPED
 
 
-async def test_only_where_it_is_wanted(emulator: Emulator) -> None:
+async def test_the_gripper_port_opens_only_with_a_gripper(emulator: Emulator) -> None:
     assert "gripper" in emulator.ports
     without = EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")))
     assert "gripper" not in without.wanted_ports
@@ -222,7 +222,7 @@ async def test_readiness() -> None:
         await check_ready(HOST, emulator.ports)
 
 
-def test_mistakes() -> None:
+def test_invalid_configurations() -> None:
     assert choose_gripper(None, None) is None
     assert choose_gripper("Robotiq-2F-85", 30.0) is MODEL
     for name, width, problem in (

@@ -51,7 +51,7 @@ def test_lines_of_a_client_arrive_together(server: InterpreterServer, controller
     assert client.take() == b""
 
 
-def test_answers_go_to_who_asked(server: InterpreterServer, controller: FakeController) -> None:
+def test_answers_go_to_the_requesting_client(server: InterpreterServer, controller: FakeController) -> None:
     first, second = MemoryClient(server), MemoryClient(server)
     first.feed(b"a\nb\n")
     second.feed(b"\xffc\n")
@@ -62,7 +62,7 @@ def test_answers_go_to_who_asked(server: InterpreterServer, controller: FakeCont
     assert second.take() == b"ack: 0: \xffc\n", "a statement comes back as it was sent"
 
 
-def test_answers_for_a_client_that_is_gone(server: InterpreterServer, controller: FakeController) -> None:
+def test_answers_for_a_disconnected_client(server: InterpreterServer, controller: FakeController) -> None:
     client = MemoryClient(server)
     client.feed(b"a\n")
     client.vanish()
@@ -70,7 +70,7 @@ def test_answers_for_a_client_that_is_gone(server: InterpreterServer, controller
     lines(controller)[0].answer("ack: 1: a")
 
 
-def test_a_client_that_sends_no_more_gets_its_answers(server: InterpreterServer, controller: FakeController) -> None:
+def test_a_half_closed_client_gets_its_answers(server: InterpreterServer, controller: FakeController) -> None:
     client = MemoryClient(server)
     client.feed(b"a\nb\nc")
     client.end()
@@ -94,7 +94,7 @@ def test_a_line_that_is_too_long_is_discarded_and_the_connection_stays(
     assert client.connected
 
 
-def test_a_flood_is_read_no_faster_than_it_is_carried_out(
+def test_a_flood_is_read_no_faster_than_it_is_executed(
     server: InterpreterServer, controller: FakeController
 ) -> None:
     client = MemoryClient(server)
@@ -222,7 +222,7 @@ async def test_several_clients_share_one_queue(emulator: Emulator) -> None:
     script.close()
 
 
-async def test_a_client_that_sends_and_goes(emulator: Emulator) -> None:
+async def test_a_client_that_sends_and_disconnects(emulator: Emulator) -> None:
     script = await begin(emulator, b"def p():\n  global n = 0\n  interpreter_mode()\n  sleep(100)\nend\n")
     client = await Client.connect(emulator)
     client.writer.write(b"n = 1\nn = n * 5\nend_interpreter()\n")
@@ -234,7 +234,7 @@ async def test_a_client_that_sends_and_goes(emulator: Emulator) -> None:
     script.close()
 
 
-async def test_readiness_is_a_real_question(emulator: Emulator) -> None:
+async def test_readiness_sends_a_real_request(emulator: Emulator) -> None:
     await check_ready(HOST, {"interpreter": emulator.ports["interpreter"]})
 
     async def say(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

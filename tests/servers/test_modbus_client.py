@@ -146,7 +146,7 @@ def device_writes(device: Device) -> list[tuple[int, object]]:
     return [(function, values) for function, _, values in device.requests if values]
 
 
-async def test_device_comes_goes_and_comes_back(device: Device) -> None:
+async def test_a_device_connects_disconnects_and_reconnects(device: Device) -> None:
     port = await device.start()
     await device.stop()
     async with emulator(port) as running:
@@ -161,7 +161,7 @@ async def test_device_comes_goes_and_comes_back(device: Device) -> None:
         assert signal(running, "s").values == (100,), "the last valid value"
 
 
-async def test_refusals_are_device_errors(device: Device) -> None:
+async def test_exception_responses_are_device_errors(device: Device) -> None:
     port = await device.start()
     async with emulator(port) as running:
         add = "".join(
@@ -253,7 +253,7 @@ async def test_requests_do_not_wait_for_answers_unless_they_are_sequential(peer:
         b"HTTP/1.1 400 Bad Request\r\n\r\n",
     ],
 )
-async def test_rubbish_ends_the_connection_and_nothing_else(peer: tuple[Peer, ModbusClient], rubbish: bytes) -> None:
+async def test_invalid_data_ends_only_the_connection(peer: tuple[Peer, ModbusClient], rubbish: bytes) -> None:
     there, client = peer
     exchange = client.ask(UNIT, READ, sequential=False)
     reader, writer = await there.connections.get()
@@ -265,7 +265,7 @@ async def test_rubbish_ends_the_connection_and_nothing_else(peer: tuple[Peer, Mo
     assert await reader.read() == b""
 
 
-async def test_lost_connection_fails_at_once_and_comes_back_after_a_pause(peer: tuple[Peer, ModbusClient]) -> None:
+async def test_a_lost_connection_fails_immediately_and_returns_after_a_pause(peer: tuple[Peer, ModbusClient]) -> None:
     there, client = peer
     exchange = client.ask(UNIT, READ, sequential=False)
     reader, writer = await there.connections.get()
@@ -305,7 +305,7 @@ async def test_custom_commands_and_their_answers(peer: tuple[Peer, ModbusClient]
     assert await answer(exchange) == ((10, 258), 0, 0)
 
 
-async def test_closing_ends_what_is_under_way(peer: tuple[Peer, ModbusClient]) -> None:
+async def test_closing_ends_pending_requests(peer: tuple[Peer, ModbusClient]) -> None:
     _, client = peer
     connecting = client.ask(UNIT, READ, sequential=False)
     client.release(UNIT)
@@ -321,8 +321,8 @@ async def test_a_flood_is_bounded(peer: tuple[Peer, ModbusClient]) -> None:
     assert {exchange.connection_error for exchange in exchanges if exchange.done} == {errno.EAGAIN}
 
 
-async def test_units_are_bounded(peer: tuple[Peer, ModbusClient], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emulator.servers.modbus_client._MOST_UNITS", 2)
+async def test_the_number_of_units_is_limited(peer: tuple[Peer, ModbusClient], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emulator.servers.modbus_client._MAX_UNITS", 2)
     _, client = peer
     exchanges = [client.ask(ModbusUnit(HOST, slave), READ, sequential=False) for slave in range(3)]
     assert [exchange.connection_error for exchange in exchanges] == [0, 0, errno.EMFILE]

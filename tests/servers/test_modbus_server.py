@@ -52,11 +52,11 @@ async def test_state_of_the_arm(emulator: Emulator, client: AsyncModbusTcpClient
 
 
 @pytest.mark.parametrize("unit", [0, 1, 255])
-async def test_any_unit_is_the_robot(client: AsyncModbusTcpClient, unit: int) -> None:
+async def test_any_unit_number_addresses_the_robot(client: AsyncModbusTcpClient, unit: int) -> None:
     assert words(await client.read_holding_registers(258, device_id=unit)) == [7]
 
 
-async def test_registers_both_ways(client: AsyncModbusTcpClient) -> None:
+async def test_registers_are_written_and_read(client: AsyncModbusTcpClient) -> None:
     assert not (await client.write_register(128, 4711)).isError()
     assert not (await client.write_registers(254, [1, 65535])).isError()
     assert words(await client.read_holding_registers(128, count=2)) == [4711, 0]
@@ -129,7 +129,7 @@ async def test_hooks_see_and_change_messages() -> None:
     assert seen == [(Direction.RECEIVED, 6), (Direction.RECEIVED, 3), (Direction.SENT, 3)]
 
 
-def test_requests_are_carried_out_in_the_tick() -> None:
+def test_requests_are_executed_in_the_tick() -> None:
     controller = Controller(ControllerConfig(model=load_model("ur3")))
     answers: list[bytes] = []
     controller.post(ModbusCall(bytes.fromhex("06 0080 0007")), answers.append)

@@ -69,7 +69,7 @@ def make_robot() -> Callable[..., Robot]:
     return Robot
 
 
-def test_names_once_and_values_with_every_state(robot: Robot) -> None:
+def test_names_are_sent_once_and_values_with_every_state(robot: Robot) -> None:
     client = robot.client()
     robot.start("global n = 0", "while True:", "  n = n + 1", "  sleep(0.1)", "end")
     robot.cycles(5)
@@ -84,7 +84,7 @@ def test_names_once_and_values_with_every_state(robot: Robot) -> None:
     assert isinstance(heard[first + 1], RobotStateData)
 
 
-def test_an_idle_robot_says_nothing_about_programs(robot: Robot) -> None:
+def test_an_idle_robot_sends_no_program_reports(robot: Robot) -> None:
     client = robot.client()
     robot.cycles(3)
     assert {type(message) for message in robot.heard(client)[1:]} == {RobotStateData}
@@ -142,14 +142,14 @@ def test_a_version_without_matrices_reports_lists(make_robot: Callable[..., Robo
     assert told(robot.heard(client), GlobalVariableValues)[0].values == (((1, 2), (3, 4)), 1)
 
 
-def test_a_variable_without_value_is_none(robot: Robot) -> None:
+def test_a_variable_without_a_value_is_none(robot: Robot) -> None:
     client = robot.client()
     robot.start("sleep(0.3)", "global later = 1")
     robot.cycles(2)
     assert told(robot.heard(client), GlobalVariableValues)[0].values == (None,)
 
 
-def test_many_variables_come_in_messages_of_legal_size(robot: Robot) -> None:
+def test_many_variables_are_split_into_messages_of_legal_size(robot: Robot) -> None:
     client = robot.client()
     count = 900
     robot.start(*(f"global variable_number_{n} = {n}" for n in range(count)), "sleep(2)")
@@ -165,7 +165,7 @@ def test_many_variables_come_in_messages_of_legal_size(robot: Robot) -> None:
     assert values == dict(enumerate(range(count)))
 
 
-def test_values_too_big_for_a_message_are_cut(robot: Robot) -> None:
+def test_values_too_large_for_a_message_are_truncated(robot: Robot) -> None:
     client = robot.client()
     robot.start(
         "global numbers = make_list(9000, 1.5)",
@@ -188,7 +188,7 @@ def test_values_too_big_for_a_message_are_cut(robot: Robot) -> None:
     assert values[3] == "é" * 256
 
 
-def test_a_cycle_is_bounded(robot: Robot) -> None:
+def test_the_size_of_a_cycle_is_limited(robot: Robot) -> None:
     client = robot.client()
     robot.start(*(f"global x{n} = make_list(300, {n})" for n in range(30)), "sleep(2)")
     robot.cycles(3)
@@ -197,7 +197,7 @@ def test_a_cycle_is_bounded(robot: Robot) -> None:
     assert len(client.take()) < 8000
 
 
-def test_a_client_that_comes_later_is_told_the_names(robot: Robot) -> None:
+def test_a_late_client_receives_the_names(robot: Robot) -> None:
     early = robot.client()
     robot.start("global n = 4", "sleep(2)")
     robot.cycles(2)
@@ -208,7 +208,7 @@ def test_a_client_that_comes_later_is_told_the_names(robot: Robot) -> None:
     assert told(robot.heard(early), GlobalVariableNames) == []
 
 
-def test_a_program_nobody_saw_end_is_not_reported(robot: Robot) -> None:
+def test_a_program_that_ended_without_clients_is_not_reported(robot: Robot) -> None:
     robot.start("global n = 4")
     robot.cycles(2)
     client = robot.client()
@@ -216,7 +216,7 @@ def test_a_program_nobody_saw_end_is_not_reported(robot: Robot) -> None:
     assert {type(message) for message in robot.heard(client)[1:]} == {RobotStateData}
 
 
-def test_the_next_program_has_its_own_names(robot: Robot) -> None:
+def test_the_next_program_reports_new_names(robot: Robot) -> None:
     client = robot.client()
     robot.start("global a = 1", "sleep(0.2)")
     robot.cycles(4)
@@ -233,7 +233,7 @@ def test_only_primary_ports_report_programs(robot: Robot) -> None:
     assert reported == {"primary", "primary read-only"}
 
 
-def test_labels_say_where_each_thread_is(robot: Robot) -> None:
+def test_labels_show_the_position_of_each_thread(robot: Robot) -> None:
     client = robot.client()
     robot.start(
         '$ 1 "Robot Program"',

@@ -24,7 +24,7 @@ FIFO_ALLOWED = sys.platform == "linux" and os.geteuid() == 0
 DEADLINE_S = 60.0
 
 
-def test_overload_is_given_way_to_at_once_and_forgotten_slowly() -> None:
+def test_overload_lowers_the_priority_immediately_and_recovers_slowly() -> None:
     overload = Overload()
     assert not overload.see(0.5, 0.5)
     assert overload.see(0.9, 0.5)
@@ -34,7 +34,7 @@ def test_overload_is_given_way_to_at_once_and_forgotten_slowly() -> None:
     assert not overload.over
 
 
-def test_room_for_descriptors_is_made_before_clients_come() -> None:
+def test_the_descriptor_table_is_grown_before_clients_connect() -> None:
     """Else the kernel stops the process for some 20 ms when the 256th, the 512th, the 1024th comes."""
     code = """
 import resource
@@ -50,7 +50,7 @@ print(*(line.split()[1] for line in open("/proc/self/status") if line.startswith
     assert int(printed.stdout) >= 600
 
 
-async def test_a_flooded_loop_gives_its_priority_up(
+async def test_a_flooded_loop_gives_up_its_priority(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     asked: list[int] = []
@@ -73,7 +73,7 @@ async def test_a_flooded_loop_gives_its_priority_up(
 
 
 @pytest.mark.parametrize("mode", ["auto", "on", "off"])
-def test_what_was_granted_is_said_and_in_force(mode: str) -> None:
+def test_granted_realtime_settings_are_reported_and_effective(mode: str) -> None:
     if mode == "on" and not FIFO_ALLOWED:
         pytest.skip("only administrators may demand it here")
     with EmulatorProcess(["--realtime", mode]) as robot:
@@ -96,7 +96,7 @@ def test_what_was_granted_is_said_and_in_force(mode: str) -> None:
         assert "memory locked" in ready
 
 
-def test_what_is_demanded_and_not_granted_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_required_but_denied_realtime_settings_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def denied(*arguments: object) -> None:
         raise PermissionError
 
@@ -109,7 +109,7 @@ def test_what_is_demanded_and_not_granted_is_an_error(monkeypatch: pytest.Monkey
         realtime.claim_real_time(realtime.RealTime.ON)
 
 
-def test_nobody_who_does_not_read_the_log_holds_the_robot_up(tmp_path: Path) -> None:
+def test_slow_log_readers_do_not_delay_the_robot(tmp_path: Path) -> None:
     """Standard error is a pipe that is full, as under `| less`: the control loop goes on, and the end comes in time."""
     address = EmulatorProcess()  # its address only
     command = [sys.executable, "-m", "emulator", "--host", address.host, "--no-pendant", "--log-level", "debug"]
@@ -136,7 +136,7 @@ def test_nobody_who_does_not_read_the_log_holds_the_robot_up(tmp_path: Path) -> 
     address.dispose()
 
 
-def test_what_was_printed_is_there_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+def test_log_output_is_complete_and_in_order(capsys: pytest.CaptureFixture[str]) -> None:
     stream = BackgroundStream("stdout")
     with stream.in_background():
         for number in range(1000):

@@ -40,7 +40,7 @@ def checked(version: str, stream: bytes) -> list[tuple[int, int | None, dict]]:
 
 
 @pytest.mark.parametrize(("model", "version"), VERSIONS)
-def test_a_minute_of_every_layout(model: str, version: str) -> None:
+def test_a_minute_of_every_message_layout(model: str, version: str) -> None:
     life = Life(model, version, seed=sum(map(ord, version)))
     life.run(60.0)
     told = checked(version, life.take())
@@ -50,7 +50,7 @@ def test_a_minute_of_every_layout(model: str, version: str) -> None:
 @pytest.mark.parametrize(
     ("model", "version"), [("ur5", "3.15.8"), pytest.param("ur5e", "5.22", marks=pytest.mark.long)]
 )
-def test_everything_that_can_happen(model: str, version: str) -> None:
+def test_every_kind_of_episode(model: str, version: str) -> None:
     life = Life(model, version)
     while len(life.happened) <= len(EPISODES):
         life.run(10.0)
@@ -65,7 +65,7 @@ def test_everything_that_can_happen(model: str, version: str) -> None:
     assert modes == set(range(SafetyMode.NORMAL, SafetyMode.FAULT + 1)) - {SafetyMode.RECOVERY}
 
 
-def test_a_secondary_client_hears_states_and_the_version_only() -> None:
+def test_a_secondary_client_receives_only_states_and_the_version() -> None:
     life = Life("ur5", "3.15.8", "secondary")
     life.run(60.0)
     assert {(kind, sub) for kind, sub, _ in checked("3.15.8", life.take())} == {(20, 3), (16, None)}

@@ -123,13 +123,13 @@ def factory(camera: Camera, path: str = "/RPC2") -> str:
         ("[[1, 2], [3, 4]]", "[[1,2],[3,4]]"),
     ],
 )
-async def test_values_there_and_back(emulator: Emulator, camera: Camera, value: str, text: str) -> None:
+async def test_values_round_trip(emulator: Emulator, camera: Camera, value: str, text: str) -> None:
     (said,) = await run(emulator, f"{factory(camera)}textmsg(camera.echo({value}))")
     assert isinstance(said, TextMessage)
     assert said.text == text
 
 
-async def test_what_the_server_gets(emulator: Emulator, camera: Camera) -> None:
+async def test_arguments_received_by_the_server(emulator: Emulator, camera: Camera) -> None:
     body = 'camera.record(True, 7, 0.25, "x", p[1, 2, 3, 4, 5, 6], [1, 2], struct(a=1))\ncamera.record()'
     assert await run(emulator, factory(camera) + body) == []
     pose = {"x": 1.0, "y": 2.0, "z": 3.0, "rx": 4.0, "ry": 5.0, "rz": 6.0}
@@ -144,7 +144,7 @@ async def test_a_kept_connection_serves_many_calls(emulator: Emulator, camera: C
     assert len(camera.peers) == (1 if keeps else 20)
 
 
-async def test_a_closed_connection_is_opened_again(emulator: Emulator, camera: Camera) -> None:
+async def test_a_closed_connection_is_reopened(emulator: Emulator, camera: Camera) -> None:
     body = "camera.record(1)\ncamera.closeXMLRPCClientConnection()\ncamera.record(2)"
     assert await run(emulator, factory(camera) + body) == []
     assert camera.seen == [(1,), (2,)]
@@ -180,7 +180,7 @@ async def test_failures_end_the_program(emulator: Emulator, camera: Camera, call
     assert said.line == 3
 
 
-async def test_a_server_that_is_not_there(emulator: Emulator, camera: Camera) -> None:
+async def test_a_missing_server(emulator: Emulator, camera: Camera) -> None:
     (said,) = await run(emulator, f'camera = rpc_factory("xmlrpc", "http://{HOST}:1")\ncamera.echo(1)')
     assert isinstance(said, RuntimeExceptionMessage)
     assert "cannot connect to 127.0.0.1:1: is the server running?" in said.text

@@ -131,7 +131,7 @@ def test_frequency_is_rounded_to_whole_periods(version: PolyscopeVersion, freque
 
 
 @pytest.mark.parametrize(("first_hz", "then_hz", "every"), [(0.01, 125.0, 1), (1.0, 25.0, 5), (125.0, 25.0, 5)])
-def test_another_frequency_while_data_flow_holds_from_the_next_package_on(
+def test_a_frequency_changed_while_running_applies_from_the_next_package(
     first_hz: float, then_hz: float, every: int
 ) -> None:
     talk = Conversation(RTDEHost(PolyscopeVersion.parse("3.15")))
@@ -145,7 +145,7 @@ def test_another_frequency_while_data_flow_holds_from_the_next_package_on(
 
 
 @pytest.mark.parametrize("frequency_hz", [0.0, -1.0, float("nan"), float("inf")])
-def test_impossible_frequencies_are_refused(talk: Conversation, frequency_hz: float) -> None:
+def test_invalid_frequencies_are_refused(talk: Conversation, frequency_hz: float) -> None:
     reply, message = talk.ask(SetupOutputs(("timestamp",), frequency_hz))
     assert reply == SetupOutputsReply(("DOUBLE",), 0)
     assert "frequency" in message.text
@@ -222,7 +222,7 @@ def test_any_answer_fits_its_package(talk: Conversation, count: int) -> None:
     assert message.encode(2)
 
 
-def test_nothing_at_all_is_no_recipe(talk: Conversation) -> None:
+def test_an_empty_list_is_not_a_recipe(talk: Conversation) -> None:
     assert talk.ask(SetupOutputs((), 125.0))[0] == SetupOutputsReply((), 0)
     assert talk.ask(SetupInputs(()))[0] == SetupInputsReply((), 0)
 
@@ -271,7 +271,7 @@ def test_another_connections_inputs_are_in_use_until_it_closes(host: RTDEHost) -
         [SetupInputs(("input_int_register_1",))],
     ],
 )
-def test_nothing_but_its_end_gives_a_connections_inputs_back(host: RTDEHost, doing: list[Any]) -> None:
+def test_only_closing_a_connection_releases_its_inputs(host: RTDEHost, doing: list[Any]) -> None:
     first, second = Conversation(host), Conversation(host)
     first.ask(SetupOutputs(("timestamp",), 125.0))
     first.ask(SetupInputs(("input_int_register_0",)))
@@ -284,7 +284,7 @@ def test_nothing_but_its_end_gives_a_connections_inputs_back(host: RTDEHost, doi
     assert second.ask(SetupInputs(("input_int_register_0",)))[0] == SetupInputsReply(("INT32",), 1)
 
 
-def test_a_third_client_takes_what_nobody_holds(host: RTDEHost) -> None:
+def test_a_third_client_gets_the_unowned_inputs(host: RTDEHost) -> None:
     clients = [Conversation(host) for _ in range(3)]
     names = [("speed_slider_mask", "speed_slider_fraction"), ("input_int_register_24",), ("input_double_register_24",)]
     for client, own in zip(clients, names, strict=True):
@@ -295,7 +295,7 @@ def test_a_third_client_takes_what_nobody_holds(host: RTDEHost) -> None:
         assert types.count("IN_USE") == len(others) - len(names[clients.index(client)])
 
 
-def test_255_input_recipes_at_most(talk: Conversation) -> None:
+def test_at_most_255_input_recipes(talk: Conversation) -> None:
     for _ in range(255):
         assert talk.ask(SetupInputs(("input_int_register_0",)))[0].recipe_id != 0
     reply, message = talk.ask(SetupInputs(("input_int_register_0",)))
@@ -304,14 +304,14 @@ def test_255_input_recipes_at_most(talk: Conversation) -> None:
 
 
 @pytest.mark.parametrize(("extra", "written"), [(b"\0" * 48, 1), (b"\0", 1)])
-def test_too_long_input_data_is_used_as_far_as_it_goes(talk: Conversation, extra: bytes, written: int) -> None:
+def test_excess_input_data_is_ignored(talk: Conversation, extra: bytes, written: int) -> None:
     talk.ask(SetupInputs(("input_int_register_0",)))
     (message,) = talk.ask(InputData(1, struct.pack(">i", 5) + extra))
     assert "not 4" in message.text
     assert talk.written == [{"input_int_register_0": 5}]
 
 
-def test_wrong_input_data_is_ignored_and_mentioned_once(talk: Conversation) -> None:
+def test_invalid_input_data_is_ignored_and_reported_once(talk: Conversation) -> None:
     talk.ask(SetupInputs(("external_force_torque",)))
     for data in (b"", b"\0" * 44):
         (message,) = talk.ask(InputData(1, data))
@@ -322,13 +322,13 @@ def test_wrong_input_data_is_ignored_and_mentioned_once(talk: Conversation) -> N
     assert talk.written == []
 
 
-def test_remarks_go_to_the_log(talk: Conversation) -> None:
+def test_messages_of_clients_are_logged(talk: Conversation) -> None:
     assert talk.ask(ClientMessage("careful", "driver", 2)) == []
     assert talk.noted == ["RTDE client driver: WARNING: careful"]
 
 
 @pytest.mark.parametrize("package", [Package(0, b""), Package(ord("V"), b"\0"), Package(ord("O"), b"\0")])
-def test_senseless_packages_are_answered_with_a_warning(talk: Conversation, package: Package) -> None:
+def test_unexpected_packages_are_answered_with_a_warning(talk: Conversation, package: Package) -> None:
     message = talk.session.read(package)
     assert isinstance(message, TextMessage)
     assert "ignored" in message.text

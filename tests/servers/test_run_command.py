@@ -45,7 +45,7 @@ def go(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Go:
     return run
 
 
-def test_messages_come_with_the_robot_time_and_the_state_last(go: Go) -> None:
+def test_messages_have_the_robot_time_and_the_state_comes_last(go: Go) -> None:
     status, out = go(
         'def f():\n  textmsg("begin ", 1)\n  sleep(0.5)\n  textmsg("end")\n  set_tcp(p[0,0,0.1,0,0,0])\nend'
     )
@@ -59,7 +59,7 @@ def test_messages_come_with_the_robot_time_and_the_state_last(go: Go) -> None:
     assert lines[-1] == "result  finished"
 
 
-def test_moves_end_where_they_should_on_the_arm_that_was_asked_for(go: Go) -> None:
+def test_moves_reach_their_target_on_the_selected_arm(go: Go) -> None:
     program = "movej([0.1,-1.2,0.3,-1.5,0.2,0.4], a=4, v=3)\ntextmsg(get_actual_joint_positions()[0] > 0.09)"
     status, out = go(program, "--model", "ur10e", "--polyscope", "5.11.1")
     assert status == 0
@@ -67,7 +67,7 @@ def test_moves_end_where_they_should_on_the_arm_that_was_asked_for(go: Go) -> No
     assert "joints  [0.1000, -1.2000, 0.3000, -1.5000, 0.2000, 0.4000] rad" in out
 
 
-def test_what_stands_around_the_arm_pushes_back(go: Go, tmp_path: Path) -> None:
+def test_objects_around_the_arm_push_back(go: Go, tmp_path: Path) -> None:
     world = tmp_path / "world.yaml"
     world.write_text("objects: {table: {plane: {}, pose: [0, 0, 0.1], stiffness: 10000}}")
     program = """def press():
@@ -84,7 +84,7 @@ def test_what_stands_around_the_arm_pushes_back(go: Go, tmp_path: Path) -> None:
     assert go(program, "--world", str(world))[0] == 2
 
 
-def test_a_dynamic_arm_is_where_its_motors_took_it(go: Go) -> None:
+def test_the_final_position_of_a_dynamic_arm(go: Go) -> None:
     program = (
         "def f():\n  movej([0.1,-1.2,0.3,-1.5,0.2,0.4], a=4, v=3)\n"
         "  textmsg(get_actual_joint_positions() == get_target_joint_positions())\nend"
@@ -97,7 +97,7 @@ def test_a_dynamic_arm_is_where_its_motors_took_it(go: Go) -> None:
     assert go(program, "--arm", "dynamic", "--seed", "3")[1] == out
 
 
-def test_an_arm_of_a_file_is_that_model_with_those_numbers(go: Go, tmp_path: Path) -> None:
+def test_an_arm_file_sets_model_and_parameters(go: Go, tmp_path: Path) -> None:
     program = "movej([0.1,-1.2,0.3,-1.5,0.2,0.4], a=4, v=3)\ntextmsg(get_actual_joint_positions())"
     drives = drivetrain_of(load_model("ur5e")).to_mapping()
     arm = tmp_path / "arm.yaml"
@@ -113,13 +113,13 @@ def test_an_arm_of_a_file_is_that_model_with_those_numbers(go: Go, tmp_path: Pat
     assert go(program, "--arm", str(arm))[0] == 2
 
 
-def test_a_blocking_popup_is_shown_and_continued(go: Go) -> None:
+def test_a_blocking_popup_is_shown_and_closed(go: Go) -> None:
     status, out = go('def f():\n  popup("now", title="Look", blocking=True)\n  textmsg("after")\nend')
     assert status == 0
     assert out.index("popup Look: now (continued)") < out.index("after")
 
 
-def test_programs_of_a_file_run_one_after_the_other_and_secondary_ones_beside(go: Go) -> None:
+def test_programs_of_a_file_run_in_sequence_and_secondary_ones_in_parallel(go: Go) -> None:
     status, out = go(
         '# three\n\ndef a():\n  while not get_standard_digital_out(2):\n    sync()\n  end\n  textmsg("a")\nend\n'
         'sec s():\n  set_standard_digital_out(2, True)\nend\ndef b():\n  textmsg("b")\nend\ntextmsg("line")\n',
@@ -169,7 +169,7 @@ def test_a_failed_secondary_program_is_a_failure(go: Go) -> None:
     assert "result  a secondary program failed" in out
 
 
-def test_nobody_answers_questions_or_resumes_a_program(go: Go) -> None:
+def test_questions_and_paused_programs_end_the_run(go: Go) -> None:
     status, out = go('def f():\n  x = request_integer_from_primary_client("how many?")\nend')
     assert status == 1
     assert "question: how many?" in out
@@ -222,7 +222,7 @@ def test_trace_shows_every_statement_with_time_and_thread(go: Go) -> None:
     assert "t:7: sync()" in steps
 
 
-def test_tracing_does_not_change_what_happens_when(go: Go) -> None:
+def test_tracing_does_not_change_timing(go: Go) -> None:
     function = "  def g(n):\n    return n + 1\n  end\n"
     text = f"def f():\n{function}  x = 0\n  while x < 3000:\n    x = g(x)\n  end\n  textmsg(x)\nend"
     plain, traced = go(text)[1], go(text, "--trace")[1]
@@ -262,7 +262,7 @@ def test_standard_input(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("options", [["--model", "ur4"], ["--polyscope", "9.1"], ["nowhere.script"]])
-def test_wrong_usage(options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_usage(options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "a.script"
     file.write_text("sync()")
     arguments = options if options == ["nowhere.script"] else [str(file), *options]
@@ -271,13 +271,13 @@ def test_wrong_usage(options: list[str], tmp_path: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("options", [["--speed", "0"], ["--speed", "quick"], ["--timeout", "-1"]])
-def test_numbers_that_are_none(options: list[str]) -> None:
+def test_invalid_numbers(options: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main(["run", "a.script", *options])
     assert ended.value.code == 2
 
 
-def test_without_the_emulator_it_says_what_to_install(
+def test_without_the_emulator_the_error_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cli, "entry_points", lambda group: [])
@@ -291,7 +291,7 @@ def test_examples_run(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "result  finished" in capsys.readouterr().out
 
 
-def test_a_script_reaches_no_network_that_was_forbidden(go: Go) -> None:
+def test_a_script_cannot_use_a_forbidden_network(go: Go) -> None:
     with socketserver.TCPServer(("127.0.0.1", 0), socketserver.BaseRequestHandler) as server:
         program = f'textmsg(socket_open("127.0.0.1", {server.server_address[1]}))'
         _, forbidden = go(program, "--script-network", "none")
@@ -299,14 +299,14 @@ def test_a_script_reaches_no_network_that_was_forbidden(go: Go) -> None:
     assert "network" in forbidden
 
 
-def test_a_run_begins_at_the_joints_it_is_told(go: Go) -> None:
+def test_a_run_begins_at_the_given_joint_angles(go: Go) -> None:
     joints = ["-0.5", "-1.2", "1.1", "-1.5", "-1.5", "0.25"]
     status, out = go("textmsg(get_actual_joint_positions())", "--joints", *joints)
     assert status == 0
     assert "joints  [-0.5000, -1.2000, 1.1000, -1.5000, -1.5000, 0.2500] rad" in out
 
 
-def test_inputs_and_registers_come_from_the_command_line_when_they_shall(go: Go) -> None:
+def test_inputs_and_registers_are_set_from_the_command_line_at_given_times(go: Go) -> None:
     program = """def f():
       textmsg("before ", [get_standard_digital_in(3), get_tool_digital_in(1), read_input_boolean_register(12)])
       textmsg(get_standard_analog_in(1), read_input_float_register(2))
@@ -326,7 +326,7 @@ def test_inputs_and_registers_come_from_the_command_line_when_they_shall(go: Go)
     assert float(lines[2].split()[1]) == pytest.approx(0.5, abs=0.02)
 
 
-def test_questions_get_the_answers_in_their_order(go: Go) -> None:
+def test_questions_get_the_given_answers_in_order(go: Go) -> None:
     program = (
         'def f():\n  textmsg("n ", request_integer_from_primary_client("how many?"))\n'
         '  textmsg("b ", request_boolean_from_primary_client("sure?"))\n'
@@ -343,7 +343,7 @@ def test_questions_get_the_answers_in_their_order(go: Go) -> None:
     assert "the answer 'many' was refused" in out
 
 
-def test_peers_that_are_not_there_answer(go: Go, tmp_path: Path) -> None:
+def test_simulated_peers_answer(go: Go, tmp_path: Path) -> None:
     peers = tmp_path / "peers.yaml"
     peers.write_text(
         "sockets:\n"
@@ -401,7 +401,7 @@ def test_peers_that_are_not_there_answer(go: Go, tmp_path: Path) -> None:
         (["--peers", "missing.yaml"], "missing.yaml"),
     ],
 )
-def test_what_a_run_cannot_be_told(
+def test_invalid_run_options(
     options: list[str], complaint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "a.script"
@@ -423,7 +423,7 @@ def test_what_a_run_cannot_be_told(
         ("[", "is not YAML"),
     ],
 )
-def test_a_file_of_peers_that_cannot_be(text: str, complaint: str, tmp_path: Path) -> None:
+def test_an_invalid_peers_file(text: str, complaint: str, tmp_path: Path) -> None:
     path = tmp_path / "peers.yaml"
     path.write_text(text)
     with pytest.raises(PeersError, match=complaint):

@@ -71,7 +71,7 @@ async def opened(sockets: NetworkSockets, peer: Peer) -> ScriptSocket:
     return socket
 
 
-async def test_both_ways(sockets: NetworkSockets, peer: Peer) -> None:
+async def test_data_flows_both_ways(sockets: NetworkSockets, peer: Peer) -> None:
     socket = await opened(sockets, peer)
     reader, writer = await peer.connections.get()
     assert socket.send(b"hello\n")
@@ -95,7 +95,7 @@ async def test_the_peer_sees_a_close(sockets: NetworkSockets, peer: Peer) -> Non
 
 
 @pytest.mark.parametrize("port", [1, 0, -1, 70_000])
-async def test_impossible_addresses_turn_closed(sockets: NetworkSockets, port: int) -> None:
+async def test_invalid_addresses_end_in_state_closed(sockets: NetworkSockets, port: int) -> None:
     socket = sockets.open(HOST, port)
     await until(lambda: socket.state == "closed")
 
@@ -111,10 +111,10 @@ async def test_closing_while_connecting(sockets: NetworkSockets, peer: Peer) -> 
     assert other.state == "closed"
 
 
-async def test_a_peer_that_is_far_ahead_has_to_wait(
+async def test_a_peer_that_is_far_ahead_must_wait(
     sockets: NetworkSockets, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(script_sockets, "_MOST_UNREAD", 1000)
+    monkeypatch.setattr(script_sockets, "_MAX_UNREAD", 1000)
     socket = await opened(sockets, peer)
     _, writer = await peer.connections.get()
     sent = bytes(range(256)) * 8000
@@ -164,7 +164,7 @@ async def test_loopback_addresses(
 
 
 @pytest.mark.parametrize("address", ["127.8.9.10", "::1", "::ffff:127.0.0.1"])
-async def test_every_spelling_of_loopback_is_known(address: str) -> None:
+async def test_every_spelling_of_loopback_is_recognised(address: str) -> None:
     assert len(await NetworkSockets(ScriptNetwork.LOOPBACK)._permitted(address, 80)) == 1
 
 
@@ -172,7 +172,7 @@ async def test_every_spelling_of_loopback_is_known(address: str) -> None:
 @pytest.mark.parametrize(
     "address", ["192.0.2.1", "0.0.0.0", "::", "2001:db8::1", "::ffff:192.0.2.1", "128.0.0.1", "elsewhere"]
 )
-async def test_other_addresses_are_refused_and_the_log_says_why(
+async def test_other_addresses_are_refused_with_the_reason_in_the_log(
     network: ScriptNetwork, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told_names(monkeypatch, elsewhere=["192.0.2.7"])
@@ -187,13 +187,13 @@ async def test_other_addresses_are_refused_and_the_log_says_why(
     await sockets.close()
 
 
-async def test_names_that_mean_nothing_turn_closed(sockets: NetworkSockets, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_unresolvable_names_end_in_state_closed(sockets: NetworkSockets, monkeypatch: pytest.MonkeyPatch) -> None:
     told_names(monkeypatch)
     opened = sockets.open("nowhere", 80)
     await until(lambda: opened.state == "closed")
 
 
-async def test_the_next_address_of_a_name_is_tried(
+async def test_all_addresses_of_a_name_are_tried(
     sockets: NetworkSockets, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told_names(monkeypatch, twice=["127.0.0.9", HOST])
@@ -202,7 +202,7 @@ async def test_the_next_address_of_a_name_is_tried(
 
 
 @pytest.mark.parametrize("network", [ScriptNetwork.ANY, ScriptNetwork.NONE])
-async def test_an_emulator_holds_its_scripts_to_it(network: ScriptNetwork, peer: Peer) -> None:
+async def test_an_emulator_applies_the_network_restriction_to_its_scripts(network: ScriptNetwork, peer: Peer) -> None:
     controller = ControllerConfig(model=load_model("ur5e"), running=True)
     config = EmulatorConfig(controller=controller, ephemeral_ports=True, script_network=network)
     async with Emulator(config) as emulator:
@@ -235,7 +235,7 @@ async def test_a_peer_that_does_not_read_stops_the_script_from_sending(sockets: 
     assert socket.send(line)
 
 
-async def test_why_a_connection_closed(sockets: NetworkSockets, peer: Peer) -> None:
+async def test_the_reason_a_connection_closed(sockets: NetworkSockets, peer: Peer) -> None:
     orderly = await opened(sockets, peer)
     _, writer = await peer.connections.get()
     writer.close()
@@ -257,7 +257,7 @@ async def test_why_a_connection_closed(sockets: NetworkSockets, peer: Peer) -> N
     assert refused.failure == os.strerror(errno.ECONNREFUSED)
 
 
-async def test_a_name_that_means_nothing_is_a_failure_with_a_reason(sockets: NetworkSockets) -> None:
+async def test_an_unresolvable_name_is_a_failure_with_a_reason(sockets: NetworkSockets) -> None:
     nowhere = sockets.open("host.invalid", 50002)
     async with timeout(20):
         while nowhere.state != "closed":
@@ -284,7 +284,7 @@ async def control() -> AsyncIterator[int]:
 
 
 @pytest.mark.parametrize("address", [HOST, "localhost", "0.0.0.0", "::ffff:127.0.0.1", "2130706433", "127.1", "name"])
-async def test_the_control_api_is_refused_however_it_is_spelled(
+async def test_the_control_api_is_refused_for_any_spelling_of_its_address(
     address: str, control: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if address == "name":
@@ -299,7 +299,7 @@ async def test_the_control_api_is_refused_however_it_is_spelled(
     await sockets.close()
 
 
-async def test_a_name_that_leads_elsewhere_too_leads_there_only(
+async def test_a_name_with_other_addresses_too_uses_only_those(
     control: int, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told_names(monkeypatch, both=["127.0.0.9", HOST])
@@ -309,14 +309,14 @@ async def test_a_name_that_leads_elsewhere_too_leads_there_only(
 
 
 @pytest.mark.parametrize("network", list(ScriptNetwork))
-async def test_only_who_is_told_reaches_the_control_api(network: ScriptNetwork, control: int) -> None:
+async def test_the_control_api_is_reachable_only_if_allowed(network: ScriptNetwork, control: int) -> None:
     sockets = NetworkSockets(network)
     assert await reaches(sockets, HOST, control) == (network is ScriptNetwork.ANY_AND_CONTROL)
     await sockets.close()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="control APIs of other processes are not known there")
-async def test_the_control_api_of_another_process_is_known() -> None:
+async def test_the_control_api_of_another_process_is_recognised() -> None:
     """As of a fleet, whose robots are in several processes, and of robots of other tests."""
     with EmulatorProcess(["--ephemeral-ports"]) as other:
         port = other.ports["control"]
@@ -326,7 +326,7 @@ async def test_the_control_api_of_another_process_is_known() -> None:
     assert not leads_behind_a_robot(other.host, port), "the mark is gone with its process"
 
 
-async def test_a_pendant_is_refused_as_a_control_api_is() -> None:
+async def test_a_pendant_is_refused_like_a_control_api() -> None:
     listening = await asyncio.start_server(lambda reader, writer: writer.close(), HOST, 0)
     port = listening.sockets[0].getsockname()[1]
     mark = BackdoorMark(HOST, port)  # as a pendant does, in its own process
@@ -339,7 +339,7 @@ async def test_a_pendant_is_refused_as_a_control_api_is() -> None:
     listening.close()
 
 
-async def test_a_control_api_on_every_address_is_known_by_each() -> None:
+async def test_a_control_api_on_all_interfaces_is_recognised_by_each_address() -> None:
     port = 1  # of no emulator that runs beside this test
     mark = BackdoorMark("0.0.0.0", port)
     try:
@@ -371,7 +371,7 @@ def turn_an_input_on(port: int) -> str:
 
 
 @pytest.mark.parametrize("network", [ScriptNetwork.ANY, ScriptNetwork.ANY_AND_CONTROL])
-async def test_a_program_uses_its_own_control_api_only_if_told(network: ScriptNetwork) -> None:
+async def test_a_program_uses_its_own_control_api_only_if_allowed(network: ScriptNetwork) -> None:
     controller = ControllerConfig(model=load_model("ur5e"), running=True)
     config = EmulatorConfig(controller=controller, ephemeral_ports=True, script_network=network)
     async with Emulator(config) as emulator:

@@ -33,7 +33,7 @@ def publish(scheduler: SendScheduler, listeners: list[Listener], step: int) -> i
 
 
 @pytest.mark.parametrize("count", [1, 5, MOST])
-def test_few_get_each_package_in_its_period(count: int) -> None:
+def test_few_clients_get_each_package_in_its_period(count: int) -> None:
     scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(count)]
     for step in range(1, 50):
         assert publish(scheduler, listeners, step) == count
@@ -50,7 +50,7 @@ def check_turns(listeners: list[Listener], last_step: int) -> None:
         assert steps[-1] >= last_step - len(listeners) // MOST - 2
 
 
-def test_many_take_turns_and_get_what_is_newest() -> None:
+def test_many_clients_take_turns_and_get_the_newest_package() -> None:
     scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(256)]
     for step in range(1, 300):
         assert publish(scheduler, listeners, step) <= MOST
@@ -65,7 +65,7 @@ def test_a_burst_is_served_within_the_next_periods() -> None:
     assert all(listener.seen == [b"1"] for listener in listeners)
 
 
-def test_who_does_not_read_takes_nobodys_turn() -> None:
+def test_a_client_that_does_not_read_takes_no_turns() -> None:
     scheduler, deaf, listener = SendScheduler(PERIOD_S), [Listener(takes_state=False) for _ in range(500)], Listener()
     for step in range(1, 20):
         assert publish(scheduler, [*deaf, listener], step) == 1
@@ -81,10 +81,10 @@ def test_packages_that_belong_together_stay_together() -> None:
     assert all(listener.seen == [b"program", b"state"] for listener in listeners)
 
 
-def test_who_is_gone_is_forgotten() -> None:
+def test_disconnected_clients_are_removed() -> None:
     scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(2 * MOST)]
     publish(scheduler, listeners, 1)
-    scheduler.forget(listeners[-1])
+    scheduler.remove(listeners[-1])
     scheduler.next_period(2)
     assert listeners[-2].seen == [b"1"]
     assert listeners[-1].seen == []
@@ -94,7 +94,7 @@ def publish_feed(scheduler: SendScheduler, feed: StateFeed, step: int) -> None:
     scheduler.publish(step, feed, b"%d" % step)
 
 
-def test_a_feed_gives_few_each_package_in_its_period() -> None:
+def test_few_clients_of_a_feed_get_each_package_in_its_period() -> None:
     scheduler, feed = SendScheduler(PERIOD_S), StateFeed()
     listeners = [Listener() for _ in range(MOST)]
     feed.up_to_date.extend(listeners)
@@ -103,7 +103,7 @@ def test_a_feed_gives_few_each_package_in_its_period() -> None:
     assert all(listener.seen == [b"%d" % step for step in range(1, 50)] for listener in listeners)
 
 
-def test_clients_of_two_feeds_take_turns_and_get_what_is_newest() -> None:
+def test_clients_of_two_feeds_take_turns_and_get_the_newest_package() -> None:
     scheduler, feeds = SendScheduler(PERIOD_S), [StateFeed(), StateFeed()]
     listeners = [Listener() for _ in range(256)]
     for number, listener in enumerate(listeners):
@@ -116,7 +116,7 @@ def test_clients_of_two_feeds_take_turns_and_get_what_is_newest() -> None:
     check_turns(listeners, last_step=299)
 
 
-def test_clients_of_a_feed_that_do_not_read_cost_the_others_nothing() -> None:
+def test_clients_of_a_feed_that_do_not_read_take_no_turns() -> None:
     scheduler, feed = SendScheduler(PERIOD_S), StateFeed()
     deaf, listener = [Listener(takes_state=False) for _ in range(500)], Listener()
     feed.up_to_date.extend([*deaf, listener])
@@ -130,12 +130,12 @@ def test_clients_of_a_feed_that_do_not_read_cost_the_others_nothing() -> None:
     assert deaf[0].seen[-1] == b"59"
 
 
-def test_a_client_that_left_a_feed_gets_nothing_more() -> None:
+def test_a_client_removed_from_a_feed_gets_nothing_more() -> None:
     scheduler, feed, listener = SendScheduler(PERIOD_S), StateFeed(), Listener()
     feed.up_to_date.append(listener)
     publish_feed(scheduler, feed, 1)
     feed.remove(listener)
-    scheduler.forget(listener)
+    scheduler.remove(listener)
     publish_feed(scheduler, feed, 2)
     assert listener.seen == [b"1"]
 
@@ -150,7 +150,7 @@ class Failing(Listener):
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_a_client_that_fails_silences_nobody_for_good(place: int) -> None:
+def test_a_failing_client_does_not_silence_the_others(place: int) -> None:
     scheduler, feed = SendScheduler(PERIOD_S), StateFeed()
     listeners = [Failing() if number == place else Listener() for number in range(3)]
     feed.up_to_date.extend(listeners)

@@ -111,7 +111,7 @@ def test_rtde_inputs_are_free_again_when_their_client_vanishes(rtde: RTDEServer)
     assert second.take() == b"\x00\x09I\x01INT32"
 
 
-def test_rtde_reader_that_sleeps_gets_the_newest_state(rtde: RTDEServer, controller: FakeController) -> None:
+def test_an_rtde_client_that_pauses_reading_gets_the_newest_state(rtde: RTDEServer, controller: FakeController) -> None:
     slow, quick = MemoryClient(rtde), MemoryClient(rtde)
     for client in (slow, quick):
         start_outputs(client, "timestamp")
@@ -204,13 +204,13 @@ AFTER_VERSION = bytes.fromhex("00000018 14 ffffffffffffffff fe 0c 00000000 00000
 @pytest.mark.parametrize(
     ("version", "behind"), [("3.15.8", b""), ("5.11.11", AFTER_VERSION), ("5.25.1", AFTER_VERSION)]
 )
-def test_what_follows_the_version_message(version: str, behind: bytes) -> None:
+def test_messages_after_the_version_message(version: str, behind: bytes) -> None:
     greeting = MemoryClient(primary_server(FakeController(PolyscopeVersion.parse(version)))).take()
     assert greeting[:5] == bytes.fromhex("00000037 14")
     assert greeting[55:] == behind
 
 
-def test_states_at_10_hz_the_first_of_them_full(controller: FakeController) -> None:
+def test_states_at_10_hz_starting_with_a_full_one(controller: FakeController) -> None:
     server = primary_server(controller)
     early = MemoryClient(server)
     received(early)
@@ -239,7 +239,7 @@ def test_messages_come_before_the_state_of_their_period(controller: FakeControll
     assert len(got) == 27
 
 
-def test_a_new_safety_mode_is_followed_at_once_by_a_state(controller: FakeController) -> None:
+def test_a_new_safety_mode_is_followed_immediately_by_a_state(controller: FakeController) -> None:
     """The official client library unlocks a protective stop only when a state has shown it one."""
     server = primary_server(controller)
     client = MemoryClient(server)
@@ -257,7 +257,7 @@ def test_secondary_clients_get_no_messages(controller: FakeController) -> None:
     assert [type(message) for message in received(client)] == [VersionMessage, RobotStateData]
 
 
-def test_a_primary_client_that_does_not_read_is_dropped_by_messages_not_by_state(controller: FakeController) -> None:
+def test_unread_messages_but_not_states_drop_a_primary_client(controller: FakeController) -> None:
     server = primary_server(controller)
     slow, quick = MemoryClient(server), MemoryClient(server)
     slow.transport.stalled = True
@@ -283,7 +283,7 @@ def script_servers(controller: FakeController, *, read_only: bool) -> list[PortS
 
 @pytest.mark.parametrize("kind", [0, 1])
 @pytest.mark.parametrize("chunk", [1, 7, 4096])
-def test_scripts_are_handed_over_one_a_period(controller: FakeController, kind: int, chunk: int) -> None:
+def test_scripts_are_submitted_one_per_period(controller: FakeController, kind: int, chunk: int) -> None:
     client = MemoryClient(script_servers(controller, read_only=False)[kind])
     client.feed(b"stop program\ndef f():\r\n  x = 1\r\nend\r\n\nsec g():\nend\n", chunk)
     seen = []
@@ -300,7 +300,7 @@ def test_scripts_are_handed_over_one_a_period(controller: FakeController, kind: 
     assert third.text == "sec g():\nend"
 
 
-def test_a_program_without_last_newline_runs_when_its_client_closes(controller: FakeController) -> None:
+def test_a_program_without_a_final_newline_runs_when_its_client_closes(controller: FakeController) -> None:
     client = MemoryClient(script_servers(controller, read_only=False)[0])
     client.feed(b"def f():\nend")
     client.end()
@@ -309,7 +309,7 @@ def test_a_program_without_last_newline_runs_when_its_client_closes(controller: 
     assert controller.commands == [ScriptUnit("def f():\nend", "block")]
 
 
-def test_half_a_program_does_not_run(controller: FakeController, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_incomplete_program_does_not_run(controller: FakeController, caplog: pytest.LogCaptureFixture) -> None:
     client = MemoryClient(script_servers(controller, read_only=False)[0])
     client.feed(b"def f():\n  movej([0,0,0,0,0,0])\n")
     client.end()
@@ -340,7 +340,7 @@ def test_connections_opened_in_local_control_stay_read_only(controller: FakeCont
     assert controller.commands == [RefusedScript("stop program"), ScriptUnit("stop program", "line")]
 
 
-def test_a_state_is_encoded_once_for_the_four_ports_that_send_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_state_is_encoded_once_for_all_four_ports(monkeypatch: pytest.MonkeyPatch) -> None:
     """They send it in the same control period, and encoding takes a twentieth of an e-Series arm's."""
     encoded = []
 

@@ -61,14 +61,14 @@ class Client:
         await self.writer.wait_closed()
 
 
-async def test_any_bytes_come_back(echo: Emulator) -> None:
+async def test_any_bytes_are_echoed(echo: Emulator) -> None:
     client = await Client.connect(echo)
     data = bytes(range(256)) * 20
     assert await client.echoed(data) == data
     await client.close()
 
 
-async def test_one_client_at_a_time_has_the_line(echo: Emulator) -> None:
+async def test_one_client_at_a_time_uses_the_line(echo: Emulator) -> None:
     first, second = await Client.connect(echo), await Client.connect(echo)
     second.writer.write(b"second")
     assert await first.echoed(b"first") == b"first"
@@ -81,7 +81,7 @@ async def test_one_client_at_a_time_has_the_line(echo: Emulator) -> None:
     await second.close()
 
 
-async def test_a_check_that_the_port_is_there_harms_nobody(echo: Emulator) -> None:
+async def test_probing_the_port_has_no_side_effects(echo: Emulator) -> None:
     """As the vendor's script does it before it starts socat."""
     (await asyncio.open_connection(HOST, echo.ports["tool line"]))[1].close()
     client = await Client.connect(echo)
@@ -90,7 +90,7 @@ async def test_a_check_that_the_port_is_there_harms_nobody(echo: Emulator) -> No
     await check_ready(HOST, echo.ports)
 
 
-async def test_only_where_it_is_wanted() -> None:
+async def test_the_tool_line_opens_only_if_configured() -> None:
     with pytest.raises(ConfigError, match="UR3 has no serial line at its tool"):
         config("echo", "ur3")
     plain = EmulatorConfig(controller=ControllerConfig(model=load_model("ur5e")))
@@ -98,7 +98,7 @@ async def test_only_where_it_is_wanted() -> None:
     assert config("echo").wanted_ports["tool line"] == 0
 
 
-async def test_a_device_that_is_none(tmp_path: Path) -> None:
+async def test_an_invalid_device(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     for path, problem in ((file, "is not a serial port"), (tmp_path / "none", "No such file")):
@@ -138,7 +138,7 @@ async def read(descriptor: int, count: int) -> bytes:
     return bytes(got)
 
 
-async def test_a_device_of_the_users_on_a_pseudo_terminal() -> None:
+async def test_a_user_device_on_a_pseudo_terminal() -> None:
     async with Emulator(config("pty")) as emulator:
         switch_on(emulator)
         client = await Client.connect(emulator)
@@ -177,7 +177,7 @@ async def test_a_serial_port_of_this_machine() -> None:
         os.close(port)
 
 
-async def test_a_device_that_is_pulled_out(caplog: pytest.LogCaptureFixture) -> None:
+async def test_an_unplugged_device(caplog: pytest.LogCaptureFixture) -> None:
     wire, port = os.openpty()
     name = os.ttyname(port)
     async with Emulator(config(name)) as emulator:
@@ -196,7 +196,7 @@ async def test_a_device_that_is_pulled_out(caplog: pytest.LogCaptureFixture) -> 
         await client.close()
 
 
-async def test_the_port_is_taken() -> None:
+async def test_the_port_is_in_use() -> None:
     with socket.create_server(("127.94.54.32", 54321)):
         controller = ControllerConfig(model=load_model("ur5e"))
         with pytest.raises(OSError, match=r"54321 \(tool line\): another program uses it"):

@@ -57,7 +57,7 @@ def ports() -> tuple[FakeController, dict[str, PortServer]]:
     return make_ports()
 
 
-def test_all_ports_are_here(ports: tuple[FakeController, dict[str, PortServer]]) -> None:
+def test_all_ports_are_tested(ports: tuple[FakeController, dict[str, PortServer]]) -> None:
     assert set(ports[1]) == set(PORTS)
 
 
@@ -85,7 +85,7 @@ def send(fake: FakeController, server: PortServer, pieces: list[bytes]) -> Memor
 
 @pytest.mark.parametrize("port", [port for port in PORTS if port != "tool line"])
 @pytest.mark.parametrize("what", SENT)
-def test_nothing_is_carried_out_in_any_split(
+def test_browser_requests_are_not_executed_in_any_split(
     ports: tuple[FakeController, dict[str, PortServer]], port: str, what: str
 ) -> None:
     fake, servers = ports
@@ -99,7 +99,7 @@ def test_nothing_is_carried_out_in_any_split(
 
 @settings(max_examples=examples(66), deadline=None)
 @given(data=st.sampled_from(sorted(SENT.values())), cuts=st.lists(st.integers(1, 200), max_size=8))
-def test_nothing_is_carried_out_in_many_pieces(data: bytes, cuts: list[int]) -> None:
+def test_browser_requests_are_not_executed_in_many_pieces(data: bytes, cuts: list[int]) -> None:
     opening = Opening(patient=True)
     for start, end in pairwise(sorted({0, *cuts, len(data)})):
         assert opening.feed(data[start:end]) == b""
@@ -108,7 +108,7 @@ def test_nothing_is_carried_out_in_many_pieces(data: bytes, cuts: list[int]) -> 
     raise AssertionError("not known for what it is")
 
 
-def test_the_tool_line_passes_what_may_be_a_devices_and_nothing_of_a_body(
+def test_the_tool_line_passes_possible_device_data_but_no_request_body(
     ports: tuple[FakeController, dict[str, PortServer]],
 ) -> None:
     fake, servers = ports
@@ -151,7 +151,7 @@ def rtde_body() -> bytes:
         ("gripper", b"POST / HTTP/1.1\r\n\r\nSET ACT 1\n"),
     ],
 )
-def test_it_would_be_carried_out_otherwise(
+def test_the_requests_would_be_executed_without_the_check(
     ports: tuple[FakeController, dict[str, PortServer]],
     port: str,
     data: bytes,
@@ -190,7 +190,7 @@ def test_it_would_be_carried_out_otherwise(
         b"\x16\x04text\n",
     ],
 )
-def test_clients_of_robots_are_heard(
+def test_robot_clients_are_accepted(
     ports: tuple[FakeController, dict[str, PortServer]], port: str, data: bytes, chunk: int
 ) -> None:
     _, servers = ports
@@ -206,7 +206,7 @@ def test_clients_of_robots_are_heard(
 
 @given(address=st.integers(0, 0xFFFF), count=st.integers(1, 125), crc=st.binary(min_size=2, max_size=2))
 @example(address=0x0100, count=1, crc=b"\x12\x34")
-def test_modbus_rtu_of_unit_22_is_no_handshake(address: int, count: int, crc: bytes) -> None:
+def test_modbus_rtu_of_unit_22_is_not_a_tls_handshake(address: int, count: int, crc: bytes) -> None:
     request = b"\x16\3" + struct.pack(">HH", address, count) + crc
     verdict = visitor(request)
     assert not isinstance(verdict, Visitor)
@@ -214,7 +214,7 @@ def test_modbus_rtu_of_unit_22_is_no_handshake(address: int, count: int, crc: by
 
 
 @given(st.binary(max_size=40), st.integers(1, 5))
-def test_a_verdict_does_not_depend_on_the_pieces(data: bytes, chunk: int) -> None:
+def test_the_classification_does_not_depend_on_the_split(data: bytes, chunk: int) -> None:
     verdict = visitor(data)
     opening = Opening(patient=True)
     passed = b""
@@ -229,7 +229,7 @@ def test_a_verdict_does_not_depend_on_the_pieces(data: bytes, chunk: int) -> Non
     assert opening.verdict == (verdict if verdict is not True else opening.verdict)
 
 
-def test_they_are_counted_and_told_once(
+def test_browser_requests_are_counted_and_logged_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     server = make_ports()[1]["dashboard"]

@@ -6,7 +6,7 @@ from emulator.commands.world import AddObject, MountTool, MoveObject, PushTool, 
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from emulator.world.shapes import Frame, Plane, Push, Sphere, WorldObject
-from emulator.world.world import MOST_OBJECTS, POINT
+from emulator.world.world import MAX_OBJECTS, POINT
 from urproto.robots import load_model
 
 PUSH = (5.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -29,7 +29,7 @@ def test_a_push_of_a_quarter_second_lasts_a_quarter_second(rig):
     assert rig.force == PUSH  # the same command again pushes again
 
 
-def test_a_push_in_the_tool_s_frame_turns_with_the_tool(rig):
+def test_a_push_in_the_tool_frame_rotates_with_the_tool(rig):
     rig.post(PushTool(Push((0.0, 0.0, 7.0, 0.0, 0.0, 0.0), Frame.TOOL)))
     assert rig.force[:3] == pytest.approx((0, 0, -7))  # the tool points down
 
@@ -40,12 +40,12 @@ def test_pushes_of_different_names_add_up(rig):
     assert rig.force == (0.0, 2.0, 0.0, 0.0, 0.0, 1.0)
 
 
-def test_only_so_many_hands_find_room_at_the_tool(rig):
-    for number in range(MOST_OBJECTS):
+def test_the_number_of_pushes_is_limited(rig):
+    for number in range(MAX_OBJECTS):
         assert rig.post(PushTool(Push(PUSH), f"hand {number}")) == ""
     assert "release one" in rig.post(PushTool(Push(PUSH), "one more"))
     assert rig.post(PushTool(Push((0.0,) * 6), "hand 0")) == ""
-    assert rig.force[0] == pytest.approx(5.0 * (MOST_OBJECTS - 1))
+    assert rig.force[0] == pytest.approx(5.0 * (MAX_OBJECTS - 1))
 
 
 def test_the_world_adds_to_what_a_sensor_reports_over_rtde(rig):
@@ -55,7 +55,7 @@ def test_the_world_adds_to_what_a_sensor_reports_over_rtde(rig):
     assert rig.force[2] == pytest.approx(7.0)
 
 
-def test_things_come_move_and_go(rig):
+def test_objects_are_added_moved_and_removed(rig):
     x, y, z, *_ = rig.pose
     thing = WorldObject(Plane(), (x, y, z + 0.001, 0, 0, 0), stiffness=1e4)
     assert rig.post(AddObject("table", thing)) == ""
@@ -69,13 +69,13 @@ def test_things_come_move_and_go(rig):
     assert "there is no object 'table'" in rig.post(MoveObject("table", (0.0,) * 6))
 
 
-def test_a_bad_pose_leaves_the_thing_where_it_is(rig):
+def test_an_invalid_pose_leaves_the_object_in_place(rig):
     table = rig.table()
     assert "pose" in rig.post(MoveObject("table", (0.0, 0.0, float("nan"), 0.0, 0.0, 0.0)))
     assert rig.world.things["table"] == table
 
 
-def test_another_tool_and_the_old_one_again(rig):
+def test_changing_the_tool_and_changing_back(rig):
     rig.table(0.01, stiffness=1e4)
     assert rig.post(MountTool(WorldObject(Sphere(0.011)))) == ""
     assert rig.force[2] == pytest.approx(10)
@@ -84,7 +84,7 @@ def test_another_tool_and_the_old_one_again(rig):
     assert rig.force[2] == 0.0
 
 
-def test_the_first_command_makes_the_world():
+def test_the_first_command_creates_the_world():
     controller = Controller(ControllerConfig(model=load_model("ur3"), running=True))
     assert controller.world is None
     controller.post(PushTool(Push(PUSH)))
@@ -102,6 +102,6 @@ def test_the_first_command_makes_the_world():
         (lambda: Push(PUSH, duration_s=float("inf")), "longer"),
     ],
 )
-def test_a_push_that_cannot_be(wrong, says):
+def test_invalid_pushes(wrong, says):
     with pytest.raises(ValueError, match=says):
         wrong()

@@ -11,7 +11,7 @@ from urscript.operators import check_product_size, wrap32
 from urscript.values import (
     INT_MAX,
     INT_MIN,
-    MOST_PHYSICAL,
+    MAX_PHYSICAL,
     Any_,
     Int,
     ListArg,
@@ -206,8 +206,8 @@ def transpose(m: Any_) -> Value:
 def inv(m: Any_) -> Value:
     """The inverse of a square matrix, or of a pose."""
     if isinstance(m, Pose):
-        if not all(-MOST_PHYSICAL <= value <= MOST_PHYSICAL for value in m):
-            raise RuntimeFault(f"inv: a pose must be finite, with no number beyond {MOST_PHYSICAL:g}")
+        if not all(-MAX_PHYSICAL <= value <= MAX_PHYSICAL for value in m):
+            raise RuntimeFault(f"inv: a pose must be finite, with no number beyond {MAX_PHYSICAL:g}")
         return Pose(pose_inv(m))
     if not isinstance(m, Matrix) or m.shape[0] != m.shape[1]:
         raise RuntimeFault("inv: the argument must be a square matrix")

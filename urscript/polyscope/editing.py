@@ -27,7 +27,7 @@ from urscript.polyscope.writer import ExternalControlCode, Writer
 from urscript.work import run_to_end
 
 _EMPTY: Final = "Placeholder"
-_MOST_STEPS: Final = 10_000  # operations that can be undone; far more than a day's work
+_MAX_STEPS: Final = 10_000  # operations that can be undone; far more than a day's work
 _NO_CODE: Final = ExternalControlCode("", "")
 
 
@@ -246,7 +246,7 @@ class ProgramEditor:
             element = found.new(self.program)
             self._put([element], self._places.target(into, before, after, found))
             node = self._places.id_of(element)
-            self._places.forget()
+            self._places.invalidate()
             for key, value in (values or {}).items():
                 self._set(node, key, value)
         return node
@@ -428,13 +428,13 @@ class ProgramEditor:
             yield
         except BaseException:
             changes.undo()
-            self._places.forget()
+            self._places.invalidate()
             raise
         steps, changes.steps = changes.steps, []
-        self._places.forget()
+        self._places.invalidate()
         if steps:
             self._done.append(_Operation(title, steps))
-            if len(self._done) > _MOST_STEPS:
+            if len(self._done) > _MAX_STEPS:
                 oldest = self._done.pop(0)
                 self._saved = self._saved or oldest  # the program as opened can no longer be restored
             self._undone.clear()
@@ -442,7 +442,7 @@ class ProgramEditor:
 
     def _changed(self) -> None:
         self.revision += 1
-        self._places.forget()
+        self._places.invalidate()
 
     def _set(self, node: str, key: str, value: Any) -> None:
         spot = self._places.spot(node)

@@ -70,7 +70,7 @@ class Places:
         self._known: dict[str, Element] = {ROOT: root}  # keeps elements alive, so that no id() is reused
         self._spots: dict[str, Spot] | None = None
 
-    def forget(self) -> None:
+    def invalidate(self) -> None:
         """Discard cached positions because the tree may have changed."""
         self._spots = None
 

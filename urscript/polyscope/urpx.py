@@ -21,7 +21,7 @@ from urscript.polyscope.tree import ProgramTree, TreeError
 
 SUFFIX: Final = ".urpx"
 _LARGEST: Final = 4 << 20  # bytes, the same as for an upload
-_MOST_DEPTH: Final = 60  # nesting of nodes, as in older programs
+_MAX_DEPTH: Final = 60  # nesting of nodes, as in older programs
 _NIL: Final = "00000000-0000-0000-0000-000000000000"
 _FINAL: Final = "FINAL"
 _FRAME: Final = ("ur-modules", "ur-functions", "ur-before-start", "ur-configuration", "ur-status", "ur-code")
@@ -224,8 +224,8 @@ def _text(found: Mapping[str, Any], key: str, where: str) -> str:
 
 
 def _node(value: Any, numbers: Mapping[str, int], depth: int) -> Node:
-    if depth > _MOST_DEPTH:
-        raise UrpxError(f"nodes are nested more than {_MOST_DEPTH} deep")
+    if depth > _MAX_DEPTH:
+        raise UrpxError(f"nodes are nested more than {_MAX_DEPTH} deep")
     found = _object(value, "a node")
     contributed = _object(found.get("contributedNode"), "contributedNode")
     kind = _text(contributed, "type", "contributedNode")

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import h11
 
 from emulator.builtins.host import Frames, ProgramHost
-from emulator.services.sockets import MOST_SOCKETS, ScriptSocket
+from emulator.services.sockets import MAX_SOCKETS, ScriptSocket
 from urproto.text import from_bytes
 from urscript.meter import pay
 
@@ -49,8 +49,8 @@ def authority(address: str, port: int) -> str:
 
 def connect(host: ProgramHost, address: str, port: int) -> Frames[ScriptSocket]:
     """Open a connection, which ends with the program. Raises RemoteError if that fails."""
-    if len(host.sockets) >= MOST_SOCKETS:
-        raise RemoteError(f"the program has {MOST_SOCKETS} connections open already: reuse a handle")
+    if len(host.sockets) >= MAX_SOCKETS:
+        raise RemoteError(f"the program has {MAX_SOCKETS} connections open already: reuse a handle")
     socket = host.programs.socket_backend.open(address, port)
     host.sockets.hold(socket)
     try:

@@ -42,7 +42,7 @@ from urscript.values import (
     type_name,
 )
 
-_MOST_BYTES: Final = 512 * 1024  # XMLRPC_XML_SIZE_LIMIT_DEFAULT of xmlrpc-c
+_MAX_BYTES: Final = 512 * 1024  # XMLRPC_XML_SIZE_LIMIT_DEFAULT of xmlrpc-c
 _DEEPEST: Final = 6 * (MAX_NESTING + 2)  # open elements per level: value, struct, member or value, array, data
 _POSE_MEMBERS: Final = ("x", "y", "z", "rx", "ry", "rz")
 _NOT_XML: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
@@ -143,8 +143,8 @@ class Reply:
         """Parse the next bytes and charge their cost."""
         charge(_BYTE_COST * len(data))
         self._size += len(data)
-        if self._size > _MOST_BYTES:
-            raise BadReplyError(f"the reply is longer than {_MOST_BYTES} bytes")
+        if self._size > _MAX_BYTES:
+            raise BadReplyError(f"the reply is longer than {_MAX_BYTES} bytes")
         self._parse(data, final=False)
 
     def close(self) -> Any:

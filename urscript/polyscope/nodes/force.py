@@ -20,7 +20,7 @@ _TYPES: Final = {"Simple": 2, "Frame": 2, "Point": 1, "Motion": 3}  # Script Man
 _STOP: Final = "5.0"  # m/s2
 _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
 _ALONG: Final = 2  # the axis of Simple: z of the feature
-_MOST: Final = {"N": 500.0, "Nm": 50.0}  # guess: more than any arm can apply
+_MAX_LIMIT: Final = {"N": 500.0, "Nm": 50.0}  # guess: more than any arm can apply
 _DEFAULTS: Final = {
     "selection": "0, 0, 1, 0, 0, 0",
     "wrench": "0.0, 0.0, 0.0, 0.0, 0.0, 0.0",
@@ -72,7 +72,7 @@ def _number(
     """units: along and about an axis. when: whether the field applies to compliant or to stiff axes."""
     unit = units[axis > _ALONG]
     factor = {"mm": MILLI, "mm/s": MILLI, "°": DEGREES, "°/s": DEGREES}.get(unit, 1.0)
-    high = _MOST.get(unit)
+    high = _MAX_LIMIT.get(unit)
     low = -high if high is not None else 0.0
 
     def read(element: Element, _: Surroundings) -> float | None:
