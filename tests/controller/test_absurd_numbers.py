@@ -39,7 +39,7 @@ CALLS = {
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize("by_name", [False, True])
-def test_a_verb_refuses_them(call, bad, by_name):
+def test_verbs_refuse_absurd_numbers(call, bad, by_name):
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True))
     robot.step()
     before = vars(robot.controller.snapshot)
@@ -54,7 +54,7 @@ def test_a_verb_refuses_them(call, bad, by_name):
 
 
 @pytest.mark.parametrize("bad", BAD)
-def test_a_payload_cannot_be_mounted(bad):
+def test_an_absurd_payload_cannot_be_mounted(bad):
     with pytest.raises(ValueError, match="is not a payload"):
         MountPayload(Payload(1.0, (bad, 0.0, 0.0)))
 
@@ -70,7 +70,7 @@ def test_the_slider_takes_numbers_only(rig, text):
 
 
 @pytest.mark.parametrize("bad", [".nan", ".inf", "1.0e+155"])
-def test_a_world_file_with_them_is_refused(tmp_path, bad):
+def test_a_world_file_with_absurd_numbers_is_refused(tmp_path, bad):
     path = tmp_path / "world.yaml"
     for shape in (f"box: [1, 1, {bad}]", f"sphere: {bad}", f"box: [1, 1, 1]\n    pose: [0, {bad}, 0]"):
         path.write_text(f"objects:\n  wall:\n    {shape}\n")
@@ -79,7 +79,7 @@ def test_a_world_file_with_them_is_refused(tmp_path, bad):
 
 
 @pytest.mark.parametrize("bad", [".nan", ".inf"])
-def test_a_safety_file_with_them_is_refused(tmp_path, bad):
+def test_a_safety_file_with_absurd_numbers_is_refused(tmp_path, bad):
     path = tmp_path / "safety.yaml"
     path.write_text(f"normal:\n  tool_speed: {bad}\n")
     with pytest.raises(SafetySettingsError):

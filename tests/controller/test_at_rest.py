@@ -55,7 +55,7 @@ def test_a_late_ur5e_simulator(make):
 
 
 @pytest.mark.parametrize("model", ["ur10", "ur5e"])
-def test_a_real_arm_draws_about_as_much_as_recorded_ones(make, model):
+def test_supply_current_is_close_to_recorded_arms(make, model):
     """Recordings of arms at rest: 0.68 A of a UR10, 0.55 to 0.75 A of two e-Series arms, 0.72 A of a CB3 arm."""
     now = make(model, running=True, dynamic=True, initial_q=START).seconds(1.0)
     assert 0.4 < now.actual_robot_current < 0.9

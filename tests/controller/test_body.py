@@ -42,7 +42,7 @@ def test_the_error_of_the_energy_shrinks_with_the_step():
     assert drifts[0] > 1.6 * drifts[1] > 2.5 * drifts[2]
 
 
-def test_friction_takes_exactly_the_energy_that_is_lost():
+def test_friction_dissipates_exactly_the_lost_energy():
     body = Body(load_model("ur5e"))
     body.place(LOW)
     start, heat = energy(body), 0.0
@@ -70,7 +70,7 @@ def test_work_of_a_push_becomes_kinetic_energy():
     assert body.dynamics.energy(body.q, body.qd)[0] == pytest.approx(work, rel=0.01)
 
 
-def test_without_gravity_the_angular_momentum_about_the_first_axis_stays():
+def test_angular_momentum_about_the_first_axis_is_conserved_without_gravity():
     body = Body(load_model("ur5e"), smooth=True)
     body.dynamics.set_gravity((0.0, 0.0, 9.82))  # parallel to the axis: no torque about it
     body.place(LOW)
@@ -119,7 +119,7 @@ def test_brakes_stop_and_lock_the_arm(name):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_friction_leaves_every_joint_the_torque_to_reach_its_speed(name):
+def test_every_joint_reaches_its_speed_despite_friction(name):
     model = load_model(name)
     drives = drivetrain_of(model)
     for joint, speed in enumerate(model.qd_max):
@@ -127,7 +127,7 @@ def test_friction_leaves_every_joint_the_torque_to_reach_its_speed(name):
         assert friction < 0.5 * model.torque_max[joint]
 
 
-def test_friction_against_motion_and_nothing_at_rest():
+def test_friction_opposes_motion_and_is_zero_at_rest():
     body, drives = Body(load_model("ur10e")), drivetrain_of(load_model("ur10e"))
     viscous, coulomb = body.friction_parts((1.0, -1.0, 0.0, 2.0, -2.0, 0.0))
     signs, speeds = (1.0, -1.0, 0.0, 1.0, -1.0, 0.0), (1.0, -1.0, 0.0, 2.0, -2.0, 0.0)

@@ -27,13 +27,13 @@ def calibrated(make, model: RobotModel):
     return rig
 
 
-def test_its_pose_is_that_of_the_calibration(calibrated, model: RobotModel) -> None:
+def test_the_pose_is_that_of_the_calibration(calibrated, model: RobotModel) -> None:
     pose = calibrated.now.actual_TCP_pose
     assert pose == pytest.approx(kinematics_of(model).forward(START), abs=1e-12)
     assert max(map(abs, pose_sub(pose, Kinematics(model.dh).forward(START)))) > 1e-4
 
 
-def test_its_kinematics_info(model: RobotModel) -> None:
+def test_kinematics_info(model: RobotModel) -> None:
     info, nominal = kinematics_info(model), kinematics_info(load_model(model.name))
     assert model.calibration is not None
     assert (info.dh_a, info.dh_d) == (model.calibration.a, model.calibration.d)
@@ -73,7 +73,7 @@ def test_a_dynamic_arm_holds_its_pose(make, model: RobotModel) -> None:
     assert rig.now.actual_TCP_pose == pytest.approx(kinematics_of(model).forward(rig.now.actual_q), abs=1e-9)
 
 
-def test_an_option_of_robots_in_tests(model: RobotModel) -> None:
+def test_calibration_as_a_plugin_option(model: RobotModel) -> None:
     file = GOLDEN / f"calibration_{model.name}.yaml"
     robot = virtual_robot(model.name, calibration=file, initial_q=START)
     pose = robot.controller.arm.kinematics.forward(START)

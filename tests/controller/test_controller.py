@@ -102,7 +102,7 @@ def test_commands_apply_in_order_at_the_next_tick(rig):
     assert answers == [0, 1, 2]
 
 
-def test_a_generator_command_answers_when_it_returns(rig):
+def test_a_generator_command_is_answered_when_it_returns(rig):
     answers = []
     rig.controller.post(Slow(), answers.append)
     rig.tick(2)
@@ -112,7 +112,7 @@ def test_a_generator_command_answers_when_it_returns(rig):
 
 
 @pytest.mark.parametrize("command", [Broken(), BrokenLater()])
-def test_a_broken_command_is_answered_and_the_tick_goes_on(rig, command, caplog):
+def test_a_failing_command_is_answered_and_the_tick_continues(rig, command, caplog):
     answers = []
     rig.controller.post(command, answers.append)
     rig.controller.post(DashboardLine("robotmode"), answers.append)
@@ -121,7 +121,7 @@ def test_a_broken_command_is_answered_and_the_tick_goes_on(rig, command, caplog)
     assert "on purpose" in caplog.text
 
 
-def test_a_broken_listener_disturbs_nobody(rig, caplog):
+def test_a_failing_listener_does_not_affect_others(rig, caplog):
     seen = []
 
     def broken(_):
@@ -135,7 +135,7 @@ def test_a_broken_listener_disturbs_nobody(rig, caplog):
     assert "on purpose" in caplog.text
 
 
-def test_unsubscribing_ends_the_calls(rig):
+def test_unsubscribed_listeners_are_no_longer_called(rig):
     seen = []
     end = rig.controller.subscribe(seen.append)
     rig.tick()
@@ -179,7 +179,7 @@ def test_default_timings_are_those_of_a_simulator(make):
     assert 0.4 <= times[RobotMode.RUNNING] - times[RobotMode.IDLE] <= 6.0
 
 
-def test_brakes_are_released_in_the_time_that_suites_for_simulators_give(make):
+def test_brakes_are_released_in_the_time_client_test_suites_allow(make):
     """ur_rtde's own suite waits 3 s after brake release of an arm that is off, the official C++ library's 2.3 s."""
     controller = Controller(ControllerConfig(model=load_model("ur5e")))
     controller.post(DashboardLine("brake release"))
@@ -188,7 +188,7 @@ def test_brakes_are_released_in_the_time_that_suites_for_simulators_give(make):
     assert controller.snapshot.robot_mode is RobotMode.RUNNING
 
 
-def test_power_off_stops_arm_and_program_at_once(ready):
+def test_power_off_stops_arm_and_program_immediately(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
     assert ready.now.target_qd != ZERO6
@@ -206,7 +206,7 @@ def test_power_off_stops_arm_and_program_at_once(ready):
 # protective stop
 
 
-def test_protective_stop_pauses_and_unlocking_lets_it_go_on_where_it_was(ready):
+def test_a_protective_stop_pauses_the_program_and_unlocking_resumes_it(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
     ready.controller.protective_stop(SCRIPT_PROTECTIVE_STOP)
@@ -255,7 +255,7 @@ def test_the_dashboard_unlocks_only_after_five_seconds(ready):
     assert ready.now.safety_mode is SafetyMode.NORMAL
 
 
-def test_unlocking_does_not_finish_what_a_stopped_program_began(ready):
+def test_unlocking_does_not_finish_the_move_of_a_stopped_program(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
     ready.script("stop program")
@@ -399,7 +399,7 @@ def test_program_start_and_end(ready):
     assert ready.said(ErrorCodeMessage) == []
 
 
-def test_pause_holds_the_arm_on_its_path_and_play_goes_on(ready):
+def test_pause_holds_the_arm_on_its_path_and_play_resumes(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
     assert ready.ask("pause") == "Pausing program"
@@ -430,7 +430,7 @@ def test_stop_brings_the_arm_to_rest(ready):
         ("force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,0,0,0,0], 2, [1,1,1,1,1,1])", ControlMode.FORCE),
     ],
 )
-def test_control_mode_tells_freedrive_and_force_mode(ready, call, mode):
+def test_control_mode_shows_freedrive_and_force_mode(ready, call, mode):
     ready.script(f"def give():\n  {call}\n  sleep(0.5)\nend\n")
     ready.seconds(0.2)
     assert ready.now.control_mode is mode

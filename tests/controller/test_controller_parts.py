@@ -20,7 +20,7 @@ from urproto.signals import CONFIGURABLE, STANDARD, TOOL
 
 
 @given(st.integers(0, 127), st.integers(0, (1 << 128) - 1))
-def test_a_bit_register_touches_no_other(index, before):
+def test_a_bit_register_does_not_affect_others(index, before):
     bank = RegisterBank()
     bank.bits = before
     bank.set_bit(index, True)
@@ -30,7 +30,7 @@ def test_a_bit_register_touches_no_other(index, before):
     assert bank.bits == before & ~(1 << index)
 
 
-def test_packed_bits_replace_their_word_only():
+def test_packed_bits_replace_only_their_word():
     bank = RegisterBank()
     bank.bits = (1 << 128) - 1
     bank.set_bits(32, 32, 0x0000_00F0)
@@ -40,7 +40,7 @@ def test_packed_bits_replace_their_word_only():
 
 
 @pytest.mark.parametrize("index", [-1, 48])
-def test_numbers_outside_are_refused(index):
+def test_register_numbers_out_of_range_are_refused(index):
     bank = RegisterBank()
     for use in (lambda: bank.set_int(index, 1), lambda: bank.get_int(index)):
         with pytest.raises(IndexError, match="0 to 47"):
@@ -74,7 +74,7 @@ def test_register_tuples_stay_the_same_object_until_a_value_changes():
 
 
 @pytest.mark.parametrize(("group", "first", "count"), [(STANDARD, 0, 8), (CONFIGURABLE, 8, 8), (TOOL, 16, 2)])
-def test_digital_groups_share_one_word(group, first, count):
+def test_groups_of_digital_signals_share_one_word(group, first, count):
     signals = Signals()
     for index in range(count):
         signals.set_digital_output(group, index, True)
@@ -121,7 +121,7 @@ def test_analog_outputs_follow_ratio_and_domain(domain, ratio, value):
     assert signals.analog_output(1) == pytest.approx(value)
 
 
-def test_analog_types_are_four_bits():
+def test_analog_domains_are_four_bits():
     signals = Signals()
     signals.analog_input_domains = [AnalogDomain.VOLTAGE, AnalogDomain.CURRENT]
     signals.analog_output_domains = [AnalogDomain.CURRENT, AnalogDomain.VOLTAGE]
@@ -139,14 +139,14 @@ def test_tool_voltage():
 # speed
 
 
-def test_slider_is_clipped_and_ignores_no_number():
+def test_the_slider_is_clipped_and_ignores_nan():
     speed = Speed()
     for given_value, expected in ((2.0, 1.0), (-1.0, 0.0), (math.nan, 0.0), (0.5, 0.5), (math.inf, 1.0)):
         speed.set_slider(given_value)
         assert speed.slider == expected
 
 
-def test_scaling_tells_the_limiter_not_the_slider():
+def test_speed_scaling_shows_the_limiter_not_the_slider():
     speed = Speed()
     speed.set_slider(0.5)
     speed.scaling = 0.5

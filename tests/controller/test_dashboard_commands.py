@@ -77,7 +77,7 @@ def test_reply_on_an_idle_cb3(rig, line, reply, tmp_path, monkeypatch):
     assert re.fullmatch(reply, rig.ask(line))
 
 
-def test_without_a_programs_directory_reports_go_to_one_folder_that_the_log_names(rig, tmp_path, monkeypatch):
+def test_without_a_programs_directory_reports_go_to_a_logged_folder(rig, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     rig.ask("saveLog")
     rig.ask("generate flight report controller")
@@ -105,7 +105,7 @@ def test_case_and_surrounding_space_do_not_matter(rig, line):
 
 
 @pytest.mark.parametrize("line", ["foo", "robotmode now", "loadx", "power", "is in remote control", "version", "\x00"])
-def test_what_a_cb3_does_not_understand(rig, line):
+def test_commands_unknown_to_a_cb3(rig, line):
     assert rig.ask(line) == f"could not understand: '{line}'"
 
 
@@ -189,7 +189,7 @@ def test_load_play_pause_stop(make, programs):
         ("/ursim/programs/sub/inner.script", "/ursim/programs/sub/inner.script"),  # the official client looks for it
     ],
 )
-def test_programs_are_found_by_the_names_clients_use(make, programs, name, shown):
+def test_programs_are_found_by_any_name_clients_use(make, programs, name, shown):
     assert make(programs_dir=programs).ask(f"load {name}") == f"Loading program: {shown}"
 
 
@@ -199,13 +199,13 @@ def test_nothing_outside_the_programs_directory_is_loaded(make, programs, name):
     assert make(programs_dir=programs).ask(f"load {name}").startswith("File not found:")
 
 
-def test_a_file_that_is_no_program(make, programs):
+def test_a_file_that_is_not_a_program(make, programs):
     rig = make(programs_dir=programs)
     assert rig.ask("load broken.txt") == "Error while loading program: broken.txt"
     assert rig.ask("get loaded program") == "No program loaded"
 
 
-def test_loading_stops_what_runs(make, programs):
+def test_loading_stops_the_running_program(make, programs):
     rig = make(running=True, programs_dir=programs)
     rig.script(MOVE)
     rig.seconds(0.3)
@@ -281,13 +281,13 @@ def test_the_date_of_a_support_file(make, programs, seconds, date):
     assert rig.ask("generate support file .").endswith(f"_{date}.zip")
 
 
-def test_shutdown_switches_off_and_asks_to_end(ready):
+def test_shutdown_powers_off_and_requests_the_end_of_the_process(ready):
     ready.ask("shutdown")
     assert ready.controller.shutdown_requested
     assert ready.now.robot_mode is RobotMode.POWER_OFF
 
 
-def test_load_answers_when_the_program_is_loaded(make, programs):
+def test_load_is_answered_once_the_program_is_loaded(make, programs):
     rig = make(programs_dir=programs, running=True)
     begun = rig.now.timestamp
     assert rig.ask("load far.script", within_s=0.9).startswith("Loading program")  # drivers wait for a second
@@ -295,7 +295,7 @@ def test_load_answers_when_the_program_is_loaded(make, programs):
 
 
 @pytest.mark.parametrize(("model", "version"), [("ur5", "3.14"), ("ur5e", "5.9")])
-def test_a_script_0_7_s_after_the_brake_release_and_the_time_of_a_load_is_run(make, programs, model, version):
+def test_a_script_sent_0_7_s_after_brake_release_runs(make, programs, model, version):
     """What the official C++ library's suite does, and simulators let it."""
     rig = make(model, version, programs_dir=programs, timings=PowerTimings())
     rig.ask("brake release")

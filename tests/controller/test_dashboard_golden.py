@@ -115,12 +115,12 @@ def test_every_command_that_needs_remote_control_has_its_refusal():
     assert refused == {command.form.words for command in dashboard.COMMANDS.values() if command.form.remote_only}
 
 
-def test_every_row_has_its_origin():
+def test_every_row_has_an_origin():
     assert {origin for row in ROWS for origin in row[4].split()} == ORIGINS
     assert all(row[4] for row in ROWS)
 
 
-def test_every_command_of_the_protocol_is_done_as_the_protocol_says():
+def test_every_protocol_command_is_carried_out_with_its_confirmation():
     assert dashboard.COMMANDS.keys() == COMMANDS.keys()
     for words, row in dashboard.COMMANDS.items():
         assert row.form is COMMANDS[words]
@@ -135,7 +135,7 @@ def before(version):
 
 
 @pytest.mark.parametrize("row", COMMANDS.values(), ids=lambda row: row.words)
-def test_a_controller_that_is_too_old_does_not_understand(make, row):
+def test_older_controllers_do_not_understand_newer_commands(make, row):
     for series, first in ((Series.CB3, row.available.cb3), (Series.E, row.available.e)):
         version = DEFAULT_VERSION[series] if first is None else before(first)
         if version is not None:
@@ -145,7 +145,7 @@ def test_a_controller_that_is_too_old_does_not_understand(make, row):
             assert answer in (not_understood(line), "File not found: installation x"), str(version)
 
 
-def test_a_confirmation_in_the_table_is_one_that_is_answered(make, programs):
+def test_every_confirmation_in_the_table_is_a_real_answer(make, programs):
     """What the client takes for success: the success rows of the golden table begin so."""
     confirmed = {
         row.words

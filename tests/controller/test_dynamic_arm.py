@@ -47,7 +47,7 @@ def peak_error_rad(rig, seconds):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_at_rest_the_motors_hold_gravity_and_static_friction_has_its_share(make, name):
+def test_at_rest_motors_and_static_friction_together_hold_gravity(make, name):
     rig = make(name, running=True, dynamic=True, initial_q=BENT)
     model = rig.controller.model
     payload = Payload.of(model.payload_max_kg, (0.0, 0.0, 0.05))
@@ -68,7 +68,7 @@ def test_at_rest_the_motors_hold_gravity_and_static_friction_has_its_share(make,
     assert not any(rig.now.actual_qd)
 
 
-def test_a_standing_arm_stays_where_it_is(still):
+def test_an_arm_at_rest_stays_in_place(still):
     still.seconds(0.1)
     place = still.controller.arm.drives.body.q
     still.seconds(2.0)
@@ -76,7 +76,7 @@ def test_a_standing_arm_stays_where_it_is(still):
     assert still.now.target_q == BENT
 
 
-def test_a_push_bends_the_arm_at_first_and_is_then_held(still):
+def test_a_push_deflects_the_arm_at_first_and_is_then_held(still):
     """kkufieta/ur5_modeling_force_estimate, Movement_No10: pushed by hand, a real UR5 is back within milliseconds."""
     still.seconds(0.1)
     sags = []
@@ -96,7 +96,7 @@ def test_a_push_bends_the_arm_at_first_and_is_then_held(still):
     assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
 
 
-def test_a_payload_that_nobody_told_shows_in_force_and_current_and_is_held(still):
+def test_an_unannounced_payload_shows_in_force_and_current_and_is_held(still):
     still.seconds(0.5)
     before = still.now
     still.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
@@ -115,14 +115,14 @@ def test_a_payload_that_nobody_told_shows_in_force_and_current_and_is_held(still
     assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
 
 
-def test_put_elsewhere_it_holds_at_once_what_it_carries(still):
+def test_a_repositioned_arm_holds_its_payload_immediately(still):
     still.controller.post(MountPayload(Payload.of(5.0, (0.0, 0.0, 0.05))))
     still.seconds(0.5)
     still.controller.motion.set_position((0.0, -1.2, 1.0, -1.0, 0.5, 1.0))
     assert peak_error_rad(still, 0.5) < STEP
 
 
-def test_drives_that_brakes_relieved_begin_anew(still):
+def test_drives_restart_from_zero_after_the_brakes_held_the_arm(still):
     still.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
     still.seconds(1.0)
     still.ask("power off")
@@ -134,7 +134,7 @@ def test_drives_that_brakes_relieved_begin_anew(still):
     assert error_rad(still) < 1e-4
 
 
-def test_stopped_at_a_wall_it_presses_hardly_harder(make):
+def test_an_arm_stopped_at_a_wall_barely_presses_harder(make):
     wall = WorldObject(Plane(), (0.0, 0.0, 0.25, 0.0, 0.0, 0.0), stiffness=200_000.0)
     world = WorldPlan({"table": wall})
     rig = make("ur5e", running=True, dynamic=True, initial_q=(0.0, -1.5, 1.5, -1.6, -1.57, 0.0), world=world)
@@ -147,7 +147,7 @@ def test_stopped_at_a_wall_it_presses_hardly_harder(make):
     assert 0.5 * force < rig.controller.arm.wrench[2] < 1.5 * force
 
 
-def test_an_ideal_arm_feels_a_payload_that_nobody_told_without_moving(make):
+def test_an_ideal_arm_measures_an_unannounced_payload_without_moving(make):
     rig = make("ur5e", running=True, initial_q=BENT)
     free = rig.tick().actual_current
     rig.controller.post(MountPayload(Payload.of(3.0, (0.0, 0.0, 0.05))))
@@ -174,7 +174,7 @@ def switch_off_safety_checks(rig):
 
 @pytest.mark.parametrize("name", some(MODELS, now=("ur3", "ur5e", "ur30")))
 @pytest.mark.parametrize("load", [0.0, 1.0], ids=["empty", "loaded"])
-def test_a_program_is_followed_and_its_end_reached(make, name, load):
+def test_a_program_is_followed_to_its_end(make, name, load):
     rig = make(name, running=True, dynamic=True, initial_q=(0.0, -1.5, 1.0, -1.2, -1.2, 0.0))
     model = rig.controller.model
     if load:
@@ -191,7 +191,7 @@ def test_a_program_is_followed_and_its_end_reached(make, name, load):
 @pytest.mark.parametrize("name", some(MODELS, now=("ur3", "ur5e", "ur30")))
 @pytest.mark.parametrize("load", [0.0, 1.0], ids=["empty", "loaded"])
 @pytest.mark.parametrize("joint", [0, 1, 2, 5])
-def test_stable_at_the_highest_speed_and_in_the_hardest_stop(make, name, load, joint):
+def test_the_arm_is_stable_at_top_speed_and_in_the_hardest_stop(make, name, load, joint):
     """Stretched out, at 40 rad/s2: more than the joints can do. They come to rest at their targets all the same."""
     rig = make(name, running=True, dynamic=True, initial_q=(0.0, -2.2 if joint == 1 else -0.3, 0.0, 0.0, 0.0, 0.0))
     switch_off_safety_checks(rig)
@@ -209,7 +209,7 @@ def test_stable_at_the_highest_speed_and_in_the_hardest_stop(make, name, load, j
     assert error_rad(rig) < 5e-4
 
 
-def test_measured_torque_is_that_of_the_measured_motion(make):
+def test_measured_torque_agrees_with_the_measured_motion(make):
     """RNEA of what the arm did, rotors and friction added, gives the motors' torques."""
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=5, v=2)")
@@ -237,7 +237,7 @@ def test_measured_torque_is_that_of_the_measured_motion(make):
     assert checked > 800
 
 
-def test_currents_carry_friction_while_moving(make):
+def test_currents_include_friction_while_moving(make):
     """At constant speed joint 1 turns about the vertical: nothing but friction loads it."""
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     rig.script("speedj([0.5, 0, 0, 0, 0, 0], 2, 3)")
@@ -251,7 +251,7 @@ def test_currents_carry_friction_while_moving(make):
     assert rig.now.target_moment[0] == pytest.approx(0.0, abs=0.1)
 
 
-def test_friction_heats_the_joint_that_moves(make):
+def test_friction_heats_the_moving_joint(make):
     turning, resting = (make("ur5e", running=True, dynamic=True, initial_q=BENT) for _ in range(2))
     to_and_fro = "".join(f"  movej([{q}, -1.1, 1.2, -0.8, 0.7, 0.4], a=10, v=3)\n" for q in (6, 0))
     turning.script(f"def turn():\n while True:\n{to_and_fro} end\nend\n")
@@ -280,7 +280,7 @@ def test_a_sine_is_followed_with_a_bounded_lag(make, name):
     assert 1e-5 < peak_error_rad(rig, 3.0) < 0.01
 
 
-def test_a_step_settles_without_swinging(make):
+def test_a_step_settles_without_oscillation(make):
     """A target that jumps by 5 mrad is overshot by no more than a fourth: a recorded UR5's base does by a third."""
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     rig.seconds(0.1)
@@ -291,7 +291,7 @@ def test_a_step_settles_without_swinging(make):
     assert angles[-1] == pytest.approx(BENT[0] + 0.005, abs=2e-4)
 
 
-def test_put_elsewhere_it_is_there_at_once(make):
+def test_repositioning_is_instantaneous(make):
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     rig.seconds(0.1)
     rig.script("set_pos([0, -1.2, 1.0, -1, 0.5, 1])")
@@ -302,7 +302,7 @@ def test_put_elsewhere_it_is_there_at_once(make):
 # reports
 
 
-def test_programs_read_actual_and_target_apart(still):
+def test_programs_read_actual_and_target_values_separately(still):
     still.script(
         """def read():
           speedj([0, 0.5, 0, 0, 0, 0], 2, 0.5)
@@ -324,7 +324,7 @@ def test_programs_read_actual_and_target_apart(still):
     assert speed != 0.5
 
 
-def test_programs_read_what_a_push_takes(still):
+def test_programs_read_the_joint_torques_of_a_push(still):
     still.controller.external_wrench = (0.0, 0.0, -30.0, 0.0, 0.0, 0.0)
     still.seconds(1.0)
     still.script("def read():\n  write_output_float_register(0, get_joint_torques()[1])\nend\n")
@@ -334,7 +334,7 @@ def test_programs_read_what_a_push_takes(still):
     assert still.now.output_double_registers[0] == pytest.approx(30.0 * lever, abs=1.5 + held)
 
 
-def test_encoders_have_steps_and_the_seed_decides_the_noise(make):
+def test_encoders_are_quantised_and_the_seed_determines_the_noise(make):
     def run(**config):
         rig = make("ur5e", running=True, dynamic=True, initial_q=BENT, **config)
         rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=2, v=1)")
@@ -353,7 +353,7 @@ def test_encoders_have_steps_and_the_seed_decides_the_noise(make):
         assert all(abs(angle / STEP - round(angle / STEP)) < 1e-6 for angle in q)
 
 
-def test_the_pose_that_is_told_is_that_of_the_angles_that_are_told(still):
+def test_the_reported_pose_agrees_with_the_reported_angles(still):
     still.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=2, v=1)")
     still.seconds(0.5)
     assert max(map(abs, still.now.actual_qd)) > 0.3
@@ -363,7 +363,7 @@ def test_the_pose_that_is_told_is_that_of_the_angles_that_are_told(still):
     assert still.now.actual_TCP_pose != arm.tcp_pose
 
 
-def test_deviation_is_told_and_an_ideal_arm_has_none(make):
+def test_following_error_is_reported_and_zero_on_an_ideal_arm(make):
     dynamic, ideal = make("ur5e", running=True, dynamic=True), make("ur5e", running=True)
     for rig in (dynamic, ideal):
         rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=5, v=2)")
@@ -379,7 +379,7 @@ def test_deviation_is_told_and_an_ideal_arm_has_none(make):
 # brakes
 
 
-def test_braked_it_neither_sags_nor_draws_current(make):
+def test_a_braked_arm_neither_sags_nor_draws_current(make):
     rig = make("ur5e", dynamic=True, initial_q=BENT)
     rig.controller.external_wrench = (0.0, 0.0, -200.0, 0.0, 0.0, 0.0)
     rig.seconds(0.5)
@@ -387,7 +387,7 @@ def test_braked_it_neither_sags_nor_draws_current(make):
     assert rig.now.actual_current == rig.now.target_moment == ZERO6
 
 
-def test_power_lost_in_motion_stops_it_by_the_brakes_and_it_goes_on_from_there(make):
+def test_brakes_stop_an_arm_that_loses_power_and_it_resumes_from_there(make):
     rig = make("ur5e", running=True, dynamic=True, initial_q=(0.0, -1.1, 1.2, -0.8, 0.7, 0.4))
     rig.script("speedj([2, 0, 0, 0, 0, 0], 10, 5)")
     rig.seconds(0.5)
@@ -412,7 +412,7 @@ def test_power_lost_in_motion_stops_it_by_the_brakes_and_it_goes_on_from_there(m
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur20"])
-def test_whatever_pushes_it_the_arm_comes_back(make, name):
+def test_the_arm_recovers_from_any_push(make, name):
     rig = make(name, running=True, dynamic=True, initial_q=BENT)
     switch_off_safety_checks(rig)
     chance = random.Random(name)
@@ -426,7 +426,7 @@ def test_whatever_pushes_it_the_arm_comes_back(make, name):
     assert rig.now.actual_q == pytest.approx(BENT, abs=1e-3)
 
 
-def test_a_payload_far_beyond_the_arm_pulls_it_down_and_it_recovers(make):
+def test_an_excessive_payload_pulls_the_arm_down_and_it_recovers(make):
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     switch_off_safety_checks(rig)
     rig.controller.post(MountPayload(Payload(1e4, (10.0, 0.0, 0.0), (-0.0, 0.0, 0.0, 1e6, 1e6, 1e6))))
@@ -440,7 +440,7 @@ def test_a_payload_far_beyond_the_arm_pulls_it_down_and_it_recovers(make):
 @pytest.mark.parametrize(
     "payload", [Payload(-1.0), Payload(math.nan), Payload(1.0, (math.inf, 0, 0)), Payload(1.0, inertia=(-1.0,) * 6)]
 )
-def test_what_cannot_be_mounted_is_refused(payload):
+def test_invalid_payloads_cannot_be_mounted(payload):
     with pytest.raises(ValueError, match="is not a payload"):
         MountPayload(payload)
 
@@ -493,7 +493,7 @@ def test_no_torque_holds_the_arm_against_gravity_and_friction_brings_it_to_rest(
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_friction_compensation_lets_it_run_on(make, share):
+def test_friction_compensation_keeps_the_arm_moving(make, share):
     rig = torque_rig(make, dynamic=True)
     scale = f", viscous_scale={[share] * 6}, coulomb_scale={[share] * 6}"
     rig.script(torque_program((24, 100), (0, 200), more=scale))
@@ -505,7 +505,7 @@ def test_friction_compensation_lets_it_run_on(make, share):
     assert left > 0.95 if share else left < 0.5
 
 
-def test_torques_that_stay_away_stop_the_arm(make):
+def test_missing_torque_commands_stop_the_arm(make):
     rig = torque_rig(make, dynamic=True)
     rig.script(torque_program((30, 100), end="sleep(1)"))
     rig.until(lambda snapshot: abs(snapshot.actual_qd[0]) > 0.3)
@@ -518,7 +518,7 @@ def test_torques_that_stay_away_stop_the_arm(make):
     assert max(drops) < 1.5 * 10.0 * rig.controller.period_s, "10 rad/s2, not all at once"
 
 
-def test_an_outside_push_moves_an_arm_under_torque_control(make):
+def test_an_external_push_moves_an_arm_under_torque_control(make):
     rig = torque_rig(make, dynamic=True)
     rig.script(torque_program((0, 400)))
     rig.seconds(0.1)
@@ -528,7 +528,7 @@ def test_an_outside_push_moves_an_arm_under_torque_control(make):
 
 
 @pytest.mark.parametrize("stop", ["pause", "protective stop"])
-def test_a_stop_ends_the_torques_and_holds_the_arm(make, stop):
+def test_a_stop_ends_torque_control_and_holds_the_arm(make, stop):
     rig = torque_rig(make, dynamic=True)
     rig.script(torque_program((40, 5000)))
     rig.until(lambda snapshot: snapshot.actual_qd[0] > 0.5)
@@ -543,14 +543,14 @@ def test_a_stop_ends_the_torques_and_holds_the_arm(make, stop):
     assert error_rad(rig) < 5e-4
 
 
-def test_friction_shares_outside_0_to_1_end_the_program(make):
+def test_friction_scales_outside_0_to_1_end_the_program(make):
     rig = torque_rig(make)
     rig.script("direct_torque([0, 0, 0, 0, 0, 0], True, [0.9, 0.9, 1.1, 0.9, 0.9, 0.9])")
     rig.seconds(0.2)
     assert any("viscous_scale must be from 0 to 1" in str(message) for message in rig.messages)
 
 
-def test_target_moment_has_the_rotors_and_target_current_the_friction_that_the_controller_knows(make):
+def test_target_moment_includes_rotors_and_target_current_modelled_friction(make):
     """As recordings of a real UR10e show them, in every period: see ``urproto/robots/measured.toml``."""
     rig = make("ur10e", running=True, dynamic=True, initial_q=BENT)
     rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=2, v=1)")
@@ -574,7 +574,7 @@ def test_target_moment_has_the_rotors_and_target_current_the_friction_that_the_c
     assert sum(0.0 < speed < 0.5 for speed in speeds) > 50
 
 
-def test_an_ideal_arm_s_targets_have_neither_rotors_nor_friction(make):
+def test_targets_of_an_ideal_arm_include_neither_rotors_nor_friction(make):
     rig = make("ur10e", running=True, initial_q=BENT)
     rig.script("speedj([0.5, 0, 0, 0, 0, 0], 2, 3)")
     rig.until(lambda snapshot: snapshot.target_qd[0] > 0.2)
@@ -600,7 +600,7 @@ def test_currents_are_noisier_in_motion_than_at_rest(make):
     assert moving[[0, 3]] == pytest.approx(np.array(drives.motion_noise_A)[[0, 3]], rel=0.2)
 
 
-def test_the_weight_of_an_untold_payload_acts_where_it_hangs(make):
+def test_the_weight_of_an_unannounced_payload_acts_at_its_centre(make):
     """About the flange: the payload's lever in base axes times its weight, whatever the TCP."""
     rig = make("ur5e", running=True, initial_q=BENT)
     rig.controller.set_tcp((0.0, 0.05, 0.2, 0.0, 0.0, 0.0))

@@ -43,7 +43,7 @@ def test_quadrature_follows_any_motion(moves):
     assert encoder.raw == position
 
 
-def test_both_inputs_changing_at_once_tell_no_direction():
+def test_simultaneous_changes_of_both_inputs_have_no_direction():
     encoder = pulse_encoder()
     feed(encoder, [0b00, 0b11, 0b00])
     assert encoder.raw == 0
@@ -58,13 +58,13 @@ def test_single_input_decoders(decoder, counted):
     assert encoder.raw == counted
 
 
-def test_the_first_levels_are_no_edges():
+def test_the_initial_levels_are_not_edges():
     encoder = pulse_encoder(DecoderType.RISING, 0, 0)
     encoder.advance(1)
     assert encoder.raw == 0
 
 
-def test_setting_it_up_again_the_same_way_keeps_the_count_and_otherwise_not():
+def test_the_count_survives_only_an_identical_setup():
     encoder = pulse_encoder()
     feed(encoder, [*QUADRATURE])
     encoder.decode(DecoderType.QUADRATURE, 8, 9)
@@ -102,7 +102,7 @@ def test_a_conveyor_that_stops_comes_to_rest_on_its_count():
     assert (encoder.travel, encoder.speed) == (encoder.raw, 0.0)
 
 
-def test_decoders_of_one_input_know_no_direction_and_what_is_not_decoded_is_not_counted():
+def test_single_input_decoders_have_no_direction_and_others_count_nothing():
     encoder = pulse_encoder(DecoderType.RISING, 0, 0)
     encoder.simulated_speed = -100.0
     for _ in range(500):
@@ -115,7 +115,7 @@ def test_decoders_of_one_input_know_no_direction_and_what_is_not_decoded_is_not_
 
 
 @pytest.mark.parametrize("range_id", range(len(RANGES)))
-def test_fed_counts_wrap_round_their_range(range_id):
+def test_fed_counts_wrap_around_their_range(range_id):
     low, size = RANGES[range_id]
     encoder = Encoder(PERIOD)
     encoder.expect_counts(range_id)
@@ -138,7 +138,7 @@ def test_unwinding_undoes_wrapping(start, moved):
     assert encoder.unwound((start + moved) % 65536 - start) == moved
 
 
-def test_what_cannot_be_says_so():
+def test_invalid_use_raises_an_error():
     encoder = Encoder(PERIOD)
     with pytest.raises(ValueError, match="does not expect counts"):
         encoder.feed(1)

@@ -1,8 +1,8 @@
 """Every RTDE output tells the truth: it follows a described situation, or is constant for a reason.
 
 A situation changes the controller and gives the snapshots before and after; a row says which
-fields it must change, and how. ``test_no_field_is_forgotten`` holds the table against the
-registry, ``test_constants_are_constant`` the reasons against every situation.
+fields it must change, and how. ``test_every_field_is_in_a_table`` holds the table against the
+registry, ``test_constant_fields_are_constant`` the reasons against every situation.
 """
 
 import math
@@ -309,19 +309,19 @@ def test_field_follows_the_situation(situation: Situation, name: str, make: Make
     assert TABLE[situation][name](before, after), f"{before} became {after}"
 
 
-def test_no_field_is_forgotten() -> None:
+def test_every_field_is_in_a_table() -> None:
     live = {name for _, name in ROWS}
     assert not live & set(CONSTANT)
     assert live | set(CONSTANT) == set(OUTPUT_FIELDS)
 
 
 @pytest.mark.parametrize("name", CONSTANT)
-def test_constants_are_constant(name: str, make: Make) -> None:
+def test_constant_fields_are_constant(name: str, make: Make) -> None:
     values = [OUTPUT_FIELDS[name].read(snapshot) for situation in TABLE for snapshot in seen(situation, make)]
     assert all(a == b for a, b in pairwise(values)), CONSTANT[name]
 
 
-def test_the_base_bears_the_weight_of_arm_and_payload(make: Make) -> None:
+def test_the_base_carries_the_weight_of_arm_and_payload(make: Make) -> None:
     rig = powered_rig(make)
     rig.script("sec load():\n  set_target_payload(2, [0, 0, 0])\nend\n")
     before, after = rig.now, rig.tick(3)
@@ -330,7 +330,7 @@ def test_the_base_bears_the_weight_of_arm_and_payload(make: Make) -> None:
     assert after.target_base_wrench[2] == pytest.approx(-9.82 * (masses + 2.0))
 
 
-def test_warm_joints_settle_where_a_warm_arm_was_seen_and_cool_down_when_off() -> None:
+def test_joints_warm_up_to_recorded_temperatures_and_cool_down_when_off() -> None:
     thermals = Thermals()
     holding = (0.30, 6.02, 3.92, 0.41, -0.10, 0.08)  # A, of the captured arm
     for _ in range(6 * 3600):

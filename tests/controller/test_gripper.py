@@ -57,7 +57,7 @@ def test_activation_takes_time() -> None:
     assert gripper.get("POS") == "3"
 
 
-def test_motion_at_the_speed_asked_for() -> None:
+def test_motion_at_the_requested_speed() -> None:
     gripper = active()
     fast = go(gripper, 230, SPE=255)
     assert fast == pytest.approx(85 / 150, abs=2 * PERIOD_S), "85 mm at 150 mm/s"
@@ -123,7 +123,7 @@ def test_an_object_is_gripped_from_inside() -> None:
     assert gripper.object_status is ObjectStatus.AT_REQUEST
 
 
-def test_faults_of_the_wrong_order() -> None:
+def test_commands_in_the_wrong_order_are_faults() -> None:
     gripper = Gripper(MODEL)
     gripper.advance(PERIOD_S, powered=True)
     gripper.set("GTO", 1)
@@ -173,7 +173,7 @@ def test_injected_faults() -> None:
     assert (gripper.get("FLT"), gripper.status) == ("00", Status.ACTIVATING)
 
 
-def test_power_loss_forgets_the_activation() -> None:
+def test_power_loss_resets_the_activation() -> None:
     gripper = active()
     go(gripper, 100)
     gripper.advance(PERIOD_S, powered=False)
@@ -202,7 +202,7 @@ settings_ = st.tuples(
 
 
 @given(st.lists(settings_ | st.integers(1, 400) | st.floats(1, 84), max_size=30))
-def test_whatever_happens_the_fingers_stay_between_their_stops(doings: list[tuple[str, int] | int | float]) -> None:
+def test_the_fingers_always_stay_between_their_stops(doings: list[tuple[str, int] | int | float]) -> None:
     gripper = Gripper(MODEL)
     gripper.advance(PERIOD_S, powered=True)
     for doing in doings:
@@ -251,7 +251,7 @@ def test_requests(controller: Controller) -> None:
     assert ask(controller, b"GET PRE") == b"000", "all or nothing"
 
 
-def test_which_gripper(controller: Controller) -> None:
+def test_gripper_selection(controller: Controller) -> None:
     session = GripperSession()
     assert len(ask(controller, b"GET SID", session)) == 17
     assert ask(controller, b"GET SID", session).startswith(b"[9]")
@@ -261,7 +261,7 @@ def test_which_gripper(controller: Controller) -> None:
     assert ask(controller, b"GET STA\n", session) == b"STA 0\n"
 
 
-def test_it_has_power_when_the_arm_has(controller: Controller) -> None:
+def test_the_gripper_is_powered_with_the_arm(controller: Controller) -> None:
     ask(controller, b"SET ACT 1\n")
     controller.safety_event(SafetyEvent.ROBOT_EMERGENCY_STOP)
     for _ in range(2000):
@@ -273,11 +273,11 @@ def test_it_has_power_when_the_arm_has(controller: Controller) -> None:
     assert controller.gripper.status is Status.RESET
 
 
-def test_without_a_gripper_there_is_none() -> None:
+def test_requests_without_a_gripper() -> None:
     assert Controller(ControllerConfig(model=load_model("ur3"))).gripper is None
 
 
-def test_the_same_every_time() -> None:
+def test_behaviour_is_deterministic() -> None:
     def run() -> list[float]:
         controller = Controller(ControllerConfig(model=load_model("ur5e"), running=True, gripper=MODEL))
         controller.tick()
@@ -293,7 +293,7 @@ def test_the_same_every_time() -> None:
     assert len(set(run())) > 200
 
 
-def test_power_events_are_for_the_arm(controller: Controller) -> None:
+def test_power_events_of_the_arm_do_not_reach_the_gripper(controller: Controller) -> None:
     controller.power_event(PowerEvent.POWER_OFF)
     controller.tick()
     assert GripperSession().answer(controller.gripper, (Get("PCO"),)) == b"PCO 1\n"  # type: ignore[arg-type]

@@ -126,7 +126,7 @@ def recover(rig):
     ("stage", "dynamic"),
     [*((stage, False) for stage in STAGES), *((stage, True) for stage in ("the program", "motion", "the arm"))],
 )
-def test_a_failure_in_any_stage_is_a_fault_and_the_usual_recovery_ends_it(
+def test_a_failure_in_any_stage_is_a_fault_that_can_be_recovered_from(
     make, tmp_path, monkeypatch, caplog, stage, dynamic
 ):
     rig = moving_rig(make, tmp_path, dynamic=dynamic)
@@ -141,7 +141,7 @@ def test_a_failure_in_any_stage_is_a_fault_and_the_usual_recovery_ends_it(
 
 
 @pytest.mark.parametrize("stage", [stage for stage in STAGES if stage not in ("commands",)])
-def test_a_failure_in_every_period_is_told_once_and_the_ports_go_on(make, tmp_path, monkeypatch, caplog, stage):
+def test_a_failure_in_every_period_is_reported_once_and_the_ports_stay_up(make, tmp_path, monkeypatch, caplog, stage):
     rig = moving_rig(make, tmp_path)
     with monkeypatch.context() as broken:
         break_for_good(broken, *STAGES[stage](rig.controller))
@@ -153,9 +153,7 @@ def test_a_failure_in_every_period_is_told_once_and_the_ports_go_on(make, tmp_pa
     recover(rig)
 
 
-def test_a_fault_that_is_still_there_comes_again_after_the_restart_and_is_told_in_one_line(
-    make, tmp_path, monkeypatch, caplog
-):
+def test_a_persistent_fault_returns_after_the_restart_and_is_logged_in_one_line(make, tmp_path, monkeypatch, caplog):
     rig = moving_rig(make, tmp_path)
     break_for_good(monkeypatch, rig.controller.electrics, "advance")
     rig.tick(3)
@@ -167,7 +165,7 @@ def test_a_fault_that_is_still_there_comes_again_after_the_restart_and_is_told_i
     assert caplog.text.count("failed again") == 5
 
 
-def test_the_bundle_has_what_a_bug_report_needs(make, tmp_path, monkeypatch):
+def test_the_bundle_contains_what_a_bug_report_needs(make, tmp_path, monkeypatch):
     rig = moving_rig(make, tmp_path, dynamic=True, seed=1234)
     break_once(monkeypatch, rig.controller.motion, "advance")
     rig.tick()
@@ -183,7 +181,7 @@ def test_the_bundle_has_what_a_bug_report_needs(make, tmp_path, monkeypatch):
     assert "PROGRAM_XXX_STARTED moving" in texts["log_history.txt"]
 
 
-def test_a_folder_that_cannot_be_written_does_not_matter(make, tmp_path, monkeypatch, caplog):
+def test_an_unwritable_report_folder_is_tolerated(make, tmp_path, monkeypatch, caplog):
     rig = moving_rig(make, tmp_path / "gone")
     break_once(monkeypatch, rig.controller.motion, "advance")
     rig.seconds(0.5)
@@ -204,7 +202,7 @@ def test_the_guard_survives_its_own_failure(make, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("dynamic", [False, True], ids=["ideal", "dynamic"])
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), 1e155])
-def test_what_no_arm_can_do_is_never_published(make, tmp_path, monkeypatch, bad, dynamic):
+def test_impossible_states_are_never_published(make, tmp_path, monkeypatch, bad, dynamic):
     rig = moving_rig(make, tmp_path, dynamic=dynamic)
     good = rig.now.actual_q
     own = rig.controller.motion.advance
@@ -226,7 +224,7 @@ def test_what_no_arm_can_do_is_never_published(make, tmp_path, monkeypatch, bad,
     recover(rig)
 
 
-def test_a_server_that_cannot_publish_is_a_fault_that_the_other_ports_show(make, tmp_path):
+def test_a_server_that_cannot_publish_is_a_fault_shown_on_the_other_ports(make, tmp_path):
     rig = moving_rig(make, tmp_path)
     for _ in range(20):
         rig.controller.post(ServingFailed("rtde", struct.error("on purpose")))
@@ -236,7 +234,7 @@ def test_a_server_that_cannot_publish_is_a_fault_that_the_other_ports_show(make,
     recover(rig)
 
 
-def test_programs_that_wait_are_answered(make, tmp_path, monkeypatch):
+def test_waiting_clients_are_answered(make, tmp_path, monkeypatch):
     """A client that waits for the answer to play or to its script is not left waiting."""
     rig = moving_rig(make, tmp_path)
     submission = rig.controller.programs.submit("def other():\n" + "  sleep(1)\n" * 5000 + "end\n")
@@ -245,7 +243,7 @@ def test_programs_that_wait_are_answered(make, tmp_path, monkeypatch):
     assert submission.accepted is False
 
 
-def test_listeners_and_commands_that_fail_in_every_period_fill_no_log(make, tmp_path, caplog):
+def test_repeated_failures_of_listeners_and_commands_do_not_flood_the_log(make, tmp_path, caplog):
     rig = moving_rig(make, tmp_path)
 
     def broken(_):
@@ -259,7 +257,7 @@ def test_listeners_and_commands_that_fail_in_every_period_fill_no_log(make, tmp_
     assert rig.now.program_running
 
 
-def test_a_known_failure_is_told_in_one_line(make, tmp_path, caplog):
+def test_a_known_failure_is_logged_in_one_line(make, tmp_path, caplog):
     rig = moving_rig(make, tmp_path)
     guard: Guard = rig.controller.guard
     with caplog.at_level(logging.ERROR):

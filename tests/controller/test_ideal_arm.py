@@ -22,7 +22,7 @@ def rotate(pose, v):
     return tuple(sum(m[3 * row + i] * v[i] for i in range(3)) for row in range(3))
 
 
-def test_actual_is_target_exactly(ready):
+def test_actual_equals_target_exactly(ready):
     ready.script("movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=2, v=1)")
     for _ in range(100):
         snapshot = ready.tick()
@@ -61,7 +61,7 @@ def test_gravity_torque_of_a_payload(bent):
     assert bent.now.payload == 2.0
 
 
-def test_an_external_force_is_felt_as_it_is_and_held_by_the_joints(bent):
+def test_an_external_force_is_measured_exactly_and_held_by_the_joints(bent):
     bent.tick()
     free = bent.now.actual_current
     bent.controller.external_wrench = (0.0, 5.0, -20.0, 0.1, 0.0, 0.0)
@@ -79,7 +79,7 @@ def test_an_external_force_is_felt_as_it_is_and_held_by_the_joints(bent):
     assert bent.tick().actual_TCP_force == ZERO6
 
 
-def test_zeroing_takes_the_present_wrench_for_none(bent):
+def test_zeroing_subtracts_the_present_wrench(bent):
     bent.controller.external_wrench = (0.0, 0.0, -20.0, 0.0, 0.0, 0.0)
     bent.tick()
     bent.controller.arm.zero_force()
@@ -88,7 +88,7 @@ def test_zeroing_takes_the_present_wrench_for_none(bent):
     assert bent.tick().actual_TCP_force == (0.0, 0.0, 20.0, 0.0, 0.0, 0.0)
 
 
-def test_raw_sensor_feels_payload_and_contact_in_the_flange_frame(bent):
+def test_the_raw_sensor_measures_payload_and_contact_in_the_flange_frame(bent):
     bent.controller.installation.set_payload(Payload(1.0, (0.0, 0.0, 0.1)))
     bent.controller.set_tcp((0.0, 0.0, 0.2, 0.0, 0.0, 0.0))
     bent.controller.external_wrench = (0.0, 0.0, -10.0, 0.0, 0.0, 0.0)
@@ -117,7 +117,7 @@ def test_tcp_offset_moves_the_pose(bent):
     assert bent.now.tcp_offset == offset
 
 
-def test_the_ft_input_is_given_in_flange_axes_at_its_offset(bent):
+def test_the_force_input_is_in_flange_axes_at_its_offset(bent):
     bent.controller.set_tcp((0.0, 0.0, 0.2, 0.0, 0.0, 0.0))
     bent.controller.ft_input.enabled = True
     bent.rtde(external_force_torque=(3.0, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -135,7 +135,7 @@ def test_no_current_flows_while_the_brakes_hold(rig):
     assert rig.now.actual_robot_current == 0.0
 
 
-def test_an_arm_at_rest_is_not_computed_anew_until_something_changes(bent):
+def test_an_arm_at_rest_is_not_recomputed_until_something_changes(bent):
     bent.tick(3)
     controller, arm = bent.controller, bent.controller.arm
 
@@ -155,7 +155,7 @@ def test_an_arm_at_rest_is_not_computed_anew_until_something_changes(bent):
     assert not changed(turning)
 
 
-def test_without_power_the_arm_does_not_go_on_with_a_soft_stop(bent):
+def test_an_arm_without_power_does_not_continue_a_soft_stop(bent):
     bent.script("def go():\n  speedj([0.5, 0, 0, 0, 0, 0], 5.0, 0.3)\n  stopj(0.5)\nend\n")
     bent.seconds(0.6)
     assert bent.now.actual_qd[0] > 0.1, "it is braking softly"

@@ -47,19 +47,19 @@ def speeds(rig, count):
     return [abs(b - a) / 0.008 * 1e3 for a, b in pairwise(places)]
 
 
-def test_a_program_begins_as_a_recorded_one(make):
+def test_the_start_of_a_program_matches_a_recording(make):
     rig = make("ur3", running=True, dynamic=True, initial_q=HERE)
     found = speeds(rig, 22)
     assert found[4:22] == pytest.approx(SPEEDS_MM_S, abs=0.011)
     assert rig.now.speed_scaling == 1.0
 
 
-def test_an_ideal_arm_begins_at_once(make):
+def test_an_ideal_arm_starts_immediately(make):
     found = speeds(make("ur3", running=True, initial_q=HERE), 5)
     assert found == pytest.approx([0.4, 1.2, 2.0, 2.8, 3.6], abs=1e-6)
 
 
-def test_speed_scaling_grows_with_the_program(make):
+def test_speed_scaling_ramps_up_at_program_start(make):
     rig = make("ur3", running=True, dynamic=True, initial_q=HERE)
     rig.script("def p():\n  sleep(0.4)\nend\n")
     seen = [rig.tick().speed_scaling for _ in range(30)]
@@ -68,7 +68,7 @@ def test_speed_scaling_grows_with_the_program(make):
     assert set(begun[20:]) == {1.0}
 
 
-def test_static_friction_is_in_the_currents_of_an_arm_that_stands(make):
+def test_currents_at_rest_include_static_friction(make):
     rig = make("ur10e", running=True, dynamic=True)
     drives = drivetrain_of(load_model("ur10e"))
     constants, coulomb = drives.torque_constants_Nm_A, drives.coulomb_Nm
@@ -100,7 +100,7 @@ def test_static_friction_is_in_the_currents_of_an_arm_that_stands(make):
         ("ur5e", (0.4, 0.6), (90.0, 150.0), (2.0, 3.5)),
     ],
 )
-def test_angles_are_as_late_and_as_noisy_as_recorded(make, name, wrist_lag_ms, angle_urad, speed_mrad_s):
+def test_delay_and_noise_of_angles_match_recordings(make, name, wrist_lag_ms, angle_urad, speed_mrad_s):
     """Lags of base and wrist 1; noise of wrist 1 at about 0.8 rad/s. Noise next to none at rest."""
     rig = make(name, running=True, dynamic=True, initial_q=HERE)
     rig.script("def p():\n  movej([1.7, -1.5, 0.7, -0.5, 1.2, 1.9], a=1.4, v=0.8)\nend\n")
@@ -124,7 +124,7 @@ def test_angles_are_as_late_and_as_noisy_as_recorded(make, name, wrist_lag_ms, a
     assert rig.tick().actual_q == rig.tick().actual_q
 
 
-def test_the_supply_is_a_real_arms(make):
+def test_supply_values_match_a_real_arm(make):
     rig = make("ur10", running=True, dynamic=True)
     rig.seconds(1.0)
     volts = [rig.tick().actual_main_voltage for _ in range(100)]
@@ -137,7 +137,7 @@ def test_the_supply_is_a_real_arms(make):
     ("name", "joint", "manual_rad"),
     [("ur5", 0, 0.31), ("ur5", 1, 0.70), ("ur3", 0, 0.18)],
 )
-def test_brakes_stop_as_the_manual_says(name, joint, manual_rad):
+def test_brakes_stop_the_arm_as_in_the_manual(name, joint, manual_rad):
     """User manuals, appendix A: category 0, 183 degrees/s, stretched out, full payload, shoulder downwards."""
     model = load_model(name)
     body = Body(model)

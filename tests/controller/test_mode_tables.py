@@ -130,13 +130,13 @@ def modes_seen(power, periods):
     return seen
 
 
-def test_power_on_takes_its_time_and_ends_in_idle():
+def test_power_on_takes_time_and_ends_in_idle():
     power = Power(TIMINGS)
     power.handle(PowerEvent.POWER_ON)
     assert modes_seen(power, 9) == [RobotMode.BOOTING] * 4 + [RobotMode.POWER_ON] * 2 + [RobotMode.IDLE] * 4
 
 
-def test_brake_release_from_off_ends_in_running_by_itself():
+def test_brake_release_from_off_ends_in_running():
     power = Power(TIMINGS)
     power.handle(PowerEvent.BRAKE_RELEASE)
     seen = modes_seen(power, 10)
@@ -153,7 +153,7 @@ def test_brake_release_during_power_on_is_remembered(after_periods):
     assert modes_seen(power, 10)[-1] is RobotMode.RUNNING
 
 
-def test_power_off_forgets_the_wish_to_release_the_brakes():
+def test_power_off_cancels_a_pending_brake_release():
     power = Power(TIMINGS)
     power.handle(PowerEvent.BRAKE_RELEASE)
     power.handle(PowerEvent.POWER_OFF)
@@ -175,7 +175,7 @@ def test_every_power_state_has_a_report():
 # Safety, with time and conditions
 
 
-def test_dashboard_lock_lasts_five_seconds_of_a_protective_stop_only():
+def test_only_a_protective_stop_is_locked_for_five_seconds():
     safety = Safety()
     assert safety.may_unlock_remotely
     safety.handle(SafetyEvent.PROTECTIVE_STOP)
@@ -193,7 +193,7 @@ def test_a_second_protective_stop_does_not_restart_the_lock():
     assert safety.may_unlock_remotely
 
 
-def test_lasting_conditions_come_back_when_a_stronger_mode_ends():
+def test_lasting_conditions_return_when_a_stronger_mode_ends():
     safety = Safety()
     safety.handle(SafetyEvent.REDUCED)
     safety.handle(SafetyEvent.PROTECTIVE_STOP)
@@ -215,7 +215,7 @@ def test_lasting_conditions_come_back_when_a_stronger_mode_ends():
         ("ENABLING_RELEASED", "ENABLING_HELD", SafetyStatus.SYSTEM_THREE_POSITION_ENABLING_STOP),
     ],
 )
-def test_the_status_tells_which_safeguard_it_is(opened, closed, status):
+def test_the_status_shows_which_safeguard_is_open(opened, closed, status):
     safety = Safety()
     safety.handle(SafetyEvent[opened])
     assert (safety.mode, safety.status) == (SafetyMode.SAFEGUARD_STOP, status)
@@ -223,7 +223,7 @@ def test_the_status_tells_which_safeguard_it_is(opened, closed, status):
     assert (safety.mode, safety.status) == (SafetyMode.NORMAL, SafetyStatus.NORMAL)
 
 
-def test_one_closed_safeguard_leaves_the_other_open():
+def test_closing_one_safeguard_leaves_the_other_open():
     safety = Safety()
     safety.handle(SafetyEvent.SAFEGUARD_OPEN)
     safety.handle(SafetyEvent.ENABLING_RELEASED)
@@ -232,7 +232,7 @@ def test_one_closed_safeguard_leaves_the_other_open():
     assert safety.handle(SafetyEvent.ENABLING_HELD)
 
 
-def test_outside_the_limits_comes_before_reduced_and_after_every_stop():
+def test_recovery_mode_overrides_reduced_and_yields_to_every_stop():
     safety = Safety()
     safety.handle(SafetyEvent.REDUCED)
     safety.handle(SafetyEvent.OUTSIDE_LIMITS)

@@ -44,7 +44,7 @@ def test_stops_show_in_the_mode_data(ready):
 
 
 @pytest.mark.parametrize("full", [True, False])
-def test_encodes_and_decodes(ready, full):
+def test_the_state_survives_encoding_and_decoding(ready, full):
     data = encode_robot_state(robot_state(ready.tick(), ready.controller.model), ready.controller.version, full=full)
     decoded = decode_robot_state(data[5:])
     assert (decoded.configuration is not None) is full
@@ -54,7 +54,7 @@ def test_encodes_and_decodes(ready, full):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_model_describes_itself(name):
+def test_configuration_data_of_every_model(name):
     model = load_model(name)
     configuration = configuration_data(model)
     assert configuration.qd_max == tuple(speed + 0.2 for speed in model.qd_max)
@@ -71,14 +71,14 @@ GOLDEN_DEXTERITY = [
 
 
 @pytest.mark.parametrize(("model", "name"), GOLDEN_DEXTERITY)
-def test_dexterity_is_what_recorded_states_say(model, name):
+def test_dexterity_matches_recorded_states(model, name):
     lines = (GOLDEN / f"{name}.hex").read_text().splitlines()
     recorded = decode_robot_state(bytes.fromhex("".join(line for line in lines if not line.startswith("#")))[5:])
     q = tuple(joint.q_actual for joint in recorded.joints.joints)
     assert dexterity(load_model(model).dh, q) == pytest.approx(recorded.force_mode.dexterity, rel=1e-6)
 
 
-def test_a_ur5e_tells_the_limits_of_the_recorded_one():
+def test_limits_of_a_ur5e_match_a_recording():
     lines = (GOLDEN / "robot_state_full_5.24.hex").read_text().splitlines()
     recorded = decode_robot_state(bytes.fromhex("".join(line for line in lines if not line.startswith("#")))[5:])
     ours = configuration_data(load_model("ur5e"))
@@ -119,13 +119,13 @@ def test_an_input_in_freedrive_is_shown(make):
 
 
 @pytest.mark.parametrize(("model", "shown"), [("ur3", 0), ("ur5e", 1)])
-def test_selector_and_enabling_device_are_as_recorded_by_series(make, model, shown):
+def test_selector_and_enabling_device_match_recordings_of_each_series(make, model, shown):
     rig = make(model)
     board = robot_state(rig.tick(), rig.controller.model).masterboard
     assert (board.operational_mode_selector, board.three_position_device) == (shown, shown)
 
 
-def test_temperatures_reach_the_parts(make):
+def test_temperatures_are_in_the_state(make):
     rig = make("ur3", running=True)
     state = robot_state(rig.seconds(30.0), rig.controller.model)
     assert tuple(joint.motor_temperature for joint in state.joints.joints) == rig.now.joint_temperatures

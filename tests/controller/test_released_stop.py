@@ -7,7 +7,7 @@ from urproto.modes import SafetyMode
 from urproto.robots import load_model
 
 
-def test_an_arm_that_may_move_again_does_not_stop_too_slowly():
+def test_a_stop_released_early_is_not_a_stopping_time_violation():
     controller = Controller(ControllerConfig(model=load_model("ur5e"), running=True))
     for _ in range(200):
         controller.motion.commands.speedj((0.5, 0.0, 0.0, 0.0, 0.0, 0.0), a=10.0)

@@ -28,7 +28,7 @@ def ask_restricted(rig, line):
 
 
 @pytest.mark.parametrize("words", sorted(REMOTE_ONLY))
-def test_orders_over_a_local_connection_are_refused_and_change_nothing(make, words):
+def test_commands_over_a_local_connection_are_refused_and_change_nothing(make, words):
     rig = make("ur5e", enforce_remote_control=True)
     assert ask_restricted(rig, EXAMPLES[words]) == NOT_IN_REMOTE_CONTROL
     rig.seconds(0.5)
@@ -37,7 +37,7 @@ def test_orders_over_a_local_connection_are_refused_and_change_nothing(make, wor
     assert rig.controller.operational_mode == "NONE"
 
 
-def test_everything_else_is_answered_in_local_control(make):
+def test_other_commands_are_answered_in_local_control(make):
     rig = make("ur5e", enforce_remote_control=True)
     for command in available_commands(rig.controller.version):
         if command.form.words not in REMOTE_ONLY:
@@ -56,13 +56,13 @@ def test_everything_else_is_answered_in_local_control(make):
         ({"enforce_remote_control": True, "remote_control": True}, False),
     ],
 )
-def test_who_takes_orders(make, config, local):
+def test_local_control_by_configuration(make, config, local):
     rig = make("ur5e", **config)
     assert rig.tick().local_control is local
     assert rig.ask("is in remote control") == str(config.get("remote_control", False)).lower()
 
 
-def test_the_switch_is_the_pendants(make):
+def test_only_the_pendant_switches_remote_control(make):
     rig = make("ur5e", enforce_remote_control=True)
     assert rig.tick().local_control
     rig.controller.remote_control = True
@@ -70,7 +70,7 @@ def test_the_switch_is_the_pendants(make):
     assert rig.ask("is in remote control") == "true"
 
 
-def test_a_cb3_arm_has_no_local_control(make):
+def test_cb3_has_no_local_control(make):
     rig = make("ur3", enforce_remote_control=True)
     assert not rig.tick().local_control
     with pytest.raises(ConfigError, match="without remote control"):
@@ -90,6 +90,6 @@ def test_a_refused_script_is_reported_as_c210_and_does_nothing(make):
     assert rig.now.robot_mode is RobotMode.POWER_OFF
 
 
-def test_remote_only_names_commands_of_the_e_series():
+def test_remote_only_commands_match_the_manual():
     words = {command.form.words for command in available_commands(PolyscopeVersion(5, 22)) if command.form.remote_only}
     assert words == REMOTE_ONLY

@@ -8,7 +8,7 @@ from emulator.fieldbus.rtde_inputs import _SETTERS
 from urproto.rtde.fields import INPUT_FIELDS
 
 
-def test_every_input_variable_does_something():
+def test_every_input_variable_has_an_effect():
     assert set(_SETTERS) == set(INPUT_FIELDS)
 
 
@@ -22,7 +22,7 @@ def test_masks_select_the_outputs(rig, group, first):
     assert rig.now.actual_digital_output_bits == 0b11 << first
 
 
-def test_levels_wait_for_their_mask(rig):
+def test_levels_apply_only_with_their_mask(rig):
     rig.rtde(standard_digital_output=0b101)
     assert rig.now.actual_digital_output_bits == 0
     rig.rtde(standard_digital_output_mask=0b111)
@@ -81,7 +81,7 @@ def test_registers_are_read_back_in_the_same_period(rig):
     assert rig.now.input_bit_registers == 0b0110 << 32, "what is 0 now is cleared"
 
 
-def test_inputs_tell_when_they_were_refreshed(rig):
+def test_the_time_of_the_last_refresh_is_recorded(rig):
     rig.rtde(input_int_register_3=1)
     at = rig.now.step
     rig.tick(5)
@@ -96,7 +96,7 @@ def test_an_unknown_name_changes_nothing(rig, caplog):
     assert rig.now.input_int_registers[0] == 9
 
 
-def test_external_wrench_counts_once_enabled(ready):
+def test_an_external_wrench_takes_effect_once_enabled(ready):
     ready.rtde(external_force_torque=(0.0, 0.0, -12.0, 0.0, 0.0, 0.0))
     assert ready.now.actual_TCP_force == (0.0,) * 6
     ready.controller.ft_input.enabled = True
@@ -108,7 +108,7 @@ def test_external_wrench_counts_once_enabled(ready):
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_is_refused_and_told_once(ready, bad):
+def test_non_finite_inputs_are_refused_and_reported_once(ready, bad):
     ready.rtde(input_double_register_24=1.5, speed_slider_fraction=0.5, speed_slider_mask=1)
     ready.rtde(standard_analog_output_mask=1, standard_analog_output_0=0.5)
     before = ready.now.standard_analog_output0
@@ -123,7 +123,7 @@ def test_what_is_no_number_is_refused_and_told_once(ready, bad):
     assert len(told) == 4
 
 
-def test_a_wrench_that_nothing_exerts_is_refused(ready):
+def test_an_implausible_wrench_is_refused(ready):
     ready.script("ft_rtde_input_enable(True)")
     ready.rtde(external_force_torque=(0.0, 0.0, -12.0, 0.0, 0.0, 0.0))
     ready.rtde(external_force_torque=(1e155, 0.0, 0.0, 0.0, 0.0, 0.0))

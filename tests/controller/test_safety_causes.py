@@ -133,7 +133,7 @@ class Robot:
 
 
 @pytest.mark.parametrize(("model", "cause"), [row for row in ROWS if row.values[1] is not Cause.OUTSIDE_LIMITS])
-def test_every_cause_shows_alike_everywhere_and_can_be_recovered_from(make, model, cause):
+def test_every_cause_is_consistent_on_all_ports_and_can_be_recovered_from(make, model, cause):
     robot, row = Robot(make, model), cause.value
     rig = robot.rig
     rig.script(PROGRAM)
@@ -220,14 +220,14 @@ def test_the_table_agrees_with_the_manual():
     assert Cause.ENABLING_STOP.value.status is SafetyStatus.SYSTEM_THREE_POSITION_ENABLING_STOP
 
 
-def test_no_report_code_stands_for_two_causes_but_the_guessed_one():
+def test_report_codes_are_unique_except_the_guessed_one():
     codes = [(row.value.code, row.value.argument) for row in Cause if row.value.code is not None]
     twice = {code for code in codes if codes.count(code) > 1}
     assert twice == {(191, 3)}
 
 
 @pytest.mark.parametrize("cause", DEVICES)
-def test_what_lasts_cannot_be_tripped(make, cause):
+def test_lasting_conditions_cannot_be_tripped(make, cause):
     rig = make("ur5e", running=True)
     answers = []
     rig.controller.post(TripSafety(cause), answers.append)
@@ -236,7 +236,7 @@ def test_what_lasts_cannot_be_tripped(make, cause):
     assert rig.now.safety_mode is SafetyMode.NORMAL
 
 
-def test_a_cb3_arm_has_no_cause_of_e_series(make):
+def test_cb3_lacks_the_causes_of_e_series(make):
     rig, answers = make("ur5", running=True), []
     rig.controller.post(TripSafety(Cause.CLAMPING), answers.append)
     rig.tick()
@@ -254,7 +254,7 @@ def stop_fifty_times(rig, joint):
 
 
 @pytest.mark.parametrize(("hours", "mode"), [(7.99, SafetyMode.FAULT), (8.01, SafetyMode.PROTECTIVE_STOP)])
-def test_stops_are_counted_for_eight_hours(make, hours, mode):
+def test_protective_stops_are_counted_for_eight_hours(make, hours, mode):
     rig = make("ur5e", running=True)
     stop_fifty_times(rig, 3)
     rig.controller.step_count += round(hours * 3600.0 / rig.controller.period_s)  # nothing happens meanwhile

@@ -103,7 +103,7 @@ def write(tmp_path):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_arm_is_delivered_with_limits_of_its_series(name):
+def test_every_arm_has_the_factory_limits_of_its_series(name):
     model = load_model(name)
     found = factory_configuration(model)
     assert (found.normal.tcp_speed, found.normal.force, found.normal.power, found.normal.momentum) == (
@@ -140,7 +140,7 @@ def test_an_installation(tmp_path):
     assert found.safe_home is None
 
 
-def test_yaml_changes_what_it_names(write):
+def test_yaml_changes_only_the_named_settings(write):
     path = write(
         """
         preset: restricted
@@ -161,7 +161,7 @@ def test_yaml_changes_what_it_names(write):
     assert found.safe_home[1] == -1.57
 
 
-def test_an_empty_file_is_the_factorys_configuration_but_for_the_checksum(write):
+def test_an_empty_file_is_the_factory_configuration_except_for_the_checksum(write):
     model = load_model("ur5")
     found, factory = read_safety(write(""), model), factory_configuration(model)
     assert (found.normal, found.reduced, found.inputs) == (factory.normal, factory.reduced, factory.inputs)
@@ -205,7 +205,7 @@ def test_the_checksum_follows_every_change(write):
         ("normal: [", "not YAML"),
     ],
 )
-def test_mistakes_are_named(write, text, message):
+def test_errors_name_the_setting(write, text, message):
     with pytest.raises(ConfigError, match=message.replace("[", r"\[")) as error:
         read_safety(write(text), load_model("ur5"))
     assert "safety.yaml" in str(error.value)
@@ -221,14 +221,14 @@ def test_mistakes_are_named(write, text, message):
         (SETTINGS.replace("[-0.0, -0.0, 2.0]", "[0.0, 0.0, 0.0]"), "no direction"),
     ],
 )
-def test_mistakes_in_an_installation_are_named(tmp_path, settings, message):
+def test_errors_in_an_installation_name_the_setting(tmp_path, settings, message):
     path = tmp_path / "x.installation"
     path.write_text(f"<Installation><SafetySettings>{settings}</SafetySettings></Installation>")
     with pytest.raises(ConfigError, match=message):
         read_safety(path, load_model("ur5e"))
 
 
-def test_files_that_are_none(tmp_path):
+def test_files_without_safety_settings(tmp_path):
     with pytest.raises(ConfigError, match="cannot read"):
         read_safety(tmp_path / "missing.yaml", load_model("ur5"))
     path = tmp_path / "x.installation"

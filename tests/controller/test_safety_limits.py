@@ -63,7 +63,7 @@ def to_the_end(rig, watch=tool_speed):
 # without a configuration
 
 
-def test_a_simulator_limits_the_joints_only(make):
+def test_without_a_configuration_only_joints_are_limited(make):
     """A trajectory that the official library's tests send at the vendor's simulator: 2 m/s at the tool, 1 s."""
     far = (-1.6, -1.72, -2.175, -0.78, 1.623, -0.5)
     body = f"def far():\n  movej({list(far)}, t=1.1)\nend\n"
@@ -79,7 +79,7 @@ def test_a_simulator_limits_the_joints_only(make):
 @pytest.mark.parametrize(
     ("model", "reduced", "most"), [("ur5", False, 1.35), ("ur5e", False, 1.35), ("ur5e", True, 0.6)]
 )
-def test_paths_keep_below_the_tool_speed_limit(make, model, reduced, most):
+def test_paths_stay_below_the_tool_speed_limit(make, model, reduced, most):
     rig = make(model, running=True, initial_q=STRETCHED, safety=safe(model))
     rig.tick()
     if reduced:
@@ -94,7 +94,7 @@ def test_paths_keep_below_the_tool_speed_limit(make, model, reduced, most):
     assert codes(rig) == []
 
 
-def test_stricter_limits_slow_a_path_in_time_and_keep_it(make):
+def test_stricter_limits_slow_a_move_without_leaving_its_path(make):
     rig = started(make, "ur5e")
     rig.until(lambda s: tool_speed(s) > 1.3)
     rig.controller.safety_event(SafetyEvent.REDUCED)
@@ -109,7 +109,7 @@ def test_stricter_limits_slow_a_path_in_time_and_keep_it(make):
     assert codes(rig) == []
 
 
-def test_the_elbow_is_limited_on_e_series_only(make):
+def test_elbow_speed_is_limited_only_on_e_series(make):
     slow = replace(safe("ur5e").normal, elbow_speed=0.4)
     body = "def swing():\n  movej([0.0, -1.2, 0.2, 0.0, 0.0, 0.0], a=6, v=3)\nend\n"
     rig = started(make, "ur5e", body, safety=safe("ur5e", normal=slow))
@@ -208,7 +208,7 @@ def test_a_short_peak_of_force_is_no_violation(make):
 # protective stops
 
 
-def test_a_push_that_the_currents_feel_is_a_collision(make):
+def test_a_push_detected_in_the_currents_is_a_collision(make):
     rig = started(make, "ur5e", "def stand():\n  sleep(5)\nend\n", BENT)
     rig.controller.external_wrench = (0.0, 0.0, -40.0, 0.0, 0.0, 0.0)
     rig.seconds(0.5)
@@ -222,7 +222,7 @@ def test_a_push_that_the_currents_feel_is_a_collision(make):
     assert (code, joint) == (157, shares.index(max(shares)))
 
 
-def test_the_same_push_moves_an_arm_that_yields(make):
+def test_the_same_push_moves_a_compliant_arm(make):
     rig = started(make, "ur5e", FREE, BENT)
     rig.controller.external_wrench = (0.0, 0.0, 140.0, 0.0, 0.0, 0.0)
     before = rig.now.actual_TCP_pose[2]
@@ -262,7 +262,7 @@ def test_the_arm_stops_before_a_safety_plane(make, model):
     assert table.depth(rig.now.actual_TCP_pose[:3]) > 0.1
 
 
-def test_a_plane_of_reduced_mode_does_not_count_in_normal_mode(make):
+def test_a_reduced_mode_plane_is_inactive_in_normal_mode(make):
     height = make("ur5e", initial_q=BENT).now.actual_TCP_pose[2]
     table = Plane("table", (0.0, 0.0, 1.0), -(height - 0.1), BoundaryMode.REDUCED)
     rig = started(make, "ur5e", DOWN.replace("-0.4", "-0.2"), BENT, safety=safe("ur5e", planes=(table,)))
@@ -271,7 +271,7 @@ def test_a_plane_of_reduced_mode_does_not_count_in_normal_mode(make):
     assert table.depth(rig.now.actual_TCP_pose[:3]) < -0.05
 
 
-def test_a_tool_sphere_touches_before_the_tool_centre(make):
+def test_a_tool_sphere_reaches_a_plane_before_the_tool_centre(make):
     height = make("ur5e", initial_q=BENT).now.actual_TCP_pose[2]
     table = Plane("table", (0.0, 0.0, 1.0), -(height - 0.2), BoundaryMode.NORMAL)
     sphere = ToolSphere((0.0, 0.0, 0.0), 0.08)
@@ -313,7 +313,7 @@ def test_the_tool_stops_before_its_orientation_limit(make):
     assert codes(rig) == [(151, 0)]
 
 
-def test_a_trigger_plane_reduces_beyond_it_and_a_bit_before_it(make):
+def test_a_trigger_plane_activates_reduced_mode_beyond_and_slightly_before_it(make):
     height = make("ur5e", initial_q=BENT).now.actual_TCP_pose[2]
     plane = Plane("zone", (0.0, 0.0, 1.0), -(height - 0.1), BoundaryMode.TRIGGER)
     rig = started(make, "ur5e", DOWN.replace("-0.4", "-0.2"), BENT, safety=safe("ur5e", planes=(plane,)))
@@ -360,7 +360,7 @@ def test_ordinary_poses_are_free(model):
 
 
 @pytest.mark.parametrize(("asked", "expected"), [(True, True), (False, False)])
-def test_the_arm_against_itself_is_a_collision_where_asked_for(make, asked, expected):
+def test_self_collision_is_detected_if_enabled(make, asked, expected):
     body = "def fold():\n  movej([0, -1.57, 3.0, -1.57, -1.57, 0], a=1, v=0.5)\nend\n"
     rig = started(make, "ur5", body, BENT, self_collision=asked)
     to_the_end(rig)
@@ -368,7 +368,7 @@ def test_the_arm_against_itself_is_a_collision_where_asked_for(make, asked, expe
     assert {code for code, _ in codes(rig)} <= {157}
 
 
-def test_every_restricted_place_moves_as_fast_as_it_says():
+def test_speeds_of_restricted_points_match_their_motion():
     """Tool centre, elbow and tool spheres against where they are a moment later, all joints turning."""
     model, dt = load_model("ur5e"), 1e-6
     arm, qd = Arm(model), (0.4, -0.3, 0.5, 0.7, -0.6, 0.9)
@@ -387,7 +387,7 @@ def test_every_restricted_place_moves_as_fast_as_it_says():
         assert math.hypot(*now.speed) > 0.05
 
 
-def test_for_half_a_second_after_a_change_of_modes_both_sets_of_limits_count(make):
+def test_both_sets_of_limits_are_accepted_for_half_a_second_after_a_mode_change(make):
     """Hardware manuals. A stream is not slowed down by the controller, so it is a violation once the time is over."""
     stream = (
         "def stream():\n  x = 0\n  while True:\n    servoj([x, -0.3, 0.2, 0, 0, 0])\n    x = x + 0.0026\n  end\nend\n"
@@ -420,7 +420,7 @@ WIDE = LimitSet(tcp_speed=99.0, force=99.0, power=99.0, momentum=999.0, elbow_sp
     ],
     ids=lambda limit: next(iter(limit)),
 )
-def test_twice_as_fast_takes_twice_the_share_of_a_limit(limit):
+def test_the_used_share_of_a_limit_is_proportional_to_speed(limit):
     """So that the pacer knows at once by how much to slow down."""
     model = load_model("ur5e")
     arm = Arm(model)
@@ -432,7 +432,7 @@ def test_twice_as_fast_takes_twice_the_share_of_a_limit(limit):
     assert shares == pytest.approx([shares[0], 2.0 * shares[0], 3.0 * shares[0]], rel=0.01)
 
 
-def test_a_limit_smaller_than_the_margin_to_it_leaves_a_little():
+def test_a_limit_smaller_than_its_margin_still_allows_some_motion():
     found = operational(replace(WIDE, tcp_speed=0.1, elbow_speed=1.0, momentum=2.0, joint_speed=(0.2,) * 6))
     assert (found.tcp_speed, found.elbow_speed, found.momentum) == pytest.approx((0.02, 0.85, 0.4))
     assert found.joint_speed == pytest.approx((0.04,) * 6)
@@ -451,7 +451,7 @@ def test_a_limit_smaller_than_the_margin_to_it_leaves_a_little():
     ],
 )
 @pytest.mark.parametrize("model", ["ur5", "ur5e"])
-def test_how_far_and_how_hard_a_stop_is(make, model, event, category):
+def test_stopping_distance_and_deceleration_of_each_stop(make, model, event, category):
     rig = started(make, model)
     rig.until(lambda s: tool_speed(s) > 1.3)
     rig.seconds(0.1)
@@ -486,7 +486,7 @@ def test_how_far_and_how_hard_a_stop_is(make, model, event, category):
         (StopCategory.POWER_REMOVED, SafetyMode.FAULT, True, False),  # the brakes do what they can
     ],
 )
-def test_which_stops_have_to_be_over_in_time(category, mode, hard, too_slow):
+def test_which_stops_have_a_time_limit(category, mode, hard, too_slow):
     arm = SimpleNamespace(tcp_speed=ZERO6, qd=(0.0, -0.3, 0.0, 0.0, 0.0, 0.0))
     motion = SimpleNamespace(hard_transitions=hard)
     machine = SimpleNamespace(time_s=5.0, period_s=0.008, standing=False, arm=arm, motion=motion)

@@ -40,14 +40,14 @@ def press(rig, device, active=True):
     return rig.tick()
 
 
-def test_wired_inputs_are_healthy_at_the_start(make):
+def test_wired_inputs_start_in_their_safe_state(make):
     rig = wired(make, {SafetyInput.EMERGENCY_STOP: (0, 1), SafetyInput.REDUCED_MODE: (2, 3)})
     assert rig.now.safety_mode is SafetyMode.NORMAL
     assert rig.now.actual_configurable_digital_input_bits == 0b1111
 
 
 @pytest.mark.parametrize("channel", [4, 5])
-def test_either_channel_of_an_emergency_stop_counts(make, channel):
+def test_either_channel_triggers_an_emergency_stop(make, channel):
     rig = wired(make, {SafetyInput.EMERGENCY_STOP: (4, 5)})
     rig.script(LONG)
     rig.seconds(0.5)
@@ -64,7 +64,7 @@ def test_the_second_emergency_stop_holds_when_the_first_is_released(make):
     assert press(rig, SafetyDevice.SYSTEM_EMERGENCY_STOP, False).safety_mode is SafetyMode.NORMAL
 
 
-def test_without_a_reset_input_a_closed_safeguard_lets_the_program_go_on(make):
+def test_without_a_reset_input_closing_the_safeguard_resumes_the_program(make):
     rig = wired(make)
     rig.script(LONG)
     rig.seconds(0.5)
@@ -87,7 +87,7 @@ def test_a_reset_input_that_is_high_already_resets_nothing(make):
     assert rig.now.safety_mode is SafetyMode.NORMAL
 
 
-def test_a_reset_while_the_safeguard_is_open_does_not_count(make):
+def test_a_reset_while_the_safeguard_is_open_is_ignored(make):
     rig = wired(make, {SafetyInput.SAFEGUARD_RESET: (0, 1)})
     press(rig, SafetyDevice.SAFEGUARD)
     rig.controller.post(SetSafetyInput(SafetyInput.SAFEGUARD_RESET, True))
@@ -95,7 +95,7 @@ def test_a_reset_while_the_safeguard_is_open_does_not_count(make):
     assert press(rig, SafetyDevice.SAFEGUARD, False).safety_mode is SafetyMode.SAFEGUARD_STOP
 
 
-def test_the_enabling_device_counts_in_manual_mode_only(make):
+def test_the_enabling_device_is_effective_only_in_manual_mode(make):
     rig = wired(make, {SafetyInput.ENABLING_DEVICE: (2, 3), SafetyInput.OPERATIONAL_MODE: (4, 5)}, version="5.25.0")
     assert rig.ask("get operational mode") == "AUTOMATIC"
     rig.controller.post(SetSafetyInput(SafetyInput.ENABLING_DEVICE, False))
@@ -125,7 +125,7 @@ def test_manual_mode_is_slow_unless_high_speed_is_allowed(make):
     assert fastest(True) > 0.4
 
 
-def test_the_automatic_mode_safeguard_does_not_count_in_manual_mode(make):
+def test_the_automatic_mode_safeguard_is_ignored_in_manual_mode(make):
     rig = wired(make, {SafetyInput.AUTOMATIC_SAFEGUARD: (6, 7)})
     rig.ask("set operational mode manual")
     assert level(rig, 6, False).safety_mode is SafetyMode.NORMAL
@@ -185,7 +185,7 @@ def test_outputs_follow_the_state(make):
 
 @pytest.mark.parametrize("speed", [0.3, -0.3])
 @pytest.mark.parametrize("joint", [0, 5])
-def test_the_output_robot_moving_falls_whichever_way_a_joint_turns(make, joint, speed):
+def test_the_robot_moving_output_is_low_for_either_direction_of_motion(make, joint, speed):
     rig = wired(make, outputs=OUTPUTS)
     speeds = [speed if index == joint else 0.0 for index in range(6)]
     rig.script(f"def turn():\n  speedj({speeds}, a=2, t=1)\nend\n")
@@ -200,7 +200,7 @@ def test_programs_cannot_change_safety_outputs(make):
     assert rig.now.actual_configurable_digital_output_bits == 0b0100_0110
 
 
-def test_a_violation_lets_every_output_fall(make):
+def test_a_violation_switches_every_output_low(make):
     rig = wired(make, outputs=OUTPUTS)
     rig.controller.safety_event(SafetyEvent.VIOLATION)
     rig.tick()
@@ -210,7 +210,7 @@ def test_a_violation_lets_every_output_fall(make):
 # the pendant
 
 
-def test_the_freedrive_button_frees_the_arm_while_it_is_held(make):
+def test_holding_the_freedrive_button_enables_freedrive(make):
     rig = wired(make)
     rig.controller.post(FreedriveButton(True))
     rig.tick(2)
@@ -238,7 +238,7 @@ def test_jogging_waits_for_programs_to_end(make):
     assert rig.now.actual_qd == (0.0,) * 6
 
 
-def test_the_dialogue_of_a_stop_closes_with_it_or_before(make):
+def test_the_dialogue_of_a_stop_closes_with_the_stop_or_earlier(make):
     rig = wired(make)
     board = rig.controller.safety_board
     press(rig, SafetyDevice.SAFEGUARD)

@@ -67,7 +67,7 @@ def periods_to_violation(model, arm, configuration=None, mode=SafetyMode.NORMAL,
 
 @pytest.mark.parametrize("model", PERIOD_S)
 @pytest.mark.parametrize("what", LIMITS)
-def test_beyond_a_limit_and_its_tolerance_for_as_long_as_detection_takes(model, what):
+def test_exceeding_limit_and_tolerance_for_the_detection_time_is_a_violation(model, what):
     attribute, limit, tolerances, seconds, cause = LIMITS[what]
     tolerance = tolerances[model == "ur5e"]
     shaped = (lambda value: value) if attribute == "momentum" else vector
@@ -90,7 +90,7 @@ def test_power_is_force_times_speed():
 
 
 @pytest.mark.parametrize(("model", "expected"), [("ur5", None), ("ur5e", Cause.ELBOW_SPEED_VIOLATION)])
-def test_the_elbow_has_a_limit_on_e_series(model, expected):
+def test_the_elbow_force_is_limited_on_e_series(model, expected):
     found = periods_to_violation(model, placed(model, elbow_velocity=vector(1.6, 3)))
     assert (found and found[1].cause) is expected
 
@@ -107,7 +107,7 @@ def test_the_elbow_has_a_limit_on_e_series(model, expected):
         ((80.0, -80.0, 0.0), (0.8, 0.8, 0.0), 0.0),
     ],
 )
-def test_only_force_along_the_way_is_power(force, speed, watts):
+def test_only_force_along_the_motion_counts_as_power(force, speed, watts):
     configuration = factory_configuration(load_model("ur5e"))
     weaker = replace(configuration, normal=replace(configuration.normal, power=80.0))
     arm = placed("ur5e", wrench=(*force, 0.0, 0.0, 0.0), tcp_speed=(*speed, 0.0, 0.0, 0.0))
@@ -117,7 +117,7 @@ def test_only_force_along_the_way_is_power(force, speed, watts):
 
 @pytest.mark.parametrize("what", ["tcp_speed", "elbow_speed"])
 @pytest.mark.parametrize("limit", [0.25, 3.0])
-def test_the_quick_look_of_each_period_knows_slow_and_fast_limits(what, limit):
+def test_the_quick_check_of_each_period_covers_slow_and_fast_limits(what, limit):
     configuration = factory_configuration(load_model("ur5e"))
     limits = replace(configuration.normal, tcp_speed=9.0, elbow_speed=9.0)
     configured = replace(configuration, normal=replace(limits, **{what: limit}))
@@ -179,7 +179,7 @@ def happen(rig, event):
 
 @settings(max_examples=examples(20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
-def test_whatever_happens_there_is_a_way_back(make, data):
+def test_every_sequence_of_events_can_be_recovered_from(make, data):
     rig = make("ur5e", running=True)
     rig.script("def far():\n  movej([1.0, -1.0, 0.5, -1.0, 0.3, 0.2], a=1.0, v=0.5)\nend\n")
     for event in data.draw(st.lists(events, max_size=25)):

@@ -28,7 +28,7 @@ def play(rig, text=MOVE):
 
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
 @pytest.mark.parametrize("dynamic", [False, True])
-def test_a_program_moves_the_shown_arm_and_not_the_real_one(make, model, dynamic):
+def test_a_program_moves_the_simulated_arm_and_not_the_real_one(make, model, dynamic):
     rig = make(model, running=True, dynamic=dynamic)
     before = rig.tick(3).actual_q
     assert enabled(rig)
@@ -48,7 +48,7 @@ def test_a_program_moves_the_shown_arm_and_not_the_real_one(make, model, dynamic
 
 
 @pytest.mark.parametrize(("line", "first"), [("set sim", None), ("set real", "set sim")])
-def test_nobody_switches_while_a_program_runs(ready, line, first):
+def test_simulation_cannot_be_switched_while_a_program_runs(ready, line, first):
     if first:
         ready.script(first)
         ready.tick()
@@ -61,7 +61,7 @@ def test_nobody_switches_while_a_program_runs(ready, line, first):
     assert ready.now.runtime_state is RuntimeState.PLAYING
 
 
-def test_the_simulated_arm_meets_nothing(make):
+def test_the_simulated_arm_touches_no_objects(make):
     touched = {}
     for mode in ("set real", "set sim"):
         rig = make("ur5e", running=True, world=WorldPlan())
@@ -76,7 +76,7 @@ def test_the_simulated_arm_meets_nothing(make):
     assert touched["set real"] == (SafetyMode.PROTECTIVE_STOP, False)
 
 
-def test_limits_stay_in_force(make):
+def test_safety_limits_apply_in_simulation(make):
     rig = make("ur5e", running=True, initial_q=STRETCHED, safety=safe("ur5e"))
     rig.script("set sim")
     rig.tick()
@@ -85,7 +85,7 @@ def test_limits_stay_in_force(make):
     assert rig.controller.simulation.real.q == STRETCHED
 
 
-def test_as_verbs():
+def test_simulation_verbs():
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True))
     robot.set_simulation(True)
     robot.set_joints(TARGET)

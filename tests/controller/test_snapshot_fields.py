@@ -23,7 +23,7 @@ def test_every_output_field_can_be_sent(name):
     assert back == value
 
 
-def test_a_live_snapshot_fills_all_fields_at_once(ready):
+def test_a_live_snapshot_fills_all_fields(ready):
     recipe = Recipe(OUTPUT_FIELDS.values())
     snapshot = ready.tick(3)
     assert recipe.packer()(snapshot) == recipe.pack([field.read(snapshot) for field in recipe.fields])
@@ -65,7 +65,7 @@ def changes(part: Any) -> Iterator[tuple[str, Callable[[], None]]]:
 
 
 @pytest.mark.parametrize("part", [Signals, Registers, Installation], ids=lambda part: part.__name__)
-def test_what_is_changed_in_any_way_is_in_the_next_snapshot(part):
+def test_any_change_is_in_the_next_snapshot(part):
     """What is written only when it was changed shows all that writing it anew shows."""
     part = part()
     pieces = part.banks if isinstance(part, Registers) else (part,)
@@ -88,7 +88,7 @@ def test_what_is_changed_in_any_way_is_in_the_next_snapshot(part):
     assert shown == vars(written).keys()  # so each field was changed by something
 
 
-def test_what_a_hook_shows_is_over_with_the_hook(ready):
+def test_changes_by_a_hook_end_with_the_hook(ready):
     """It changes what is published, never what the next period begins with."""
     before = ready.now
 
@@ -104,7 +104,7 @@ def test_what_a_hook_shows_is_over_with_the_hook(ready):
 
 
 @pytest.mark.emulator_fails
-def test_what_changed_in_a_period_that_was_not_published_is_in_the_next_one(ready):
+def test_changes_in_an_unpublished_period_are_in_the_next_snapshot(ready):
     def hook(snapshot):
         raise ZeroDivisionError
 

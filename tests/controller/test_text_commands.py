@@ -21,7 +21,7 @@ def test_power_on_and_off(rig):
     assert rig.tick().robot_mode is RobotMode.POWER_OFF
 
 
-def test_stop_program_and_a_new_one_in_one_go(ready):
+def test_stop_program_and_a_new_program_in_one_message(ready):
     ready.script(MOVE)
     ready.seconds(0.3)
     ready.script("stop program")
@@ -45,7 +45,7 @@ def test_set_speed(rig, line):
 
 
 @pytest.mark.parametrize("line", ["set speed fast", "set sim", "set real", "run program"])
-def test_lines_that_change_nothing_and_disturb_nobody(ready, line):
+def test_lines_without_effect(ready, line):
     ready.script(MOVE)
     ready.seconds(0.3)
     ready.script(line)
@@ -59,7 +59,7 @@ def test_everything_else_is_urscript(rig, line):
     assert not execute(rig.controller, line)
 
 
-def test_unquoted_junk_is_reported_and_disturbs_nothing(ready):
+def test_invalid_lines_are_reported_and_have_no_effect(ready):
     ready.script(MOVE)
     ready.seconds(0.3)
     ready.script("blah blah blah")

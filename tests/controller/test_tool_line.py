@@ -37,7 +37,7 @@ def echoed(line: ToolLine, periods: int = 1, *, powered: bool = True) -> bytes:
         ({"baud_rate": 9600, "parity": 1, "stop_bits": 2}, 800),
     ],
 )
-def test_as_fast_as_the_baud_rate(settings: dict[str, int], expected: float) -> None:
+def test_bytes_arrive_at_the_baud_rate(settings: dict[str, int], expected: float) -> None:
     line = echoing(**settings)
     sent = 4000
     line.send(bytes(sent))
@@ -50,7 +50,7 @@ def test_as_fast_as_the_baud_rate(settings: dict[str, int], expected: float) -> 
     assert sent / (periods * PERIOD_S) == pytest.approx(expected, rel=0.03)
 
 
-def test_dead_unless_enabled_and_powered() -> None:
+def test_the_line_is_dead_unless_enabled_and_powered() -> None:
     line = echoing()
     line.send(b"one")
     assert echoed(line) == b"one"
@@ -86,7 +86,7 @@ def exchange(controller: Controller, data: bytes) -> bytes:
     return b"".join(controller.tick().tool_bytes for _ in range(500))
 
 
-def test_a_program_switches_it_on(controller: Controller) -> None:
+def test_a_program_enables_the_line(controller: Controller) -> None:
     assert exchange(controller, b"nobody") == b""
     run(controller, "  set_tool_communication(True, 9600, 2, 2, 1.5, 3.5)")
     assert exchange(controller, b"no voltage") == b""
@@ -97,7 +97,7 @@ def test_a_program_switches_it_on(controller: Controller) -> None:
     assert exchange(controller, b"hello") == b""
 
 
-def test_the_primary_interface_shows_it(controller: Controller) -> None:
+def test_the_primary_interface_shows_the_line(controller: Controller) -> None:
     run(controller, "  set_tool_communication(True, 1000000, 1, 2, 2.5, 4.5)")
     state = robot_state(controller.snapshot, controller.model).tool_communication
     assert state is not None
@@ -105,7 +105,7 @@ def test_the_primary_interface_shows_it(controller: Controller) -> None:
     assert (state.rx_idle_chars, state.tx_idle_chars) == (2.5, 4.5)
 
 
-def test_more_than_the_line_can_take_waits(controller: Controller) -> None:
+def test_excess_data_waits(controller: Controller) -> None:
     run(controller, "  set_tool_voltage(12)\n  set_tool_communication(True, 9600, 0, 1, 1.5, 3.5)")
     done: list[None] = []
     for _ in range(4):

@@ -7,7 +7,7 @@ from emulator.faults.program import ProgramStuck
 from emulator.lifecycle.safety import SafetyEvent
 
 
-def test_each_step_of_a_robots_life_is_one_line_with_its_reason(rig, caplog):
+def test_each_change_of_state_is_one_line_with_its_reason(rig, caplog):
     caplog.set_level(logging.DEBUG, logger="emulator")
     rig.ask("power on")
     rig.ask("brake release")
@@ -40,7 +40,7 @@ def test_each_step_of_a_robots_life_is_one_line_with_its_reason(rig, caplog):
         assert expected in told
 
 
-def test_nothing_is_made_into_text_when_nobody_looks(rig, caplog):
+def test_nothing_is_formatted_without_debug_logging(rig, caplog):
     class Expensive:
         def __str__(self) -> str:
             raise AssertionError("it was looked at")

@@ -109,7 +109,7 @@ def test_segments_in_any_order_and_repeated(shuffler: random.Random, repeated: b
     assert problems == 0
 
 
-def test_what_is_missing_is_told_and_the_stream_goes_on():
+def test_missing_bytes_are_reported_and_the_stream_continues():
     segments = rtde_conversation().segments
     gone = next(index for index, sent in enumerate(segments) if sent.data[2:3] == b"U")
     lost = segments.pop(gone)
@@ -120,13 +120,13 @@ def test_what_is_missing_is_told_and_the_stream_goes_on():
     assert sum(line.startswith("! ") for line in lines) == problems > 0
 
 
-def test_a_capture_that_begins_within_a_connection():
+def test_a_capture_that_begins_mid_connection():
     segments = [sent for sent in rtde_conversation().segments if sent.from_robot][1:]
     told = messages(session(pcap([ip_packet(sent, 30004) for sent in segments], 101))[0])
     assert told[-1] == "data 1: DOUBLE=43 VECTOR6D=[0.5, 0.5, 0.5, 0.5, 0.5, 0.5] INT32=7"
 
 
-def test_the_same_ports_again():
+def test_reused_ports_are_a_new_connection():
     first = Conversation().open().say(False, b"power on\n").close().segments
     second = Conversation(500, 90000).open().say(False, b"power off\n").close().segments
     lines, problems = session(pcap([ip_packet(sent, 29999) for sent in first + second], 101))
@@ -134,7 +134,7 @@ def test_the_same_ports_again():
     assert problems == 0
 
 
-def test_several_connections_each_with_its_protocol():
+def test_several_connections_with_different_protocols():
     packets = []
     read = modbus.ModbusRequest(modbus.Function.READ_COILS, 3, 2)
     talks = {
@@ -169,7 +169,7 @@ def test_several_connections_each_with_its_protocol():
     assert problems == 0
 
 
-def test_other_ports_by_number_offset_and_look():
+def test_other_ports_by_number_offset_and_content():
     packets = [ip_packet(sent, 40104) for sent in rtde_conversation().segments]
     assert messages(session(pcap(packets, 101), port_offset=10100)[0]) == RTDE_TOLD
     assert messages(session(pcap(packets, 101), ports=(40104,), codec=CODECS["rtde"])[0]) == RTDE_TOLD
@@ -177,7 +177,7 @@ def test_other_ports_by_number_offset_and_look():
     assert [line for line in messages(guessed) if not line.startswith("#")] == RTDE_TOLD
 
 
-def test_files_that_end_or_break():
+def test_truncated_and_damaged_files():
     whole = pcap([ip_packet(sent, 29999) for sent in Conversation().open().say(True, b"a\n").segments], 101)
     assert session(whole[:-3])[0][-1] == "! the capture file ends 55 bytes into a packet"
     broken = whole + struct.pack("<IIII", BEGIN_S, 0, 1 << 30, 1 << 30) + bytes(100)

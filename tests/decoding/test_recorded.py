@@ -57,7 +57,7 @@ def receive(connection: socket.socket, size: int) -> bytes:
         (30003, "realtime", 6000, "state of 1220 bytes (since e-Series 5.10): timestamp="),
     ],
 )
-def test_what_the_robot_broadcasts(emulator, port, name, size, line):
+def test_broadcast_ports(emulator, port, name, size, line):
     with connected(emulator, port) as robot:
         data = receive(robot, size)
     lines, problems = session(data, 1000, form=InputForm.RAW)
@@ -124,7 +124,7 @@ def test_decode_reads_files_and_standard_input(tmp_path):
     assert (piped.exit_code, piped.stdout) == (0, from_file.stdout)
 
 
-def test_decode_tells_by_its_status_that_something_was_unreadable():
+def test_the_exit_status_of_decode_reports_unreadable_data():
     result = CliRunner().invoke(app, ["decode", "-", "--as", "rtde"], input=b"\xff" * 30)
     assert result.exit_code == 1
     assert result.stdout == "! offset 0: 30 bytes are not valid RTDE data: no package has type 255\n"
@@ -158,7 +158,7 @@ def next_line(pipe) -> str:
     return pipe.readline().decode()
 
 
-def test_decode_prints_while_its_input_goes_on():
+def test_decode_prints_while_reading_its_input():
     with running("decode", "-", "--as", "dashboard") as process:
         process.stdin.write(b"power on\nbrake")
         assert next_line(process.stdout) == "power on\n"
@@ -168,7 +168,7 @@ def test_decode_prints_while_its_input_goes_on():
     assert process.returncode == 0
 
 
-def test_watch_prints_lines_and_comes_back(emulator, tmp_path):
+def test_watch_prints_lines_and_reconnects(emulator, tmp_path):
     table = tmp_path / "states.csv"
     fields = ("timestamp", "robot_mode", "actual_q")
     with running("watch", *fields, "--robot-ip", emulator.host, "--rate", "50", "--csv", str(table)) as process:
@@ -190,7 +190,7 @@ def test_watch_prints_lines_and_comes_back(emulator, tmp_path):
     assert len(rows[1].split(",")) == 8
 
 
-def test_watch_proposes_names():
+def test_watch_suggests_similar_names():
     result = CliRunner().invoke(app, ["watch", "actual_p"])
     assert result.exit_code == 2
     assert "actual_q" in result.stderr

@@ -82,18 +82,18 @@ def test_hexadecimal_text_with_comments(chunk):
     assert session(text, chunk, form=InputForm.HEX) == ([PRIMARY, *EVENTS["safety_mode_5.24"]], 0)
 
 
-def test_the_form_is_found_out():
+def test_the_input_format_is_detected():
     raw = golden("safety_mode_5.24")
     assert session(raw) == session(raw.hex().encode()) == ([PRIMARY, *EVENTS["safety_mode_5.24"]], 0)
 
 
-def test_broken_hexadecimal_text_is_told_with_its_line():
+def test_invalid_hexadecimal_text_is_reported_with_its_line():
     lines, problems = session(b"00 01\nnothing\n", form=InputForm.HEX, codec=CODECS["modbus"])
     assert lines[0] == "! line 2 is not hexadecimal text: the rest is left out"
     assert problems == 2  # the two bytes before are no whole message
 
 
-def test_rtde_values_have_the_names_of_the_request_only_if_it_was_seen():
+def test_rtde_values_are_named_only_if_the_request_was_seen():
     lines = told(RTDE_REPLIES + RTDE_DATA)
     assert lines[0] == "# guessed to be rtde (sender: robot?); override with --as and --from"
     assert lines[1:] == [
@@ -117,7 +117,7 @@ def test_rtde_data_without_a_setup_stays_raw():
 
 
 @pytest.mark.parametrize("chunk", [0, 1, 5])
-def test_garbage_is_told_with_its_place_and_skipped(chunk):
+def test_garbage_is_reported_with_its_position_and_skipped(chunk):
     lines, problems = session(
         RTDE_REPLIES + b"\xff\xee\xdd\xcc" + RTDE_DATA + RTDE_DATA, chunk, codec=CODECS["rtde"], form=InputForm.RAW
     )
@@ -128,7 +128,7 @@ def test_garbage_is_told_with_its_place_and_skipped(chunk):
     assert problems == 1
 
 
-def test_a_stream_that_begins_within_a_message():
+def test_a_stream_that_begins_mid_message():
     message = golden("safety_mode_5.24")
     lines = told(golden("robot_state_steady_5.x")[300:] + message + message)
     assert lines[0] == PRIMARY
@@ -136,13 +136,13 @@ def test_a_stream_that_begins_within_a_message():
     assert lines[2:] == EVENTS["safety_mode_5.24"] * 2
 
 
-def test_a_stream_that_ends_within_a_message():
+def test_a_stream_that_ends_mid_message():
     lines = told(golden("safety_mode_5.24")[:20])
     assert lines[1:] == ["! offset 0: 20 bytes are not valid primary interface data: the stream ends 20 bytes into a "
                          "message of 32"]  # fmt: skip
 
 
-def test_bytes_of_no_protocol():
+def test_bytes_of_an_unknown_protocol():
     lines, problems = session(b"\xff" * 64)
     assert lines[0].startswith("# guessed to be bytes ")
     assert lines[1] == f"! offset 0: 64 bytes of no known protocol: {'ff' * 64}"
@@ -159,11 +159,11 @@ def test_bytes_of_no_protocol():
         (b"def p():\n", "text", "robot?"),
     ],
 )
-def test_text_is_told_apart(line, name, sender):
+def test_text_protocols_are_distinguished(line, name, sender):
     assert told(line)[0] == f"# guessed to be {name} (sender: {sender}); override with --as and --from"
 
 
-def test_what_a_terminal_would_obey_is_escaped():
+def test_terminal_control_characters_are_escaped():
     assert told(b"popup \x1b[2J\x07\xff\r\n", codec=CODECS["dashboard"]) == [r"popup \x1b[2J\x07\xff"]
 
 
@@ -177,7 +177,7 @@ def test_interpreter_mode():
     ]  # fmt: skip
 
 
-def test_a_gripper_that_ends_no_line():
+def test_gripper_answers_without_line_ends():
     assert told(b"ack", codec=CODECS["gripper"]) == ["ack"]
 
 
@@ -199,7 +199,7 @@ def test_external_control():
     assert told(b"\0\0\0\1", ports=(50003,), side=Side.ROBOT) == ["result: CANCELED"]
 
 
-def test_modbus_of_one_direction():
+def test_modbus_with_only_one_direction():
     request = modbus.ModbusRequest(modbus.Function.READ_HOLDING_REGISTERS, 128, 2)
     ask = modbus.encode_frame(modbus.Frame(7, 255, modbus.encode_request(request)))
     answer = modbus.encode_frame(modbus.Frame(7, 255, modbus.encode_response(request, (3, 4))))
@@ -232,7 +232,7 @@ def test_any_bytes_in_any_split(data, codec_, side, chunk):
 
 
 @given(st.binary(max_size=300))
-def test_any_input_of_any_form(data):
+def test_any_input_in_any_format(data):
     for form in InputForm:
         session(data, form=form)
 
@@ -240,7 +240,7 @@ def test_any_input_of_any_form(data):
 @pytest.mark.parametrize(
     "name", some(["primary", "rtde", "realtime", "modbus", "dashboard", "interpreter"], now=["primary", "dashboard"])
 )
-def test_an_endless_stream_of_garbage_costs_bounded_memory(name):
+def test_an_endless_stream_of_garbage_uses_bounded_memory(name):
     one = Session(Choice(CODECS[name], form=InputForm.RAW))
     peaks = []
     for pieces in (15, 45):

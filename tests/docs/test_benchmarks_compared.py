@@ -40,7 +40,7 @@ Medians.
         ("0.10 ms", "0.15 ms", ["worse  x1.50  Control period | ur3, 125 Hz, 5, emulator | p50: 0.10 ms -> 0.15 ms"]),
     ],
 )
-def test_what_changed_is_listed(tmp_path: Path, old: str, new: str, said: list[str]) -> None:
+def test_changed_figures_are_listed(tmp_path: Path, old: str, new: str, said: list[str]) -> None:
     before, after = tmp_path / "before.md", tmp_path / "after.md"
     before.write_text(PAGE)
     after.write_text(PAGE.replace(old, new))

@@ -46,7 +46,7 @@ def test_a_benchmark_that_fails_leaves_the_others_on_the_page(tmp_path: Path) ->
     assert text.index("## Quick") < text.index("Not measured") < text.index("## Other")
 
 
-def test_one_table_is_measured_again(tmp_path: Path) -> None:
+def test_a_single_table_is_measured_again(tmp_path: Path) -> None:
     page = tmp_path / "benchmarks.md"
     run(page, "1 ms")
     assert run(page, "2 ms", "other").returncode == 0
@@ -56,7 +56,7 @@ def test_one_table_is_measured_again(tmp_path: Path) -> None:
     assert "Not measured" in text
 
 
-def test_an_unknown_benchmark_is_one_line(tmp_path: Path) -> None:
+def test_an_unknown_benchmark_is_a_one_line_error(tmp_path: Path) -> None:
     done = run(tmp_path / "benchmarks.md", "1 ms", "speed")
     assert done.returncode == 2
     assert "no benchmark is called speed: there are broken, other, quick" in done.stderr

@@ -60,7 +60,7 @@ RUN = [page for page in PAGES if any(map(is_done, runs(page)))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_block_says_what_it_is(page: Path) -> None:
+def test_every_block_names_its_language(page: Path) -> None:
     assert not indented(page), f"{page.name}: code in lines {indented(page)} has no fence"
     assert page.read_text().count("\n```") + page.read_text().startswith("```") == 2 * len(blocks(page))
     hosts = [robot.host for robot in robots(page)]
@@ -76,7 +76,7 @@ def test_every_block_says_what_it_is(page: Path) -> None:
             compile(block.code, block.place, "exec", flags=0x2000)  # ast.PyCF_ALLOW_TOP_LEVEL_AWAIT
 
 
-def test_what_is_installed_can_be_had() -> None:
+def test_installed_packages_and_extras_exist() -> None:
     """From a copy of the repository, as the package is on no index; with extras that there are."""
     extras = load_toml((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     found = 0
@@ -113,7 +113,7 @@ def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
 @pytest.mark.parametrize(
     ("network", "page"), [(page, page) for page in RUN], indirect=["network"], ids=[page.stem for page in RUN]
 )
-def test_a_reader_gets_along(network: list[str], page: Path, tmp_path: Path) -> None:
+def test_the_blocks_of_a_page_run(network: list[str], page: Path, tmp_path: Path) -> None:
     for name in ("examples", "docker", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     with ExitStack() as reader:

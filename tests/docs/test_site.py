@@ -36,7 +36,7 @@ def site_of(root: Path) -> dict[str, Any]:
 
 
 @pytest.mark.long
-def test_the_site_is_built_and_no_link_of_it_is_dead(copy: Path) -> None:
+def test_the_site_builds_without_dead_links(copy: Path) -> None:
     done = subprocess.run([sys.executable, "docs/site.py"], cwd=copy, capture_output=True, text=True, timeout=110)
     assert done.returncode == 0, done.stdout + done.stderr
     site = copy / "build" / "site"
@@ -44,7 +44,7 @@ def test_the_site_is_built_and_no_link_of_it_is_dead(copy: Path) -> None:
     assert (site / "files" / "examples" / "table.yaml").read_text() == (ROOT / "examples" / "table.yaml").read_text()
 
 
-def test_every_page_has_its_place_in_the_navigation() -> None:
+def test_every_page_is_in_the_navigation() -> None:
     config = load_toml((ROOT / "zensical.toml").read_text())
     assert sorted(pages(config["project"]["nav"])) == sorted(site_of(ROOT)["sources"]().values())
 
@@ -57,7 +57,7 @@ def pages(nav: list[dict[str, Any]]) -> list[str]:
     return found
 
 
-def test_dead_links_and_what_would_be_fetched_are_found(tmp_path: Path) -> None:
+def test_dead_links_and_external_resources_are_found(tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text(
         '<h1 id="here"></h1><a href="b.html">1</a><a href="#there">2</a><a href="#here">3</a><a href="https://a.org">4</a>'
         '<script src="https://a.org/x.js"></script>'
@@ -69,7 +69,7 @@ def test_dead_links_and_what_would_be_fetched_are_found(tmp_path: Path) -> None:
     ]
 
 
-def test_a_page_that_links_to_a_file_that_is_not_there_is_named(copy: Path) -> None:
+def test_a_page_with_a_link_to_a_missing_file_is_named(copy: Path) -> None:
     page = copy / "docs" / "teaching.md"
     before = page.read_text()
     page.write_text(before + "\n[a slip](../examples/gone.py)\n")

@@ -21,7 +21,7 @@ def words() -> list[str]:
     return re.findall(r"^\| (\w+) \|", table, re.MULTILINE)[:4]
 
 
-def test_no_name_is_a_word_of_the_list() -> None:
+def test_no_name_contains_a_listed_word() -> None:
     """Names of classes, functions, parameters, variables and attributes, whole or between underscores."""
     avoided = set(words())
     assert avoided == {"twin", "falsifier", "door", "trouble"}
@@ -54,7 +54,7 @@ def texts() -> Iterator[tuple[str, str]]:
                     yield f"{path.relative_to(ROOT)}:{node.lineno}", node.value
 
 
-def test_no_phrase_of_the_list_is_used() -> None:
+def test_no_listed_phrase_is_used() -> None:
     avoided = phrases()
     assert len(avoided) > 7
     wrong = re.compile("|".join(map(re.escape, avoided)), re.IGNORECASE)

@@ -59,7 +59,9 @@ def in_force(robot: VirtualRobot) -> list[float]:
         ({"at": 41.4, "until": 41.6}, 41.408, 41.6),
     ],
 )
-def test_when_a_fault_is_in_force(virtual: VirtualRobot, schedule: dict[str, float], first: float, last: float) -> None:
+def test_the_times_at_which_a_fault_is_active(
+    virtual: VirtualRobot, schedule: dict[str, float], first: float, last: float
+) -> None:
     virtual.inject_fault("encoder_jump", joint=5, by_rad=0.1, **schedule)
     seen = in_force(virtual)
     assert (seen[0], seen[-1]) == (pytest.approx(first, abs=0.0081), pytest.approx(last, abs=0.0081))
@@ -91,15 +93,13 @@ def test_when_a_fault_is_in_force(virtual: VirtualRobot, schedule: dict[str, flo
         ("encoder_jump", {"joint": 1, "by_rad": 0.1, "probability": 0.5}, "leave out once and probability"),
     ],
 )
-async def test_what_makes_no_sense_is_refused(
-    ur3: Robot, kind: str, arguments: dict[str, object], complaint: str
-) -> None:
+async def test_invalid_faults_are_refused(ur3: Robot, kind: str, arguments: dict[str, object], complaint: str) -> None:
     with pytest.raises(BadArguments, match=complaint):
         ur3.control.inject_fault(kind, **arguments)
     assert ur3.control.faults() == []
 
 
-async def test_two_faults_of_one_thing_are_a_contradiction(ur3: Robot) -> None:
+async def test_two_faults_of_the_same_subject_conflict(ur3: Robot) -> None:
     first = ur3.control.inject_fault("refuse_connections", port="rtde")
     with pytest.raises(BadArguments, match=rf"fault {first} \(refuse_connections\) occupies the listener of rtde"):
         ur3.control.inject_fault("restart_port")
@@ -109,12 +109,12 @@ async def test_two_faults_of_one_thing_are_a_contradiction(ur3: Robot) -> None:
     ur3.control.inject_fault("restart_port", port="rtde")
 
 
-def test_a_robot_without_ports_has_no_network(virtual: VirtualRobot) -> None:
+def test_a_robot_without_ports_has_no_network_faults(virtual: VirtualRobot) -> None:
     with pytest.raises(NotPossible, match="stall: this robot has no ports"):
         virtual.inject_fault("stall")
 
 
-def test_a_fault_is_over_once(virtual: VirtualRobot) -> None:
+def test_a_one_shot_fault_strikes_once(virtual: VirtualRobot) -> None:
     fault = virtual.inject_fault("program_stuck")
     virtual.clear_fault(fault)
     for number in (fault, 99):
@@ -122,20 +122,20 @@ def test_a_fault_is_over_once(virtual: VirtualRobot) -> None:
             virtual.clear_fault(number)
 
 
-def test_a_fault_that_waits_can_be_taken_back(virtual: VirtualRobot) -> None:
+def test_a_pending_fault_can_be_cleared(virtual: VirtualRobot) -> None:
     virtual.inject_fault("encoder_jump", joint=5, by_rad=0.1, after=0.5)
     virtual.clear_faults()
     assert in_force(virtual) == []
     assert [fault["state"] for fault in virtual.faults()] == ["over"]
 
 
-def test_faults_are_bounded_and_forgotten(virtual: VirtualRobot) -> None:
+def test_the_list_of_faults_is_bounded(virtual: VirtualRobot) -> None:
     for _ in range(300):
         virtual.clear_fault(virtual.inject_fault("program_stuck"))
     assert len(virtual.faults()) == 100
 
 
-async def test_there_is_room_for_a_hundred(ur3: Robot) -> None:
+async def test_a_hundred_faults_can_be_active(ur3: Robot) -> None:
     for _ in range(100):
         ur3.control.inject_fault("delay", delay_s=0.1, after=1.0)
     with pytest.raises(BadArguments, match="100 faults"):
@@ -153,7 +153,7 @@ def robots_hooks(robot: Robot) -> Iterator[object]:
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - IMPOSSIBLE))
-async def test_nothing_is_left_of_a_fault(ur3: Robot, kind: str) -> None:
+async def test_a_cleared_fault_leaves_nothing_behind(ur3: Robot, kind: str) -> None:
     ur3.emulator.faults.site.rate = RealClock(0.008)  # drives nothing
     clients = [await ur3.stream(), await ur3.dashboard()]
     before = repr([*robots_hooks(ur3)])
@@ -176,7 +176,7 @@ async def test_nothing_is_left_of_a_fault(ur3: Robot, kind: str) -> None:
     assert b"Robotmode" in await ur3.ask(await ur3.dashboard(), b"robotmode\n")
 
 
-def test_every_kind_says_what_it_is() -> None:
+def test_every_kind_has_a_description() -> None:
     listed = kinds()
     assert {kind["kind"] for kind in listed} == KINDS.keys()
     assert all(kind["text"].strip().endswith(".") for kind in listed)
@@ -206,7 +206,7 @@ def test_faults_from_the_command_line() -> None:
             read_faults([text])
 
 
-async def test_faults_of_the_configuration_begin_with_the_emulator() -> None:
+async def test_configured_faults_begin_with_the_emulator() -> None:
     async with Robot("ur3", faults=read_faults(["turn_away,port=rtde", "stall,port=dashboard,after=1"])) as robot:
         assert robot.states() == ["in force", "waiting"]
     with pytest.raises(ConfigError, match="fault stall: this robot has no port 'tool line'"):

@@ -34,7 +34,7 @@ async def test_only_one_peer_is_dropped(ur3: Robot) -> None:
     assert (victim.ended, other.ended) == ("reset", "")
 
 
-async def test_the_next_client_is_dropped_where_nobody_is(ur3: Robot) -> None:
+async def test_the_next_client_is_dropped_if_none_is_connected(ur3: Robot) -> None:
     ur3.control.inject_fault("drop_connection", port="rtde")
     await ur3.step(5)
     assert ur3.strikes() == [0]
@@ -58,7 +58,7 @@ async def test_new_clients_are_refused(robot: Robot) -> None:
     await robot.stream()
 
 
-async def test_clients_are_turned_away(ur3: Robot) -> None:
+async def test_new_clients_are_disconnected(ur3: Robot) -> None:
     ur3.control.inject_fault("turn_away", port="dashboard", peer="127.0.0.2", once=True)
     welcome = await ur3.dashboard()
     turned_away = Client(ur3.emulator.ports["dashboard"], source="127.0.0.2")
@@ -83,7 +83,7 @@ async def test_a_half_open_connection_is_silent(robot: Robot) -> None:
     assert victim.ended == "reset"
 
 
-async def test_a_pulled_cable_ends_nothing_and_loses_nothing(robot: Robot) -> None:
+async def test_a_pulled_cable_closes_no_connection_and_loses_no_data(robot: Robot) -> None:
     stream, dashboard = await robot.stream(), await robot.dashboard()
     await robot.step(3)
     assert len(stream.data()) == 3
@@ -105,7 +105,7 @@ async def test_a_new_client_of_a_stalled_port_waits_too(ur3: Robot) -> None:
     assert b"Connected" in client.read()
 
 
-async def test_slow_readers_are_kicked(ur3: Robot) -> None:
+async def test_slow_readers_are_disconnected(ur3: Robot) -> None:
     ur3.control.inject_fault("kick_slow_readers", port="realtime", patience_s=0.5, buffer_bytes=4096)
     slow = await ur3.connect("realtime", buffer=4096)
     quick = await ur3.connect("realtime")
@@ -136,7 +136,7 @@ async def test_a_port_restarts(robot: Robot) -> None:
     assert robot.states() == ["over"]
 
 
-async def test_a_port_that_somebody_took_is_had_back(ur3: Robot, caplog: pytest.LogCaptureFixture) -> None:
+async def test_a_port_taken_by_another_process_is_reopened_later(ur3: Robot, caplog: pytest.LogCaptureFixture) -> None:
     server = ur3.emulator.servers["rtde"]
     ur3.control.inject_fault("restart_port", port="rtde", outage_s=0.05)
     thief = await asyncio.start_server(lambda reader, writer: writer.close(), HOST, server.port)
@@ -150,7 +150,7 @@ async def test_a_port_that_somebody_took_is_had_back(ur3: Robot, caplog: pytest.
 
 
 @pytest.mark.parametrize("direction", ["sent", "received"])
-async def test_bytes_come_late_and_in_order(robot: Robot, direction: str) -> None:
+async def test_delayed_bytes_arrive_in_order(robot: Robot, direction: str) -> None:
     dashboard = await robot.dashboard()
     usual = await robot.ask(dashboard, b"robotmode\n")
     delay_s = 30 * robot.period_s
@@ -166,7 +166,7 @@ async def test_bytes_come_late_and_in_order(robot: Robot, direction: str) -> Non
     assert dashboard.read() == usual + b"Safetymode: NORMAL\n"
 
 
-async def test_the_last_words_of_a_connection_are_delayed_not_lost(ur3: Robot) -> None:
+async def test_the_last_bytes_of_a_connection_are_delayed_not_lost(ur3: Robot) -> None:
     dashboard = await ur3.dashboard()
     ur3.control.inject_fault("delay", port="dashboard", delay_s=0.1)
     dashboard.send(b"quit\n")
@@ -177,7 +177,7 @@ async def test_the_last_words_of_a_connection_are_delayed_not_lost(ur3: Robot) -
     assert (dashboard.read(), dashboard.ended) == (b"Disconnected\n", "end")
 
 
-async def test_a_script_sent_just_before_the_end_runs_when_it_arrives(ur3: Robot) -> None:
+async def test_a_delayed_script_runs_although_its_connection_was_closed(ur3: Robot) -> None:
     ur3.control.inject_fault("delay", port="primary", delay_s=0.1, direction="received")
     client = await ur3.connect("primary")
     client.send(b"set_digital_out(3, True)\n")
@@ -224,7 +224,7 @@ async def test_packages_are_split(ur3: Robot) -> None:
     assert len(client.received) == 20 * REALTIME
 
 
-async def test_packages_come_together(ur3: Robot) -> None:
+async def test_packages_are_merged(ur3: Robot) -> None:
     client = await ur3.connect("realtime")
     ur3.control.inject_fault("coalesce", port="realtime", wait_s=0.08)
     lengths = []
@@ -234,7 +234,7 @@ async def test_packages_come_together(ur3: Robot) -> None:
     assert lengths == [0] * 10 + ([10] + [0] * 9) * 2
 
 
-async def test_packages_come_twice(ur3: Robot) -> None:
+async def test_packages_are_duplicated(ur3: Robot) -> None:
     client = await ur3.stream()
     ur3.control.inject_fault("duplicate", port="rtde", once=True)
     await ur3.step(3)
@@ -252,7 +252,7 @@ async def test_bits_flip(ur3: Robot) -> None:
     assert all(bits.bit_count() == 1 for bits in flipped)
 
 
-async def test_a_garbled_request_is_no_danger(ur3: Robot) -> None:
+async def test_a_corrupted_request_is_harmless(ur3: Robot) -> None:
     ur3.control.inject_fault("garble", direction="received", rate=0.2)
     client = await ur3.connect("rtde")
     client.send(bytes(range(256)) * 4)
@@ -281,14 +281,14 @@ async def test_faults_of_one_port_do_not_disturb_each_other(ur3: Robot) -> None:
 
 
 @pytest.mark.parametrize(("model", "port"), [("ur3", "tool line"), ("ur3", "interpreters"), ("ur5e", "tool line")])
-async def test_a_port_that_is_not_there_is_refused(model: str, port: str) -> None:
+async def test_an_unknown_port_is_refused(model: str, port: str) -> None:
     async with Robot(model) as robot:
         with pytest.raises(NotPossible, match=f"no port '{port}': choose from modbus"):
             robot.control.inject_fault("stall", port=port)
         assert robot.control.faults() == []
 
 
-async def test_answers_to_delayed_requests_when_the_delay_ends(ur3: Robot) -> None:
+async def test_delayed_requests_are_answered_when_the_delay_ends(ur3: Robot) -> None:
     """They are given while what waits is passed on, and wait in their turn."""
     dashboard = await ur3.dashboard()
     fault = ur3.control.inject_fault("delay", port="rtde", delay_s=1.0, direction="both")
@@ -348,7 +348,7 @@ async def driver(ur3: Robot) -> AsyncIterator[Driver]:
     await asyncio.sleep(0.01)
 
 
-async def test_connections_that_programs_open_stall(ur3: Robot, driver: Driver) -> None:
+async def test_connections_opened_by_programs_stall(ur3: Robot, driver: Driver) -> None:
     fault = ur3.control.inject_fault("stall")
     await ur3.step(3)
     before = len(driver.received)
@@ -358,13 +358,13 @@ async def test_connections_that_programs_open_stall(ur3: Robot, driver: Driver) 
     await ur3.until_ticking(lambda: len(driver.received) > before + 50)
 
 
-async def test_connections_that_programs_open_are_dropped(ur3: Robot, driver: Driver) -> None:
+async def test_connections_opened_by_programs_are_dropped(ur3: Robot, driver: Driver) -> None:
     ur3.control.inject_fault("drop_connection", port="scripts")
     await ur3.until_ticking(lambda: driver.ended)
     assert driver.ended == "reset"
 
 
-async def test_connections_that_programs_open_fall_silent_without_power(ur3: Robot, driver: Driver) -> None:
+async def test_connections_opened_by_programs_fall_silent_without_power(ur3: Robot, driver: Driver) -> None:
     fault = ur3.control.inject_fault("power_loss")
     await ur3.step(100)
     assert driver.ended == ""
@@ -373,7 +373,7 @@ async def test_connections_that_programs_open_fall_silent_without_power(ur3: Rob
     assert driver.ended == "reset"
 
 
-async def test_connections_that_programs_open_are_turned_away(ur3: Robot) -> None:
+async def test_connections_opened_by_programs_are_disconnected(ur3: Robot) -> None:
     driver = Driver()
     server = await asyncio.start_server(driver, HOST, 0)
     ur3.control.inject_fault("turn_away", port="scripts")
@@ -384,6 +384,6 @@ async def test_connections_that_programs_open_are_turned_away(ur3: Robot) -> Non
     await asyncio.sleep(0.01)
 
 
-async def test_nobody_listens_for_programs(ur3: Robot) -> None:
+async def test_connections_opened_by_programs_are_refused(ur3: Robot) -> None:
     with pytest.raises(NotPossible, match="there is no port to close"):
         ur3.control.inject_fault("refuse_connections", port="scripts")

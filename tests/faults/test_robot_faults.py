@@ -49,7 +49,7 @@ def test_a_joint_lags_behind(virtual: VirtualRobot) -> None:
     virtual.clear_fault(fault)
 
 
-def test_a_lag_that_the_controller_notices_stops_it(virtual: VirtualRobot) -> None:
+def test_a_lag_detected_by_the_controller_stops_the_arm(virtual: VirtualRobot) -> None:
     virtual.inject_fault("lagging_joint", joint=1, delay_s=0.5, stop_above_rad=0.1)
     virtual.send_script(MOVE)
     virtual.run_until("safety_mode == PROTECTIVE_STOP and runtime_state == PAUSED")
@@ -68,7 +68,7 @@ def test_feedback_freezes_and_thaws(virtual: VirtualRobot) -> None:
     assert joints(virtual)[1] == pytest.approx(-1.0)
 
 
-def test_an_encoder_jumps_once_and_stays_off(virtual: VirtualRobot) -> None:
+def test_an_encoder_jumps_once_and_keeps_the_offset(virtual: VirtualRobot) -> None:
     before = joints(virtual)
     fault = virtual.inject_fault("encoder_jump", joint=5, by_rad=0.3, after=0.1)
     assert joints(virtual) == before
@@ -79,7 +79,7 @@ def test_an_encoder_jumps_once_and_stays_off(virtual: VirtualRobot) -> None:
 
 
 @pytest.mark.parametrize("severity", ["fault", "violation"])
-def test_a_broken_joint_breaks_again_until_it_is_mended(virtual: VirtualRobot, severity: str) -> None:
+def test_a_broken_joint_fails_again_until_the_fault_is_cleared(virtual: VirtualRobot, severity: str) -> None:
     fault = virtual.inject_fault("joint_fault", joint=2, severity=severity)
     virtual.run_until(f"safety_mode == {severity.upper()} and robot_mode == POWER_OFF")
     modes = virtual.state(["joint_mode"])["joint_mode"]
@@ -115,7 +115,7 @@ def test_a_program_never_starts(virtual: VirtualRobot) -> None:
     virtual.run_until("runtime_state == STOPPED")
 
 
-def test_a_program_is_stuck_and_goes_on(virtual: VirtualRobot) -> None:
+def test_a_program_hangs_and_continues(virtual: VirtualRobot) -> None:
     virtual.send_script(COUNT)
     virtual.step(20)
     fault = virtual.inject_fault("program_stuck")
@@ -142,7 +142,7 @@ def test_a_runtime_exception_at_a_line(virtual: VirtualRobot) -> None:
     assert virtual.state(["runtime_state"]) == {"runtime_state": "PLAYING"}
 
 
-async def test_clients_hear_of_the_exception(ur3: Robot) -> None:
+async def test_clients_receive_the_exception(ur3: Robot) -> None:
     client = await ur3.connect("primary")
     ur3.control.inject_fault("runtime_exception", line=2, message="injected here")
     client.send(MOVE.encode())
@@ -154,7 +154,7 @@ async def test_clients_hear_of_the_exception(ur3: Robot) -> None:
 # the clock
 
 
-def test_time_that_is_driven_step_by_step_is_never_late(virtual: VirtualRobot) -> None:
+def test_clock_faults_are_refused_for_stepped_time(virtual: VirtualRobot) -> None:
     for kind in ("late_ticks", "clock_drift"):
         with pytest.raises(NotPossible, match="step by step"):
             virtual.inject_fault(kind)
@@ -179,7 +179,7 @@ async def ticks(clock: RealClock, count: int) -> list[float]:
     return began
 
 
-async def test_a_period_comes_late() -> None:
+async def test_a_period_starts_late() -> None:
     began = await ticks(RealClock(0.002), 10)
     assert began[3] - began[2] >= 0.19
 
@@ -222,7 +222,7 @@ def test_a_robot_without_ports_restarts(virtual: VirtualRobot) -> None:
     assert virtual.faults()[0]["state"] == "over"
 
 
-def test_power_comes_back_when_the_fault_ends(virtual: VirtualRobot) -> None:
+def test_power_returns_when_the_fault_ends(virtual: VirtualRobot) -> None:
     fault = virtual.inject_fault("power_loss", boot_s=0.1)
     virtual.step(2000)
     assert virtual.state(["robot_mode"]) == {"robot_mode": "NO_CONTROLLER"}
@@ -230,7 +230,7 @@ def test_power_comes_back_when_the_fault_ends(virtual: VirtualRobot) -> None:
     virtual.run_until("robot_mode == POWER_OFF")
 
 
-async def test_a_restarted_controller_ends_connections_and_forgets(robot: Robot) -> None:
+async def test_a_restarted_controller_closes_connections_and_loses_its_state(robot: Robot) -> None:
     stream, dashboard = await robot.stream(), await robot.dashboard()
     ports = robot.emulator.ports
     robot.control.inject_fault("restart_controller", outage_s=0.4, boot_s=0.2)

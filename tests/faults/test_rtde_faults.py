@@ -33,7 +33,7 @@ async def test_data_pauses_while_requests_are_answered(robot: Robot) -> None:
     assert robot.states() == ["over"]
 
 
-async def test_packages_are_skipped_by_chance_and_the_same_ones_each_time() -> None:
+async def test_random_skipping_of_packages_is_reproducible() -> None:
     seen = []
     for _ in range(2):
         async with Robot("ur3") as robot:
@@ -96,7 +96,7 @@ async def test_an_input_is_in_use(robot: Robot) -> None:
     assert await reply(robot, client, setup) == b"\x01UINT32,DOUBLE"
 
 
-async def test_who_has_an_input_keeps_it(ur3: Robot) -> None:
+async def test_the_owner_of_an_input_keeps_it(ur3: Robot) -> None:
     owner, other = await ur3.connect("rtde", RTDEClient), await ur3.connect("rtde", RTDEClient)
     setup = SetupInputs(("speed_slider_mask",))
     await reply(ur3, owner, setup, 1)
@@ -109,7 +109,7 @@ async def test_who_has_an_input_keeps_it(ur3: Robot) -> None:
     assert (await reply(ur3, other, setup, 1)).endswith(b"UINT32")
 
 
-async def test_only_the_old_protocol_is_spoken(robot: Robot) -> None:
+async def test_only_the_old_protocol_is_accepted(robot: Robot) -> None:
     fault = robot.control.inject_fault("old_rtde_protocol")
     client = await robot.connect("rtde", RTDEClient)
     assert await reply(robot, client, RequestProtocol(2)) == b"\x00"
@@ -118,7 +118,7 @@ async def test_only_the_old_protocol_is_spoken(robot: Robot) -> None:
     assert await reply(robot, client, RequestProtocol(2)) == b"\x01"
 
 
-async def test_what_the_version_lacks_is_refused(ur3: Robot) -> None:
+async def test_variables_missing_in_the_version_are_refused(ur3: Robot) -> None:
     for kind in ("rtde_field_not_found", "rtde_input_in_use"):
         with pytest.raises(NotPossible, match="no_such_thing"):
             ur3.control.inject_fault(kind, field="no_such_thing")

@@ -58,7 +58,7 @@ def height(robot):
     return robot.object_poses()["part"][2]
 
 
-def test_a_part_that_is_not_there_is_not_seen_nor_held_and_comes_back(robot):
+def test_a_missing_part_is_neither_seen_nor_held_and_returns(robot):
     before = robot.object_poses()["part"]
     assert lit(robot, 4)
     fault = robot.inject_fault("missing_part", part="part")
@@ -77,7 +77,7 @@ def test_a_part_that_is_not_there_is_not_seen_nor_held_and_comes_back(robot):
     assert robot.object_poses()["part"] == pytest.approx(before, abs=1e-3)
 
 
-def test_a_part_that_is_taken_out_of_the_fingers_is_lost(robot):
+def test_a_part_removed_from_the_fingers_is_lost(robot):
     run(robot, GRIP)
     run(robot, LIFT)
     assert lit(robot, 1)
@@ -105,7 +105,7 @@ def test_the_same_part_is_lifted_without_the_fault(robot):
     assert height(robot) > 0.1
 
 
-def test_a_belt_jams_and_goes_on(robot):
+def test_a_belt_jams_and_resumes(robot):
     ticks = robot.controller.encoders[0]
     run(robot, "def go():\n  encoder_enable_pulse_decode(0, 1, 0, 1)\nend\n")
     fault = robot.inject_fault("jammed_conveyor", conveyor="belt")
@@ -118,7 +118,7 @@ def test_a_belt_jams_and_goes_on(robot):
     assert ticks.raw > stands
 
 
-def test_a_camera_is_covered_for_a_while(robot):
+def test_a_camera_is_temporarily_covered(robot):
     robot.inject_fault("covered_camera", camera="above", lasting=0.1)
     robot.step(2)
     assert robot.controller.world.covered == {"above"}
@@ -126,7 +126,7 @@ def test_a_camera_is_covered_for_a_while(robot):
     assert robot.controller.world.covered == set()
 
 
-def test_a_covered_camera_gives_black_pictures_until_it_is_free(robot):
+def test_a_covered_camera_gives_black_pictures_until_uncovered(robot):
     try:
         cameras = open_cameras(robot.controller.world)
     except CameraError as error:
@@ -152,12 +152,12 @@ def test_a_covered_camera_gives_black_pictures_until_it_is_free(robot):
         ("covered_camera", {"camera": "wrist"}, "there is no camera 'wrist': choose from above"),
     ],
 )
-def test_what_is_not_in_the_scene_has_no_faults(robot, kind, arguments, complaint):
+def test_faults_of_unknown_objects_are_refused(robot, kind, arguments, complaint):
     with pytest.raises(NotPossible, match=complaint):
         robot.inject_fault(kind, **arguments)
 
 
-def test_faults_of_a_scene_contradict_each_other_and_have_bounds(robot):
+def test_conflicting_and_out_of_range_scene_faults_are_refused(robot):
     robot.inject_fault("missing_part", part="part")
     with pytest.raises(BadArguments, match="occupies the part part"):
         robot.inject_fault("slippery_part", part="part")
@@ -165,6 +165,6 @@ def test_faults_of_a_scene_contradict_each_other_and_have_bounds(robot):
         robot.inject_fault("slippery_part", part="part", friction=2.0)
 
 
-def test_a_robot_without_a_scene_has_none():
+def test_a_robot_without_a_scene_has_no_scene_faults():
     with pytest.raises(NotPossible, match="no scene with physics"):
         virtual_robot("ur5").inject_fault("missing_part", part="part")

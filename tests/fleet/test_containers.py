@@ -63,7 +63,7 @@ def test_the_image_exposes_the_ports_a_robot_has_without_accessories() -> None:
     assert exposed() == ports | {PENDANT_PORT}
 
 
-def test_the_image_listens_to_other_machines() -> None:
+def test_the_image_listens_on_all_interfaces() -> None:
     assert ROBOT_OPTIONS["host"].annotation.__metadata__[0].envvar == "UR_EMULATOR_HOST"
     assert environment()["UR_EMULATOR_HOST"] == "0.0.0.0"
     assert configure(host=environment()["UR_EMULATOR_HOST"]).host_of("control") == "127.0.0.1"
@@ -73,13 +73,13 @@ def test_the_image_does_not_run_as_root() -> None:
     assert said("USER")[-1] == ["1000:1000"]
 
 
-def test_its_command_is_a_console_script_of_the_project() -> None:
+def test_the_entry_point_is_a_console_script_of_the_project() -> None:
     scripts = load_toml((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
     assert json_form("ENTRYPOINT") == ["ur-emulator"]
     assert "ur-emulator" in scripts
 
 
-def test_what_is_copied_is_there_and_reaches_the_build() -> None:
+def test_copied_files_exist_and_are_in_the_build_context() -> None:
     let_in = [
         line[1:] for line in (DOCKER / "Dockerfile.dockerignore").read_text().splitlines() if line.startswith("!")
     ]
@@ -91,14 +91,14 @@ def test_what_is_copied_is_there_and_reaches_the_build() -> None:
 
 
 @pytest.mark.parametrize("where", COMMANDS)
-def test_commands_are_understood(where) -> None:
+def test_commands_parse(where) -> None:
     words = [re.sub(r"\$\{\w+:-(\w+)\}", r"\1", word) for word in COMMANDS[where]()]
     context = typer.main.get_command(app).make_context("ur-emulator", list(words))
     assert configure(**{name: context.params[name] for name in ("model", "external_control", "remote_control")})
 
 
 @pytest.mark.parametrize("file", COMPOSE)
-def test_services_build_the_image_and_publish_ports_it_has(file) -> None:
+def test_services_build_the_image_and_publish_existing_ports(file) -> None:
     service = only(COMPOSE[file]["services"])
     assert (DOCKER / service["build"]["context"] / service["build"]["dockerfile"]).samefile(DOCKER / "Dockerfile")
     for mapping in service.get("ports", []):
@@ -108,7 +108,7 @@ def test_services_build_the_image_and_publish_ports_it_has(file) -> None:
         assert {int(port) for port in theirs.split("-")} <= exposed()
 
 
-def test_the_network_of_the_ros_example_holds_the_robot_and_its_driver() -> None:
+def test_the_ros_example_puts_robot_and_driver_into_one_network() -> None:
     file = COMPOSE["compose.ros2.yaml"]
     service, network = only(file["services"]), only(file["networks"])
     (subnet,) = network["ipam"]["config"]
@@ -117,7 +117,7 @@ def test_the_network_of_the_ros_example_holds_the_robot_and_its_driver() -> None
     assert driver == f"{subnet['gateway']}:50002"
 
 
-def test_ports_of_the_manifests_are_the_robots() -> None:
+def test_ports_of_the_manifests_match_the_robot() -> None:
     in_service = {entry["name"]: entry["port"] for entry in SERVICE["spec"]["ports"]}
     in_pod = {entry["name"]: entry["containerPort"] for entry in CONTAINER["ports"]}
     assert in_service == in_pod
@@ -125,7 +125,7 @@ def test_ports_of_the_manifests_are_the_robots() -> None:
     assert CONTAINER["livenessProbe"]["tcpSocket"]["port"] in in_pod
 
 
-def test_the_manifests_hang_together() -> None:
+def test_the_manifests_are_consistent() -> None:
     labels = STATEFUL_SET["spec"]["template"]["metadata"]["labels"]
     assert STATEFUL_SET["spec"]["serviceName"] == SERVICE["metadata"]["name"]
     assert STATEFUL_SET["spec"]["selector"]["matchLabels"].items() <= labels.items()
@@ -135,14 +135,14 @@ def test_the_manifests_hang_together() -> None:
     assert CONTAINER["securityContext"]["readOnlyRootFilesystem"]
 
 
-def test_health_is_asked_in_the_same_way_everywhere() -> None:
+def test_the_health_check_is_the_same_everywhere() -> None:
     (health,) = said("HEALTHCHECK")
     probes = [CONTAINER[name]["exec"]["command"] for name in ("startupProbe", "readinessProbe")]
     assert probes[0] == probes[1]
     assert [word.strip("[],") for word in health[health.index("CMD") + 1 :]] == probes[0]
 
 
-def test_the_base_image_is_pinned_where_dependabot_finds_it() -> None:
+def test_the_base_image_is_pinned_in_a_from_line() -> None:
     """It renews images that a FROM names; what an ARG says it passes over."""
     stages = {words[2] for words in said("FROM") if "AS" in words}
     bases = [words[0] for words in said("FROM") if words[0] not in stages]

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux has 
 READY = "Ready: every port of 4 robots answers"
 
 
-def test_four_robots_answer_each_for_itself(tmp_path) -> None:
+def test_four_robots_answer_independently(tmp_path) -> None:
     with running(tmp_path, "--count", "4", "--running", "--processes", "2", "--ports-file", "ports.json") as fleet:
         fleet.read_until(READY)
         hosts = [host(index) for index in range(4)]
@@ -48,7 +48,7 @@ def test_four_robots_answer_each_for_itself(tmp_path) -> None:
         assert not any(answers(address) for address in hosts)
 
 
-def test_the_command_of_the_control_api_reaches_each(tmp_path) -> None:
+def test_the_ctl_command_reaches_each_robot(tmp_path) -> None:
     with running(tmp_path, "--count", "2", "--port-offset", "40") as fleet:
         fleet.read_until("Ready: every port of 2 robots answers")
         command = [*module_command("emulator"), "ctl", "--host", host(1), "--port", "30120", "describe"]
@@ -57,7 +57,7 @@ def test_the_command_of_the_control_api_reaches_each(tmp_path) -> None:
         assert json.loads(done.stdout)["model"] == "ur3"
 
 
-def test_a_robot_that_is_shut_down_leaves_the_others(tmp_path) -> None:
+def test_shutting_down_one_robot_leaves_the_others_running(tmp_path) -> None:
     with running(tmp_path, "--count", "4", "--processes", "1") as fleet:
         fleet.read_until(READY)
         dashboard(host(1), "shutdown")
@@ -69,7 +69,7 @@ def test_a_robot_that_is_shut_down_leaves_the_others(tmp_path) -> None:
         assert fleet.process.wait(DEADLINE_S) == 0
 
 
-def test_a_process_that_dies_is_reported(tmp_path) -> None:
+def test_a_dead_process_is_reported(tmp_path) -> None:
     with running(tmp_path, "--count", "4", "--processes", "2") as fleet:
         fleet.read_until(READY)
         victim = fleet.workers[host(0)]
@@ -79,7 +79,7 @@ def test_a_process_that_dies_is_reported(tmp_path) -> None:
         assert fleet.interrupt() == (1, "")
 
 
-def test_a_process_that_dies_is_started_again(tmp_path) -> None:
+def test_a_dead_process_is_restarted(tmp_path) -> None:
     with running(tmp_path, "--count", "4", "--processes", "2", "--running", "--restart") as fleet:
         fleet.read_until(READY)
         dashboard(host(0), "power off")
@@ -99,7 +99,7 @@ def test_robots_do_not_outlive_their_supervisor(tmp_path) -> None:
         assert not any(answers(host(index)) for index in range(3))
 
 
-def test_a_port_in_use_ends_the_fleet_before_it_begins(tmp_path) -> None:
+def test_a_port_in_use_aborts_the_start_of_the_fleet(tmp_path) -> None:
     with running(tmp_path, "--count", "2") as first:
         first.read_until("Ready: every port of 2 robots answers")
         with running(tmp_path, "--count", "2", "--first-host", host(1)) as second:

@@ -15,7 +15,7 @@ def plan(path, text: str):
     return place(FleetFile(ROBOT_OPTIONS).read(path), configure, "127.0.0.1")
 
 
-def test_addresses_follow_each_other_around_those_that_are_named() -> None:
+def test_addresses_are_consecutive_and_skip_explicit_ones() -> None:
     robots = [{}, {}, {"host": "127.0.0.2"}, {}]
     assert [config.host for config in place(robots, configure, "127.0.0.1")] == [
         "127.0.0.1",
@@ -25,12 +25,12 @@ def test_addresses_follow_each_other_around_those_that_are_named() -> None:
     ]
 
 
-def test_addresses_go_on_after_255() -> None:
+def test_addresses_continue_after_255() -> None:
     hosts = [config.host for config in place([{}, {}], configure, "127.0.0.255")]
     assert hosts == ["127.0.0.255", "127.0.1.0"]
 
 
-def test_every_option_of_a_robot_may_stand_in_a_file(tmp_path) -> None:
+def test_every_robot_option_is_accepted_in_a_file(tmp_path) -> None:
     (tmp_path / "urp").mkdir()
     first, second = plan(
         tmp_path / "fleet.yaml",
@@ -66,7 +66,7 @@ def test_every_option_of_a_robot_may_stand_in_a_file(tmp_path) -> None:
         ("robot: []", "Object contains unknown field `robot`"),
     ],
 )
-def test_mistakes_in_a_file_are_one_clear_line(tmp_path, text: str, problem: str) -> None:
+def test_errors_in_a_file_are_one_clear_line(tmp_path, text: str, problem: str) -> None:
     path = tmp_path / "fleet.yaml"
     path.write_text(text)
     result = CliRunner().invoke(app, ["--fleet", str(path)])
@@ -87,7 +87,7 @@ def test_mistakes_in_a_file_are_one_clear_line(tmp_path, text: str, problem: str
         (["--first-host", "255.255.255.255", "--count", "2"], "--first-host must be an address"),
     ],
 )
-def test_mistakes_on_the_command_line_are_one_clear_line(arguments: list[str], problem: str) -> None:
+def test_errors_on_the_command_line_are_one_clear_line(arguments: list[str], problem: str) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2
     assert problem in result.stderr
@@ -97,17 +97,17 @@ def test_mistakes_on_the_command_line_are_one_clear_line(arguments: list[str], p
 @pytest.mark.parametrize(
     "option", [["--host", "127.0.0.2"], ["--count", "0"], ["--processes", "0"], ["--count", "251"]]
 )
-def test_options_a_fleet_does_not_have(option: list[str]) -> None:
+def test_unsupported_options(option: list[str]) -> None:
     assert CliRunner().invoke(app, option).exit_code == 2
 
 
-def test_processes_get_as_many_control_periods_each() -> None:
+def test_processes_share_the_control_periods_evenly() -> None:
     cb3, e_series = {"model": "ur3"}, {"model": "ur5e"}  # 125 and 500 a second
     configs = place([cb3, e_series, cb3, cb3, cb3, e_series], configure, "127.0.0.1")
     assert share_out(configs, 3) == [(1,), (5,), (0, 2, 3, 4)]
     assert share_out(configs, 100) == [(1,), (5,), (0,), (2,), (3,), (4,)]
 
 
-def test_a_host_on_its_own_is_checked(tmp_path) -> None:
+def test_a_single_host_is_checked(tmp_path) -> None:
     with pytest.raises(ConfigError, match="both use"):
         plan(tmp_path / "fleet.yaml", "robots: [{host: 127.0.0.1, port_offset: 1}, {host: 127.0.0.1, port_offset: 2}]")

@@ -12,7 +12,7 @@ EACH = int(os.environ.get("RANDOM_EXTREMES", "8")) // 4
 @pytest.mark.timeout(0 if "RANDOM_EXTREMES" in os.environ else 120)
 @pytest.mark.parametrize("dynamic", [False, True], ids=["ideal", "dynamic"])
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
-def test_no_numbers_make_the_controller_fail(model: str, dynamic: bool) -> None:
+def test_extreme_numbers_do_not_make_the_controller_fail(model: str, dynamic: bool) -> None:
     for seed in range(EACH):
         chance = Random(seed)
         run([program(chance, model) for _ in range(3)], model, chance, dynamic=dynamic)

@@ -37,7 +37,7 @@ def test_the_seed_chooses_the_motion():
     assert (one != other).any()
 
 
-def test_where_there_is_no_room_nothing_moves():
+def test_motions_without_room_are_refused():
     with pytest.raises(OutOfReachError, match="above 2 m and clear of itself: start elsewhere"):
         excitation(load_model("ur5e"), START, 20.0, Bounds(floor_m=2.0))
     folded = (0.0, -1.57, 2.6, -1.0, 1.57, 0.0)

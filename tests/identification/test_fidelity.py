@@ -23,7 +23,7 @@ def worst(result, field):
     return found[0]
 
 
-def test_the_targets_of_the_very_arm_are_met_exactly(motion):
+def test_targets_of_the_same_arm_are_predicted_exactly(motion):
     result = fidelity(Recording(motion), ARM)
     assert worst(result, "target_moment") < 1e-9
     assert worst(result, "target_current") < 1e-9
@@ -38,14 +38,14 @@ def test_measured_angles_do_nearly_as_well_as_targets(motion):
     assert any("differentiated" in note for note in result.samples.notes)
 
 
-def test_another_arm_s_drives_are_seen_in_each_field(motion):
+def test_different_drives_show_in_each_field(motion):
     result = fidelity(Recording(motion), MODEL)
     shares = {(row.field, row.joint): row.share for row in result.errors}
     assert shares["target_moment", "base"] > 0.01, "rotors"
     assert shares["target_current", "wrist 3"] > 0.05, "constants and friction"
 
 
-def test_a_row_says_range_rms_and_share(motion):
+def test_a_row_shows_range_rms_and_share(motion):
     """Of a current that is 1 A too high all the time."""
     values = motion | {"target_current": motion["target_current"] + 1.0}
     row = next(row for row in fidelity(Recording(values), ARM).errors if row.field == "target_current")
@@ -57,14 +57,14 @@ def test_a_row_says_range_rms_and_share(motion):
     assert row.rest == pytest.approx(1.0)
 
 
-def test_joints_that_stand_have_no_error_in_motion():
+def test_joints_at_rest_have_no_error_in_motion():
     values = recorded("def one():\n  movej([1.5, -1.4, 1.0, 0, 0.3, 0.1], v=0.4)\n  sleep(0.5)\nend\n")
     shares = [row.share for row in fidelity(Recording(values), ARM).errors if row.field == "target_moment"]
     assert shares[0] is not None
     assert shares[1:] == [None] * 5
 
 
-def test_the_payload_is_as_recorded_or_as_said():
+def test_the_payload_is_as_recorded_or_given():
     few = "".join(MOVES.splitlines(keepends=True)[:4]) + "end\n"
     values = recorded(few, "set_payload(4.0, [0.0, 0.05, 0.1])")
     values = {name: array[10:] for name, array in values.items()}
@@ -76,7 +76,7 @@ def test_the_payload_is_as_recorded_or_as_said():
         fidelity(bare, ARM)
 
 
-def test_what_really_hung_on_the_arm_acts_on_actual_currents_alone(motion):
+def test_the_real_payload_affects_only_actual_currents(motion):
     bare, loaded = (fidelity(Recording(motion), ARM, mounted=mounted) for mounted in (None, Payload(5.0)))
     assert worst(loaded, "target_moment") == worst(bare, "target_moment")
     assert worst(loaded, "actual_current") > worst(bare, "actual_current") + 0.01
@@ -97,7 +97,7 @@ def changed(motion, **how):
         ({"target_moment": lambda array: 2.0 * array}, "from that of a UR10"),
     ],
 )
-def test_other_units_are_one_clear_line(motion, how, message):
+def test_other_units_are_a_one_line_error(motion, how, message):
     with pytest.raises(RecordingError, match=message) as error:
         fidelity(changed(motion, **how), ARM)
     assert "\n" not in str(error.value)
@@ -110,19 +110,19 @@ def test_measured_angles_that_are_too_far_apart_are_refused(motion):
         fidelity(without(seldom, "target_q"), ARM)
 
 
-def test_columns_that_are_missing_are_named(motion):
+def test_missing_columns_are_named(motion):
     with pytest.raises(RecordingError, match="none of target_moment, target_current, actual_current"):
         samples_of(without(motion, "target_moment", "target_current", "actual_current"))
     with pytest.raises(RecordingError, match=r"no motion was recorded: .* or else actual_q"):
         samples_of(without(motion, "target_q", "actual_q"))
 
 
-def test_another_model_is_named(motion):
+def test_a_different_model_is_named(motion):
     with pytest.raises(RecordingError, match="UR5 with 0 kg; it fits a UR10"):
         fidelity(Recording(motion), load_model("ur5"))
 
 
-def test_gaps_are_left_out_and_said(motion):
+def test_gaps_are_left_out_and_noted(motion):
     kept = np.ones(len(motion["timestamp"]), bool)
     kept[400:450] = kept[700:760] = False
     values = {name: array[kept] for name, array in motion.items()}
@@ -134,7 +134,7 @@ def test_gaps_are_left_out_and_said(motion):
         samples_of(Recording(every_20th))
 
 
-def test_damaged_states_are_left_out_and_said(motion):
+def test_damaged_states_are_left_out_and_noted(motion):
     values = {name: array.copy() for name, array in motion.items()}
     values["actual_current"][300, 2] = np.nan
     values["actual_q"][301, 0] = 1e250
@@ -143,7 +143,7 @@ def test_damaged_states_are_left_out_and_said(motion):
     assert any("1 states are left out" in note for note in result.samples.notes), "actual_q is not looked at"
 
 
-def test_the_command_reads_files_without_a_first_line_and_draws(motion, tmp_path):
+def test_the_command_reads_files_without_a_header_and_plots(motion, tmp_path):
     file = saved(tmp_path / "bare.csv", {name: array[:800] for name, array in motion.items()}, COLUMNS)
     arguments = ["fidelity", str(file), "--model", "ur10", "--columns", ",".join(COLUMNS)]
     told = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "bare.png")])
@@ -156,7 +156,7 @@ def test_the_command_reads_files_without_a_first_line_and_draws(motion, tmp_path
     assert len(json.loads(as_json.stdout)["errors"]) == 18
 
 
-def test_a_file_of_the_vendor_s_recorder_has_blanks_between_columns(motion, tmp_path):
+def test_files_of_the_vendors_recorder_are_separated_by_blanks(motion, tmp_path):
     names = ("timestamp", "target_q", "target_qd", "target_qdd", "target_moment")
     head = ["timestamp", *(f"{name}_{joint}" for name in names[1:] for joint in range(6))]
     file = saved(tmp_path / "official.csv", motion, names, ",".join(head))
@@ -174,7 +174,7 @@ def test_a_file_of_the_vendor_s_recorder_has_blanks_between_columns(motion, tmp_
         (["--payload", "nan,0,0,0"], "0 to 100 kg"),
     ],
 )
-def test_wrong_options_are_said(motion, tmp_path, more, message):
+def test_invalid_options_are_reported(motion, tmp_path, more, message):
     file = saved(tmp_path / "bare.csv", {name: array[:50] for name, array in motion.items()}, COLUMNS)
     told = CliRunner().invoke(app, ["fidelity", str(file), "--model", "ur10", "--columns", ",".join(COLUMNS), *more])
     assert told.exit_code != 0

@@ -25,20 +25,20 @@ def found(motion):
     return identify(Recording(motion), MODEL)
 
 
-def test_what_the_controller_computes_is_found_to_the_last_digits(found):
+def test_parameters_used_by_the_controller_are_identified_exactly(found):
     assert found.kept == ()
     for name in EXACT:
         assert getattr(found.drives, name) == pytest.approx(getattr(DRIVES, name), rel=1e-6), name
 
 
 @pytest.mark.parametrize("name", ["coulomb_Nm", "viscous_Nm_s"])
-def test_friction_is_found_within_its_confidence(found, name):
+def test_friction_is_identified_within_its_confidence(found, name):
     for value, error, true in zip(getattr(found.drives, name), found.errors[name], getattr(DRIVES, name), strict=True):
         assert value == pytest.approx(true, rel=0.15)
         assert abs(value - true) < max(5.0 * error, 0.05 * true)
 
 
-def test_noise_is_found(found):
+def test_noise_is_identified(found):
     assert found.drives.rest_noise_A == pytest.approx(DRIVES.rest_noise_A, rel=0.35)  # the arm rests for a short time
     assert found.drives.motion_noise_A == pytest.approx(DRIVES.motion_noise_A, rel=0.25)
 
@@ -50,7 +50,7 @@ def test_measured_angles_alone_are_enough(motion):
     assert drives.torque_constants_Nm_A == pytest.approx(DRIVES.torque_constants_Nm_A, rel=0.1)
 
 
-def test_what_was_identified_predicts_another_motion_better_than_the_model(found):
+def test_identified_parameters_predict_another_motion_better_than_the_model(found):
     other = Recording(
         recorded("def other():\n  movej([-1.5, -0.8, 1.9, -1.5, -1.3, 1.6], a=2, v=0.4)\n  sleep(1)\nend\n")
     )
@@ -59,7 +59,7 @@ def test_what_was_identified_predicts_another_motion_better_than_the_model(found
         assert after.worst(field)[0] < 0.5 * before.worst(field)[0]
 
 
-def test_a_load_that_the_controller_was_not_told_of_is_found(motion):
+def test_an_unannounced_load_is_identified(motion):
     """Its weight, on top of what the motors gave: the arm itself would sag."""
     loaded = fidelity(Recording(motion), ARM, mounted=Payload(3.0, (0.02, 0.0, 0.08))).predicted["actual_current"]
     more = loaded - fidelity(Recording(motion), ARM).predicted["actual_current"]
@@ -70,7 +70,7 @@ def test_a_load_that_the_controller_was_not_told_of_is_found(motion):
     assert identify(Recording(motion), MODEL).payload is None
 
 
-def test_joints_that_stand_keep_the_model_s_numbers():
+def test_joints_at_rest_keep_the_parameters_of_the_model():
     still = recorded(
         "def one():\n  sleep(0.6)\n  movej([1.5, -1.4, 1.0, 0, 0.3, 0.1], a=1, v=0.8)\n"
         "  movej([0, -1.4, 1.0, 0, 0.3, 0.1], a=2, v=0.4)\n  sleep(0.6)\nend\n"
@@ -88,7 +88,7 @@ def test_a_motion_without_speed_is_refused(motion):
         identify(Recording(standing), MODEL)
 
 
-def test_numbers_that_the_motion_does_not_show_stay_and_are_named():
+def test_parameters_not_excited_by_the_motion_are_kept_and_named():
     """Slower than the bend: nothing says what comes beyond it."""
     moves = ("[1.2, -0.6, 1.8, 1.0, -0.6, -0.8]", "[0.2, -1.4, 1.0, 0, 0.3, 0.1]")
     slow = "".join(f"  movej({q}, a=2, v=0.4)\n" for q in moves)
@@ -98,14 +98,14 @@ def test_numbers_that_the_motion_does_not_show_stay_and_are_named():
     assert any("does not determine known_fast_viscous_Nm_s" in reason for reason in found.kept)
 
 
-def test_without_target_currents_only_friction_and_noise_are_found(motion):
+def test_without_target_currents_only_friction_and_noise_are_identified(motion):
     found = identify(without(motion, "target_moment", "target_current"), ARM)
     assert found.errors["rotor_kg_m2"] == (None,) * 6
     assert found.drives.coulomb_Nm == pytest.approx(DRIVES.coulomb_Nm, rel=0.15)
     assert any("target_moment was not recorded" in reason for reason in found.kept)
 
 
-def test_the_file_is_the_arm_of_an_emulator(motion, tmp_path):
+def test_the_emulator_uses_the_written_arm_file(motion, tmp_path):
     recording = saved(tmp_path / "run.csv", motion, COLUMNS)
     file = tmp_path / "arm.yaml"
     arguments = ["identify", str(recording), "--model", "ur10", "--columns", ",".join(COLUMNS), "-o", str(file)]
@@ -126,7 +126,7 @@ def arm_file(path, **changes):
     return str(path)
 
 
-def test_an_arm_s_file_is_of_one_model(tmp_path):
+def test_an_arm_file_applies_to_one_model(tmp_path):
     file = arm_file(tmp_path / "arm.yaml")
     assert controller_config("ur10", arm=file).model.drivetrain == DRIVES
     with pytest.raises(ConfigError, match="describes a ur10, not a ur5e: leave out --model"):
@@ -143,19 +143,19 @@ def test_an_arm_s_file_is_of_one_model(tmp_path):
         ({"model": "ur99"}, "unknown robot model"),
     ],
 )
-def test_a_wrong_file_of_an_arm_is_one_clear_line(tmp_path, changes, message):
+def test_an_invalid_arm_file_is_a_one_line_error(tmp_path, changes, message):
     with pytest.raises(ConfigError, match=message):
         controller_config(arm=arm_file(tmp_path / "arm.yaml", **changes))
 
 
-def test_what_is_no_kind_of_arm_is_said():
+def test_an_unknown_kind_of_arm_is_reported():
     with pytest.raises(ConfigError, match="neither ideal nor dynamic nor an existing file"):
         controller_config(arm="dynamik")
     with pytest.raises(ConfigError, match="cannot read"):
         controller_config(arm="missing.yaml")
 
 
-def test_every_number_of_a_drivetrain_must_be_there():
+def test_every_drivetrain_parameter_is_required():
     for field in fields(Drivetrain):
         values = DRIVES.to_mapping()
         del values[field.name]

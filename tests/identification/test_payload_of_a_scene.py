@@ -30,7 +30,7 @@ def bolted() -> str:
 
 
 @pytest.mark.parametrize("scene", [carried, pytest.param(bolted, marks=pytest.mark.long)])
-def test_a_body_that_the_arm_carries_has_its_mass_and_its_centre(tmp_path, scene):
+def test_mass_and_centre_of_a_carried_body_are_identified(tmp_path, scene):
     (file := tmp_path / "cell.yaml").write_text(scene())
     robot = virtual_robot("ur10", world=file, physics=True, running=True, arm="dynamic", initial_q=START)
     robot.controller.signals.digital_outputs |= 1

@@ -43,7 +43,7 @@ def test_gymnasiums_own_checks_pass(env):
     check_env(env.unwrapped, skip_render_check=True)
 
 
-def test_equal_seeds_give_equal_runs_to_the_last_bit(env):
+def test_equal_seeds_give_bit_identical_runs(env):
     first = play(env, 1)
     other = play(env, 2)
     assert play(env, 1) == first
@@ -51,7 +51,7 @@ def test_equal_seeds_give_equal_runs_to_the_last_bit(env):
     assert other != first
 
 
-def test_an_episode_begins_alike_after_a_protective_stop_too(env):
+def test_episodes_start_the_same_even_after_a_protective_stop(env):
     before = play(env, 5)
     env.reset(seed=3)
     env.unwrapped.robot.protective_stop()
@@ -71,7 +71,7 @@ def test_a_robot_that_cannot_come_to_rest_is_replaced(env):
         old.save()
 
 
-def test_a_step_is_robot_time():
+def test_a_step_takes_a_fixed_robot_time():
     env = PickAndPlaceEnv(step_s=0.1)
     env.reset(seed=0)
     before = env.state.timestamp
@@ -80,7 +80,7 @@ def test_a_step_is_robot_time():
     assert env.state.timestamp - before == pytest.approx(env.step_s)
 
 
-def test_the_tool_stays_in_its_box(env):
+def test_the_tool_stays_in_its_workspace(env):
     env.reset(seed=0)
     for way in ((1, 1, 1), (-1, -1, -1)):
         for _ in range(90):
@@ -92,7 +92,7 @@ def test_the_tool_stays_in_its_box(env):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_rules_do_the_task(env, seed):
+def test_a_rule_based_policy_solves_the_task(env, seed):
     policy = runpy.run_path(str(ROOT / "examples/learning/scripted_policy.py"))["ScriptedPolicy"]()
     counted = RecordEpisodeStatistics(env)
     seen, _ = counted.reset(seed=seed)
@@ -106,7 +106,7 @@ def test_rules_do_the_task(env, seed):
     assert info["episode"]["l"] < 150
 
 
-def test_a_fault_of_the_scene_reaches_an_episode(env):
+def test_scene_faults_can_be_injected_in_an_episode(env):
     """Whatever ``inject_fault`` has, an episode can have."""
     env.reset(seed=0)
     robot = env.unwrapped.robot
@@ -118,7 +118,7 @@ def test_a_fault_of_the_scene_reaches_an_episode(env):
     assert play(env, 0)
 
 
-def test_environments_step_side_by_side():
+def test_vector_environments_step_in_parallel():
     """Gymnasium's vector environment resets each at its own end."""
     envs = gymnasium.make_vec("emulator.learning:" + NAME, num_envs=2, vectorization_mode="sync")
     envs.action_space.seed(4)
@@ -131,7 +131,7 @@ def test_environments_step_side_by_side():
     envs.close()
 
 
-def test_environments_in_processes_of_their_own_do_the_same_and_end():
+def test_environments_in_separate_processes_give_the_same_results_and_exit():
     """As docs/learning.md has it. What a worker forked of this process would take over, no environment needs."""
     runs = []
     for mode, options in (("sync", {}), ("async", {"context": "spawn"})):
@@ -157,7 +157,7 @@ def test_an_action_that_is_not_a_number_is_refused(env):
         env.unwrapped.step(np.full(4, np.nan, np.float32))
 
 
-def test_bad_tasks_are_one_line():
+def test_invalid_tasks_are_a_one_line_error():
     with pytest.raises(TaskError, match="reward must be dense or sparse"):
         PickAndPlaceEnv(reward="much")
     with pytest.raises(TaskError, match="render_mode"):
@@ -199,7 +199,7 @@ end
         return -abs(self.state.actual_q[0] - GOAL), False, {}
 
 
-def test_a_task_of_ones_own_with_another_arm():
+def test_a_custom_task_with_another_arm():
     env = Reach(model="ur5e")
     check_env(env, skip_render_check=True)
     seen, _ = env.reset(seed=0)
