@@ -26,7 +26,7 @@ def test_without_a_blend_radius_the_arm_stops_on_its_path(rig):
     assert rig.motion.q == pytest.approx(GOAL)
 
 
-def test_a_line_is_not_left_by_stopping(rig):
+def test_stopping_does_not_leave_the_line(rig):
     start = rig.pose()
     move = rig.commands.movel(shifted(start, x=0.3))
     rig.steps(300)
@@ -38,7 +38,7 @@ def test_a_line_is_not_left_by_stopping(rig):
 
 
 @pytest.mark.parametrize("command", ["movej", "movel"])
-def test_with_a_blend_radius_the_next_move_blends_in_at_once(rig, make_rig, command):
+def test_with_a_blend_radius_the_next_move_blends_in_immediately(rig, make_rig, command):
     def nearest_to_the_corner(rig, aborted):
         corner = shifted(rig.pose(), x=0.25)
         line = command == "movel"
@@ -62,7 +62,7 @@ def test_with_a_blend_radius_the_next_move_blends_in_at_once(rig, make_rig, comm
     assert nearest_to_the_corner(rig, aborted=True) > 1.2 * nearest_to_the_corner(make_rig(), aborted=False)
 
 
-def test_with_a_blend_radius_but_no_next_move_the_arm_goes_where_it_went(rig):
+def test_with_a_blend_radius_but_no_next_move_the_arm_reaches_its_target(rig):
     move = rig.commands.movej(GOAL, r=0.05)
     rig.steps(200)
     rig.commands.abort()
@@ -72,7 +72,7 @@ def test_with_a_blend_radius_but_no_next_move_the_arm_goes_where_it_went(rig):
     assert rig.motion.q == pytest.approx(GOAL)
 
 
-def test_in_an_initial_blend_it_is_ignored(rig):
+def test_abort_is_ignored_in_an_initial_blend(rig):
     rig.finish(rig.commands.movej(GOAL, r=0.1))
     second = rig.commands.movej(NEXT, r=0.05)
     rig.steps(3)
@@ -82,7 +82,7 @@ def test_in_an_initial_blend_it_is_ignored(rig):
 
 
 @pytest.mark.parametrize("command", ["movep", "movec", "servoj", "speedj", "stopj", "pause", "rest"])
-def test_nothing_else_is_aborted(rig, make_rig, command):
+def test_abort_does_not_affect_other_commands(rig, make_rig, command):
     def run(rig, aborted):
         start = rig.pose()
         match command:

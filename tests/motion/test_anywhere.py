@@ -27,7 +27,7 @@ def stay(rig, command):
 
 
 @pytest.mark.parametrize("name", some(MODELS, now=["ur3", "ur5e", "ur30"]))
-def test_every_move_to_the_present_pose_to_upright_and_back(make_rig, name):
+def test_moves_to_the_present_pose_to_upright_and_back(make_rig, name):
     model, random = load_model(name), Random(name)
     for _ in range(POSES):
         start = tuple(
@@ -50,7 +50,7 @@ def test_every_move_to_the_present_pose_to_upright_and_back(make_rig, name):
 
 @pytest.mark.parametrize("length_m", [0.0, 1e-16, 1e-12, 1e-9, 1.1e-9, 1e-8, 1e-7])
 @pytest.mark.parametrize("command", ["movel", "movep", "servoc"])
-def test_a_path_however_short_is_a_path(make_rig, command, length_m):
+def test_arbitrarily_short_paths(make_rig, command, length_m):
     for q in (UPRIGHT, (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)):
         rig = make_rig(q=q)
         x, *rest = rig.pose()
@@ -59,7 +59,7 @@ def test_a_path_however_short_is_a_path(make_rig, command, length_m):
 
 
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
-def test_a_program_at_the_upright_pose_goes_on(model):
+def test_a_program_continues_at_the_upright_pose(model):
     controller = Controller(ControllerConfig(model=load_model(model), running=True))
     program = """def stand_up():
       movej([0, -1.5708, 0, -1.5708, 0, 0], a=10, v=3)
@@ -78,7 +78,7 @@ def test_a_program_at_the_upright_pose_goes_on(model):
     assert not controller.snapshot.program_running
 
 
-def test_where_a_path_leaves_the_work_space_is_told_apart_from_a_goal_out_of_reach(make_rig):
+def test_a_path_leaving_the_workspace_differs_from_a_goal_out_of_reach(make_rig):
     rig = make_rig("ur3", q=START_Q)
     x, y, *rest = rig.pose()
     move = rig.commands.movel((-x, -y, *rest))  # straight through the column of the robot

@@ -71,7 +71,7 @@ def test_movej(start_rig, name, v, a):
 
 @every_model
 @pytest.mark.parametrize("t", [0.6, 2.3])
-def test_movej_in_time(start_rig, name, t):
+def test_movej_with_time(start_rig, name, t):
     rig = start_rig(name)
     start = rig.motion.q
     way, duration = thirds(0.8, t)
@@ -96,7 +96,7 @@ def test_line(start_rig, name, command, v, a):
 
 
 @every_model
-def test_movel_in_time(start_rig, name):
+def test_movel_with_time(start_rig, name):
     rig = start_rig(name)
     pose = rig.pose()
     way, _ = thirds(0.08, 1.1)
@@ -200,7 +200,7 @@ def test_stopl(start_rig, name, a):
 # the oracle itself
 
 
-def test_the_formulas_are_those_of_the_textbook():
+def test_the_formulas_match_the_textbook():
     way, duration = trapezoid(2.0, 1.0, 2.0)
     assert duration == 2.5
     assert [way(t) for t in (0.0, 0.5, 1.25, 2.0, 2.5)] == [0.0, 0.25, 1.0, 1.75, 2.0]

@@ -18,7 +18,7 @@ def push_down(rig, newton=10.0, limits=LIMITS):
     rig.motion.force_control.force_mode(BASE, Z_ONLY, (0, 0, -newton, 0, 0, 0), 2, limits)
 
 
-def test_the_tool_yields_to_the_force_only_where_it_may(rig):
+def test_the_tool_yields_only_along_compliant_axes(rig):
     """As the ROS 2 driver's test: 10 N, damping 0.1, gain 0.8, 5 s: more than 3 cm along it, under 1 mm beside it."""
     rig.motion.force_control.damping, rig.motion.force_control.gain_scaling = 0.1, 0.8
     start = rig.pose()
@@ -32,7 +32,7 @@ def test_the_tool_yields_to_the_force_only_where_it_may(rig):
     assert not rig.motion.steady
 
 
-def test_frame_turns_the_direction(rig):
+def test_the_frame_rotates_the_force_direction(rig):
     """A frame turned by 90 degrees about x has its z along the base's -y."""
     start = rig.pose()
     rig.motion.force_control.force_mode((0, 0, 0, 1.5707963267948966, 0, 0), Z_ONLY, (0, 0, 10, 0, 0, 0), 2, LIMITS)
@@ -59,7 +59,7 @@ def test_balanced_forces_do_not_move_the_arm(rig):
     assert rig.motion.qd == ZERO
 
 
-def test_more_damping_is_slower_and_more_gain_is_faster(make_rig):
+def test_damping_slows_and_gain_speeds_up_the_motion(make_rig):
     def depth(damping, gain):
         rig = make_rig()
         rig.motion.force_control.damping, rig.motion.force_control.gain_scaling = damping, gain
@@ -71,7 +71,7 @@ def test_more_damping_is_slower_and_more_gain_is_faster(make_rig):
     assert depth(1.0, 1.0) < depth(0.1, 1.0) < depth(0.1, 2.0)
 
 
-def test_end_of_force_mode_leaves_the_arm_at_rest(rig):
+def test_ending_force_mode_leaves_the_arm_at_rest(rig):
     push_down(rig)
     rig.steps(500)
     rig.motion.force_control.end()
@@ -81,7 +81,7 @@ def test_end_of_force_mode_leaves_the_arm_at_rest(rig):
     assert rig.motion.q == q
 
 
-def test_a_move_goes_on_beside_the_force(rig):
+def test_a_move_continues_alongside_the_force(rig):
     start = rig.pose()
     goal = add(start, 0.1, 0.05, 0.03)  # its part along z is not followed: that direction is the force's
     push_down(rig)
@@ -102,7 +102,7 @@ def test_the_next_move_starts_where_the_force_left_the_arm(rig):
     assert rig.motion.idle
 
 
-def test_force_mode_again_each_cycle_keeps_its_speed(rig):
+def test_repeating_force_mode_each_cycle_keeps_the_speed(rig):
     """A client's control script repeats force_mode() in every period."""
     start = rig.pose()[2]
     for _ in range(500):
@@ -147,7 +147,7 @@ def pulled_aside(rig, limit, shift=0.004):
     rig.step()
 
 
-def test_a_stiff_axis_may_be_off_by_its_limit(rig):
+def test_a_stiff_axis_may_deviate_up_to_its_limit(rig):
     """User manual, "Force": in non-compliant axes the limit is the largest deviation before a protective stop."""
     pulled_aside(rig, 0.005)
     assert rig.fault is None
@@ -174,7 +174,7 @@ def test_unknown_type_is_refused(rig):
     assert rig.motion.idle
 
 
-def test_the_end_of_the_work_space_holds_the_arm(rig):
+def test_the_arm_stops_at_the_edge_of_the_workspace(rig):
     rig.motion.force_control.force_mode(BASE, (1, 1, 1, 0, 0, 0), (-300, -300, 300, 0, 0, 0), 2, (1.0,) * 6)
     rig.steps(4000)
     assert rig.fault is None
@@ -184,7 +184,7 @@ def test_the_end_of_the_work_space_holds_the_arm(rig):
     assert rig.pose()[2] < height
 
 
-def test_pause_holds_the_force_too(rig):
+def test_pausing_also_pauses_force_mode(rig):
     push_down(rig)
     rig.steps(300)
     rig.motion.pause()
@@ -195,7 +195,7 @@ def test_pause_holds_the_force_too(rig):
     assert rig.motion.qd != ZERO
 
 
-def test_freedrive_follows_the_hand_and_stands_without_it(rig):
+def test_freedrive_follows_the_hand_and_stops_without_it(rig):
     rig.commands.freedrive()
     q = rig.motion.q
     rig.steps(50)
@@ -270,7 +270,7 @@ def test_a_stretched_arm_cannot_be_pulled_longer(make_rig):
     assert rig.fault is None
 
 
-def test_a_stretched_arm_keeps_what_is_not_compliant(make_rig):
+def test_a_stretched_arm_holds_its_non_compliant_axes(make_rig):
     """Straight up the tool cannot go sideways without coming down: force mode along x alone soon stands."""
     rig = make_rig("ur3", q=STRETCHED)
     start = rig.pose()

@@ -40,7 +40,7 @@ def along_y(rig, metres_per_s):
     return belt
 
 
-def test_a_standing_tool_takes_off_and_then_stays_beside_its_part(rig):
+def test_a_tool_at_rest_accelerates_and_then_stays_with_its_part(rig):
     start = rig.pose()
     belt = along_y(rig, 0.1)
     for count in range(1, 1500):
@@ -52,7 +52,7 @@ def test_a_standing_tool_takes_off_and_then_stays_beside_its_part(rig):
     assert rig.motion.path_q == pytest.approx(rig.q[0], abs=1e-12)
 
 
-def test_moves_mean_where_things_were_when_tracking_began(rig):
+def test_move_targets_refer_to_positions_at_the_start_of_tracking(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
     goal = add(start, 0.08, -0.02, -0.05)
@@ -70,7 +70,7 @@ def test_moves_mean_where_things_were_when_tracking_began(rig):
 
 
 @pytest.mark.parametrize("rotate_tool", [False, True])
-def test_a_turning_conveyor(rig, rotate_tool):
+def test_a_circular_conveyor(rig, rotate_tool):
     start = rig.pose()
     center = add(start, -0.2, 0.05)
     belt = Belt(25.0)
@@ -89,7 +89,7 @@ def test_a_turning_conveyor(rig, rotate_tool):
     assert rig.fault is None
 
 
-def test_the_axis_of_a_turning_conveyor_is_the_centers_z(rig):
+def test_a_circular_conveyor_turns_about_the_z_axis_of_its_centre(rig):
     start = rig.pose()
     belt = Belt(-10.0)  # backwards about base x
     center = (start[0], start[1], start[2] - 0.1, 0.0, pi / 2, 0.0)
@@ -100,7 +100,7 @@ def test_the_axis_of_a_turning_conveyor_is_the_centers_z(rig):
     assert rig.pose() == pytest.approx(expected, abs=1e-4)
 
 
-def test_stopping_leaves_the_tool_where_it_is_and_poses_in_the_base_again(rig):
+def test_stopping_keeps_the_tool_in_place_and_poses_in_the_base_frame(rig):
     start = rig.pose()
     belt = along_y(rig, 0.1)
     steps(rig, belt, 1000)
@@ -112,7 +112,7 @@ def test_stopping_leaves_the_tool_where_it_is_and_poses_in_the_base_again(rig):
     assert rig.hardest() < 45.0
 
 
-def test_speed_slider_slows_the_path_and_not_the_conveyor(rig):
+def test_the_speed_slider_slows_the_path_and_not_the_conveyor(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
     rig.commands.movel(add(start, 0.1), v=0.1, a=1.0)
@@ -125,7 +125,7 @@ def test_speed_slider_slows_the_path_and_not_the_conveyor(rig):
 
 @pytest.mark.parametrize("halt", ["pause", "protective_stop"])
 @pytest.mark.parametrize("moving", [False, True])
-def test_a_held_arm_stands_and_catches_up_afterwards(rig, halt, moving):
+def test_a_paused_arm_stands_still_and_catches_up_afterwards(rig, halt, moving):
     start = rig.pose()
     belt = along_y(rig, 0.1)
     if moving:
@@ -144,7 +144,7 @@ def test_a_held_arm_stands_and_catches_up_afterwards(rig, halt, moving):
     assert rig.hardest() < 45.0
 
 
-def test_a_conveyor_that_leaves_the_work_space_stops_the_arm(rig):
+def test_a_conveyor_that_leaves_the_workspace_stops_the_arm(rig):
     belt = Belt(0.2 * TICKS)
     rig.motion.superposition.track(LinearConveyor(belt, (1.0, 0.0, 0.0), -TICKS))
     for _ in range(5000):
@@ -168,7 +168,7 @@ def test_only_one_conveyor_at_a_time(rig):
         rig.motion.superposition.track(LinearConveyor(belt, (1.0, 0.0, 0.0), TICKS))
 
 
-def test_blends_and_streams_go_along(rig):
+def test_blends_and_streams_follow_the_conveyor(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
     steps(rig, belt, 500)
@@ -194,7 +194,7 @@ def test_blends_and_streams_go_along(rig):
     assert rig.hardest() < 45.0
 
 
-def test_an_offset_beside_a_conveyor_and_its_end(rig):
+def test_an_offset_combined_with_a_conveyor(rig):
     start = rig.pose()
     belt = along_y(rig, 0.05)
     rig.motion.superposition.enable_path_offset()

@@ -84,7 +84,7 @@ def test_a_frame_at_constant_speed_is_followed_without_lag_after_a_soft_start(ri
 
 
 @pytest.mark.parametrize("by", MOVES.values(), ids=MOVES)
-def test_a_frame_that_stops_is_stood_with_in_every_bit(rig, by):
+def test_the_arm_is_exactly_at_rest_once_the_frame_stops(rig, by):
     start = rig.pose()
     part = Part(rig)
     part.step(by, 500)
@@ -98,7 +98,7 @@ def test_a_frame_that_stops_is_stood_with_in_every_bit(rig, by):
 
 
 @pytest.mark.parametrize("jump", [(0.1, 0, -0.05, 0, 0, 0), (0, 0, 0, 0, 0.1, 0.3), (0.05, 0.05, 0, 0.1, 0, -0.2)])
-def test_a_jump_is_caught_up_with_softly(rig, jump):
+def test_a_jump_of_the_frame_is_followed_smoothly(rig, jump):
     start = rig.pose()
     part = Part(rig)
     part.step(jump)
@@ -114,7 +114,7 @@ def test_a_jump_is_caught_up_with_softly(rig, jump):
     assert rig.fault is None
 
 
-def test_a_long_way_takes_as_long_as_its_limits_say(rig):
+def test_a_long_distance_is_covered_within_the_limits(rig):
     start = rig.pose()
     part = Part(rig)
     part.step((0.0, 0.0, 0.2, 0, 0, 0))
@@ -126,7 +126,7 @@ def test_a_long_way_takes_as_long_as_its_limits_say(rig):
     assert even + 0.25 / 2.0 - 0.01 < count * 0.002 < even + 0.25 / 2.0 + 0.25
 
 
-def test_a_frame_that_moves_in_stairs_is_followed_smoothly(rig):
+def test_a_frame_that_moves_in_steps_is_followed_smoothly(rig):
     start = rig.pose()
     part = Part(rig)
     for _ in range(150):
@@ -149,7 +149,7 @@ def test_the_lag_behind_a_swinging_frame_is_its_acceleration_over_the_bandwidth_
     assert worst == pytest.approx(far * omega**2 / 25.0**2, rel=0.1)
 
 
-def test_moves_mean_where_things_were_when_tracking_began(rig):
+def test_move_targets_refer_to_positions_at_the_start_of_tracking(rig):
     start = rig.pose()
     part = Part(rig)
     by = (5e-5, 0, 0, 0, 0, 2e-4)
@@ -168,7 +168,7 @@ def test_moves_mean_where_things_were_when_tracking_began(rig):
     assert rig.fault is None
 
 
-def test_the_path_is_exact_seen_from_the_frame_while_it_moves(rig):
+def test_the_path_is_exact_relative_to_the_moving_frame(rig):
     start = rig.pose()
     part = Part(rig)
     by = (5e-5, 2e-5, 0, 0, 1e-4, 2e-4)
@@ -181,7 +181,7 @@ def test_the_path_is_exact_seen_from_the_frame_while_it_moves(rig):
         assert apart(rig.pose(), part.takes(path)) < 1e-6
 
 
-def test_speed_slider_slows_the_path_and_not_the_frame(rig):
+def test_the_speed_slider_slows_the_path_and_not_the_frame(rig):
     start = rig.pose()
     part = Part(rig, ZERO)
     rig.commands.movel(add(start, 0.1), v=0.1, a=1.0)
@@ -192,7 +192,7 @@ def test_speed_slider_slows_the_path_and_not_the_frame(rig):
 
 @pytest.mark.parametrize("halt", ["pause", "protective_stop"])
 @pytest.mark.parametrize("moving", [False, True])
-def test_a_held_arm_stands_and_catches_up_afterwards(rig, halt, moving):
+def test_a_paused_arm_stands_still_and_catches_up_afterwards(rig, halt, moving):
     start = rig.pose()
     part = Part(rig)
     by = (2e-4, 0, 0, 0, 0, 3e-4)
@@ -213,7 +213,7 @@ def test_a_held_arm_stands_and_catches_up_afterwards(rig, halt, moving):
     assert rig.hardest() < 45.0
 
 
-def test_disabling_leaves_the_tool_where_it_is_and_poses_in_the_base_again(rig):
+def test_disabling_keeps_the_tool_in_place_and_poses_in_the_base_frame(rig):
     start = rig.pose()
     part = Part(rig)
     part.step((1e-4, 0, 0, 0, 0, 2e-4), 1000)
@@ -226,7 +226,7 @@ def test_disabling_leaves_the_tool_where_it_is_and_poses_in_the_base_again(rig):
     assert rig.hardest() < 45.0
 
 
-def test_a_frame_beside_an_offset_and_a_conveyor(rig):
+def test_a_frame_combined_with_an_offset_and_a_conveyor(rig):
     class Belt:
         travel, speed = 5.0, 50.0
 
@@ -250,7 +250,7 @@ def test_a_frame_beside_an_offset_and_a_conveyor(rig):
     assert rig.fault is None
 
 
-def test_force_mode_beside_a_frame(rig):
+def test_force_mode_while_tracking_a_frame(rig):
     start = rig.pose()
     part = Part(rig, ZERO)
     rig.motion.force_control.force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)
@@ -260,7 +260,7 @@ def test_force_mode_beside_a_frame(rig):
     assert rig.fault is None
 
 
-def test_a_frame_that_is_gone_stops_the_arm(rig):
+def test_a_missing_frame_stops_the_arm(rig):
     part = Part(rig)
     part.step((1e-4, 0, 0, 0, 0, 0), 200)
     part.pose = None
@@ -281,7 +281,7 @@ def test_a_frame_that_is_too_fast_stops_the_arm(rig, by, said):
     rig.rest()
 
 
-def test_many_jumps_are_not_one_that_is_too_fast(rig):
+def test_many_small_jumps_do_not_count_as_too_fast(rig):
     part = Part(rig)
     for _ in range(20):
         part.step((5e-3, 0, 0, 0, 0, 0))
@@ -289,7 +289,7 @@ def test_many_jumps_are_not_one_that_is_too_fast(rig):
     assert rig.fault is None
 
 
-def test_a_frame_that_leaves_the_work_space_stops_the_arm(rig):
+def test_a_frame_that_leaves_the_workspace_stops_the_arm(rig):
     part = Part(rig, ZERO)
     for _ in range(6000):
         part.step((-4e-4, 0, 0, 0, 0, 0))
@@ -300,7 +300,7 @@ def test_a_frame_that_leaves_the_work_space_stops_the_arm(rig):
 
 
 @pytest.mark.parametrize("far", [1e9, 1e200, float("inf"), float("nan")])
-def test_frames_beyond_all_bounds_lose_nothing(rig, far):
+def test_absurdly_distant_frames_keep_joint_positions_finite(rig, far):
     part = Part(rig)
     part.step((2e-5, 0, 0, 0, 0, 0), 100)
     part.pose = (far, 0.0, 0.0, 0.0, 0.0, 0.0)

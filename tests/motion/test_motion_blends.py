@@ -45,7 +45,7 @@ def test_blend_begins_at_the_radius_and_stays_inside(rig, command):
             assert on_first or on_second
 
 
-def test_blend_does_not_stop_and_keeps_the_speed(rig):
+def test_a_blend_keeps_its_speed(rig):
     corner(rig, "movel", 0.03, a=1.2, v=0.15)
     speeds = tool_speeds(rig)
     assert max(speeds) <= 0.15 + 1e-6
@@ -112,7 +112,7 @@ def test_blend_between_joint_and_tool_moves(rig, first, second):
     assert rig.hardest() < 15.0
 
 
-def test_chain_of_blends_ends_exactly(rig):
+def test_a_chain_of_blends_ends_exactly(rig):
     start = rig.pose()
     corners = [add(start, 0.1), add(start, 0.1, 0.1), add(start, 0.0, 0.1), start]
     for pose in corners[:-1]:
@@ -127,7 +127,7 @@ def codes(rig):
     return [(warning.code, warning.argument) for warning in rig.commands.take_warnings()]
 
 
-def test_radius_larger_than_the_leg_is_cut_to_half_of_it_and_that_is_said(rig):
+def test_a_radius_larger_than_the_leg_is_cut_to_half_with_a_warning(rig):
     waypoint = add(rig.pose(), 0.1)
     rig.finish(rig.commands.movel(waypoint, r=5.0))
     assert codes(rig) == [(197, 0)]
@@ -171,7 +171,7 @@ def test_skipping_the_last_waypoint_leaves_the_arm_at_the_one_before(rig):
 
 
 @pytest.mark.parametrize("radius", [0.05, 0.0])
-def test_blends_that_touch_and_waypoints_without_one_are_not_skipped(rig, radius):
+def test_touching_blends_and_waypoints_without_a_blend_are_not_skipped(rig, radius):
     start = rig.pose()
     goal = add(start, 0.1, 0.1)
     rig.finish(rig.commands.movel(add(start, 0.1), r=0.05))
@@ -181,7 +181,7 @@ def test_blends_that_touch_and_waypoints_without_one_are_not_skipped(rig, radius
     assert codes(rig) == []
 
 
-def test_a_move_to_where_the_arm_is_warns_of_nothing(rig):
+def test_a_move_to_the_current_position_causes_no_warning(rig):
     rig.finish(rig.commands.movel(rig.pose(), r=0.05))
     rig.finish(rig.commands.movej(rig.motion.q, r=0.05))
     assert codes(rig) == []
@@ -211,7 +211,7 @@ def test_take_over_by_a_tool_move(rig):
     assert rig.hardest() < 40.0
 
 
-def test_the_one_who_waited_for_the_old_move_waits_no_longer(rig):
+def test_a_replaced_move_is_ready(rig):
     old = rig.commands.movej((1.5, *START[1:]))
     rig.steps(10)
     rig.commands.movej(START)

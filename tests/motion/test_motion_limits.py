@@ -80,7 +80,7 @@ def test_random_programs_keep_limits_and_end_at_rest(make_rig, name, program):
     assert rig.motion.q == stood
 
 
-def test_tool_path_by_a_singular_wrist_slows_down_and_arrives(make_rig):
+def test_a_tool_path_past_a_singular_wrist_slows_down_and_arrives(make_rig):
     """2 mm beside the wrist singularity: at full tool speed wrist 1 would have to turn ten times too fast."""
     rig = make_rig(q=(0.3, -1.6, 1.7, -1.5, -0.2, 0.2))
     start = rig.motion.q
@@ -109,14 +109,14 @@ def test_tool_path_from_the_stretched_arm(make_rig):
     assert rig.motion.qd == ZERO
 
 
-def test_joint_move_to_the_very_limit(rig):
+def test_joint_move_exactly_to_the_limit(rig):
     limit = rig.model.q_max[0]
     rig.finish(rig.commands.movej((limit, *START[1:]), a=40.0, v=pi))
     assert rig.fault is None
     assert rig.motion.q[0] == limit
 
 
-def test_servo_to_the_very_limit(rig):
+def test_servo_exactly_to_the_limit(rig):
     limit = rig.model.q_max[5]
     rig.commands.servoj((*START[:5], limit), t=0.0, lookahead_time=0.03, gain=2000)
     rig.step()
@@ -126,7 +126,7 @@ def test_servo_to_the_very_limit(rig):
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_joint_has_to_be_able_to_stop_before_either_of_its_limits(way):
+def test_a_joint_must_be_able_to_stop_before_either_of_its_limits(way):
     model, period_s, speed = load_model("ur5e"), 0.002, 2.0
     limits = PositionLimits(model, period_s)
     needed = speed * speed / (2.0 * model.qdd_max[0])
@@ -142,7 +142,7 @@ def test_a_joint_has_to_be_able_to_stop_before_either_of_its_limits(way):
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_an_arm_that_was_far_from_its_limits_finds_the_first_step_that_is_too_far(way):
+def test_the_first_step_too_far_is_detected_even_when_coming_from_afar(way):
     """Far from its limits it is not looked at closely; no step of the way back is missed for that."""
     model, step = load_model("ur5e"), 0.003
     limits = PositionLimits(model, 0.002)
@@ -161,7 +161,7 @@ def test_an_arm_that_was_far_from_its_limits_finds_the_first_step_that_is_too_fa
         pass_by(pass_by(pass_by(at)))
 
 
-def test_narrower_limits_count_from_the_next_step_on():
+def test_narrower_limits_apply_from_the_next_step():
     limits = PositionLimits(load_model("ur5e"), 0.002)
     near = (START[0] + 0.001, *START[1:])
     limits.check(near, START)

@@ -24,14 +24,14 @@ def test_duration(length, speed, acceleration, duration):
     assert Profile.plan(0.0, length, Limits(speed, acceleration)).duration == pytest.approx(duration)
 
 
-def test_no_way_takes_no_time():
+def test_zero_distance_takes_no_time():
     profile = Profile.plan(0.3, 0.3, Limits(1.0, 1.0))
     assert profile.duration == 0.0
     assert profile.position(0.0) == 0.3
 
 
 @given(length=positive, speed=positive, acceleration=positive, start_share=st.floats(0.0, 1.0))
-def test_never_too_fast_and_ends_exactly(length, speed, acceleration, start_share):
+def test_the_profile_keeps_its_limits_and_ends_exactly(length, speed, acceleration, start_share):
     limits = Limits(speed, acceleration)
     start_speed = start_share * min(speed, sqrt(2 * acceleration * length))
     profile = Profile.plan(1.0, 1.0 + length, limits, start_speed)
@@ -47,7 +47,7 @@ def test_never_too_fast_and_ends_exactly(length, speed, acceleration, start_shar
 
 
 @given(length=positive, duration=positive, speed=positive, acceleration=positive)
-def test_given_duration_is_kept_or_the_quickest_allowed(length, duration, speed, acceleration):
+def test_a_given_duration_is_kept_or_stretched_to_the_shortest_allowed(length, duration, speed, acceleration):
     most = Limits(speed, acceleration)
     quickest = Profile.plan(0.0, length, most).duration
     chosen = limits_for_duration(length, duration, most)

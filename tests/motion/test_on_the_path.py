@@ -128,7 +128,7 @@ def test_arcs_stay_round(start_rig, name, touches):
 @every_model
 @few
 @given(touches=_touches)
-def test_a_blended_corner_is_cut_in_the_same_way(start_rig, name, touches):
+def test_a_blended_corner_has_the_same_path_at_any_speed(start_rig, name, touches):
     """At any speed the corner is where it is without the disturbance."""
 
     def corner(rig, touches):

@@ -19,7 +19,7 @@ def trapezoid(length, v, a):
 
 
 @pytest.mark.parametrize(("a", "v"), [(1.4, 1.05), (5.0, 2.0), (40.0, 3.0)])
-def test_movej_takes_what_its_leading_joint_needs(rig, a, v):
+def test_the_duration_of_movej_is_that_of_its_leading_joint(rig, a, v):
     goal = (1.5, -1.2, 1.0, -1.5, -1.9, 0.9)
     taken = rig.finish(rig.commands.movej(goal, a=a, v=v))
     assert taken == pytest.approx(trapezoid(1.2, v, a), abs=TICK)
@@ -29,14 +29,14 @@ def test_movej_takes_what_its_leading_joint_needs(rig, a, v):
     assert rig.hardest() <= 1.5 * a * 1.01  # speeds are means of a period, and the last one is 0
 
 
-def test_movej_joints_stay_in_step(rig):
+def test_movej_joints_are_synchronised(rig):
     goal = (1.3, -1.1, 1.7, -1.5, -1.5, 0.2)
     rig.finish(rig.commands.movej(goal))
     for q in rig.q:
         assert (q[0] - START[0]) / 1.0 == pytest.approx((q[1] - START[1]) / 0.5, abs=1e-12)
 
 
-def test_movej_asked_too_much_keeps_joint_limits(make_rig):
+def test_movej_with_excessive_speeds_keeps_joint_limits(make_rig):
     rig = make_rig("ur3")  # shoulder half as fast as wrists
     goal = (START[0] + 1, START[1], START[2], START[3], START[4], START[5] + 2)
     taken = rig.finish(rig.commands.movej(goal, a=1000, v=100))
@@ -44,7 +44,7 @@ def test_movej_asked_too_much_keeps_joint_limits(make_rig):
 
 
 @pytest.mark.parametrize("t", [0.5, 2.0, 7.0])
-def test_movej_in_given_time(rig, t):
+def test_movej_in_a_given_time(rig, t):
     taken = rig.finish(rig.commands.movej((1.0, *START[1:]), a=0.001, v=0.001, t=t))
     assert taken == pytest.approx(t, abs=TICK)
 
@@ -132,7 +132,7 @@ def test_movec_over_three_points_on_a_line_is_a_line(rig):
 @pytest.mark.parametrize(
     "command", ["movej", "movel", "movep", "movec", "servoc", "stopj", "stopl", "servoj", "speedj"]
 )
-def test_nothing_to_do_takes_one_period(rig, command):
+def test_a_move_to_the_current_position_takes_one_period(rig, command):
     motion, here = rig.motion, rig.pose()
     move = {
         "movej": lambda: motion.commands.movej(START, t=3.0),
@@ -164,7 +164,7 @@ def test_out_of_reach_is_a_fault(rig, command):
     assert rig.motion.q == START
 
 
-def test_a_path_that_leaves_the_work_space_brakes(rig):
+def test_a_path_that_leaves_the_workspace_brakes(rig):
     """Both ends can be reached, the middle of the straight line cannot: it runs through the base."""
     start = rig.pose()
     goal = rig.kinematics.forward((START[0] + pi, *START[1:]))
@@ -201,7 +201,7 @@ def test_not_a_number_is_a_fault(rig, bad):
     assert rig.motion.q == START
 
 
-def test_unlimited_wrist_turns_beyond_the_others(make_rig):
+def test_an_unlimited_wrist_turns_further_than_the_others(make_rig):
     rig = make_rig("ur3e")
     assert rig.model.wrist3_unlimited
     goal = (*START[:5], 20.0)

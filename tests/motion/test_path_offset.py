@@ -49,7 +49,7 @@ def settle(rig, offset, frame):
         (WORLD, lambda path: pose_trans(pose_inv(SLANTED), path)),
     ],
 )
-def test_a_standing_arm_goes_where_the_offset_is(rig, frame, expected, tcp):
+def test_an_arm_at_rest_moves_by_the_offset(rig, frame, expected, tcp):
     rig.motion.tcp_offset = tcp
     start = rig.pose()
     settle(rig, SLANTED, frame)
@@ -92,7 +92,7 @@ OFFSETS = st.tuples(*[st.floats(-0.1, 0.1)] * 3, *[st.floats(-0.5, 0.5)] * 3)
 
 @given(path=POSES, offset=OFFSETS, frame=st.sampled_from(OffsetFrame), shift=OFFSETS)
 @settings(max_examples=examples(25))
-def test_an_offset_can_be_undone_and_told_in_every_frame(path, offset, frame, shift):
+def test_an_offset_can_be_undone_and_read_in_every_frame(path, offset, frame, shift):
     source = PathOffset(OffsetSettings())
     source.step(0.002, path, shift, None)
     source.set(offset, frame)
@@ -113,7 +113,7 @@ def same(a, b):
     return a[:3] == pytest.approx(b[:3], abs=1e-8) and all(abs(x - y) < 1e-8 for x, y in turned)
 
 
-def test_the_filter_takes_its_share_of_the_difference_each_period(rig):
+def test_the_filter_applies_its_fraction_of_the_difference_each_period(rig):
     offset_on(rig, alpha=0.1)
     rig.motion.superposition.set_path_offset((0, 0, 0.001, 0, 0, 0), BASE)
     for count in range(1, 40):
@@ -121,7 +121,7 @@ def test_the_filter_takes_its_share_of_the_difference_each_period(rig):
         assert rig.motion.superposition.path_offset(BASE)[2] == pytest.approx(0.001 * (1 - 0.9**count))
 
 
-def test_without_a_filter_the_tool_is_where_the_offset_says_in_each_period(rig):
+def test_without_a_filter_the_offset_applies_in_the_same_period(rig):
     start = rig.pose()
     rig.motion.superposition.enable_path_offset()
     for count in range(1000):
@@ -132,7 +132,7 @@ def test_without_a_filter_the_tool_is_where_the_offset_says_in_each_period(rig):
     assert rig.fault is None
 
 
-def test_weaving_beside_a_line_leaves_its_speed_alone(rig):
+def test_weaving_does_not_change_the_speed_along_the_line(rig):
     start = rig.pose()
     rig.motion.superposition.enable_path_offset()
     move = rig.commands.movel(add(start, 0.0, 0.1), v=0.05, a=0.5)
@@ -149,7 +149,7 @@ def test_weaving_beside_a_line_leaves_its_speed_alone(rig):
 
 
 @pytest.mark.parametrize("limits", [(0.1, pi / 6), (0.02, 0.1)])
-def test_offsets_are_cut_to_the_limits_of_each_axis(rig, limits):
+def test_offsets_are_clipped_to_the_limits_of_each_axis(rig, limits):
     rig.motion.superposition.settings.translation_limit, rig.motion.superposition.settings.rotation_limit = limits
     rig.motion.superposition.settings.alpha = 0.05
     settle(rig, (0.0, 0.0, 1.05 * limits[0], 0.0, 0.0, -1.05 * limits[1]), BASE)
@@ -197,7 +197,7 @@ def test_enabling_again_keeps_the_offset(rig):
     assert rig.motion.superposition.path_offset(BASE) == pytest.approx(LIFT)
 
 
-def test_another_frame_goes_on_from_the_offset_applied(rig):
+def test_changing_the_frame_continues_from_the_applied_offset(rig):
     settle(rig, SLANTED, BASE)
     before = rig.pose()
     rig.motion.superposition.set_path_offset(rig.motion.superposition.path_offset(TCP), TCP)
@@ -227,7 +227,7 @@ def test_the_offset_outlives_movements_of_all_kinds(rig):
 
 
 @pytest.mark.parametrize("moving", [False, True])
-def test_disabling_stops_all_joints_together_where_they_are(rig, moving):
+def test_disabling_stops_all_joints_together_in_place(rig, moving):
     start = rig.pose()
     settle(rig, LIFT, BASE)
     if moving:
@@ -244,7 +244,7 @@ def test_disabling_stops_all_joints_together_where_they_are(rig, moving):
 
 
 @pytest.mark.parametrize("halt", ["pause", "protective_stop"])
-def test_a_paused_program_stands_and_goes_on_without_a_jump(rig, halt):
+def test_a_paused_program_stands_still_and_resumes_without_a_jump(rig, halt):
     start = rig.pose()
     rig.motion.superposition.enable_path_offset()
     move = rig.commands.movel(add(start, 0.0, 0.2), v=0.1)
@@ -278,14 +278,14 @@ def test_the_end_of_the_program_ends_the_offset_and_its_settings(rig):
     assert rig.pose() == pytest.approx(start, abs=1e-8)
 
 
-def test_power_off_forgets_the_offset(rig):
+def test_power_off_resets_the_offset(rig):
     settle(rig, LIFT, BASE)
     rig.motion.halt()
     assert rig.motion.idle
     assert rig.motion.superposition.path_offset(BASE) == ZERO
 
 
-def test_force_mode_yields_beside_an_offset(rig):
+def test_force_mode_combined_with_an_offset(rig):
     """The tool sinks under force while the offset moves it sideways; the next move takes back what the force did."""
     start = rig.pose()
     settle(rig, (0.01, 0, 0, 0, 0, 0), BASE)

@@ -26,13 +26,13 @@ def on_joint_line(rig):
 
 
 @pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
-def test_scaling_stretches_time(rig, fraction):
+def test_speed_scaling_stretches_time(rig, fraction):
     full = 1.0 / 1.05 + 1.05 / 1.4
     assert rig.finish(rig.commands.movej(GOAL), fraction) == pytest.approx(full / fraction, abs=0.01)
     on_joint_line(rig)
 
 
-def test_target_speed_is_the_physical_one(rig):
+def test_target_speed_is_the_actual_rate_of_motion(rig):
     rig.commands.movej(GOAL, v=1.0)
     rig.steps(800, 0.5)
     assert max(map(abs, rig.motion.qd)) == pytest.approx(0.5, rel=1e-6)
@@ -62,7 +62,7 @@ def test_slider_on_a_tool_path(rig):
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
 
 
-def test_slider_at_zero_stops_and_goes_on(rig):
+def test_slider_at_zero_stops_and_resumes(rig):
     move = rig.commands.movej(GOAL)
     rig.steps(300)
     rig.steps(300, 0.0)
@@ -140,7 +140,7 @@ def test_stop_ends_the_movement_on_its_path(rig, decel):
 
 
 @pytest.mark.parametrize("tool", [False, True])
-def test_a_gentle_stop_that_follows_a_protective_stop_does_not_soften_it(rig, tool):
+def test_a_gentle_stop_after_a_protective_stop_does_not_soften_it(rig, tool):
     rig.finish(rig.commands.speedj((1.0, -0.5, 0, 0, 0, 0), a=10.0))
     rig.motion.protective_stop()
     move = rig.commands.stopl(0.1, 0.1) if tool else rig.commands.stopj(0.5)
@@ -150,7 +150,7 @@ def test_a_gentle_stop_that_follows_a_protective_stop_does_not_soften_it(rig, to
 
 
 @pytest.mark.parametrize("command", ["movej", "movel", "servoj", "speedj", "speedl", "servoc"])
-def test_program_stopped_brings_any_movement_to_rest(rig, command):
+def test_stopping_the_program_brings_any_movement_to_rest(rig, command):
     motion, there = rig.motion, add(rig.pose(), 0.1)
     {
         "movej": lambda: motion.commands.movej(GOAL),
@@ -170,7 +170,7 @@ def test_program_stopped_brings_any_movement_to_rest(rig, command):
     assert motion.q == START
 
 
-def test_halt_is_instant(rig):
+def test_halt_is_instantaneous(rig):
     rig.commands.movej(GOAL)
     rig.steps(100)
     rig.motion.halt()

@@ -74,13 +74,13 @@ FOUND = {
 
 
 @pytest.mark.parametrize("name", FOUND)
-def test_what_random_programs_have_found(name: str) -> None:
+def test_previously_found_programs(name: str) -> None:
     run(FOUND[name])
 
 
 @pytest.mark.timeout(0 if WANTED else 120)
 @pytest.mark.parametrize("model", MODELS)
-def test_whatever_the_program_the_arm_keeps_its_limits(model):
+def test_random_programs_keep_the_limits_of_the_arm(model):
     @settings(max_examples=EACH, deadline=None, database=None, suppress_health_check=list(HealthCheck), phases=PHASES)
     @given(programs(model))
     def each(case: Case) -> None:

@@ -28,7 +28,7 @@ def test_servoj_blocks_for_t(rig, t):
     assert rig.finish(move) == pytest.approx(max(t, 0.002))
 
 
-def test_servoj_blocks_longer_with_the_slider_down(rig):
+def test_servoj_blocks_longer_at_a_low_speed_slider(rig):
     assert rig.finish(rig.commands.servoj((0.4, *START[1:]), t=0.002), 0.5) == pytest.approx(0.004)
 
 
@@ -54,7 +54,7 @@ def test_lag_behind_a_steady_target(make_rig, period_s, speed, settings, lag):
 @pytest.mark.parametrize("period_s", PERIODS)
 @pytest.mark.parametrize("step", [0.001, 0.1, 2.0])
 @pytest.mark.parametrize("settings", [DRIVER, {}, {"lookahead_time": 0.2, "gain": 100.0}])
-def test_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, step, settings):
+def test_a_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, step, settings):
     rig = make_rig(period_s=period_s)
     goal = (START[0] + step, *START[1:])
     rig.commands.servoj(goal, t=0.0, **settings)
@@ -65,7 +65,7 @@ def test_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, ste
     assert rig.hardest() <= 40.0 * 1.03
 
 
-def test_a_target_that_runs_away_is_left_behind_and_its_hold_point_met(rig):
+def test_an_unreachable_target_speed_lags_and_settles_on_the_final_target(rig):
     """1 rad in 0.05 s is beyond the joints; aborted there, the arm settles on the target that holds."""
     for k in range(25):
         servo(rig, (START[0] - 20.0 * k * 0.002, *START[1:]), **DRIVER)
@@ -101,7 +101,7 @@ def test_servoc_arrives_without_overshoot(make_rig, period_s):
     assert taken < 1.2 * (dist(start[:3], goal[:3]) / 0.2 + 0.2)
 
 
-def test_servoc_is_ready_within_its_radius_and_turns_to_the_next(rig):
+def test_servoc_is_ready_within_its_radius_and_continues_to_the_next(rig):
     start = rig.pose()
     first = add(start, 0.1)
     rig.finish(rig.commands.servoc(first, r=0.02))
@@ -126,7 +126,7 @@ def test_speedj_with_t_returns_after_t(rig, t):
 
 
 @pytest.mark.parametrize("t", [1e-16, 0.0, 0.0005])
-def test_speedj_takes_one_period_at_least(rig, t):
+def test_speedj_takes_at_least_one_period(rig, t):
     assert rig.finish(rig.commands.speedj((1.0, 0, 0, 0, 0, 0), a=2.0, t=t)) == 0.002
 
 
@@ -161,7 +161,7 @@ def test_speedj_beyond_the_joint_limit_is_scaled_as_a_whole(rig):
     assert rig.motion.qd == pytest.approx((most, 0, 0, 0, most / 2, 0), abs=1e-9)
 
 
-def test_speedj_to_zero_is_rest(rig):
+def test_speedj_to_zero_brings_the_arm_to_rest(rig):
     rig.finish(rig.commands.speedj((0.5, 0, 0, 0, 0, 0), a=2.0))
     rig.finish(rig.commands.speedj(ZERO, a=2.0))
     assert rig.motion.qd == ZERO
@@ -208,7 +208,7 @@ def test_speedl_turns_the_tool(rig):
     assert turn == pytest.approx((0, 0, 0, 0, 0, 0.5), abs=2e-3)
 
 
-def test_speedl_speeds_up_its_turn_with_its_own_acceleration(rig):
+def test_speedl_uses_a_separate_rotational_acceleration(rig):
     """0.2 m/s at 1 m/s2 take 0.2 s, 0.5 rad/s at 5 rad/s2 take 0.1 s: ready when the slower one is."""
     move = rig.commands.speedl((0.2, 0, 0, 0, 0, 0.5), a=1.0, a_rot=5.0)
     rig.steps(50)
@@ -233,7 +233,7 @@ def test_servoj_beyond_a_joint_limit_is_refused_and_stops_the_arm(rig, joint):
     assert rig.motion.q == pytest.approx(START)
 
 
-def test_speedl_out_of_the_work_space_stops_with_a_fault(rig):
+def test_speedl_out_of_the_workspace_stops_with_a_fault(rig):
     rig.commands.speedl((0.3, 0, 0.3, 0, 0, 0), a=1.0)
     for _ in range(5000):
         rig.step()
@@ -246,7 +246,7 @@ def test_speedl_out_of_the_work_space_stops_with_a_fault(rig):
 
 
 @pytest.mark.parametrize("a", [0.5, 4.0, 40.0])
-def test_stopj_keeps_the_direction_and_takes_v_over_a(rig, a):
+def test_stopj_keeps_the_direction_and_takes_the_time_v_over_a(rig, a):
     rig.finish(rig.commands.speedj((1.0, -0.5, 0.25, 0, 0, 0), a=10.0))
     rig.steps(50)
     before = rig.motion.q
@@ -287,7 +287,7 @@ def test_raising_the_slider_from_0_during_servoj_is_a_fault(make_rig, period_s):
     rig.rest()
 
 
-def test_a_pause_during_servoj_is_no_slider_at_0(rig):
+def test_a_pause_during_servoj_is_not_a_slider_at_0(rig):
     move = rig.commands.servoj((0.32, *rig.motion.q[1:]), t=0.5)
     rig.steps(20)
     rig.motion.pause()

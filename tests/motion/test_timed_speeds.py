@@ -21,7 +21,7 @@ def one_joint(speed):
 
 @pytest.mark.parametrize("period_s", PERIODS)
 @pytest.mark.parametrize("fraction", SLIDERS)
-def test_a_speed_commanded_period_by_period_covers_speed_times_time(make_rig, period_s, fraction):
+def test_a_speed_commanded_each_period_covers_speed_times_time(make_rig, period_s, fraction):
     rig = make_rig(period_s=period_s)
     rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0), fraction)
     count, before, begun = 50, rig.motion.q[0], len(rig.q)
@@ -36,7 +36,7 @@ def test_a_speed_commanded_period_by_period_covers_speed_times_time(make_rig, pe
 @pytest.mark.parametrize("period_s", PERIODS)
 @pytest.mark.parametrize("fraction", SLIDERS[2:])
 @pytest.mark.parametrize("tool", [False, True])
-def test_a_spline_of_speeds_ends_where_it_should(make_rig, period_s, fraction, tool):
+def test_a_spline_of_speeds_ends_at_its_target(make_rig, period_s, fraction, tool):
     """As control programs of drivers run trajectories: a new speed each period, the time of which is the program's."""
     rig = make_rig(period_s=period_s)
     begin, way, duration, t, speed = rig.pose(), 0.1 if tool else 0.8, 0.8, 0.0, 0.0
@@ -58,7 +58,7 @@ def test_a_spline_of_speeds_ends_where_it_should(make_rig, period_s, fraction, t
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("period_s", PERIODS)
-def test_the_slider_may_be_moved_on_the_way(make_rig, period_s, seed):
+def test_moving_the_slider_on_the_way_keeps_the_distance(make_rig, period_s, seed):
     rig, random = make_rig(period_s=period_s), Random(seed)
     t, speed, fraction, duration, way = 0.0, 0.0, 1.0, 0.8, 0.8
     while t < duration - 1e-9:
@@ -97,7 +97,7 @@ def test_servoj_commands_take_their_time_on_average(make_rig, period_s, fraction
     assert len(rig.q) - begun == pytest.approx(count / fraction, abs=1.0)
 
 
-def test_who_comes_late_owes_nothing(rig):
+def test_a_late_command_starts_afresh(rig):
     """A command that was not followed by another in time is over; the next one starts from there."""
     rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0, t=0.1))
     rig.steps(50)
@@ -106,7 +106,7 @@ def test_who_comes_late_owes_nothing(rig):
     assert rig.motion.q[0] - before == pytest.approx(0.05)
 
 
-def test_another_command_of_the_kind_takes_over_at_once(rig):
+def test_another_command_of_the_same_kind_takes_over_immediately(rig):
     rig.commands.speedj(one_joint(0.5), a=40.0, t=10.0)
     rig.steps(10)
     rig.finish(rig.commands.speedj(one_joint(-0.5), a=40.0))
@@ -150,7 +150,7 @@ end
 
 @pytest.mark.parametrize("fraction", [0.1, 0.47, 0.66, 0.9, 0.99, 1.0])
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
-def test_a_program_of_splines_ends_where_it_should(model, fraction):
+def test_a_program_of_splines_ends_at_its_target(model, fraction):
     controller = Controller(ControllerConfig(model=load_model(model), running=True))
     controller.speed.set_slider(fraction)
     q = controller.motion.q

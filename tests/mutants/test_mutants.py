@@ -9,7 +9,7 @@ from tests.mutants.mutants import LEAST, LIST, ROOT, WANTED, GoneError, Mutant, 
 MUTANTS = read_list(LIST)
 
 
-def test_every_mutant_changes_one_place_of_the_code_and_has_tests() -> None:
+def test_every_mutant_matches_one_place_and_has_tests() -> None:
     for mutant in MUTANTS:
         file, text = changed(mutant, ROOT)
         assert ast.parse(text), f"no Python: {mutant}"
@@ -19,7 +19,7 @@ def test_every_mutant_changes_one_place_of_the_code_and_has_tests() -> None:
             assert (ROOT / test.partition("::")[0]).is_file(), f"{test} is gone: {mutant}"
 
 
-def test_there_are_enough_of_each_package_and_few_that_nothing_finds() -> None:
+def test_each_package_has_enough_mutants_and_few_are_undetected() -> None:
     assert len(set(MUTANTS)) == len(MUTANTS) >= LEAST
     assert sum(bool(mutant.missed) for mutant in MUTANTS) <= (1 - WANTED) * len(MUTANTS)
     for package in ("urproto", "urscript", "emulator", "client"):
@@ -27,6 +27,6 @@ def test_there_are_enough_of_each_package_and_few_that_nothing_finds() -> None:
 
 
 @pytest.mark.parametrize("before", ["this stands nowhere", "self"])
-def test_a_place_that_is_gone_or_not_unique_is_told(before: str) -> None:
+def test_a_missing_or_ambiguous_place_is_reported(before: str) -> None:
     with pytest.raises(GoneError, match=f"'{before}' stands .* times in urproto/rtde"):
         changed(Mutant("urproto/rtde", before, "pass", ()), ROOT)

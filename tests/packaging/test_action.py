@@ -102,7 +102,7 @@ def runner(tmp_path: Path) -> Iterator[Runner]:
     runner.end_robots()
 
 
-def test_a_robot_is_there_when_the_action_has_run(runner: Runner, host: str) -> None:
+def test_a_robot_is_running_after_the_action(runner: Runner, host: str) -> None:
     assert runner.run(model="ur5e", polyscope="5.12", host=host) == 0, runner.printed
     seen = subprocess.run(
         [SCRIPTS / "ur-client", "state", "--robot-ip", host, "--json"], capture_output=True, text=True, timeout=60
@@ -111,7 +111,7 @@ def test_a_robot_is_there_when_the_action_has_run(runner: Runner, host: str) -> 
     assert "Ready:" in Path(runner.outputs["log"]).read_text()
 
 
-def test_a_mistake_in_the_options_is_shown_at_once(runner: Runner, host: str) -> None:
+def test_invalid_options_are_shown_immediately(runner: Runner, host: str) -> None:
     assert runner.run(model="ur99", host=host, wait="600") == 1
     assert "::error title=ur-emulator::" in runner.printed
     assert "ur99" in runner.printed

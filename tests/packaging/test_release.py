@@ -23,7 +23,7 @@ CHANGELOG = """# Changelog
 """
 
 
-def test_notes_are_the_section_of_the_version() -> None:
+def test_release_notes_are_the_section_of_the_version() -> None:
     assert notes("v1.2.0", "1.2.0", CHANGELOG) == "### Added\n\n- a thing\n"
 
 
@@ -36,6 +36,6 @@ def test_notes_are_the_section_of_the_version() -> None:
         ("vUnreleased", "Unreleased", "is empty"),
     ],
 )
-def test_what_is_not_ready_is_refused(tag: str, version: str, said: str) -> None:
+def test_unready_releases_are_refused(tag: str, version: str, said: str) -> None:
     with pytest.raises(NotReadyError, match=said.replace("[", r"\[")):
         notes(tag, version, CHANGELOG)

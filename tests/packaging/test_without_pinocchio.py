@@ -28,7 +28,7 @@ def run(code: str, *arguments: str, cwd: Path | None = None) -> subprocess.Compl
     return subprocess.run(command, capture_output=True, text=True, timeout=100, cwd=cwd, check=False)
 
 
-def test_an_arm_moves_and_its_torques_are_those_of_pinocchio() -> None:
+def test_an_arm_moves_with_the_same_torques_as_pinocchio() -> None:
     moving = """
 from urproto.testing import virtual_robot
 
@@ -51,7 +51,7 @@ print(sorted(name for name in __import__("sys").modules if name in ("pinocchio",
     assert "pinocchio" in seen.stdout.splitlines()[1]
 
 
-def test_what_needs_it_is_refused_by_name(tmp_path: Path) -> None:
+def test_features_that_need_pinocchio_are_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "world.yaml").write_text("links: true\nobjects: {ball: {sphere: 0.1, pose: [1, 0, 0]}}\n")
     starting = "from emulator.cli import main; sys.argv[0] = 'ur-emulator'; main()"
     for options, said in (

@@ -10,7 +10,7 @@ PART = "part: {box: [0.04, 0.04, 0.04], pose: [-0.5, 0, 0.0201], mass: 0.2, fric
 G = 9.82  # m/s2, as the controller has it
 
 
-def test_a_body_that_falls_gains_as_much_energy_as_it_loses_height(cell):
+def test_a_falling_body_conserves_energy(cell):
     here = cell("ball: {sphere: 0.02, pose: [-0.6, 0, 2.0], mass: 0.3}")
     start, v0 = here.position("ball")[2], here.world.velocity("ball")[2]
     here.seconds(0.4)
@@ -19,7 +19,7 @@ def test_a_body_that_falls_gains_as_much_energy_as_it_loses_height(cell):
     assert 0.5 * (speed**2 - v0**2) == pytest.approx(G * fallen, rel=0.01)
 
 
-def test_two_that_collide_keep_their_momentum(cell):
+def test_colliding_bodies_conserve_momentum(cell):
     here = cell(
         "one: {sphere: 0.03, pose: [-0.6, -0.3, 3.0], mass: 0.3, friction: 0}",
         "other: {sphere: 0.03, pose: [-0.6, -0.1, 3.0], mass: 0.1, friction: 0}",
@@ -33,7 +33,7 @@ def test_two_that_collide_keep_their_momentum(cell):
     assert here.world.velocity("one")[1] < 0.8
 
 
-def test_a_body_slides_as_far_as_friction_lets_it(cell):
+def test_friction_determines_the_sliding_distance(cell):
     here = cell(TABLE, "part: {box: [0.06, 0.06, 0.03], pose: [-0.6, -0.3, 0.0151], mass: 0.2, friction: 0.4}")
     here.seconds(0.2)
     start = here.position("part")[1]
@@ -43,7 +43,7 @@ def test_a_body_slides_as_far_as_friction_lets_it(cell):
 
 
 @pytest.mark.parametrize("arm", ["ideal", "dynamic"])
-def test_the_tool_feels_the_weight_of_what_hangs_on_it(cell, arm):
+def test_the_tool_measures_the_weight_of_its_payload(cell, arm):
     here = cell(
         TABLE,
         "part: {box: [0.05, 0.05, 0.05], pose: [-0.45, -0.2, 0.0251], mass: 0.5, friction: 0.8}",
@@ -104,7 +104,7 @@ def test_driving_into_a_wall_is_a_collision(cell):
     assert -0.7 < here.controller.arm.tcp_pose[0] < -0.6
 
 
-def test_the_same_is_the_same_to_the_last_bit_and_a_saved_state_goes_on_alike(cell):
+def test_runs_and_resumed_saved_states_are_bit_identical(cell):
     objects = [
         TABLE,
         *(f"p{i}: {{box: [0.03, 0.03, 0.03], pose: [-0.5, 0.02, {0.02 + 0.04 * i}], mass: 0.1}}" for i in range(5)),
@@ -122,7 +122,7 @@ def test_the_same_is_the_same_to_the_last_bit_and_a_saved_state_goes_on_alike(ce
     assert other.world.poses() == later
 
 
-def test_the_arm_is_behind_everything_else(cell):
+def test_bodies_of_the_arm_come_after_all_others(cell):
     """Links, flange, what is mounted on it: forces on them are found by their place."""
     mounted = "mounted: {jaws: {parallel: {output: 0, stroke: 0.06}}, probe: {sphere: 0.01, pose: [0, 0, 0.1]}}\n"
     here = cell(TABLE, PART, more=mounted)
@@ -141,7 +141,7 @@ def test_the_arm_is_behind_everything_else(cell):
     assert all(model.body_rootid[i] == first + 5 for i in range(first + 5, model.nbody))
 
 
-def test_an_arm_passes_no_force_on_where_nothing_touches_it(cell):
+def test_an_arm_without_contact_transmits_no_force(cell):
     here = cell(TABLE, PART)
     here.program("movel(p[-0.3, -0.4, 0.3, 0, 3.14159, 0], v=0.5)")
     assert here.controller.arm.wrench == (0.0,) * 6
@@ -150,7 +150,7 @@ def test_an_arm_passes_no_force_on_where_nothing_touches_it(cell):
 
 
 @pytest.mark.parametrize("value", [math.nan, 1e9])
-def test_physics_that_explodes_stops_the_robot_and_says_so(cell, value, monkeypatch, tmp_path):
+def test_diverging_physics_stops_the_robot_with_a_message(cell, value, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     here = cell(TABLE, PART)
     here.seconds(0.1)

@@ -28,7 +28,7 @@ def scene(cell):
         yield here, cameras
 
 
-def test_a_thing_is_seen_where_intrinsics_and_extrinsics_say(scene):
+def test_an_object_is_seen_where_intrinsics_and_extrinsics_predict(scene):
     here, cameras = scene
     seen = cameras.segmentation("above")
     number = next(number for number, name in cameras.bodies.items() if name == "part")
@@ -45,7 +45,7 @@ def test_a_thing_is_seen_where_intrinsics_and_extrinsics_say(scene):
     assert cameras.depth("above")[0, 0] == pytest.approx(2.5, abs=0.01)
 
 
-def test_a_camera_on_the_flange_goes_along(scene):
+def test_a_camera_on_the_flange_moves_with_it(scene):
     here, cameras = scene
     before = cameras.extrinsics("wrist")
     here.program("movel(p[-0.3, -0.4, 0.3, 0, 3.14159, 0], v=0.5)")

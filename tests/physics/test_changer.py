@@ -33,7 +33,7 @@ def take(here, x, y, top):
     here.until(lambda: here.input(5), within_s=1)
 
 
-def test_a_tool_is_taken_weighs_and_is_put_back(cell):
+def test_a_tool_is_picked_up_weighed_and_put_back(cell):
     here = cell(TABLE, PROBE, more=CHANGER)
     take(here, -0.45, -0.2, TOP)
     go(here, -0.45, -0.2, 0.4)
@@ -51,7 +51,7 @@ def test_a_tool_is_taken_weighs_and_is_put_back(cell):
     assert here.controller.arm.wrench == (0.0,) * 6
 
 
-def test_a_changer_takes_only_what_is_there_when_it_locks(cell):
+def test_a_changer_takes_only_a_tool_present_when_it_locks(cell):
     here = cell(TABLE, PROBE, more=CHANGER)
     go(here, -0.45, -0.2, TOP + 0.01)
     here.output(4, True)
@@ -65,7 +65,7 @@ def test_a_changer_takes_only_what_is_there_when_it_locks(cell):
     here.until(lambda: here.input(5), within_s=1)
 
 
-def test_a_gripper_on_a_tool_works_while_the_arm_has_it(cell):
+def test_a_gripper_on_a_tool_works_while_mounted(cell):
     here = cell(TABLE, *RACK, HEAD, PART, more=CHANGER + CUP)
     take(here, -0.45, 0.1, 0.1401)
     go(here, -0.45, 0.1, 0.3)
@@ -78,7 +78,7 @@ def test_a_gripper_on_a_tool_works_while_the_arm_has_it(cell):
     assert here.position("part")[2] == pytest.approx(0.4 - 0.08 - 0.015, abs=3e-3)
 
 
-def test_a_tool_that_is_gone_is_not_held_and_a_saved_one_is(cell):
+def test_a_removed_tool_is_not_held_and_a_saved_one_is(cell):
     here = cell(TABLE, PROBE, more=CHANGER)
     take(here, -0.45, -0.2, TOP)
     go(here, -0.45, -0.2, 0.4)

@@ -90,7 +90,7 @@ end
 """
 
 
-async def test_the_functions_of_the_urcap_grip_what_is_there(tmp_path: Path) -> None:
+async def test_urcap_functions_grip_a_part(tmp_path: Path) -> None:
     (scene := tmp_path / "cell.yaml").write_text(SCENE)
     controller_of = controller_config(
         "ur5", world=scene, physics=True, running=True, gripper="robotiq-2f-85", initial_q=HOME

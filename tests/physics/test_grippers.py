@@ -51,7 +51,7 @@ def test_a_part_is_detected_carried_and_put_down(cell, gripper):
     assert here.position("part") == pytest.approx((-0.45, -0.2, 0.02), abs=0.005)
 
 
-def test_where_nothing_is_the_fingers_close_to_the_end(cell):
+def test_without_a_part_the_fingers_close_completely(cell):
     here, robotiq = at_the_part(cell, "elsewhere: {box: [0.04, 0.04, 0.04], pose: [0.5, 0, 0.021], mass: 0.2}")
     close(robotiq)
     here.until(lambda: robotiq.get("OBJ") != "0")
@@ -59,7 +59,7 @@ def test_where_nothing_is_the_fingers_close_to_the_end(cell):
     assert robotiq.get("POS") == "230"
 
 
-def test_a_slippery_heavy_part_stays_where_it_is_and_the_gripper_notices(cell):
+def test_a_slippery_heavy_part_stays_in_place_and_the_gripper_notices(cell):
     here, robotiq = at_the_part(cell, part(mass=3.0, friction=0.05))
     close(robotiq, force=0)
     here.until(lambda: robotiq.get("OBJ") == "2")
@@ -68,7 +68,7 @@ def test_a_slippery_heavy_part_stays_where_it_is_and_the_gripper_notices(cell):
     assert here.position("part")[2] < 0.05
 
 
-def test_a_part_that_is_taken_away_is_lost(cell):
+def test_a_removed_part_is_lost(cell):
     here, robotiq = at_the_part(cell, part())
     close(robotiq)
     here.until(lambda: robotiq.get("OBJ") == "2")
@@ -76,7 +76,7 @@ def test_a_part_that_is_taken_away_is_lost(cell):
     here.until(lambda: robotiq.get("OBJ") == "3", within_s=3)
 
 
-def test_jaws_on_an_output_say_by_inputs_what_they_hold(cell):
+def test_jaws_on_an_output_report_their_grip_by_inputs(cell):
     mounted = "mounted: {jaws: {parallel: {output: 0, holding: 1, closed: 2, stroke: 0.06}}}\n"
     here = cell(TABLE, part(), more=mounted)
     above(here, 0.1, tip=0.11)
@@ -91,7 +91,7 @@ def test_jaws_on_an_output_say_by_inputs_what_they_hold(cell):
     assert not here.input(1)
 
 
-def test_a_cup_holds_what_it_can_and_lets_go_of_more(cell):
+def test_a_suction_cup_drops_a_part_that_is_too_heavy(cell):
     mounted = "mounted: {cup: {suction: {output: 16, vacuum: 17, force: 20}, pose: [0, 0, 0.1]}}\n"
     here = cell(TABLE, part(mass=1.0), more=mounted)
     above(here, 0.2, tip=0.1)

@@ -50,7 +50,7 @@ MJCF = """<mujoco><worldbody>
         ("cameras: {c: {pose: [0, 0, 1], at: [0, 0, 1]}}", "at is the camera's own position"),
     ],
 )
-def test_a_bad_scene_is_one_clear_line(tmp_path, text, says):
+def test_an_invalid_scene_is_a_one_line_error(tmp_path, text, says):
     (scene := tmp_path / "bad.yaml").write_text(text)
     with pytest.raises(ConfigError) as refused:
         controller_config("ur5", world=scene, physics=True)
@@ -59,7 +59,7 @@ def test_a_bad_scene_is_one_clear_line(tmp_path, text, says):
 
 
 @pytest.mark.parametrize("text", ["<mujoco><worldbody><geom type='egg'/></worldbody></mujoco>", "<mujoco", ""])
-def test_a_bad_scene_of_mujoco_is_one_clear_line(tmp_path, text):
+def test_an_invalid_mujoco_scene_is_a_one_line_error(tmp_path, text):
     (scene := tmp_path / "bad.xml").write_text(text)
     with pytest.raises(ConfigError, match=r"bad\.xml: \S") as refused:
         controller_config("ur5", world=scene)
@@ -74,7 +74,7 @@ def test_without_physics_a_world_does_not_move(tmp_path):
         controller_config("ur5", physics=True)
 
 
-def test_a_scene_of_mujoco_stands_around_the_arm_and_may_be_part_of_a_world_file(tmp_path):
+def test_a_mujoco_scene_surrounds_the_arm_and_can_be_part_of_a_world_file(tmp_path):
     (tmp_path / "scene.xml").write_text(MJCF)
     (tmp_path / "cell.yaml").write_text(
         "scene: scene.xml\nobjects: {ball: {sphere: 0.02, pose: [-0.6, 0.2, 0.3], mass: 1}}"
@@ -96,12 +96,12 @@ def test_urdf_is_read(tmp_path):
     assert not here.world.failure
 
 
-def test_mujoco_is_loaded_for_worlds_that_move_alone():
+def test_mujoco_is_loaded_only_for_worlds_with_physics():
     code = "import sys, emulator.app, emulator.config; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_things_of_a_scene_are_moved_but_neither_added_nor_removed(tmp_path):
+def test_scene_objects_can_be_moved_but_not_added_or_removed(tmp_path):
     (scene := tmp_path / "cell.yaml").write_text(
         f"objects: {{a: {{{PART}, mass: 1}}, b: {{box: [0.1, 0.1, 0.1], pose: [-0.5, 0.5, 0]}}}}"
     )

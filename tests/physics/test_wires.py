@@ -5,7 +5,7 @@ import pytest
 TABLE = "table: {box: [1.6, 1.6, 0.1], pose: [0, 0, -0.05], friction: 0.6}"
 
 
-def test_a_belt_carries_a_part_through_a_barrier_and_counts(cell):
+def test_a_belt_carries_a_part_through_a_light_barrier_and_counts(cell):
     here = cell(
         "belt: {box: [1, 0.1, 0.1], pose: [-0.6, 0, 0, 0, 0, 1.5708], "
         "conveyor: {speed: 0.2, output: 2, encoder: 1, ticks_per_m: 1000}}",
@@ -30,7 +30,7 @@ def test_a_belt_carries_a_part_through_a_barrier_and_counts(cell):
     assert here.position("part")[1] == pytest.approx(still, abs=1e-4)
 
 
-def test_a_cylinder_pushes_a_button_and_a_spring_brings_it_back(cell):
+def test_a_cylinder_pushes_a_button_and_a_spring_returns_it(cell):
     here = cell(
         "rod: {box: [0.1, 0.02, 0.02], pose: [-0.6, 0, 0.2], mass: 0.2, "
         "slide: {axis: [1, 0, 0], range: [0, 0.05], output: 1, force: 50, damping: 20}}",

@@ -34,7 +34,7 @@ def test_cylinders_meet_at_the_joints(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", ["ur3", "ur20"])
-def test_distances_are_those_of_other_geometry(model: str) -> None:
+def test_distances_match_independent_geometry(model: str) -> None:
     """Points of the tests' own on the same cylinders, moved by matrices of the tests' own."""
     scene = scene_of("shelf", model)
     checker, clearance = CollisionChecker(scene), Clearance(load_model(model), scene)

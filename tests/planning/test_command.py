@@ -36,7 +36,7 @@ def test_a_line_blends_into_an_arc() -> None:
     assert all(abs(place[2] - Z) < 2e-3 for place in places)
 
 
-def test_any_of_some_goals_will_do() -> None:
+def test_any_of_several_goals_is_accepted() -> None:
     code, output = plan(f"p[2,0,0,0,0,0] or {','.join(map(str, (0.5, *START[1:])))} or up")
     assert code == 0, output
     assert json.loads(output.removesuffix("None"))["positions"][-1] == pytest.approx((0.5, *START[1:]))

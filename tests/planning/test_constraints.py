@@ -64,7 +64,7 @@ def test_a_level_tool_stays_level_around_a_post() -> None:
     assert pose[:3] == pytest.approx(goal.pose[:3], abs=1e-5)
 
 
-def test_poses_are_searched_where_no_joint_is_constant() -> None:
+def test_poses_are_sampled_if_no_joint_is_constant() -> None:
     """A tool that looks ahead, into a shelf, above and below a board: the joints cannot go straight there."""
     scene = PlanningScene("ur5e")
     scene.add("board", Box((0.3, 0.6, 0.03)), (0.75, 0.0, 0.45, 0.0, 0.0, 0.0))
@@ -98,7 +98,7 @@ def test_the_tcp_stays_in_its_box() -> None:
         assert abs(z - 0.3) < 0.151
 
 
-def test_what_breaks_a_constraint_is_said() -> None:
+def test_violated_constraints_are_reported() -> None:
     scene = PlanningScene("ur5e")
     planner = Planner(scene)
     start = reaching(scene, (-0.45, 0.3, 0.3, *DOWN))

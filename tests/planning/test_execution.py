@@ -93,7 +93,7 @@ async def test_an_obstacle_on_the_path_stops_the_arm_which_continues_on_another_
         assert min(map(clearance, driven[::4])) > scene.padding_m - 0.002
 
 
-async def test_the_arm_draws_a_line_and_an_arc_without_a_stop_between(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_arm_follows_a_line_and_an_arc_without_stopping_in_between(monkeypatch: pytest.MonkeyPatch) -> None:
     """Recorded angles keep to the line, the arc and the blend that were planned."""
     async with laboratory("ur5e", monkeypatch) as (lab, scene):
         arm = lab.arm

@@ -71,7 +71,7 @@ def test_a_line_is_straight_and_turns_evenly(model: str) -> None:
     assert plan.planner == "LIN"
 
 
-def test_the_tools_limits_count_on_lines_and_arcs_and_not_on_ptp() -> None:
+def test_tool_limits_apply_to_lines_and_arcs_but_not_to_ptp() -> None:
     planner = Planner(PlanningScene("ur10e"))
     start = planner.scene.kinematics.forward(START, TCP)
     goal = moved(start, 0.0, 1.1, 0.0)
@@ -125,7 +125,7 @@ def test_more_than_half_a_circle_goes_over_the_interim_point() -> None:
     assert sum(dist(one[:3], other[:3]) for one, other in pairwise(far)) > 0.15
 
 
-def test_a_sequence_keeps_to_its_lines_but_for_its_blends() -> None:
+def test_a_sequence_stays_on_its_lines_except_in_blends() -> None:
     planner = Planner(PlanningScene("ur5e"))
     start = planner.scene.kinematics.forward(START, TCP)
     corner, end = moved(start, 0.0, 0.2, 0.0), moved(start, 0.0, 0.2, 0.2)
@@ -144,7 +144,7 @@ def test_a_sequence_keeps_to_its_lines_but_for_its_blends() -> None:
     assert poses[-1] == pytest.approx(end, abs=1e-6)
 
 
-def test_motions_of_all_kinds_follow_each_other() -> None:
+def test_motions_of_all_kinds_can_be_combined() -> None:
     planner = Planner(PlanningScene("ur5e"))
     start = planner.scene.kinematics.forward(START, TCP)
     side, top = moved(start, 0.0, 0.2, 0.0), moved(start, 0.0, 0.0, 0.2)
@@ -190,7 +190,7 @@ def test_sequences_that_cannot_be_blended_say_why() -> None:
         MotionSequenceItem(one, "LIN", -1.0)
 
 
-def test_what_stops_a_line_is_said() -> None:
+def test_the_reason_a_line_fails_is_reported() -> None:
     scene = PlanningScene("ur5e")
     scene.add("table", Plane(), (0.0, 0.0, -0.03, 0.0, 0.0, 0.0))
     planner = Planner(scene)
@@ -226,7 +226,7 @@ def test_what_stops_a_line_is_said() -> None:
             planner.plan(START, goal, planner=name)
 
 
-def test_near_a_singularity_a_line_is_slow_and_at_one_it_ends() -> None:
+def test_a_line_is_slow_near_a_singularity_and_ends_at_one() -> None:
     straight = (0.4, -1.3, 1.6, -1.9, -0.2, 0.2)
     turned = (*straight[:4], 0.2, 0.2)
     planner = Planner(PlanningScene("ur5e"))
@@ -258,7 +258,7 @@ def test_ptp_goes_straight_or_says_which_obstacle_blocks_it() -> None:
         planner.plan(START, JointGoal(there), planner="PTP")
 
 
-def test_a_cartesian_path_goes_as_far_as_it_can() -> None:
+def test_a_cartesian_path_goes_as_far_as_possible() -> None:
     scene = PlanningScene("ur5e")
     planner = Planner(scene)
     start = scene.kinematics.forward(START, TCP)
@@ -288,7 +288,7 @@ def test_a_cartesian_path_goes_as_far_as_it_can() -> None:
     assert "out of the reach" in far.plan.stopped_by
 
 
-def test_jumps_end_a_cartesian_path_where_the_threshold_says() -> None:
+def test_joint_jumps_above_the_threshold_end_a_cartesian_path() -> None:
     planner = Planner(PlanningScene("ur5e"))
     near = (0.4, -1.3, 1.6, -1.9, -0.3, 0.2)  # the wrist straightens on the path
     start = planner.scene.kinematics.forward(near, TCP)
@@ -314,7 +314,7 @@ def test_jumps_end_a_cartesian_path_where_the_threshold_says() -> None:
             planner.compute_cartesian_path(**({"start_rad": near, "waypoints": waypoint} | options))
 
 
-def test_a_calibrated_arm_is_on_the_line_as_well() -> None:
+def test_a_calibrated_arm_stays_on_the_line() -> None:
     nominal = load_model("ur5e")
     off = (0.0, 0.002, -0.001, 0.001, -0.002, 0.0)
     d = tuple(one + other for one, other in zip(nominal.dh.d, (0.0005, 0.0, 0.0, -0.0004, 0.0003, 0.0), strict=True))

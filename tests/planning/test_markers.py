@@ -21,7 +21,7 @@ tool: {cylinder: [0.02, 0.1], pose: [0, 0, 0.06, 0, 0, 0]}
 """
 
 
-def test_a_plan_is_drawn_with_what_is_around_it(tmp_path: Path) -> None:
+def test_a_plan_is_drawn_with_its_surroundings(tmp_path: Path) -> None:
     world, file = tmp_path / "world.yaml", tmp_path / "path.mcap"
     world.write_text(WORLD)
     order = ["plan", GOAL, "--model", "ur5e", "--start", START, "--scene", str(world), "--markers", str(file), "--json"]

@@ -98,12 +98,12 @@ def test_poses_are_reached_by_any_configuration(model: str) -> None:
     assert Kinematics(arm.dh).forward(plan.path[-1], tcp) == pytest.approx(pose, abs=1e-6)
 
 
-def test_names_are_those_of_moveit() -> None:
+def test_named_configurations_match_moveit() -> None:
     plan = Planner(PlanningScene("ur5e")).plan(START_Q, NamedGoal("up"))
     assert plan.path[-1] == pytest.approx((0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0, 0.0))
 
 
-def test_of_a_set_of_goals_the_one_that_can_be_reached_is() -> None:
+def test_the_reachable_goal_of_a_set_is_planned() -> None:
     planner, far = Planner(PlanningScene("ur5e")), PoseGoal((2.0, 0.0, 0.3, 0.0, 3.1, 0.0))
     near = JointGoal((0.1, *START_Q[1:]))
     for goals in ([far, NamedGoal("up"), near], [near, NamedGoal("up"), far]):
@@ -118,7 +118,7 @@ def test_of_a_set_of_goals_the_one_that_can_be_reached_is() -> None:
         planner.plan(START_Q, GoalSet([near]), planner="LIN")
 
 
-def test_what_cannot_be_planned_says_why() -> None:
+def test_impossible_plans_are_refused_with_the_reason() -> None:
     scene = PlanningScene("ur3")
     scene.add("table", Plane(), (0.0, 0.0, -0.03, 0.0, 0.0, 0.0))
     scene.add("box", Box((0.2, 0.2, 0.4)), (0.3, 0.0, 0.2, 0.0, 0.0, 0.0))
@@ -153,7 +153,7 @@ def test_what_cannot_be_planned_says_why() -> None:
             planner.plan(**({"start_rad": above, "goal": NamedGoal("up")} | wrong))
 
 
-def test_no_path_says_what_was_tried() -> None:
+def test_a_failed_search_reports_what_was_tried() -> None:
     """The shoulder, which is beside the base's axis, cannot pass these walls."""
     scene = PlanningScene("ur3")
     for number, side in enumerate((-1.0, 1.0)):

@@ -40,7 +40,7 @@ def configuration(*planes: Plane, spheres: tuple[ToolSphere, ...] = ()) -> Safet
     ],
     ids=["tool", "elbow"],
 )
-def test_plans_stay_inside_of_planes(plane: Plane, start: Joints, goal: Joints) -> None:
+def test_plans_stay_within_safety_planes(plane: Plane, start: Joints, goal: Joints) -> None:
     """The straight path takes the tool or the elbow beyond the plane."""
     scene = PlanningScene("ur5e")
     planner = Planner(scene)
@@ -62,7 +62,7 @@ def test_plans_stay_inside_of_planes(plane: Plane, start: Joints, goal: Joints) 
     assert min(map(depth, samples(planner.plan(start, JointGoal(goal))))) < 0.0
 
 
-def test_only_planes_of_the_mode_count_and_only_for_what_they_restrict() -> None:
+def test_only_planes_of_the_active_mode_apply_to_what_they_restrict() -> None:
     scene = PlanningScene("ur5e")
     planner = Planner(scene)
     behind = 0.1  # the whole arm but its base is beyond it

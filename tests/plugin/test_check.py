@@ -34,14 +34,14 @@ def lines_of(output: str, mark: str) -> set[str]:
     return {line[7:27].strip() for line in output.splitlines() if line[:7].strip() == mark}
 
 
-def test_a_robot_that_is_well(robot: EmulatorProcess) -> None:
+def test_a_healthy_robot(robot: EmulatorProcess) -> None:
     status, output = check(robot.host, "--run-script")
     assert (status, lines_of(output, "ok")) == (0, {*robot.ports, "script"}), output
     assert "Robotmode: RUNNING" in output
     assert "PolyScope 5." in output
 
 
-def test_an_older_robot_without_the_ports_of_later_ones_is_well() -> None:
+def test_an_older_robot_without_newer_ports_is_healthy() -> None:
     with EmulatorProcess(["--model", "ur3", "--polyscope", "3.5", "--no-control"]) as robot:
         status, output = check(robot.host, "--require", "rtde")
         assert (status, lines_of(output, "-")) == (0, {"robot api", "interpreter", "control"}), output
@@ -58,7 +58,7 @@ def test_no_robot() -> None:
     assert f"no port of a robot is reachable on {address.host}: connection refused" in output
 
 
-def test_a_server_that_is_silent_and_one_that_is_another_one(robot: EmulatorProcess, tmp_path: Path) -> None:
+def test_a_silent_server_and_an_unexpected_server(robot: EmulatorProcess, tmp_path: Path) -> None:
     silent = socket.create_server((robot.host, 0))
     ports = {**robot.ports, "rtde": silent.getsockname()[1], "dashboard": robot.ports["modbus"]}
     (file := tmp_path / "ports.json").write_text(json.dumps(ports))
@@ -69,7 +69,7 @@ def test_a_server_that_is_silent_and_one_that_is_another_one(robot: EmulatorProc
     assert "no answer in time" in output
 
 
-def test_a_robot_that_is_starting_is_waited_for() -> None:
+def test_the_check_waits_for_a_starting_robot() -> None:
     robot = EmulatorProcess(["--model", "ur3"])
     try:
         robot.start(wait=False)
@@ -82,7 +82,7 @@ def test_a_robot_that_is_starting_is_waited_for() -> None:
     ("words", "complaint"),
     [(["--require", "wheels"], "wheels"), (["--ports-file", "/nowhere"], "/nowhere"), (["--fly"], "--fly")],
 )
-def test_mistakes(words: list[str], complaint: str) -> None:
+def test_invalid_arguments(words: list[str], complaint: str) -> None:
     status, output = check("127.0.0.1", *words)
     assert status == 2
     assert complaint in output
@@ -105,14 +105,14 @@ class TestInstall:
         )
         return done.returncode, done.stdout + done.stderr
 
-    def test_nothing_in_the_way(self, tmp_path: Path) -> None:
+    def test_no_conflicting_modules(self, tmp_path: Path) -> None:
         (tmp_path / "emulator").mkdir()  # no package, and ours is on the path
         status, output = self.run(tmp_path)
         assert status == 0, output
         assert str(launch.ROOT) in output
 
     @pytest.mark.parametrize("name", ["client.py", "emulator/__init__.py", "urscript/__init__.py"])
-    def test_in_the_current_folder(self, tmp_path: Path, name: str) -> None:
+    def test_a_module_in_the_current_folder(self, tmp_path: Path, name: str) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
         status, output = self.run(tmp_path)
@@ -120,14 +120,14 @@ class TestInstall:
         assert f"python started in {tmp_path} imports {tmp_path / name} instead of ours" in output
         assert "remedy: rename it" in output
 
-    def test_on_the_pythonpath(self, tmp_path: Path) -> None:
+    def test_a_module_on_the_pythonpath(self, tmp_path: Path) -> None:
         (other := tmp_path / "src" / "emulator").mkdir(parents=True)
         (other / "__init__.py").write_text("raise ImportError('the decoy was imported')\n")
         status, output = self.run(tmp_path, tmp_path / "src")
         assert status == 1
         assert "remove that folder from PYTHONPATH" in output
 
-    def test_another_distribution_of_these_files(self, tmp_path: Path) -> None:
+    def test_another_distribution_with_the_same_files(self, tmp_path: Path) -> None:
         (metadata := tmp_path / "site" / "clients-1.0.dist-info").mkdir(parents=True)
         (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: clients\nVersion: 1.0\n")
         (metadata / "top_level.txt").write_text("client\n")

@@ -33,7 +33,7 @@ ROBOTS = """
         ur_emulator.kill()
         assert not ur_emulator.start().state(["safety_mode"]) == {"safety_mode": "ROBOT_EMERGENCY_STOP"}
 
-    def test_another_one_of_the_command_lines_model_is_another_robot(ur_emulator, make_ur_emulator):
+    def test_a_second_robot_of_the_same_model_is_a_separate_robot(ur_emulator, make_ur_emulator):
         other = make_ur_emulator(speed=5)
         assert len({*HOSTS, ur_emulator.host, other.host}) == 3
         assert ur_emulator.describe()["model"] == "ur3"
@@ -51,7 +51,7 @@ ROBOTS = """
 """
 
 
-def test_robots_are_what_markers_and_options_say(run_tests) -> None:
+def test_markers_and_options_select_the_robot(run_tests) -> None:
     run_tests(ROBOTS, "--ur-model", "ur10e", "--ur-polyscope", "5.9").assert_outcomes(passed=3)
 
 
@@ -64,7 +64,7 @@ WISHES = [
 ]
 
 
-def test_wishes_that_cannot_be_are_explained(run_tests) -> None:
+def test_impossible_requests_are_explained(run_tests) -> None:
     result = run_tests(
         "import pytest\n"
         + "".join(
@@ -76,7 +76,7 @@ def test_wishes_that_cannot_be_are_explained(run_tests) -> None:
     result.stdout.fnmatch_lines([complaint for *_, complaint in WISHES])
 
 
-def test_a_failure_shows_what_the_robot_said(run_tests) -> None:
+def test_a_failure_shows_the_robots_log(run_tests) -> None:
     result = run_tests("""
         def test_it(ur_emulator):
             ur_emulator.send_script('sec hello():\\n  textmsg("I was here")\\nend\\n')
@@ -87,7 +87,7 @@ def test_a_failure_shows_what_the_robot_said(run_tests) -> None:
     result.stdout.fnmatch_lines(["*ur_emulator 127.*: output*", "*Ready*", "*ur_emulator 127.*: log*", "*I was here*"])
 
 
-def test_an_emulator_that_crashes_is_noticed(run_tests) -> None:
+def test_a_crashed_emulator_is_reported(run_tests) -> None:
     result = run_tests("""
         import os, signal
         def test_it(ur_emulator):
@@ -99,7 +99,7 @@ def test_an_emulator_that_crashes_is_noticed(run_tests) -> None:
 
 
 @pytest.mark.long
-def test_four_workers_have_four_robots_at_once(run_tests, pytester: pytest.Pytester) -> None:
+def test_four_workers_have_four_robots_at_the_same_time(run_tests, pytester: pytest.Pytester) -> None:
     result = run_tests(
         """
         import pathlib, time, pytest
@@ -163,7 +163,7 @@ class TestNamesakes:
         run_tests(self.TESTS, "--import-mode=importlib").assert_outcomes(passed=2)
 
 
-def test_loading_the_plugin_loads_next_to_nothing() -> None:
+def test_loading_the_plugin_imports_next_to_nothing() -> None:
     code = (
         "import sys, pytest\nbefore = set(sys.modules)\nimport urproto.pytest_plugin\n"
         "print(sorted(set(sys.modules) - before))"
@@ -188,7 +188,7 @@ def test_an_emulator_does_not_outlive_the_process_that_started_it(tmp_path: Path
         time.sleep(0.02)
 
 
-def test_a_process_ends_well_and_can_be_started_again() -> None:
+def test_a_process_exits_cleanly_and_can_be_restarted() -> None:
     with EmulatorProcess(["--model", "ur3"]) as robot:
         first = robot.host
         assert robot.stop() == 0
@@ -201,7 +201,7 @@ def test_a_process_ends_well_and_can_be_started_again() -> None:
     assert not Path("/proc", str(pid)).exists()
 
 
-def test_where_there_is_one_loopback_address_ports_are_free_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_a_single_loopback_address_robots_use_free_ports(monkeypatch: pytest.MonkeyPatch) -> None:
     from urproto.testing import process
 
     monkeypatch.setattr(process, "_FIRST", 0xC6336400)  # 198.51.100.0, for documentation: nobody has it
@@ -211,5 +211,5 @@ def test_where_there_is_one_loopback_address_ports_are_free_ones(monkeypatch: py
         assert other.describe()["model"] == "ur3"
 
 
-def test_the_launched_emulator_is_this_one() -> None:
+def test_the_launched_emulator_is_this_installation() -> None:
     assert Path(__file__).parents[2] == launch.ROOT

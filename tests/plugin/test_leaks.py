@@ -39,22 +39,22 @@ def using(leave: str, head: str = "") -> str:
 
 
 @pytest.mark.parametrize("what", LEAVING)
-def test_leaving_something_fails_that_test(run_tests, what: str) -> None:
+def test_a_leak_fails_the_test_that_caused_it(run_tests, what: str) -> None:
     result = run_tests(using(LEAVING[what]))
     result.assert_outcomes(passed=2, errors=1)
     result.stdout.fnmatch_lines([f"left behind by the test: {what}*"])
 
 
 @pytest.mark.parametrize("what", some(LEAVING, now=["listening ports: port "]))
-def test_unless_it_may(run_tests, what: str) -> None:
+def test_leaks_can_be_allowed_by_a_marker(run_tests, what: str) -> None:
     run_tests(using(LEAVING[what], "@pytest.mark.ur_leaves_things\n")).assert_outcomes(passed=2)
 
 
-def test_tests_without_robots_are_their_own_business(run_tests) -> None:
+def test_tests_without_robots_are_not_checked(run_tests) -> None:
     run_tests(using(LEAVING["threads: forgotten"]).replace("ur_robot", "")).assert_outcomes(passed=2)
 
 
-def test_what_ends_in_time_or_belongs_to_a_fixture_is_fine(run_tests) -> None:
+def test_resources_that_end_in_time_or_belong_to_a_fixture_are_accepted(run_tests) -> None:
     run_tests(
         HEAD
         + """
@@ -94,7 +94,7 @@ def test_a_failure_is_reported_once(run_tests) -> None:
     run_tests(source).assert_outcomes(passed=1, failed=1)
 
 
-def test_of_all_that_is_open_only_tcp_servers_listen() -> None:
+def test_only_listening_tcp_sockets_count_as_leaks() -> None:
     before = listening_sockets()
     with ExitStack() as opened:
         servers = [

@@ -15,7 +15,7 @@ PATIENCE_S = 280.0
 @pytest.mark.real_client
 @pytest.mark.timeout(PATIENCE_S + 20)
 @pytest.mark.parametrize("options", [["--ur-model", "ur3"], ["--ur-model", "ur10e", "--ur-polyscope", "5.12"]])
-def test_its_tests_pass(options: list[str]) -> None:
+def test_the_sample_project_passes(options: list[str]) -> None:
     command = [sys.executable, "-m", "pytest", *PLUGIN, "-p", "no:cacheprovider", "-n", "2", *options]
     done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -86,7 +86,7 @@ def test_a_controller_boots_with_its_installation_and_default_program(tmp_path, 
     box.until(lambda: box.runs)
 
 
-def test_a_default_program_that_is_not_to_be_loaded_is_not(tmp_path):
+def test_a_disabled_default_program_is_not_loaded(tmp_path):
     box = Box(tmp_path, "ur5e", settings(load=False))
     assert box.controller.installation.tcp[2] == 0.1
     assert box.loaded == NONE
@@ -106,7 +106,7 @@ def test_without_an_installation_nothing_happens(tmp_path):
         ("bad.txt", b"hello", "loading the default program bad.txt failed: bad.txt is not a program"),
     ],
 )
-def test_a_default_program_that_cannot_be_loaded_is_a_line_in_the_log(tmp_path, name, content, says):
+def test_an_unloadable_default_program_is_logged(tmp_path, name, content, says):
     folder = tmp_path / "programs"
     folder.mkdir()
     (tmp_path / "outside.urp").write_bytes(b"?")
@@ -120,7 +120,7 @@ def test_a_default_program_that_cannot_be_loaded_is_a_line_in_the_log(tmp_path, 
 
 
 @pytest.mark.parametrize("content", [b"", b"?", b"\x1f\x8b", b"<Installation/>", b"<URProgram/>", "directory"])
-def test_an_installation_that_cannot_be_read_is_a_line_in_the_log(tmp_path, content):
+def test_an_unreadable_installation_is_logged(tmp_path, content):
     path = tmp_path / "default.installation"
     if isinstance(content, bytes):
         path.write_bytes(content)
@@ -166,7 +166,7 @@ def test_an_edge_starts_the_program_each_time(tmp_path, model):
 
 @both_series
 @pytest.mark.parametrize("level", [True, False])
-def test_a_level_that_is_there_at_boot_is_enough(tmp_path, model, level):
+def test_a_level_present_at_boot_is_sufficient(tmp_path, model, level):
     """The manual's warning: no edge is needed then, and inputs are low by themselves."""
     both = ("digital_in[2]", level)
     box = Box(tmp_path, model, settings(release=both, start=both), high=(2,) if level else ())
@@ -175,7 +175,7 @@ def test_a_level_that_is_there_at_boot_is_enough(tmp_path, model, level):
     assert box.runs == 1
 
 
-def test_stop_keeps_the_input_from_starting_until_play(tmp_path):
+def test_after_stop_the_input_does_not_start_the_program_until_play(tmp_path):
     box = Box(tmp_path, "ur5e", settings(start=("digital_in[0]", True)))
     box.release()
     box.seconds(0.1)
@@ -208,7 +208,7 @@ def test_only_the_default_program_is_started(tmp_path):
 
 
 @pytest.mark.parametrize("remote", [False, True])
-def test_inputs_act_in_remote_control_only_where_that_is_enforced(tmp_path, remote):
+def test_inputs_require_remote_control_only_if_enforced(tmp_path, remote):
     box = Box(
         tmp_path,
         "ur5e",
@@ -239,14 +239,14 @@ def test_the_input_may_have_a_name_or_be_a_register(tmp_path):
 
 
 @pytest.mark.parametrize("pin", ["digital_in[8]", "analog_in[0]", "digital_out[0]", "nothing"])
-def test_an_input_that_is_none_is_a_line_in_the_log(tmp_path, pin):
+def test_an_invalid_input_is_logged(tmp_path, pin):
     box = Box(tmp_path, "ur5e", settings(release=(pin, False)))
     box.seconds(0.5)
     assert box.mode is RobotMode.POWER_OFF
     assert len([line for line in box.controller.messages.history if f"{pin} is not a digital input" in line]) == 1
 
 
-def test_another_installation_begins_with_the_level_that_its_input_has(tmp_path):
+def test_another_installation_starts_with_the_current_level_of_its_input(tmp_path):
     box = Box(tmp_path, "ur5e", settings(), high=(1,))
     Box.install(tmp_path, settings(release=("digital_in[1]", True)), name="second")
     box.ask("load installation second.installation")
@@ -258,14 +258,14 @@ def test_another_installation_begins_with_the_level_that_its_input_has(tmp_path)
     box.until(lambda: box.mode is RobotMode.RUNNING, 1.0)
 
 
-def test_a_controller_that_takes_time_to_boot_loads_meanwhile(tmp_path):
+def test_a_slowly_booting_controller_loads_during_boot(tmp_path):
     box = Box(tmp_path, "ur5e", settings(), timings=PowerTimings(controller_boot_s=0.5))
     assert box.mode is RobotMode.BOOTING
     box.until(lambda: box.loaded == CUBE, 0.5)
     assert box.mode is RobotMode.BOOTING
 
 
-def test_what_a_client_loads_while_the_controller_boots_stays(tmp_path):
+def test_a_program_loaded_by_a_client_during_boot_is_kept(tmp_path):
     box = Box(tmp_path, "ur5e")
     box.save("long.urp", main(*(say(f"line {number}") for number in range(1000))))
     Box.install(tmp_path, settings("long.urp"))

@@ -89,7 +89,7 @@ def nodes(root, tag):
     return [place for place in root.places() if place.tag == tag]
 
 
-def test_what_is_read_is_written_byte_for_byte():
+def test_documents_round_trip_byte_for_byte():
     assert write_document(read_document(SAMPLE)) == SAMPLE
     again = read_document(packed(SAMPLE))
     assert write_document(again) == SAMPLE  # also when it is linked already
@@ -97,13 +97,13 @@ def test_what_is_read_is_written_byte_for_byte():
     assert unpacked(packed(SAMPLE)) == gzip.decompress(packed(SAMPLE)) == SAMPLE
 
 
-def test_a_changed_number_changes_its_own_bytes_only():
+def test_a_changed_number_changes_only_its_own_bytes():
     root = read_document(SAMPLE)
     Changes().set_attribute(nodes(root, "Move")[1], "speed", "0.5")
     assert write_document(root) == SAMPLE.replace(b'speed="0.25"', b'speed="0.5"')
 
 
-def test_where_the_first_place_of_an_object_goes_the_next_has_it_whole():
+def test_an_object_moves_to_its_next_reference_when_its_first_is_removed():
     root = link(read_document(SAMPLE))
     first, second = nodes(root, "Move")
     holder = first.parent
@@ -119,7 +119,7 @@ def test_where_the_first_place_of_an_object_goes_the_next_has_it_whole():
     assert write_document(again).decode() == text
 
 
-def test_references_follow_what_is_moved():
+def test_references_follow_moved_objects():
     root = link(read_document(SAMPLE))
     first, second = nodes(root, "Move")
     Changes().put(first.parent, "children", [second, first])
@@ -130,7 +130,7 @@ def test_references_follow_what_is_moved():
     assert 'reference="../../../../../../../../../MainProgram/children/Move[2]/children/Assignment/variable"' in text
 
 
-def test_a_subprogram_whose_call_is_deleted_stands_in_the_program():
+def test_a_subprogram_whose_call_is_deleted_stays_in_the_program():
     root = link(read_document(SAMPLE))
     thread = nodes(root, "Thread")[0]
     Changes().put(thread.child("children"), "children", [])
@@ -140,7 +140,7 @@ def test_a_subprogram_whose_call_is_deleted_stands_in_the_program():
     assert read_document(text.encode()).child("children").child("SubProgram").get("name") == "S"
 
 
-def test_a_new_place_shares_what_is_there():
+def test_a_new_reference_shares_the_existing_object():
     root = link(read_document(SAMPLE))
     force = nodes(root, "Force")[0]
     Changes().set_child(force, "tcp", make("tcp", referencedName="Tool"))
@@ -149,7 +149,7 @@ def test_a_new_place_shares_what_is_there():
     assert b'<tcp reference="../../Force/tcp"/>' in write_document(root)
 
 
-def test_changes_are_taken_back_exactly():
+def test_changes_are_undone_exactly():
     root = link(read_document(SAMPLE))
     changes = Changes()
     move = nodes(root, "Move")[0]
@@ -164,7 +164,7 @@ def test_changes_are_taken_back_exactly():
 
 
 @pytest.mark.parametrize("text", ["tab\tend", "line\nend", "return\rend", "<&>'\"", "≟ é 漢 😀"])
-def test_any_text_comes_back(text):
+def test_any_text_round_trips(text):
     root = make("a", make("b", text=f"x{text}"), c=text)
     again = read_document(write_document(root))
     assert again.get("c") == text
@@ -172,12 +172,12 @@ def test_any_text_comes_back(text):
 
 
 @pytest.mark.parametrize("text", ["\x00", "\x1b[0m", "\udcff", "\ufffe"])
-def test_what_xml_cannot_hold_is_refused(text):
+def test_values_that_xml_cannot_hold_are_refused(text):
     with pytest.raises(DocumentError, match="not allowed in XML"):
         write_document(make("a", b=text))
 
 
-def test_what_could_not_be_read_again_is_not_written():
+def test_unreadable_documents_are_not_written():
     root = inner = make("a")
     for _ in range(300):
         deeper = make("a")
@@ -188,6 +188,6 @@ def test_what_could_not_be_read_again_is_not_written():
 
 
 @pytest.mark.parametrize("path", ["../c", "../b[7]", "../../../..", "../b[0]"])
-def test_a_path_that_leads_nowhere_is_refused(path):
+def test_an_unresolvable_path_is_refused(path):
     with pytest.raises(DocumentError, match="which does not exist"):
         link(read_document(f'<a><b/><d reference="{path}"/></a>'.encode()))

@@ -19,7 +19,7 @@ def titles(edited):
     return [f"{'  ' * row.depth}{row.title}" for row in edited.rows()]
 
 
-def test_a_pick_and_place_is_made_from_nothing_and_comes_back():
+def test_a_pick_and_place_program_is_created_and_reopened():
     made = editor()
     first = made.insert("waypoint", into=ROOT)
     move = made.rows()[-2].id
@@ -65,7 +65,7 @@ def test_a_pick_and_place_is_made_from_nothing_and_comes_back():
     assert again.document() == made.document()
 
 
-def test_everything_is_undone_to_the_same_bytes_and_done_again():
+def test_undo_restores_the_same_bytes_and_redo_repeats():
     made = editor()
     before = made.document()
     waypoint = made.insert("waypoint", into=ROOT)
@@ -132,7 +132,7 @@ def test_a_value_that_a_field_cannot_take_is_refused_with_node_and_field(kind, v
     assert made.revision == 0
 
 
-def test_nodes_stand_where_they_may():
+def test_nodes_can_be_placed_only_where_allowed():
     made = editor()
     wait = made.insert("wait", into=ROOT)
     branch = made.insert("if", into=ROOT)
@@ -174,7 +174,7 @@ def test_nodes_stand_where_they_may():
     ]
 
 
-def test_an_if_goes_with_its_branches():
+def test_an_if_is_deleted_with_its_branches():
     made = editor()
     branch = made.insert("if", into=ROOT, values={"expression": "True"})
     made.insert("else", after=branch)
@@ -201,7 +201,7 @@ def test_an_if_goes_with_its_branches():
 
 
 @pytest.mark.parametrize("version", [CB3, E_SERIES])
-def test_a_waypoint_is_taught_as_its_series_saves_it(version):
+def test_a_waypoint_is_saved_as_on_its_series(version):
     made = editor(version)
     waypoint = made.insert("waypoint", into=ROOT)
     assert [(problem.node, problem.message) for problem in made.problems()] == [
@@ -231,7 +231,7 @@ def test_a_waypoint_is_taught_as_its_series_saves_it(version):
         made.teach(waypoint, HOME[:5], pose, TCP)
 
 
-def test_waypoints_of_one_name_are_one_position():
+def test_waypoints_of_the_same_name_share_a_position():
     made = editor()
     first = made.insert("waypoint", into=ROOT)
     (second,) = made.paste(made.copy(first), after=first)
@@ -284,7 +284,7 @@ def test_a_subprogram_is_called_until_it_is_deleted():
     assert b"hers" in other.document()
 
 
-def test_what_cannot_be_translated_is_said_at_its_node():
+def test_untranslatable_nodes_are_reported_at_the_node():
     made = editor()
     pin = made.insert("set", into=ROOT, values={"type": "DigitalOutput", "output": "clamp"})
     missing = made.insert("home", into=ROOT)
@@ -299,7 +299,7 @@ def test_what_cannot_be_translated_is_said_at_its_node():
     assert [row.problem for row in made.rows()][-1] == "the installation bare has no TCP called 'gripper'"
 
 
-def test_two_people_edit_one_program():
+def test_two_users_edit_one_program():
     """Each speaks of nodes by their ids, whatever the other did meanwhile."""
     made = editor()
     hers = made.insert("folder", into=ROOT, values={"name": "hers"})
@@ -324,7 +324,7 @@ def test_two_people_edit_one_program():
     assert [row.title for row in made.rows()][2:] == ["his", "Halt", "hers", "Wait: 1.0"]
 
 
-def test_a_palette_has_what_the_version_has():
+def test_the_palette_depends_on_the_version():
     assert {"home", "set_payload"} <= {kind["key"] for kind in editor().palette()}
     cb3 = editor(CB3)
     assert not {"home", "set_payload"} & {kind["key"] for kind in cb3.palette()}
@@ -337,7 +337,7 @@ def test_a_palette_has_what_the_version_has():
     json.dumps(editor().palette())
 
 
-def test_a_program_that_is_none_is_refused():
+def test_a_file_that_is_not_a_program_is_refused():
     from urscript.polyscope.document import DocumentError, read_document
     from urscript.polyscope.editing import ProgramEditor
     from urscript.polyscope.tree import TreeError
@@ -351,7 +351,7 @@ def test_a_program_that_is_none_is_refused():
 
 
 @pytest.mark.parametrize("kind", [kind for kind in kinds().values() if kind.new], ids=lambda kind: kind.key)
-def test_every_kind_is_made_shown_set_saved_and_translated(kind):
+def test_every_kind_is_created_shown_set_saved_and_translated(kind):
     """As it is made, and with every choice of its form."""
     made = editor()
     made.insert("subprogram", into=ROOT)

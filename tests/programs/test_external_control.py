@@ -104,7 +104,7 @@ def robot(tmp_path: Path) -> Robot:
     return Robot(tmp_path)
 
 
-def test_play_is_answered_when_the_drivers_program_runs(robot):
+def test_play_is_answered_once_the_drivers_program_runs(robot):
     answers, driver = robot.play()
     assert robot.network.opened == [driver]
     robot.seconds(0.2)
@@ -119,7 +119,7 @@ def test_play_is_answered_when_the_drivers_program_runs(robot):
     assert robot.texts == ["node 1"]
 
 
-def test_header_once_and_the_rest_at_each_node(tmp_path):
+def test_the_header_is_inserted_once_and_the_rest_at_each_node(tmp_path):
     robot = Robot(tmp_path, nodes=NODE * 3)
     _, driver = robot.play()
     driver.feed(PROGRAM)
@@ -141,7 +141,7 @@ socket_close("reverse")
 """
 
 
-def test_the_program_goes_on_behind_the_node_when_the_driver_lets_go(tmp_path):
+def test_the_program_continues_after_the_node_when_control_is_handed_back(tmp_path):
     """As the vendor's test of handing control back does it."""
     robot = Robot(tmp_path, nodes=f'{NODE}<Wait type="Sleep"><waitTime>0.2</waitTime></Wait>')
     robot.network.listening.add(("10.0.0.1", 50001))
@@ -155,7 +155,7 @@ def test_the_program_goes_on_behind_the_node_when_the_driver_lets_go(tmp_path):
     assert robot.until(lambda: robot.state is RuntimeState.STOPPED, 1.0) == pytest.approx(0.2, abs=0.01)
 
 
-def test_a_program_in_a_loop_begins_anew_with_the_header(tmp_path):
+def test_a_looping_program_starts_again_with_the_header(tmp_path):
     robot = Robot(tmp_path)
     (tmp_path / "drive.urp").write_bytes(urp(NODE, once="false"))
     robot.ask("load drive.urp")
@@ -166,7 +166,7 @@ def test_a_program_in_a_loop_begins_anew_with_the_header(tmp_path):
     assert len(robot.network.opened) == 1
 
 
-def test_clients_see_who_controls(robot):
+def test_clients_see_which_program_runs(robot):
     _, driver = robot.play()
     driver.feed(PROGRAM)
     robot.until(lambda: robot.state is RuntimeState.PLAYING)
@@ -177,13 +177,13 @@ def test_clients_see_who_controls(robot):
     assert keys == [("PROGRAM_XXX_STARTED", "drive"), ("PROGRAM_XXX_STOPPED", "drive")]
 
 
-def test_a_program_with_unknown_last_line_starts_a_little_later(robot):
+def test_a_program_with_an_unknown_last_line_starts_slightly_later(robot):
     answers, driver = robot.play()
     driver.feed(b'textmsg("short")\nsync()\n')
     assert 0.1 <= robot.until(lambda: answers, 0.2) < 0.15
 
 
-def test_every_play_asks_anew(robot):
+def test_every_play_sends_a_new_request(robot):
     for round_number in (1, 2):
         _, driver = robot.play()
         driver.feed(b'textmsg("round ", %d)\nsync()\n' % round_number)
@@ -193,7 +193,7 @@ def test_every_play_asks_anew(robot):
     assert robot.texts == ["round 1", "round 2"]
 
 
-def test_a_program_in_pieces_and_what_follows_its_last_line(robot):
+def test_a_program_in_pieces_with_data_after_its_last_line(robot):
     """The official tests append lines behind the end of the control loop."""
     _, driver = robot.play()
     for line in (PROGRAM + b'textmsg("appended")\n').splitlines(keepends=True):
@@ -204,7 +204,7 @@ def test_a_program_in_pieces_and_what_follows_its_last_line(robot):
     assert robot.texts == ["node 1", "appended"]
 
 
-def test_a_pause_does_not_end_a_program_whose_last_line_has_not_come(robot):
+def test_a_pause_in_transmission_does_not_end_an_incomplete_program(robot):
     _, driver = robot.play()
     head, tail = PROGRAM.split(b"textmsg")
     driver.feed(head)
@@ -215,7 +215,7 @@ def test_a_pause_does_not_end_a_program_whose_last_line_has_not_come(robot):
     assert robot.texts == ["node 1"]
 
 
-def test_a_driver_that_closes_behind_its_program(robot):
+def test_a_driver_that_closes_after_its_program(robot):
     """Simple servers do, some without a last line end."""
     _, driver = robot.play()
     driver.feed(b'textmsg("all")\r\nsync()')
@@ -241,7 +241,7 @@ def silent(robot: Robot) -> str:
 
 
 @pytest.mark.parametrize(("driver", "waits_s"), [(refused, 0.0), (unreachable, 5.0), (silent, 0.5)])
-def test_without_an_answer_the_program_shows_a_popup_and_goes_on_behind_it(tmp_path, driver, waits_s):
+def test_without_an_answer_the_program_shows_a_popup_and_continues_after_it(tmp_path, driver, waits_s):
     robot = Robot(tmp_path, nodes=f'{NODE}<Wait type="Sleep"><waitTime>0.2</waitTime></Wait>')
     text = driver(robot)
     answers = robot.post("play")
@@ -256,7 +256,7 @@ def test_without_an_answer_the_program_shows_a_popup_and_goes_on_behind_it(tmp_p
     assert 0.15 < robot.until(lambda: robot.state is RuntimeState.STOPPED, 1.0) < 0.25
 
 
-def test_half_a_line_is_no_program(robot):
+def test_half_a_line_is_not_a_program(robot):
     _, driver = robot.play()
     driver.feed(b'textmsg("one")\ntextmsg("tw')
     robot.until(lambda: robot.popups, 1.0)
@@ -264,7 +264,7 @@ def test_half_a_line_is_no_program(robot):
     assert robot.texts == []
 
 
-def test_a_connection_that_breaks_is_told_with_its_reason(robot):
+def test_a_broken_connection_is_reported_with_its_reason(robot):
     _, driver = robot.play()
     driver.failure = "Connection reset by peer"
     driver.close()
@@ -272,7 +272,7 @@ def test_a_connection_that_breaks_is_told_with_its_reason(robot):
     assert robot.popups[0].endswith("could not be established. Reason: Connection reset by peer")
 
 
-def test_a_driver_that_closes_without_a_word(robot):
+def test_a_driver_that_closes_without_sending(robot):
     """Seen with URCap 1.0.4: its program is the word null, which does not compile."""
     answers, driver = robot.play()
     driver.close()
@@ -282,14 +282,14 @@ def test_a_driver_that_closes_without_a_word(robot):
     assert any(isinstance(message, RuntimeExceptionMessage) for message in robot.messages)
 
 
-def test_a_program_without_end_is_given_up(robot):
+def test_an_endless_program_is_abandoned(robot):
     _, driver = robot.play()
     robot.until(lambda: driver.feed(b"sync()\n" * 400) or robot.popups, 5.0)
     assert "the program has more than 256 KiB" in robot.popups[0]
     assert driver.state == "closed"
 
 
-def test_a_trickle_is_given_up(robot):
+def test_a_trickling_program_is_abandoned(robot):
     answers, driver = robot.play()
     took = robot.until(lambda: driver.feed(b" ") or answers, 11.0)
     assert took == pytest.approx(10.0, abs=0.1)
@@ -305,7 +305,7 @@ def test_a_driver_program_with_an_error_is_reported_and_not_started(robot):
 
 
 @pytest.mark.parametrize("line", ["stop", "power off", "load drive.urp"])
-def test_what_ends_a_program_ends_the_waiting_for_one(robot, line):
+def test_ending_the_program_also_ends_waiting_for_the_driver(robot, line):
     answers, driver = robot.play()
     robot.ask(line)
     robot.tick()
@@ -316,7 +316,7 @@ def test_what_ends_a_program_ends_the_waiting_for_one(robot, line):
     assert robot.popups == []
 
 
-def test_another_program_takes_the_place_of_the_one_waited_for(robot):
+def test_another_program_replaces_the_one_being_waited_for(robot):
     answers, driver = robot.play()
     robot.controller.post(ScriptUnit('def other():\n  textmsg("other")\n  sleep(1)\nend\n', "block"))
     robot.until(lambda: robot.state is RuntimeState.PLAYING, 0.1)
@@ -327,7 +327,7 @@ def test_another_program_takes_the_place_of_the_one_waited_for(robot):
     assert robot.controller.programs.name == "other"
 
 
-def test_a_secondary_program_does_not_disturb_the_waiting(robot):
+def test_a_secondary_program_does_not_interrupt_waiting(robot):
     answers, driver = robot.play()
     robot.controller.post(ScriptUnit('sec note():\n  textmsg("beside")\nend\n', "block"))
     robot.seconds(0.1)
@@ -346,7 +346,7 @@ def test_a_stop_of_the_arm_while_waiting_keeps_the_program_from_starting(robot):
     assert answers == [FAILED]
 
 
-def test_two_that_press_play_are_answered_alike(robot):
+def test_two_clients_sending_play_get_the_same_answer(robot):
     first, driver = robot.play()
     second = robot.post("play")
     robot.seconds(0.1)
@@ -358,7 +358,7 @@ def test_two_that_press_play_are_answered_alike(robot):
     assert robot.texts == ["node 1"]
 
 
-def test_where_the_driver_is_asked_for(tmp_path):
+def test_the_address_used_for_the_driver(tmp_path):
     """The emulator's option comes before the installation's page, and that before the URCap's default."""
     page = contribution('<data key="host_ip" value="10.0.0.7"/><data key="port_nr" value="6000"/>')
     (tmp_path / "cell.installation").write_bytes(gzip.compress(page.encode()))
@@ -380,7 +380,7 @@ class _Behind(ControlledRobot):
         raise AssertionError("it takes no time")
 
 
-def test_an_address_from_the_control_api_counts_from_the_next_play_on(tmp_path):
+def test_an_address_from_the_control_api_applies_from_the_next_play(tmp_path):
     robot = Robot(tmp_path, driver=("10.0.0.8", 7000))
     ProgramVerbs(_Behind(robot.controller)).set_external_control("10.0.0.8", 7000)
     _, driver = robot.play()
@@ -417,7 +417,7 @@ def test_addresses_as_an_option(text, address):
 
 
 @pytest.mark.parametrize("text", ["", ":", "host:", "host:0", "host:65536", "host:x", "::1", "two words", "a:1:2"])
-def test_what_is_no_address(text):
+def test_invalid_addresses(text):
     with pytest.raises(ValueError, match="use HOST:PORT"):
         DriverAddress.parse(text)
 
@@ -439,7 +439,7 @@ def test_a_program_is_split_at_its_anchors(text, header, node):
 
 @settings(deadline=None, max_examples=examples(33))
 @given(pieces=st.lists(st.binary(max_size=60), max_size=6), closes=st.booleans())
-def test_any_bytes_come_to_an_end(pieces, closes):
+def test_any_bytes_are_handled(pieces, closes):
     network = MemorySockets(URCAP_DEFAULT)
     request = ProgramRequest(network, URCAP_DEFAULT, 0.008)
     assert request.step() is None

@@ -33,7 +33,7 @@ def path(tmp_path):
 
 
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
-def test_the_emulator_uses_what_new_wrote(tmp_path, model):
+def test_the_emulator_uses_an_installation_created_with_new(tmp_path, model):
     path = tmp_path / "default.installation"
     assert "for UR" in run("new", path, "--model", model, "--host", "10.1.2.3", "--port", 50010)
     assert run("check", path).endswith("no problems found\n")
@@ -43,7 +43,7 @@ def test_the_emulator_uses_what_new_wrote(tmp_path, model):
     assert load_installation_file(path).safety.checksum == factory_configuration(arm).checksum
 
 
-def test_a_value_is_set_and_shown_in_the_units_of_people(path):
+def test_values_are_set_and_shown_in_user_units(path):
     before = unpacked(path.read_bytes()).splitlines()
     run("set", path, "tcps", "pose=[0,0,0.15,0,0,1.5]", "--row", "TCP")
     run("set", path, "safety_joints", "normal_max=1.5707963267948966", "--row", "Elbow")
@@ -69,14 +69,14 @@ def test_a_value_is_set_and_shown_in_the_units_of_people(path):
         ("minJointRevolutions = [-2", "minJointRevolutions = [3", "a minimum position is not below the maximum"),
     ],
 )
-def test_what_cannot_be_is_found(path, before, after, said):
+def test_invalid_values_are_found(path, before, after, said):
     text = unpacked(path.read_bytes()).decode()
     assert before in text
     path.write_text(text.replace(before, after))
     assert said in run("check", path, status=1)
 
 
-def test_refusals_are_one_line_and_change_nothing(tmp_path, path):
+def test_errors_are_one_line_and_change_nothing(tmp_path, path):
     before = path.read_bytes()
     for arguments, said in (
         (("new", path), "exists: pass --force"),

@@ -165,7 +165,7 @@ both_series = pytest.mark.parametrize("series", ["cb3", "e"])
         ),
     ],
 )
-def test_a_change_is_all_that_changes_in_the_file(series, change, before, after):
+def test_nothing_but_the_changed_value_changes_in_the_file(series, change, before, after):
     text = saved(series)
     assert before in text
     root = read_document(text.encode())
@@ -174,7 +174,7 @@ def test_a_change_is_all_that_changes_in_the_file(series, change, before, after)
     assert write_document(root).decode() == text.replace(before, after, 1)
 
 
-def test_the_payload_is_where_the_series_has_it():
+def test_the_payload_is_stored_as_on_the_series():
     cb3, e = (read_document(saved(series).encode()) for series in ("cb3", "e"))
     change_setting(cb3, "payloads", "Payload", {"mass": 1.5, "cog": [0.0, 0.0, 0.03]})
     assert 'toolPayload="1.5" centerOfGravity="0.0, 0.0, 0.03"' in write_document(cb3).decode()
@@ -188,7 +188,7 @@ def test_the_payload_is_where_the_series_has_it():
 
 
 @both_series
-def test_what_is_added_is_found_again(series):
+def test_added_entries_are_read_back(series):
     root = read_document(saved(series).encode())
     add_setting(root, "tcps", {"name": "pen", "pose": [0.0, 0.0, 0.1, 0.0, 0.0, 0.0], "active": True})
     add_setting(root, "features", {"name": "shelf", "pose": [0.4, 0.0, 0.5, 0.0, 0.0, 0.0], "variable": True})
@@ -242,14 +242,14 @@ def test_what_is_added_is_found_again(series):
         ("colours", "", {}, "no section 'colours'"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name_and_changes_nothing(section, name, values, complaint):
+def test_invalid_values_are_refused_by_name_and_change_nothing(section, name, values, complaint):
     root = read_document(saved("e").encode())
     with pytest.raises(SettingError, match=complaint):
         change_setting(root, section, name, values)
     assert write_document(root).decode() == saved("e")
 
 
-def test_numbers_are_written_as_java_does():
+def test_numbers_are_formatted_as_in_java():
     written = {0.0: "0.0", -0.25: "-0.25", 0.001: "0.001", 1.4e-4: "1.4E-4", 2e-5: "2.0E-5", 1e7: "1.0E7", 3: "3.0"}
     assert {value: double_text(value) for value in written} == written
 
@@ -274,7 +274,7 @@ def robot(folder: Path | None, model: str) -> VirtualRobot:
 
 
 @pytest.mark.parametrize("model", ["ur5", "ur5e"])
-def test_the_drivers_address_is_saved_and_there_after_a_restart(tmp_path, model):
+def test_the_drivers_address_survives_a_restart(tmp_path, model):
     before = robot(tmp_path, model)
     before.set_external_control("10.0.0.1")
     before.change_installation("external_control", {"host": "192.168.56.7"})
@@ -288,7 +288,7 @@ def test_the_drivers_address_is_saved_and_there_after_a_restart(tmp_path, model)
     }
 
 
-def test_tool_and_mounting_are_in_use_at_once_and_nothing_else_is(tmp_path):
+def test_only_tool_and_mounting_take_effect_immediately(tmp_path):
     (tmp_path / "default.installation").write_bytes(gzip.compress(saved("e").encode()))
     arm = robot(tmp_path, "ur5e")
     arm.set_tcp((0.0, 0.0, 0.05, 0.0, 0.0, 0.0))
@@ -307,7 +307,7 @@ def test_tool_and_mounting_are_in_use_at_once_and_nothing_else_is(tmp_path):
     assert arm.installation()["file"] == "default.installation"
 
 
-def test_refusals_come_with_their_reason_and_leave_the_file(tmp_path):
+def test_refusals_state_the_reason_and_leave_the_file_unchanged(tmp_path):
     path = tmp_path / "default.installation"
     path.write_bytes(gzip.compress(saved("e").encode()))
     arm, before = robot(tmp_path, "ur5e"), path.read_bytes()
@@ -320,7 +320,7 @@ def test_refusals_come_with_their_reason_and_leave_the_file(tmp_path):
     assert path.read_bytes() == before
 
 
-def test_without_a_folder_an_installation_is_saved_to_a_temporary_one(tmp_path, monkeypatch):
+def test_without_a_folder_an_installation_is_saved_to_a_temporary_folder(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     arm = robot(None, "ur5e")
     arm.change_installation("mounting", {"tilt": 1.0})
@@ -329,7 +329,7 @@ def test_without_a_folder_an_installation_is_saved_to_a_temporary_one(tmp_path, 
     assert load_installation_file(saved_to).gravity[1] != 0.0
 
 
-def test_actions_of_signals_are_in_force_with_the_next_program(tmp_path):
+def test_signal_actions_apply_from_the_next_program(tmp_path):
     root = read_document(saved("e").encode())
     change_setting(root, "io", "digital_out[3]", {"action": "LOW_WHEN_PROGRAM_STOPPED"})
     change_setting(root, "io", "digital_in[1]", {"action": "FREEDRIVE"})

@@ -39,7 +39,7 @@ def run(*arguments: object) -> str:
 @pytest.mark.parametrize(
     ("model", "options"), [("ur3", []), ("ur5", ["--polyscope", "3.12"]), ("ur5e", ["--model", "ur5e"])]
 )
-def test_the_emulator_plays_what_new_wrote(tmp_path, model, options):
+def test_the_emulator_plays_a_program_created_with_new(tmp_path, model, options):
     """Loaded from the dashboard, it asks the driver that its installation names, and runs what that gives."""
     path = tmp_path / "external_control.urp"
     said = run("new", path, "--host", "10.1.2.3", "--port", 50010, *(options or ["--model", model]))
@@ -62,7 +62,7 @@ def test_the_emulator_plays_what_new_wrote(tmp_path, model, options):
 
 
 @pytest.mark.parametrize("version", [CB3, E_SERIES])
-def test_the_emulator_plays_what_an_editor_saved(tmp_path, version):
+def test_the_emulator_plays_a_program_saved_by_the_editor(tmp_path, version):
     """From the tree and from the script beside it: the same movement, the same outputs."""
     made = editor(version)
     waypoint = made.insert("waypoint", into=ROOT)
@@ -95,7 +95,7 @@ def test_the_emulator_plays_what_an_editor_saved(tmp_path, version):
         assert arm.controller.snapshot.actual_digital_output_bits & 8, name
 
 
-def test_the_shell_shows_and_checks_and_exports(tmp_path):
+def test_the_command_line_shows_checks_and_exports(tmp_path):
     path = tmp_path / "p.urp"
     run("new", path, "--empty")
     with pytest.raises(URError, match=r"p\.urp: exists: pass --force to overwrite it"):
@@ -134,7 +134,7 @@ def test_the_shell_shows_and_checks_and_exports(tmp_path):
         run("new", tmp_path / "q.urp", "--host", "10.0.0.1")
 
 
-def test_an_installation_gets_the_driver_and_keeps_all_else(tmp_path):
+def test_adding_a_driver_keeps_the_rest_of_the_installation(tmp_path):
     before = (
         b'<Installation directory="/programs">\n  <IOs>\n    <A value=", "/>\n  </IOs>\n'
         b'  <Alias reference="../IOs"/>\n  <T activePose="TCP">\n    <tcp name="TCP" offset="0,0,0,0,0,0"/>\n  </T>\n'
@@ -154,7 +154,7 @@ def test_an_installation_gets_the_driver_and_keeps_all_else(tmp_path):
     assert b'<data key="port_nr" value="50099"/>' in write_document(root)
 
 
-def test_suppressed_nodes_stand_between_apostrophes_in_the_text():
+def test_suppressed_nodes_are_quoted_in_the_text():
     made = editor()
     move = made.insert("move", into=ROOT)
     made.insert("comment", into=move, values={"comment": "a"})
@@ -193,7 +193,7 @@ def blink():
 
 
 @pytest.mark.usefixtures("blink")
-def test_a_new_node_type_is_one_place():
+def test_a_new_node_type_is_declared_in_one_place():
     made = editor()
     assert {"key": "blink", "title": "Blink", "group": "Advanced"} in made.palette()
     added = made.insert("blink", into=ROOT)

@@ -79,7 +79,7 @@ def edit(made: ProgramEditor, what: tuple[str, str, str, int, int]) -> None:
 
 @settings(max_examples=examples(40), deadline=None)
 @given(st.sampled_from((CB3, E_SERIES)), st.lists(EDITS, max_size=25))
-def test_any_edits_come_back_from_the_file_and_are_undone_exactly(version, edits):
+def test_any_edits_survive_saving_and_are_undone_exactly(version, edits):
     made = editor(version)
     empty = made.document()
     for what in edits:
@@ -104,7 +104,7 @@ def test_any_edits_come_back_from_the_file_and_are_undone_exactly(version, edits
     st.sampled_from((CB3, E_SERIES)),
     st.lists(st.tuples(st.sampled_from(KEYS), st.sampled_from(PLACES), NUMBER), min_size=1, max_size=12),
 )
-def test_any_program_that_lacks_nothing_is_a_script_that_compiles(version, wanted):
+def test_any_complete_program_becomes_a_script_that_compiles(version, wanted):
     """Whatever is put in is completed as its form says; then it has no problems, and its script is accepted."""
     made = editor(version)
     made.insert("subprogram", into="program")
@@ -141,7 +141,7 @@ def complete(made: ProgramEditor, target: str) -> None:
 
 @given(TEXTS, st.sampled_from((CB3, E_SERIES)))
 @settings(max_examples=examples(60), deadline=None)
-def test_any_text_can_be_said_in_a_comment_and_an_expression(text, version):
+def test_any_text_is_allowed_in_a_comment_and_an_expression(text, version):
     made = editor(version)
     comment = made.insert("comment", into="program", values={"comment": text})
     line = made.insert("script", into="program", values={"line": text})
@@ -162,7 +162,7 @@ def test_any_text_can_be_said_in_a_comment_and_an_expression(text, version):
         ("notable_x + band", "notable_x + band"),
     ],
 )
-def test_an_expression_is_shown_as_polyscope_shows_it(text, shown):
+def test_expressions_are_displayed_as_in_polyscope(text, shown):
     made = editor()
     line = made.insert("script", into="program", values={"line": text})
     assert made.form(line)["fields"][1]["value"] == shown

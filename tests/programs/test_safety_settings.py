@@ -48,7 +48,7 @@ def safety(root):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_written_configuration_reads_as_it_was(name):
+def test_a_configuration_round_trips(name):
     model = load_model(name)
     full = replace(
         factory_configuration(model),
@@ -115,7 +115,7 @@ def test_each_setting_reads_back(section, name, values, found):
             assert row[key] == pytest.approx(value) if isinstance(value, float) else row[key] == value
 
 
-def test_a_plane_that_is_moved_by_hand_follows_no_feature():
+def test_a_manually_moved_plane_no_longer_follows_its_feature():
     root = saved()
     settings = root.child("SafetySettings")
     section = "SafetyLimits BoundaryPlane0"
@@ -141,14 +141,14 @@ def test_a_plane_that_is_moved_by_hand_follows_no_feature():
         ("safety_io", "reducedModeInput", {"pins": "0, 2"}, "must be one of"),
     ],
 )
-def test_what_is_no_configuration_is_refused_and_changes_nothing(section, name, values, complaint):
+def test_invalid_configurations_are_refused_and_change_nothing(section, name, values, complaint):
     root = saved()
     with pytest.raises(SettingError, match=complaint):
         change_setting(root, section, name, values)
     assert write_document(root) == write_document(saved())
 
 
-def test_text_that_is_none_is_refused():
+def test_text_without_a_configuration_is_refused():
     root = new_installation(DEFAULT_VERSION[UR5E.series])
     root.children.append(make("SafetySettings", text="[SafetyLimits Normal Values]\nmaxForce = none\n"))
     assert read_section(root, "safety_limits") == []
@@ -157,7 +157,7 @@ def test_text_that_is_none_is_refused():
 
 
 @pytest.mark.parametrize("model", ["ur5", "ur5e"])
-def test_a_change_is_in_force_at_once_with_the_arm_off_and_by_option_after_a_restart(tmp_path, model):
+def test_a_change_applies_immediately_with_the_arm_off_or_after_a_restart(tmp_path, model):
     def started(**config):
         return VirtualRobot(ControllerConfig(model=load_model(model), running=True, programs_dir=tmp_path, **config))
 

@@ -47,14 +47,14 @@ def test_load_play_and_what_is_loaded(arm):
     assert arm.ask("programState") == "PLAYING my tool.urp"
 
 
-def test_an_uncompressed_file_is_a_program_too(arm):
+def test_an_uncompressed_file_is_accepted(arm):
     (arm.folder / "tree.urp").write_bytes(gzip.decompress(urp(main(say("plain")))))
     assert arm.ask("load tree.urp").startswith("Loading program")
     assert arm.ask("play") == "Starting program"
     arm.until(lambda: arm.texts == ["plain"])
 
 
-def test_a_node_that_is_not_known_is_named(arm):
+def test_an_unknown_node_is_named(arm):
     arm.save("tree.urp", main(tag("Teleport")))
     assert "<Teleport>" in refused(arm)
 
@@ -89,7 +89,7 @@ def save_hand(arm, *blocks):
     (arm.folder / "tree.script").write_text(f"def tree():\n{HAND}{''.join(blocks)}end\n")
 
 
-def test_urcap_nodes_take_their_code_from_the_script_beside(arm):
+def test_urcap_nodes_take_their_code_from_the_accompanying_script(arm):
     arm.save("tree.urp", main(say("before"), GRIPPER, line("hand_tell(2)"), GRIPPER))
     save_hand(arm, block(3, "hand_tell(1)"), '  textmsg("never")\n', block(5, "hand_tell(3)"))
     assert arm.ask("load tree.urp").startswith("Loading program")
@@ -98,7 +98,7 @@ def test_urcap_nodes_take_their_code_from_the_script_beside(arm):
     assert arm.texts == ["before", "hand 1", "hand 2", "hand 3"]
 
 
-def test_code_of_urcap_nodes_goes_by_the_line_of_the_tree_and_not_by_its_place_in_the_script(arm):
+def test_code_of_urcap_nodes_is_matched_by_tree_line_not_by_position(arm):
     """PolyScope writes subprograms before the program, whose lines come first in the tree; a subprogram is stored
     where it is called first; a suppressed node counts with all that is in it (seen in 190 public pairs)."""
     called = tag("subprogram", children(say("in"), GRIPPER), name="again", keepSynchronizedWithDisk="false")
@@ -111,7 +111,7 @@ def test_code_of_urcap_nodes_goes_by_the_line_of_the_tree_and_not_by_its_place_i
     assert load_and_play(arm) == ["in", "nine", "six"]
 
 
-def test_text_that_looks_like_a_block_is_none(arm):
+def test_text_that_looks_like_a_block_is_not_one(arm):
     """Script files carry blocks that were pasted into them: these have no label (seen in 30 public pairs)."""
     arm.save("tree.urp", main(GRIPPER))
     save_hand(arm, block(0, 'textmsg("pasted")'), block(2, 'textmsg("two")'))
@@ -127,7 +127,7 @@ def test_a_script_saved_with_another_state_of_the_program_gives_no_code(arm, lab
     assert "program has changed since that was saved" in refused(arm)
 
 
-def test_what_the_code_of_a_urcap_uses_of_the_nodes_in_it_is_there(arm):
+def test_waypoints_used_by_the_code_of_a_urcap_are_defined(arm):
     """PolyScope defines the waypoints of all nodes, also of those that a URCap writes out itself (seen)."""
     inner = move(waypoint((0.1, -1.5, 1.5, -1.6, -1.57, 0.0), name="near"))
     arm.save("tree.urp", main(GRIPPER.replace("</Contributed>", f"{children(inner)}</Contributed>")))
@@ -135,7 +135,7 @@ def test_what_the_code_of_a_urcap_uses_of_the_nodes_in_it_is_there(arm):
     assert load_and_play(arm) == ["0.1"]
 
 
-def test_a_translation_that_does_not_compile_gives_way_to_the_script_beside(arm):
+def test_the_accompanying_script_replaces_a_translation_that_does_not_compile(arm):
     """As when the installation with its variables is missing (seen in 7 public pairs)."""
     arm.save("tree.urp", main(line("textmsg(of_the_installation)")))
     (arm.folder / "tree.script").write_text(
@@ -149,7 +149,7 @@ def test_a_translation_that_does_not_compile_is_refused_by_name_without_a_script
     assert "of_the_installation" in refused(arm)
 
 
-def test_a_tree_that_cannot_be_run_gives_way_to_the_script_beside(arm):
+def test_the_accompanying_script_replaces_a_tree_that_cannot_run(arm):
     arm.save("tree.urp", main(tag("Teleport")))
     (arm.folder / "tree.script").write_text('def tree():\n  textmsg("saved")\nend\n')
     assert arm.ask("load tree.urp").startswith("Loading program")
@@ -167,7 +167,7 @@ def test_a_script_of_functions_and_calls_is_played_as_in_a_script_node(arm):
     arm.until(lambda: arm.texts == ["first", "second"])
 
 
-def test_errors_in_a_script_of_functions_and_calls_are_on_the_lines_of_the_file(arm):
+def test_errors_in_a_script_of_functions_and_calls_have_the_line_of_the_file(arm):
     (arm.folder / "tools.script").write_text("def first():\n  sync()\nend\nfirst()\nlast()\n")
     assert arm.ask("load tools.script").startswith("Loading program")
     assert arm.ask("play") == "Failed to execute: play"
@@ -175,7 +175,7 @@ def test_errors_in_a_script_of_functions_and_calls_are_on_the_lines_of_the_file(
     assert [error.line for error in errors] == [5]
 
 
-def test_a_script_of_several_programs_is_one_program_of_functions_and_says_so(arm):
+def test_a_script_of_several_programs_becomes_functions_with_a_notice(arm):
     (arm.folder / "two.script").write_text("def one():\n  sync()\nend\ndef other():\n  sync()\nend\n")
     assert arm.ask("load two.script").startswith("Loading program")
     assert arm.ask("play") == "Starting program"
@@ -186,7 +186,7 @@ def test_a_script_of_several_programs_is_one_program_of_functions_and_says_so(ar
 @pytest.mark.parametrize(
     "text", ['def one():\n  textmsg("said")\nend\n', 'textmsg("said")\nsync()\n', '# no\ntextmsg("said")']
 )
-def test_a_script_of_one_program_or_of_lines_is_played_as_it_is(arm, text):
+def test_a_script_of_one_program_or_of_lines_is_played_unchanged(arm, text):
     (arm.folder / "one.script").write_text(text)
     assert arm.ask("load one.script").startswith("Loading program")
     assert arm.ask("play") == "Starting program"
@@ -242,7 +242,7 @@ def test_the_installation_of_a_program_is_loaded_with_it(arm):
         ),
     ],
 )
-def test_a_tilted_arm_feels_gravity_from_where_its_base_says(base_angle, tilt, gravity):
+def test_gravity_follows_the_mounting_of_the_installation(base_angle, tilt, gravity):
     """The signs are those of the rounding errors in set_gravity of three public scripts, whose arms hang."""
     view = tag("View", tag("WorldtoMarshal", baseAngle=str(base_angle), tiltAngle=str(tilt)))
     file = read_installation(installation(tag("Features", view)).encode(), "tilted")
@@ -296,7 +296,7 @@ def test_damaged_and_hostile_files_are_errors(arm, content):
     assert arm.texts[-1] == "alive"
 
 
-def test_references_that_double_and_double_again_are_an_error(arm):
+def test_exponentially_growing_references_are_an_error(arm):
     """Each folder has eight times what is in the folder before it: 8^10 waits out of a few kilobytes."""
     folders = tag("Folder", children(*[sleep(0.1)] * 8), name="0")
     for number in range(1, 11):
@@ -335,7 +335,7 @@ def test_installation_variables(data, values):
     assert read_variables(gzip.compress(data)) == values
 
 
-def test_what_is_loaded_is_kept_when_another_program_is_not(arm):
+def test_the_loaded_program_is_kept_if_loading_another_fails(arm):
     arm.save("good.urp", main(sleep(1.0)))
     arm.ask("load good.urp")
     (arm.folder / "tree.urp").write_bytes(b"")
@@ -356,7 +356,7 @@ def test_a_long_program_is_loaded_over_many_periods(arm):
 
 
 @pytest.mark.parametrize(("name", "parity"), [("NONE", 0), ("ODD", 1), ("EVEN", 2)])
-def test_the_tools_serial_line_is_as_for_set_tool_communication(name, parity):
+def test_the_tools_serial_line_is_set_as_by_set_tool_communication(name, parity):
     settings = {"enabled": "true", "baudRate": "BAUD_9600", "parity": name, "stopBits": "TWO"}
     line_settings = tag("ToolCommSettings", **settings, rxIdleChars="2.0", txIdleChars="4.0")
     file = read_installation(installation(line_settings).encode(), "tool")

@@ -62,7 +62,7 @@ def test_a_move_to_joint_angles(arm):
     assert arm.q == pytest.approx(turned, abs=1e-3)
 
 
-def test_a_waypoint_with_its_own_time_and_its_own_speed(arm):
+def test_a_waypoint_with_a_time_or_speed(arm):
     timed = arm.play(move(waypoint(ASIDE, nextMotionTime="2.5")))
     assert timed == pytest.approx(2.5, abs=0.1)
     slow = arm.play(move(waypoint(HOME, "Waypoint_2", jointSpeed="0.1", jointAcceleration="1.4")))
@@ -109,14 +109,14 @@ def variable_table(arm):
     return '<feature class="GeomFeatureReference" referencedName="table"/>'
 
 
-def test_a_variable_feature_takes_its_waypoints_along(arm):
+def test_waypoints_follow_a_variable_feature(arm):
     """The feature was moved 0.05 m along y since the waypoint was taught."""
     on_table = variable_table(arm)
     arm.play(move(waypoint(BACK, feature="0.1, 0.2, 0.0, 0.0, 0.0, 0.0"), feature=on_table), installation="cell")
     assert pose_dist(arm.pose, pose_trans((0.0, 0.05, 0.0, 0.0, 0.0, 0.0), flange(BACK))) < 1e-3
 
 
-def test_a_direction_takes_a_variable_feature_as_it_was_saved(arm):
+def test_a_direction_uses_a_variable_feature_as_saved(arm):
     """PolyScope writes its pose, never its name: 2,236 places in public scripts."""
     on_table = variable_table(arm)
     up = tag(DIRECTION, children(distance_of()), selectedDirection="ZPlus")
@@ -128,7 +128,7 @@ def test_a_direction_takes_a_variable_feature_as_it_was_saved(arm):
 
 
 @pytest.mark.parametrize("feature", [BASE, ""], ids=["the base as its feature", "no feature"])
-def test_a_variable_waypoint_follows_the_base_where_that_is_a_variable(arm, feature):
+def test_a_variable_waypoint_follows_a_variable_base(arm, feature):
     """Seen in public scripts of 3.15: with <feature> pose_trans(Base, ...), without it the variable alone."""
     view = tag("BaseView", tag("BaseView", isVariable="true"))
     (arm.folder / "cell.installation").write_text(installation(tag("Features", view)))
@@ -176,7 +176,7 @@ def test_polyscope_sets_the_tcp_of_a_move_before_each_waypoint_but_not_for_joint
     assert [text.split("(")[0] for text in written(move(*two, tcp=long, positionType="JointAngles"))] == ["movej"] * 2
 
 
-def test_a_move_without_the_active_tcp_and_without_another_moves_the_flange():
+def test_a_move_without_any_tcp_moves_the_flange():
     """Seen in a public pair: the pose is taken on by the offset of the TCP in use."""
     assert "pose_trans(Waypoint_1_p, get_tcp_offset())" in written(move(waypoint(ASIDE), useActiveTCP="false"))[0]
 
@@ -222,7 +222,7 @@ def test_how_a_direction_moves_and_stops():
     assert direction(blended)[0].endswith(", r=0.05)")
 
 
-def test_a_direction_starts_where_the_one_before_was_stopped(arm):
+def test_a_direction_starts_where_the_previous_one_was_stopped(arm):
     """get_target_waypoint is the pose of the path again once a movement has been stopped."""
 
     def until(condition):
@@ -276,7 +276,7 @@ def test_a_direction_until_a_distance(arm, feature, axis, moved):
     assert arm.texts == ["on"]
 
 
-def test_a_direction_as_a_vector_with_its_own_speed(arm):
+def test_a_direction_as_a_vector_with_a_speed(arm):
     start = arm.pose
     took = arm.play(
         move(tag(DIRECTION, expression("[3, 4, 0]"), children(distance_of()), toolParams="0.02, 1.2"), kind="MoveL")
@@ -320,7 +320,7 @@ def test_a_direction_until_a_contact_or_a_distance_ends_at_the_first(arm):
     assert arm.pose[1] == pytest.approx(start[1] + 0.05, abs=2e-3)
 
 
-def test_a_direction_that_nothing_ends_goes_as_far_as_the_arm_reaches(arm):
+def test_an_endless_direction_goes_as_far_as_the_arm_reaches(arm):
     start = arm.pose
     arm.start(main(move(tag(DIRECTION, children(tag("Until", type="NONE")), selectedDirection="ZPlus"), kind="MoveL")))
     arm.until(lambda: arm.controller.safety.mode is SafetyMode.PROTECTIVE_STOP)

@@ -14,7 +14,7 @@ def arm(tmp_path):
     return Arm(tmp_path)
 
 
-def test_the_program_that_clients_test_with_waits_for_ever(arm):
+def test_the_test_program_of_clients_waits_for_ever(arm):
     arm.start(main(sleep(0.01), once=False))
     arm.seconds(2.0)
     assert arm.state is RuntimeState.PLAYING
@@ -25,7 +25,7 @@ def test_a_program_that_runs_once_ends(arm):
     assert arm.play(sleep(0.5)) == pytest.approx(0.5, abs=0.1)
 
 
-def test_labels_say_where_the_program_is(arm):
+def test_labels_show_the_current_node(arm):
     arm.start(main(tag("Folder", children(sleep(1.0)), name="cell one"), once=False))
     arm.seconds(0.5)
     view = arm.controller.programs.view
@@ -54,7 +54,7 @@ def test_expressions_of_characters_tokens_variables_and_inputs(arm):
     assert arm.texts == ["both False", "both True", "both False"]
 
 
-def test_a_symbol_within_a_text_stays_what_it_is(arm):
+def test_symbols_inside_strings_are_unchanged(arm):
     arm.play(line('textmsg("a≟b")'))
     assert arm.texts == ["a≟b"]
 
@@ -84,7 +84,7 @@ def test_branches(arm):
     assert arm.texts == ["one", "two", "more"]
 
 
-def test_a_branch_that_is_checked_continuously_is_left_for_the_next(arm):
+def test_a_continuously_checked_branch_is_left_for_the_next(arm):
     arm.play(
         assign("go", "True"),
         tag("If", expression("go"), children(say("in"), sleep(1.0), say("late")), type="If", checkContinuously="true"),
@@ -95,7 +95,7 @@ def test_a_branch_that_is_checked_continuously_is_left_for_the_next(arm):
     assert arm.texts == ["in", "else", "end"]
 
 
-def test_a_branch_that_is_checked_continuously_and_holds_is_done(arm):
+def test_a_continuously_checked_branch_runs_while_its_condition_holds(arm):
     arm.play(
         tag("If", expression("True"), children(say("in"), sleep(0.1)), type="If", checkContinuously="true"),
         tag("If", expression("True"), children(say("elif")), type="ElseIf", checkContinuously="true"),
@@ -115,7 +115,7 @@ def test_loops(arm):
     assert arm.texts == ["n 3"]
 
 
-def test_a_loop_that_is_checked_continuously_is_left_in_its_middle(arm):
+def test_a_continuously_checked_loop_is_left_midway(arm):
     took = arm.play(
         assign("go", "True"),
         tag("Loop", expression("go"), children(sleep(5.0)), type="While", checkContinuously="true"),
@@ -160,7 +160,7 @@ def test_waiting_for_a_condition(arm):
     assert arm.texts == ["there"]
 
 
-def test_an_event_happens_beside_the_program_when_its_expression_is_true(arm):
+def test_an_event_runs_alongside_the_program_when_its_expression_is_true(arm):
     event = tag("Event", expression("n > 2"), children(say("seen"), assign("n", "0")))
     count = tag(
         "Loop", tag("loopVariable", name="k"), children(assign("n", "n + 1"), sleep(0.1)), type="Counting", count="7"
@@ -173,7 +173,7 @@ def test_an_event_happens_beside_the_program_when_its_expression_is_true(arm):
     assert arm.texts == ["seen", "seen"]
 
 
-def test_of_two_events_that_are_due_the_first_goes_first(arm):
+def test_of_two_due_events_the_first_runs_first(arm):
     """One chain of if and elif: seen in all eleven public scripts with more than one event."""
     first = tag("Event", expression("n < 3"), children(say("first"), assign("n", "n + 1")))
     second = tag("Event", expression("m < 1"), children(say("second"), assign("m", "m + 1")))
@@ -196,7 +196,7 @@ def test_setting_outputs(arm):
     assert arm.controller.signals.analog_output_ratios[1] == 0.5  # of 4 to 20 mA
 
 
-def test_the_payload_of_a_name_and_a_pulse_and_volts(arm):
+def test_payload_by_name_output_pulse_and_voltage(arm):
     """As in a public program of 5.11: 4 V of 10 are 0.4, and the program goes on during a pulse."""
     payload = tag(
         "Payload", name="full", mass="2.5", centerOfGravity="0, 0, 0.1", inertiaParameters="0.1, 0.1, 0.1, 0, 0, 0"
@@ -228,7 +228,7 @@ def test_a_payload_the_installation_lacks_is_named(arm):
     assert "'gone'" in arm.texts[-1]
 
 
-def test_popups_hold_the_program_and_may_end_it(arm):
+def test_popups_pause_the_program_and_can_end_it(arm):
     message = tag("Popup", type="Message", haltProgram="false", message='say "hi"', inputType="Text")
     ending = tag("Popup", type="Error", haltProgram="true", message="broken", inputType="Text")
     arm.start(main(message, say("on"), ending, say("never")))
@@ -247,7 +247,7 @@ def test_the_operator_is_asked(arm):
     arm.until(lambda: any(isinstance(message, RequestValueMessage) for message in arm.messages))
 
 
-def test_subprograms_here_and_in_their_own_files(arm):
+def test_subprograms_inside_the_program_and_in_separate_files(arm):
     arm.save("parts/pick.urp", main(say("pick")))
     own = tag("subprogram", tag("children", say("place")), name="place it", keepSynchronizedWithDisk="false")
     there = tag(
@@ -272,7 +272,7 @@ def test_a_script_file_and_its_copy(arm):
     assert arm.texts == ["n 1", "n 2"]
 
 
-def test_a_script_that_belongs_to_a_program_of_its_name_gives_way_to_the_copy(arm):
+def test_the_copy_replaces_a_script_saved_with_a_program_of_the_same_name(arm):
     arm.save("tools.urp", main(say("program")))
     (arm.folder / "tools.script").write_text('def tools():\n  textmsg("program")\nend\n')
     arm.play(
@@ -281,7 +281,7 @@ def test_a_script_that_belongs_to_a_program_of_its_name_gives_way_to_the_copy(ar
     assert arm.texts == ["copy"]
 
 
-def test_before_start_is_done_once_and_variables_have_first_values(arm):
+def test_before_start_runs_once_and_variables_have_initial_values(arm):
     before = tag("SpecialSequence", children(say("before")), type="BeforeStart")
     init = tag("InitVariablesNode", tag("variables", tag("variable", expression("7"), name="n")))
     arm.start(init, before, main(line('textmsg("n ", n)'), sleep(0.5), once=False))
@@ -290,7 +290,7 @@ def test_before_start_is_done_once_and_variables_have_first_values(arm):
     assert arm.texts.count("before") == 1
 
 
-def test_timers_count_while_they_are_started(arm):
+def test_timers_run_while_started(arm):
     def timer(action):
         return tag("Timer", tag("variable", name="t_1"), action=action)
 
@@ -299,7 +299,7 @@ def test_timers_count_while_they_are_started(arm):
     assert [float(text) for text in arm.texts] == pytest.approx([1.0, 0.0], abs=0.02)
 
 
-def test_threads_run_beside_and_for_ever(arm):
+def test_threads_run_alongside_for_ever(arm):
     thread = tag("Thread", children(say("tick"), sleep(0.2)), name="Thread 1", runOnlyOnce="false")
     arm.play(sleep(0.9), others=(thread,))
     assert arm.texts == ["tick"] * 5

@@ -45,7 +45,7 @@ def play(controller: Controller, periods: int) -> list[RuntimeState]:
     return states
 
 
-def test_a_wait_takes_its_time_and_its_node_is_shown(controller: Controller) -> None:
+def test_a_wait_takes_its_duration_and_its_node_is_shown(controller: Controller) -> None:
     load(controller, urpx("slow job", wait(0.5)))
     loaded = controller.programs.loaded
     assert loaded is not None
@@ -66,7 +66,7 @@ def test_the_applications_urscript_comes_first(controller: Controller) -> None:
     assert controller.installation.tcp[2] == 0.25
 
 
-def test_nodes_that_are_not_known_are_played_as_they_were_saved(controller: Controller) -> None:
+def test_unknown_nodes_are_played_from_their_saved_script(controller: Controller) -> None:
     load(controller, urpx("job", VENDOR, script=SAVED, known=("v",)))
     loaded = controller.programs.loaded
     assert loaded is not None
@@ -94,7 +94,7 @@ def test_nodes_that_are_not_known_are_played_as_they_were_saved(controller: Cont
         (b"<xml/>", "not JSON"),
     ],
 )
-def test_what_cannot_be_played_is_refused_and_what_was_loaded_stays(
+def test_unplayable_programs_are_refused_and_the_loaded_one_is_kept(
     controller: Controller, data: bytes, problem: str
 ) -> None:
     with pytest.raises(ProgramLoadError, match=problem):
@@ -103,7 +103,7 @@ def test_what_cannot_be_played_is_refused_and_what_was_loaded_stays(
     assert controller.programs.loaded.name == "Default program"
 
 
-def test_each_line_of_software_has_programs_of_its_own(controller: Controller, tmp_path: Path) -> None:
+def test_each_software_line_has_its_program_format(controller: Controller, tmp_path: Path) -> None:
     with pytest.raises(ProgramLoadError, match=r"use a \.urpx"):
         load(controller, b"", "old.urp")
     older = Controller(ControllerConfig(model=load_model("ur5e"), programs_dir=tmp_path))
@@ -144,12 +144,12 @@ CODE = ("program", "programContent", "children", 5)
         (_changed(*CODE, "children", value=[{}]), "contributedNode is not an object"),
     ],
 )
-def test_files_that_are_no_programs(data: bytes, problem: str) -> None:
+def test_files_that_are_not_programs(data: bytes, problem: str) -> None:
     with pytest.raises(UrpxError, match=problem):
         read_urpx(data)
 
 
-def test_nodes_may_not_be_nested_without_end() -> None:
+def test_nesting_depth_of_nodes_is_limited() -> None:
     deep: dict[str, Any] = wait(1.0)
     for _ in range(100):
         deep = {**node("ur-folder", "f"), "children": [deep]}

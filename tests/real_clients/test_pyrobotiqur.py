@@ -24,7 +24,7 @@ def test_activate_move_and_reset(rig: Rig) -> None:
         assert gripper.get_fault() == 0
 
 
-def test_reconnecting_finds_the_gripper_as_it_was(rig: Rig) -> None:
+def test_reconnecting_preserves_the_state_of_the_gripper(rig: Rig) -> None:
     with RobotiqGripper(rig.host) as gripper:
         gripper.activate()
         position, _ = gripper.move(100, speed=255)

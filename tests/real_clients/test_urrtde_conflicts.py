@@ -11,7 +11,7 @@ pytestmark = pytest.mark.robot_speed(4)
 IN_USE = "input registers are already in use"
 
 
-def test_a_second_control_interface_is_refused_and_harms_nothing(rig: Rig, control: RTDEControlInterface) -> None:
+def test_a_second_control_interface_is_refused_without_side_effects(rig: Rig, control: RTDEControlInterface) -> None:
     with pytest.raises(RuntimeError, match=IN_USE):
         RTDEControlInterface(rig.host)
     assert control.isConnected()
@@ -19,7 +19,7 @@ def test_a_second_control_interface_is_refused_and_harms_nothing(rig: Rig, contr
     assert control.moveJ([0.3, -1.4, 1.5, -1.7, -1.5, 0.1], 2.0, 8.0)
 
 
-def test_one_that_controls_one_that_switches_and_many_that_watch(rig: Rig, control: RTDEControlInterface) -> None:
+def test_one_control_one_io_and_many_receive_interfaces(rig: Rig, control: RTDEControlInterface) -> None:
     io = RTDEIOInterface(rig.host)
     watchers = [RTDEReceiveInterface(rig.host) for _ in range(3)]
     with disconnecting(io, *watchers):
@@ -29,7 +29,7 @@ def test_one_that_controls_one_that_switches_and_many_that_watch(rig: Rig, contr
         assert io.setStandardDigitalOut(3, False)
 
 
-def test_the_next_one_may_control_when_the_first_has_left(rig: Rig) -> None:
+def test_another_client_may_control_once_the_first_has_left(rig: Rig) -> None:
     for _ in range(3):
         control = RTDEControlInterface(rig.host)
         with disconnecting(control):

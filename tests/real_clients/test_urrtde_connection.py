@@ -61,7 +61,7 @@ def test_a_second_client_takes_over_the_program_left_behind(rig: Rig, control: R
         assert second.moveJ(NEAR_Q, 2.0, 8.0)
 
 
-def test_many_calls_in_a_row(rig: Rig, control: RTDEControlInterface) -> None:
+def test_many_consecutive_calls(rig: Rig, control: RTDEControlInterface) -> None:
     """A call's round trip is some control periods."""
     with rig.watch() as state:
         begin = state.newest()["timestamp"]
@@ -214,7 +214,7 @@ def own_process() -> Iterator[Callable[..., EmulatorProcess]]:
     assert not any(statuses)
 
 
-def test_the_first_minutes_of_a_newcomer(own_process: Callable[..., EmulatorProcess]) -> None:
+def test_a_first_session_from_power_on_to_a_move(own_process: Callable[..., EmulatorProcess]) -> None:
     """Started with nothing but the model: power on, release the brakes, connect, move."""
     process = own_process("--model", "ur3")
     dashboard = DashboardClient(process.host)

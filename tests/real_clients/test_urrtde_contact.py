@@ -80,7 +80,7 @@ def test_force_mode_presses_on_the_table_with_10_N(
 
 
 @e_series
-def test_move_until_contact_comes_back_to_where_the_table_begins(rig: Rig, control: RTDEControlInterface) -> None:
+def test_move_until_contact_returns_to_the_table_surface(rig: Rig, control: RTDEControlInterface) -> None:
     table = height(rig.model) - BELOW_M
     with rig.watch("actual_TCP_force") as state:
         assert control.moveUntilContact([0, 0, -0.05, 0, 0, 0])
@@ -91,7 +91,7 @@ def test_move_until_contact_comes_back_to_where_the_table_begins(rig: Rig, contr
 
 
 @e_series
-def test_a_contact_from_another_direction_is_not_waited_for(rig: Rig, control: RTDEControlInterface) -> None:
+def test_contact_from_another_direction_is_ignored(rig: Rig, control: RTDEControlInterface) -> None:
     """Down onto the table, while only a contact on the way up is looked for: the arm goes on pressing."""
     with rig.watch("actual_TCP_force") as state:
         assert control.startContactDetection([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -120,7 +120,7 @@ def test_contact_detection_ends_a_move(rig: Rig, control: RTDEControlInterface) 
 
 
 @e_series
-def test_tool_contact_tells_the_direction(rig: Rig, control: RTDEControlInterface) -> None:
+def test_tool_contact_reports_the_direction(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
         control.toolContact(DOWN)

@@ -68,7 +68,7 @@ def test_servo_j_is_followed(rig: Rig, control: RTDEControlInterface, receive: R
 
 
 @dynamic
-def test_currents_are_measured_with_noise_around_what_gravity_and_static_friction_need(
+def test_currents_are_noisy_around_the_values_for_gravity_and_static_friction(
     rig: Rig, receive: RTDEReceiveInterface
 ) -> None:
     drives = drivetrain_of(load_model(rig.model.split()[0]))

@@ -51,7 +51,7 @@ def until(robot: RemoteControl, condition: Callable[[], object]) -> None:
     raise AssertionError("it did not happen")
 
 
-def test_a_dropped_connection_is_noticed_and_had_again(
+def test_a_dropped_connection_is_noticed_and_reestablished(
     rig: Rig, faults: RemoteControl, receive: RTDEReceiveInterface
 ) -> None:
     assert receive.isConnected()
@@ -61,7 +61,7 @@ def test_a_dropped_connection_is_noticed_and_had_again(
     assert receive.getActualQ() == pytest.approx(START_Q)
 
 
-def test_a_program_survives_the_loss_of_the_connection_to_it(rig: Rig, faults: RemoteControl) -> None:
+def test_a_program_survives_the_loss_of_its_client_connection(rig: Rig, faults: RemoteControl) -> None:
     """In a process of its own: the thread in which ur_rtde reconnects sometimes takes its process along."""
     for _ in range(ATTEMPTS):
         command = [sys.executable, "-c", LOSES_ITS_CONNECTION, rig.host, *map(str, BESIDE_Q)]

@@ -64,7 +64,7 @@ def test_teach_mode_starts_and_ends(rig: Rig, control: RTDEControlInterface) -> 
         assert state.settled()["actual_q"][0] == pytest.approx(START_Q[0] + 0.1, abs=1e-5)
 
 
-def test_teach_mode_gives_way_to_a_hand(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
+def test_teach_mode_yields_to_a_push(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
     control = control_beside_sensor
     with ForceSensor(rig.host, no_force) as sensor, rig.watch() as state:
         start = state.next()["actual_TCP_pose"]
@@ -80,7 +80,7 @@ def test_teach_mode_gives_way_to_a_hand(rig: Rig, control_beside_sensor: RTDECon
 
 
 @e_series
-def test_freedrive_gives_way_along_its_free_axes_only(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
+def test_freedrive_yields_only_along_its_free_axes(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
     control = control_beside_sensor
     with ForceSensor(rig.host, no_force) as sensor, rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
@@ -155,7 +155,7 @@ def test_contact_detection_ends_an_asynchronous_move(rig: Rig, control_beside_se
 
 
 @e_series
-def test_the_sensor_is_not_allowed_to_fall_silent(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
+def test_a_silent_sensor_pauses_the_program(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
     """Without a watchdog of the program's own, one of 10 Hz guards the sensor and pauses the program."""
     control = control_beside_sensor
     with rig.watch() as state:

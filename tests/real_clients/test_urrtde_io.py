@@ -45,7 +45,7 @@ def test_speed_slider(rig: Rig, io: RTDEIOInterface, receive: RTDEReceiveInterfa
     assert receive.getTargetSpeedFraction() == pytest.approx(0.3)
 
 
-def test_input_registers_reach_a_program_and_its_outputs_come_back(
+def test_a_program_reads_input_and_returns_output_registers(
     rig: Rig, io: RTDEIOInterface, receive: RTDEReceiveInterface, control: RTDEControlInterface
 ) -> None:
     for register in range(18, 23):

@@ -45,7 +45,7 @@ def test_move_j_takes_the_time_of_its_leading_joint(rig: Rig, control: RTDEContr
 
 
 @both_series
-def test_move_l_keeps_to_the_line(rig: Rig, control: RTDEControlInterface) -> None:
+def test_move_l_stays_on_the_line(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
         target = shifted(start, 0.06, -0.05, 0.04)
@@ -58,7 +58,7 @@ def test_move_l_keeps_to_the_line(rig: Rig, control: RTDEControlInterface) -> No
     np.testing.assert_allclose(track.pose[:, 3:], np.tile(start[3:], (len(track.t), 1)), atol=1e-4)
 
 
-def test_move_j_ik_ends_in_the_pose_on_a_joint_space_way(rig: Rig, control: RTDEControlInterface) -> None:
+def test_move_j_ik_reaches_the_pose_by_a_joint_space_path(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
         target = shifted(start, y=0.1, z=0.08)
@@ -206,7 +206,7 @@ def test_asynchronous_path_reports_its_progress(
     rig.eventually(lambda: receive.getActualQ() == pytest.approx(corners[-1], abs=JOINT_RAD))
 
 
-def test_a_new_asynchronous_move_replaces_the_one_under_way(rig: Rig, control: RTDEControlInterface) -> None:
+def test_a_new_asynchronous_move_replaces_the_current_one(rig: Rig, control: RTDEControlInterface) -> None:
     target = turned((1, -0.2))
     with rig.watch() as state:
         assert control.moveJ(turned((0, 2.0)), 1.0, 4.0, True)

@@ -61,7 +61,7 @@ def exists(path: str) -> bool:
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
-def test_everything_of_ur_rtde_has_its_place(interface: str) -> None:
+def test_every_ur_rtde_function_has_an_equivalent(interface: str) -> None:
     offered = {name for name in dir(INTERFACES[interface]) if not name.startswith("_")}
     listed = table(interface)
     assert listed.keys() == offered
@@ -71,7 +71,7 @@ def test_everything_of_ur_rtde_has_its_place(interface: str) -> None:
 
 
 @NEWEST
-def test_the_controller_says_the_same_by_both(rig: Rig, control: RTDEControlInterface) -> None:
+def test_both_libraries_report_the_same_values(rig: Rig, control: RTDEControlInterface) -> None:
     """ur_rtde's own numbers first: its script and ours are programs of the same robot, which runs one at a time."""
     pose = control.getForwardKinematics(OTHER_Q, TOOL)
     theirs = {

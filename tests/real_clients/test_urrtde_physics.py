@@ -54,7 +54,7 @@ def test_a_peg_finds_its_hole_by_force_mode() -> None:
 
 
 @pytest.mark.long
-def test_a_wall_is_found_by_contact_and_a_box_before_it() -> None:
+def test_a_wall_and_a_box_in_front_of_it_are_found_by_contact() -> None:
     with cell("wall.yaml", "ur5e", 2.0) as robot:
         said = run("find_wall.py", robot.host)
         box = robot.object_poses()["box"]

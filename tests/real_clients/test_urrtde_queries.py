@@ -76,7 +76,7 @@ def test_set_tcp_moves_the_pose_and_is_read_back(
     rig.eventually(lambda: np.allclose(transform(receive.getActualTCPPose()), expected, atol=1e-6))
 
 
-def test_the_flange_pose_knows_no_tool(rig: Rig, control: RTDEControlInterface) -> None:
+def test_the_flange_pose_excludes_the_tool(rig: Rig, control: RTDEControlInterface) -> None:
     assert control.setTcp(TOOL)
     control.getActualToolFlangePose()  # the first answer of these calls is stale, by their making
     with rig.watch() as state:
@@ -146,7 +146,7 @@ def test_step_time(rig: Rig, control: RTDEControlInterface) -> None:
 
 
 @pytest.mark.parametrize("rig", ["ur3e"], indirect=True)
-def test_target_waypoint_is_the_end_of_the_move_under_way(rig: Rig, control: RTDEControlInterface) -> None:
+def test_target_waypoint_is_the_target_of_the_current_move(rig: Rig, control: RTDEControlInterface) -> None:
     target = control.getForwardKinematics()
     target[1] += 0.1
     with rig.watch() as state:
@@ -177,7 +177,7 @@ def test_joint_torques_at_rest_are_those_beyond_gravity(rig: Rig, control: RTDEC
     assert control.getJointTorques() == pytest.approx([0.0] * 6, abs=0.01)
 
 
-def test_gravity_of_a_wall_mounted_arm_changes_its_moments(
+def test_gravity_of_a_wall_mounted_arm_changes_its_torques(
     rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface
 ) -> None:
     assert receive.getTargetMoment()[0] == pytest.approx(0.0, abs=1e-6)  # upright: the base carries no moment

@@ -18,7 +18,7 @@ FAR_Q = [START_Q[0] + 1.2, *START_Q[1:]]
 
 
 @both_series
-def test_watchdog_lets_a_kicked_program_live_and_stops_a_neglected_one(rig: Rig, control: RTDEControlInterface) -> None:
+def test_the_watchdog_stops_only_a_program_that_is_not_kicked(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         assert control.setWatchdog(2.0)
         for _ in range(20):
@@ -32,7 +32,7 @@ def test_watchdog_lets_a_kicked_program_live_and_stops_a_neglected_one(rig: Rig,
     assert not control.moveJ(FAR_Q)
 
 
-def test_watchdog_stops_the_arm_with_the_program(rig: Rig, control: RTDEControlInterface) -> None:
+def test_the_watchdog_stops_arm_and_program(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         assert control.setWatchdog(10.0)
         assert control.speedJ([0.3, 0, 0, 0, 0, 0], 2.0)
@@ -42,7 +42,7 @@ def test_watchdog_stops_the_arm_with_the_program(rig: Rig, control: RTDEControlI
 
 
 @both_series
-def test_protective_stop_is_seen_and_locked_for_five_seconds(
+def test_a_protective_stop_is_reported_and_locked_for_five_seconds(
     rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface
 ) -> None:
     dashboard = DashboardClient(rig.host)
@@ -82,7 +82,7 @@ def test_protective_stop_brakes_a_moving_arm(rig: Rig, control: RTDEControlInter
 
 
 @both_series
-def test_a_program_goes_on_after_pause_and_play(rig: Rig, control: RTDEControlInterface) -> None:
+def test_a_program_continues_after_pause_and_play(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         assert control.moveJ(FAR_Q, 1.0, 4.0, True)
         state.wait_until(lambda sample: sample["target_qd"][0] > 0.99)
@@ -99,7 +99,7 @@ def test_a_program_goes_on_after_pause_and_play(rig: Rig, control: RTDEControlIn
 
 
 @both_series
-def test_a_stopped_program_comes_back_with_reupload(rig: Rig, control: RTDEControlInterface) -> None:
+def test_reupload_restarts_a_stopped_program(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         assert control.moveJ(FAR_Q, 1.0, 4.0, True)
         state.wait_until(lambda sample: sample["target_qd"][0] > 0.99)
@@ -118,7 +118,7 @@ def test_a_stopped_program_comes_back_with_reupload(rig: Rig, control: RTDEContr
     assert track.moving_time == pytest.approx(profile_time(still["actual_q"][0] - START_Q[0], 2.0, 8.0), abs=0.03)
 
 
-def test_an_unreachable_linear_target_stops_protectively(rig: Rig, control: RTDEControlInterface) -> None:
+def test_an_unreachable_linear_target_causes_a_protective_stop(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         assert not control.moveL([2.0, 0.0, 0.3, 0.0, 3.14, 0.0], 0.25, 1.2)
         state.wait_until(lambda sample: sample["safety_mode"] == PROTECTIVE_STOP)

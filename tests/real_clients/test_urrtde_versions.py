@@ -38,7 +38,7 @@ def test_jacobian_against_finite_differences(rig: Rig, control: RTDEControlInter
 
 
 @newest
-def test_mass_matrix_is_that_of_a_body(rig: Rig, control: RTDEControlInterface) -> None:
+def test_the_mass_matrix_is_physically_valid(rig: Rig, control: RTDEControlInterface) -> None:
     mass = second_answer(rig, control.getMassMatrix).reshape(6, 6)
     np.testing.assert_allclose(mass, mass.T, atol=1e-9)
     assert np.linalg.eigvalsh(mass).min() > 0
@@ -46,7 +46,7 @@ def test_mass_matrix_is_that_of_a_body(rig: Rig, control: RTDEControlInterface) 
 
 
 @newest
-def test_nothing_turns_and_nothing_accelerates_at_rest(rig: Rig, control: RTDEControlInterface) -> None:
+def test_speeds_and_accelerations_are_zero_at_rest(rig: Rig, control: RTDEControlInterface) -> None:
     assert second_answer(rig, control.getCoriolisAndCentrifugalTorques) == pytest.approx([0.0] * 6, abs=1e-9)
     assert second_answer(rig, control.getTargetJointAccelerations) == pytest.approx([0.0] * 6, abs=1e-9)
     assert second_answer(rig, control.getJacobianTimeDerivative) == pytest.approx([0.0] * 36, abs=1e-9)

@@ -50,7 +50,7 @@ def test_all_parts_of_the_secondary_packet(robot: urx.URRobot) -> None:
     assert data["JointData"]["jointMode0"] == 253  # running
 
 
-def test_joint_moves_are_waited_for(robot: urx.URRobot) -> None:
+def test_joint_moves_block_until_done(robot: urx.URRobot) -> None:
     goal = [q + 0.1 for q in START_Q]
     assert robot.movej(goal, **FAST) == pytest.approx(goal)
     robot.movej([-0.1] * 6, **FAST, relative=True)
@@ -58,14 +58,14 @@ def test_joint_moves_are_waited_for(robot: urx.URRobot) -> None:
 
 
 @pytest.mark.parametrize("command", ["movel", "movep", "servoc"])
-def test_straight_moves_are_waited_for(robot: urx.URRobot, command: str) -> None:
+def test_linear_moves_block_until_done(robot: urx.URRobot, command: str) -> None:
     goal = robot.getl(wait=True)
     goal[2] += 0.05
     getattr(robot, command)(goal, **FAST)
     assert robot.getl() == pytest.approx(goal, abs=1e-5)  # it sends six decimals
 
 
-def test_arcs_and_blended_paths_are_waited_for(robot: urx.URRobot) -> None:
+def test_arcs_and_blended_paths_block_until_done(robot: urx.URRobot) -> None:
     start = robot.getl(wait=True)
     via, goal = list(start), list(start)
     via[0] += 0.03
@@ -107,13 +107,13 @@ def test_outputs_and_tool(rig: Rig, robot: urx.URRobot) -> None:
     assert sum((a - b) ** 2 for a, b in zip(robot.getl()[:3], before[:3], strict=True)) == pytest.approx(0.01)
 
 
-def test_a_log_message_that_is_no_script_disturbs_nothing(robot: urx.URRobot) -> None:
+def test_a_log_message_that_is_not_script_is_ignored(robot: urx.URRobot) -> None:
     robot.send_message("hello there")  # goes out without quotes
     goal = [q + 0.05 for q in START_Q]
     assert robot.movej(goal, **FAST) == pytest.approx(goal)
 
 
-def test_freedrive_until_it_is_ended(rig: Rig, robot: urx.URRobot) -> None:
+def test_freedrive_until_disabled(rig: Rig, robot: urx.URRobot) -> None:
     robot.set_freedrive(True)
     rig.eventually(robot.is_program_running)
     robot.set_freedrive(False)

@@ -144,7 +144,7 @@ def test_the_emulator_reports_the_same(report: Path) -> None:
     assert not differences, "\n".join([f"{report.name}, of {document['source']}", *differences])
 
 
-def test_a_difference_is_told() -> None:
+def test_differences_are_reported() -> None:
     replay = Replay({"model": "ur3", "running": True})
     step = {
         "step": "all wrong",
