@@ -1,10 +1,10 @@
-"""Who may stand on whom inside a package. `test_architecture` enforces it, docs/architecture.md shows it."""
+"""Which part of a package may import which. `test_architecture` enforces it, docs/architecture.md shows it."""
 
 from typing import NamedTuple
 
-# From the ground up: a part (a module or folder of the package) may import what stands on floors below its own, and
-# nothing beside it. An import is an import, also in an if TYPE_CHECKING or inside a function.
-EMULATOR_FLOORS = (
+# From the bottom up: a part (a module or folder of the package) may import parts on lower levels, and none on its own
+# level. Imports under TYPE_CHECKING or inside a function count as well.
+EMULATOR_LEVELS = (
     ("ports", "devices", "logs", "clock", "realtime"),
     ("snapshot",),
     ("lifecycle", "reporting"),
@@ -31,17 +31,17 @@ EMULATOR_FLOORS = (
 
 
 class Layer(NamedTuple):
-    """A part of a package: what it is, the modules in it (with all below them), and the other parts it may import."""
+    """A part of a package: its description, its modules with their submodules, and the other parts it may import."""
 
-    what: str
+    description: str
     modules: tuple[str, ...]
     may_import: tuple[str, ...] = ()
 
 
-# who in `client` may import whom, from the bottom to the top: a part imports only parts that stand above it here
+# parts of `client`, from the bottom up: a part may import only parts that are listed before it
 CLIENT_LAYERS: dict[str, Layer] = {
     "ports": Layer(
-        "driver library: one client for each port of a controller, and what goes wrong with any",
+        "driver library: a client for each port of a controller, and their errors",
         (
             "client.calibration",
             "client.connection",
@@ -58,27 +58,27 @@ CLIENT_LAYERS: dict[str, Layer] = {
             "client.tool_communication",
         ),
     ),
-    "cameras": Layer("driver library: pictures of cameras", ("client.cameras",), ("ports",)),
+    "cameras": Layer("driver library: camera pictures", ("client.cameras",), ("ports",)),
     "planning": Layer("driver library: motion planning around obstacles", ("client.planning",), ("ports",)),
     "driver": Layer("driver library: External Control", ("client.driver",), ("ports",)),
     "robot": Layer(
-        "driver library: the robot that most programs want", ("client.robot",), ("ports", "planning", "driver")
+        "driver library: the `Robot` class for most programs", ("client.robot",), ("ports", "planning", "driver")
     ),
-    "face": Layer("driver library: the names that `import client` gives", ("client",), ("ports", "driver", "robot")),
+    "facade": Layer("driver library: public names of `import client`", ("client",), ("ports", "driver", "robot")),
     "recording": Layer(
-        "recordings: written, read, drawn, streamed", ("client.recording",), ("ports", "cameras", "driver", "robot")
+        "recordings: writing, reading, plotting, streaming",
+        ("client.recording",),
+        ("ports", "cameras", "driver", "robot"),
     ),
     "identification": Layer(
-        "recordings of a real arm: how far its model is right, and what a better one is",
+        "recordings of a real arm: accuracy of its model, identification of a better one",
         ("client.identification",),
         ("ports", "recording"),
     ),
-    "lerobot": Layer(
-        "recordings as datasets that policies are trained on", ("client.lerobot",), ("ports", "recording")
-    ),
-    "programs": Layer("program trees: opened, checked, saved", ("client.programs",), ("ports",)),
-    "decoding": Layer("traffic: captured bytes shown to people", ("client.decoding",)),
-    "traffic": Layer("traffic: recorded, replayed, compared", ("client.traffic",), ("ports", "decoding")),
+    "lerobot": Layer("recordings as datasets for training policies", ("client.lerobot",), ("ports", "recording")),
+    "programs": Layer("program trees: opening, checking, saving", ("client.programs",), ("ports",)),
+    "decoding": Layer("traffic: captured bytes in readable form", ("client.decoding",)),
+    "traffic": Layer("traffic: recording, replay, comparison", ("client.traffic",), ("ports", "decoding")),
     "controllers": Layer(
         "ros2_control's controllers without ROS", ("client.controllers",), ("ports", "driver", "robot", "recording")
     ),
@@ -88,7 +88,9 @@ CLIENT_LAYERS: dict[str, Layer] = {
         ("client.pendant",),
         ("ports", "planning", "driver", "robot", "recording", "controllers", "programs"),
     ),
-    "doctor": Layer("command line: what is between this machine and a robot", ("client.doctor",), ("ports", "driver")),
+    "doctor": Layer(
+        "command line: checks of this machine and its connection to a robot", ("client.doctor",), ("ports", "driver")
+    ),
     "commands": Layer(
         "command line: `ur-client`",
         ("client.cli", "client.commands", "client.__main__"),

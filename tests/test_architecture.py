@@ -1,4 +1,4 @@
-"""The shape of the code: who imports whom, no cycles, where time and sockets may appear."""
+"""The structure of the code: imports between parts, no cycles, where time and sockets may be used."""
 
 import ast
 import re
@@ -92,13 +92,13 @@ THIRD_PARTY = {
     "rich": ("emulator", "client", "urproto.commandline"),
 }
 URSCRIPT_SEES = ("urproto.compat", "urproto.robots.pose", "urproto.text", "urproto.versions")
-URSCRIPT_COMMANDS_SEE = (*URSCRIPT_SEES, "urproto.robots")  # which arm means which version
-POLYSCOPE_SEES = (*URSCRIPT_COMMANDS_SEE, "urproto.vectors")  # the files of PolyScope hold poses and joints of an arm
-# what of `urscript` the client may import: programs are made on the client's side too
+URSCRIPT_COMMANDS_SEE = (*URSCRIPT_SEES, "urproto.robots")  # the version follows from the arm
+POLYSCOPE_SEES = (*URSCRIPT_COMMANDS_SEE, "urproto.vectors")  # PolyScope's files contain poses and joint angles
+# the parts of `urscript` that the client may import: programs are created on the client's side too
 CLIENT_SEES_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
-# what runs whole emulators for tests may name the emulator, for type checkers
+# modules that run whole emulators for tests may import the emulator for type checkers
 FOR_TESTS = ("urproto.pytest_plugin", "urproto.testing")
-# the world outside the tick: only these parts of the emulator and of the client may touch it
+# modules of the world outside the tick: only these parts of the emulator and of the client may use them
 OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "selectors", "datetime"}
 MAY_TOUCH_OUTSIDE = (
     "emulator.clock",
@@ -122,7 +122,7 @@ MAY_TOUCH_OUTSIDE = (
     "urproto.compat_asyncio",
     *FOR_TESTS,
 )
-# a module of the standard library that brings sockets along -> what of it may be used: the parts without
+# a module of the standard library that imports sockets -> its names that may be used, which need none
 CODECS = {"xmlrpc": {"Fault", "Unmarshaller", "dumps", "loads"}}
 LONGEST_FILE = 600
 
@@ -222,27 +222,27 @@ def _not_allowed(name: str, imported: str) -> str | None:
     return None
 
 
-def test_emulator_floors() -> None:
-    none(_against_floors("emulator", LAYERS["EMULATOR_FLOORS"]))
+def test_emulator_levels() -> None:
+    none(_level_violations("emulator", LAYERS["EMULATOR_LEVELS"]))
 
 
-def _against_floors(package: str, floors: Sequence[tuple[str, ...]]) -> Iterator[str]:
+def _level_violations(package: str, levels: Sequence[tuple[str, ...]]) -> Iterator[str]:
     """Imports of a package's parts (its modules and folders) that do not lead downwards."""
-    floor = {part: number for number, parts in enumerate(floors) for part in parts}
+    level = {part: number for number, parts in enumerate(levels) for part in parts}
     for name in modules():
         if name == package or name.split(".")[0] != package:
             continue
         part = name.split(".")[1]
-        if part not in floor:
-            yield f"{name}: {part} has no floor"
+        if part not in level:
+            yield f"{name}: {part} has no level"
             continue
         for imported in imports(name):
             other = imported.split(".")[1] if imported.startswith(f"{package}.") else part
-            if other != part and not floor.get(other, len(floors)) < floor[part]:
-                yield f"{name} on floor {floor[part]} imports {imported} on floor {floor.get(other)}"
+            if other != part and not level.get(other, len(levels)) < level[part]:
+                yield f"{name} on level {level[part]} imports {imported} on level {level.get(other)}"
 
 
-def test_only_the_shells_touch_the_outside_world() -> None:
+def test_only_the_io_shells_access_the_outside_world() -> None:
     inner = (name for name in modules() if not within(name, MAY_TOUCH_OUTSIDE))
     none(
         f"{name} imports {imported}"
@@ -252,7 +252,7 @@ def test_only_the_shells_touch_the_outside_world() -> None:
     )
 
 
-def test_only_the_codec_of_what_brings_sockets_along() -> None:
+def test_modules_that_import_sockets_are_used_only_for_their_codecs() -> None:
     none(f"{name} imports {used}" for name in modules() for used in _beyond_the_codec(name))
 
 
@@ -264,7 +264,7 @@ def _beyond_the_codec(name: str) -> Iterator[str]:
             yield from ({alias.name for alias in node.names} - CODECS[top])
 
 
-def test_pinocchio_is_not_loaded_by_importing_the_language_or_the_protocols() -> None:
+def test_importing_the_language_or_protocols_does_not_load_pinocchio() -> None:
     for name in modules():
         if "pinocchio" in imports(name, at_import_time=True):
             assert name in (
@@ -283,12 +283,12 @@ def test_no_import_cycles() -> None:
         pytest.fail(f"import cycle: {' -> '.join(error.args[1])}")
 
 
-def test_files_stay_readable() -> None:
+def test_files_stay_short() -> None:
     lengths = {name: len(module_path(name).read_text().splitlines()) for name in modules()}
     none(f"{name} has {lines} lines: split it" for name, lines in lengths.items() if lines > LONGEST_FILE)
 
 
-def test_one_module_says_how_foreign_text_is_held() -> None:
+def test_only_one_module_chooses_the_encoding_of_foreign_text() -> None:
     handlers = {"surrogateescape", "backslashreplace"}
     for name in modules():
         used = {node.value for node in ast.walk(syntax_tree(name)) if isinstance(node, ast.Constant)} & handlers
@@ -300,7 +300,7 @@ def test_exactly_four_packages() -> None:
     assert found - {"tests"} == set(PACKAGES)  # the tests are not installed
 
 
-def test_no_module_is_left_alone() -> None:
+def test_every_module_is_imported() -> None:
     """A controller type, a fault, a node or a screen in a module that nobody imports would not exist, unnoticed."""
     used = {imported for name in modules() for imported in imports(name) if imported != name}
     texts = [(ROOT / "pyproject.toml").read_text(), *(module_path(name).read_text() for name in modules())]
@@ -354,7 +354,7 @@ def test_layers_of_client() -> None:
     none(layers("client", LAYERS["CLIENT_LAYERS"]))
 
 
-def test_an_import_against_the_layers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_import_that_violates_the_layers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Inside functions and for type checkers alike, told with both modules and the rule."""
     source = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from client.robot import Robot\n"
     source += "def later():\n    from client.pendant import server\n"

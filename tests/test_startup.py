@@ -47,7 +47,7 @@ def loaded(module: str, *words: str) -> str:
         ("urscript.cli", "urscript --help"),
     ],
 )
-def test_everyday_commands_load_nothing_heavy(module, words):
+def test_common_commands_import_nothing_heavy(module, words):
     assert loaded(module, *words.split()) == "loaded: []"
 
 
@@ -57,11 +57,11 @@ def test_checking_a_script_needs_no_arm(tmp_path: Path):
     assert loaded("urscript.cli", "urscript", "check", str(script)) == "loaded: []"
 
 
-def test_what_would_be_loaded_is_seen():
+def test_imported_modules_are_detected():
     assert loaded("client.cli", "ur-client", "record", "--help") == "loaded: ['numpy']"
 
 
-def test_commands_say_in_the_list_what_they_say_themselves():
+def test_command_summaries_match_their_help():
     commands = get_command(app).commands
     assert len(commands) > 10
     for name, listed in commands.items():
@@ -69,7 +69,7 @@ def test_commands_say_in_the_list_what_they_say_themselves():
         assert " ".join(own.split()).startswith(listed.help), name
 
 
-def test_every_public_name_of_the_client_is_there():
+def test_every_public_name_of_the_client_exists():
     assert all(getattr(client, name) is not None for name in client.__all__)
     assert set(client.__all__) <= set(dir(client))
     with pytest.raises(AttributeError, match="no attribute 'Robots'"):

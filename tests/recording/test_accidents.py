@@ -52,7 +52,7 @@ def run(program: str, *arguments: str) -> str:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_a_file_that_cannot_grow_says_how_much_is_in_it(tmp_path: Path, suffix: str) -> None:
+def test_a_file_that_cannot_grow_reports_how_much_it_contains(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
     count, _, said = run(FULL, str(path)).partition(" ")
     found = read(path)
@@ -93,7 +93,7 @@ while True:
 """
 
 
-def test_a_recorder_that_is_killed_has_lost_a_second_at_most(tmp_path: Path) -> None:
+def test_a_killed_recorder_loses_at_most_one_second(tmp_path: Path) -> None:
     """Even one of few and small states, which fill no chunk and no buffer for minutes."""
     paths = [tmp_path / f"run{suffix}" for suffix in FORMATS]
     with subprocess.Popen(
@@ -125,7 +125,7 @@ def test_states_without_a_time_are_counted_and_left_out(states, tmp_path: Path, 
 
 
 @pytest.mark.parametrize("name", ["robot_mode", "safety_mode", "runtime_state"])
-def test_a_mode_for_which_ros_has_no_place_is_recorded_all_the_same(states, tmp_path: Path, name: str) -> None:
+def test_modes_unknown_to_ros_are_recorded(states, tmp_path: Path, name: str) -> None:
     absurd = [state | {name: 2**31 - 1, "actual_TCP_pose": (math.inf,) * 6} for state in states[:5]]
     assert list(read(record(tmp_path / "run.mcap", absurd)).states()) == absurd
 
@@ -150,7 +150,7 @@ def test_a_table_with_damaged_lines_keeps_the_others(states, tmp_path: Path) -> 
     assert "left_out" not in found.info
 
 
-def test_a_damaged_chunk_costs_that_chunk_only(states, tmp_path: Path) -> None:
+def test_a_damaged_chunk_loses_only_that_chunk(states, tmp_path: Path) -> None:
     many = [state | {"timestamp": 100.0 + 0.002 * number} for number, state in enumerate(states * 4)]
     path = record(tmp_path / "run.mcap", many)
     whole = path.read_bytes()
@@ -175,7 +175,7 @@ def test_a_damaged_chunk_costs_that_chunk_only(states, tmp_path: Path) -> None:
     assert len(found) > len(many) // 4
 
 
-def test_a_damaged_array_costs_that_variable_only(states, tmp_path: Path) -> None:
+def test_a_damaged_array_loses_only_that_variable(states, tmp_path: Path) -> None:
     path = record(tmp_path / "run.npz", states)
     content = bytearray(path.read_bytes())
     place = content.index(b"actual_qd.npy") + 200
@@ -187,7 +187,7 @@ def test_a_damaged_array_costs_that_variable_only(states, tmp_path: Path) -> Non
     assert np.array_equal(found["actual_q"], [state["actual_q"] for state in states])
 
 
-def test_a_clock_that_is_set_far_ahead_is_no_year_of_recording(states, tmp_path: Path) -> None:
+def test_a_clock_jump_does_not_make_a_recording_a_year_long(states, tmp_path: Path) -> None:
     jump = [state | {"timestamp": state["timestamp"] + 9e8} for state in states[5:10]]
     with Recorder(tmp_path / "run.mcap", states[0]) as recorder:
         for state in (*states[:5], *jump):

@@ -20,7 +20,7 @@ PATIENCE_S = 30.0
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".csv", ".npz"])
-def test_everything_is_in_the_file(states, tmp_path: Path, suffix: str) -> None:
+def test_the_file_contains_all_states(states, tmp_path: Path, suffix: str) -> None:
     file = tmp_path / f"run{suffix}"
     with BackgroundRecorder(file, states[0], INFO) as recorder:
         for state in states:
@@ -31,7 +31,7 @@ def test_everything_is_in_the_file(states, tmp_path: Path, suffix: str) -> None:
     assert suffix == ".csv" or found.info["robot"] == INFO["robot"]
 
 
-def test_states_of_controllers_go_beside(states, tmp_path: Path) -> None:
+def test_controller_states_are_recorded_too(states, tmp_path: Path) -> None:
     with BackgroundRecorder(tmp_path / "run.mcap", states[0]) as recorder:
         for state in states[:50]:
             recorder.write(state)
@@ -41,7 +41,7 @@ def test_states_of_controllers_go_beside(states, tmp_path: Path) -> None:
     assert found.desired_q == pytest.approx(0.2)
 
 
-def test_a_file_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
+def test_an_unwritable_file_is_reported_immediately(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"cannot write .*: No such file or directory"):
         BackgroundRecorder(tmp_path / "nowhere" / "run.csv")
     with pytest.raises(RecordingError, match="not a format of recordings"):
@@ -50,7 +50,7 @@ def test_a_file_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
         BackgroundRecorder(tmp_path / "run.csv", ["actual_qq"])
 
 
-def test_what_goes_wrong_later_harms_nobody_until_the_end(states, tmp_path: Path, caplog) -> None:
+def test_later_errors_are_raised_only_at_the_end(states, tmp_path: Path, caplog) -> None:
     recorder = BackgroundRecorder(tmp_path / "run.mcap", states[0])
     recorder.write(states[0])
     os.kill(recorder._process.pid, signal.SIGKILL)
@@ -63,14 +63,14 @@ def test_what_goes_wrong_later_harms_nobody_until_the_end(states, tmp_path: Path
     recorder.close()  # again does no harm
 
 
-def test_controllers_in_a_format_without_them_are_an_error_of_the_end(states, tmp_path: Path) -> None:
+def test_controllers_in_an_unsupported_format_are_an_error_at_the_end(states, tmp_path: Path) -> None:
     recorder = BackgroundRecorder(tmp_path / "run.csv", states[0])
     recorder.write_controller("mine", controller_state(1.0, 0.1, 0.2))
     with pytest.raises(RecordingError, match=r"only \.mcap files can contain states of controllers"):
         recorder.close()
 
 
-def test_markers_go_beside_and_those_that_are_none_harm_nothing_else(states, tmp_path: Path) -> None:
+def test_markers_are_recorded_and_invalid_ones_do_not_affect_the_rest(states, tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     recorder = BackgroundRecorder(file, states[0])
     for number, state in enumerate(states[:50]):
@@ -114,7 +114,7 @@ def wait_for_end(pid: int) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="processes of others can be waited for on Linux only")
-def test_the_file_ends_in_order_when_its_program_does_not(tmp_path: Path) -> None:
+def test_the_file_is_complete_when_its_program_is_killed(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(file)], capture_output=True, text=True, timeout=PATIENCE_S, check=False

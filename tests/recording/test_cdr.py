@@ -49,7 +49,7 @@ inner = inner.map(lambda value: value | {"c": value["c"].replace("\0", "").encod
 
 
 @pytest.mark.parametrize("name", STANDARD)
-def test_our_definitions_are_those_of_ros(name: str) -> None:
+def test_our_definitions_match_ros(name: str) -> None:
     theirs = get_typestore(Stores.ROS2_JAZZY)
     ours = get_types_from_msg(message_type(name).definition, name)
     assert {kind: fields for kind, (_, fields) in ours.items()} == {kind: theirs.fielddefs[kind][1] for kind in ours}
@@ -70,7 +70,7 @@ def test_our_definitions_are_those_of_ros(name: str) -> None:
         }
     )
 )
-def test_rosbags_reads_what_we_write_and_we_read_what_it_writes(values: dict) -> None:
+def test_messages_are_interchangeable_with_rosbags(values: dict) -> None:
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(MIXED, "own_msgs/msg/Mixed"))
     ours = MessageType("own_msgs/msg/Mixed", MIXED)
@@ -91,7 +91,7 @@ def _listed(value: object) -> object:
     return [_listed(part) for part in value] if isinstance(value, list | tuple) else value
 
 
-def test_what_is_not_named_is_zero() -> None:
+def test_unnamed_fields_are_zero() -> None:
     kind = message_type("control_msgs/msg/JointTrajectoryControllerState")
     message = kind.decode(kind.encode({"joint_names": ["a"], "reference": {"positions": [1.0]}}))
     assert message["joint_names"] == ["a"]
@@ -101,7 +101,7 @@ def test_what_is_not_named_is_zero() -> None:
 
 
 @given(st.binary(max_size=200))
-def test_no_bytes_do_harm(data: bytes) -> None:
+def test_any_bytes_decode_or_are_an_error(data: bytes) -> None:
     kind = MessageType("own_msgs/msg/Mixed", MIXED)
     for bytes_ in (data, b"\x00\x01\x00\x00" + data):
         try:
@@ -111,12 +111,12 @@ def test_no_bytes_do_harm(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("text", ["float64", "what is this", "Unknown x", "own/A a\n===\nMSG: own/A\nown/A a"])
-def test_definitions_that_make_no_sense_are_refused(text: str) -> None:
+def test_invalid_definitions_are_refused(text: str) -> None:
     with pytest.raises(RecordingError):
         MessageType("own/msg/Thing", text)
 
 
-def test_every_rtde_variable_has_a_field_of_its_own_in_ros() -> None:
+def test_every_rtde_variable_has_a_separate_ros_field() -> None:
     kind = rtde_type(OUTPUT_FIELDS)
     assert len(set(kind.names)) == len(OUTPUT_FIELDS) + 1
     assert not [name for name in kind.names if "__" in name or name.endswith("_") or not name[0].islower()]

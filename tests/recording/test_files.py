@@ -38,7 +38,7 @@ def decoded(path: Path) -> dict[str, list]:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_what_is_written_is_read(states, tmp_path: Path, suffix: str) -> None:
+def test_recordings_round_trip(states, tmp_path: Path, suffix: str) -> None:
     recording = read(record(tmp_path / f"run{suffix}", states))
     assert set(recording.values) == set(DEFAULT_FIELDS)
     for name in DEFAULT_FIELDS:
@@ -48,7 +48,7 @@ def test_what_is_written_is_read(states, tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".npz"])
-def test_a_file_knows_where_it_comes_from(states, tmp_path: Path, suffix: str) -> None:
+def test_a_file_stores_its_origin(states, tmp_path: Path, suffix: str) -> None:
     recording = read(record(tmp_path / f"run{suffix}", states[:5]))
     assert recording.info == INFO | {"began_ns": str(BEGAN_NS)}
     assert recording.times_ns[0] == BEGAN_NS
@@ -57,7 +57,7 @@ def test_a_file_knows_where_it_comes_from(states, tmp_path: Path, suffix: str) -
 
 @pytest.mark.parametrize("source", FORMATS)
 @pytest.mark.parametrize("target", FORMATS)
-def test_every_format_becomes_every_other(states, tmp_path: Path, source: str, target: str) -> None:
+def test_every_format_converts_to_every_other(states, tmp_path: Path, source: str, target: str) -> None:
     first = record(tmp_path / f"one{source}", states[:50])
     convert(first, tmp_path / f"two{target}")
     again = read(tmp_path / f"two{target}")
@@ -70,7 +70,7 @@ def test_every_kind_of_variable_can_be_recorded(tmp_path: Path, suffix: str) -> 
     assert list(read(record(tmp_path / f"all{suffix}", states)).states()) == states
 
 
-def test_the_reader_of_the_mcap_project_has_the_topics_of_ros(states, tmp_path: Path) -> None:
+def test_the_mcap_reader_finds_the_ros_topics(states, tmp_path: Path) -> None:
     topics = decoded(record(tmp_path / "run.mcap", states))
     state, last = states[300], states[-1]
     joints = topics["/joint_states"][300]
@@ -106,7 +106,7 @@ def test_pose_and_wrench_are_in_the_frames_of_the_ros_driver(states, tmp_path: P
     assert [torque.x, torque.y, torque.z] == pytest.approx(rotation.T @ [0.1, 0.2, 0.3])
 
 
-def test_inputs_and_outputs_are_told_when_they_change(states, tmp_path: Path) -> None:
+def test_inputs_and_outputs_are_published_when_they_change(states, tmp_path: Path) -> None:
     changes = [dict(state) for state in states[:20]]
     for state in changes[10:]:
         state["actual_digital_output_bits"] = 0b100
@@ -114,7 +114,7 @@ def test_inputs_and_outputs_are_told_when_they_change(states, tmp_path: Path) ->
     assert [[signal.pin for signal in message.digital_out_states if signal.state] for message in io] == [[], [2]]
 
 
-def test_analog_signals_are_told_with_the_domain_of_each() -> None:
+def test_analog_signals_are_published_with_their_domains() -> None:
     values = {
         "timestamp": 1.0,
         "actual_digital_input_bits": 0,
@@ -152,7 +152,7 @@ def test_rosbags_opens_it_as_a_bag(states, tmp_path: Path) -> None:
     assert tuple(rtde.actual_tcp_pose) == states[0]["actual_TCP_pose"]
 
 
-def test_the_state_of_a_controller_of_this_program_goes_beside(states, tmp_path: Path) -> None:
+def test_controller_states_of_the_recording_program_are_included(states, tmp_path: Path) -> None:
     point = SimpleNamespace(positions=(0.5,) * 6, velocities=(), accelerations=(), effort=())
     state = SimpleNamespace(
         time_s=states[0]["timestamp"],
@@ -174,7 +174,7 @@ def test_the_state_of_a_controller_of_this_program_goes_beside(states, tmp_path:
         recorder.write_controller("any", state)
 
 
-def test_a_bag_of_ros_is_a_recording_too(states, tmp_path: Path) -> None:
+def test_a_ros_bag_is_read_as_a_recording(states, tmp_path: Path) -> None:
     order = (2, 1, 0, 5, 3, 4)  # ROS has joints in any order, and elbow first in UR's
     with (tmp_path / "bag.mcap").open("wb") as file:
         writer = RosWriter(file)
@@ -195,7 +195,7 @@ def test_a_bag_of_ros_is_a_recording_too(states, tmp_path: Path) -> None:
     assert recording.time_s[-1] == pytest.approx(0.058)
 
 
-def test_a_file_without_its_end_is_read_as_far_as_it_goes(states, tmp_path: Path) -> None:
+def test_a_truncated_file_is_read_as_far_as_possible(states, tmp_path: Path) -> None:
     whole = record(tmp_path / "run.mcap", states)
     content = whole.read_bytes()
     whole.write_bytes(content[: int(len(content) * 0.9)])
@@ -209,7 +209,7 @@ def test_a_file_without_its_end_is_read_as_far_as_it_goes(states, tmp_path: Path
     assert f"line {len(states) + 1}" in recording.info["cut_off"]
 
 
-def test_csv_and_npz_are_what_others_read(states, tmp_path: Path) -> None:
+def test_csv_and_npz_are_readable_by_other_tools(states, tmp_path: Path) -> None:
     with record(tmp_path / "run.csv", states[:9]).open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert float(rows[8]["actual_q_5"]) == states[8]["actual_q"][5]
@@ -217,7 +217,7 @@ def test_csv_and_npz_are_what_others_read(states, tmp_path: Path) -> None:
         assert arrays["actual_q"].shape == (9, 6)
 
 
-def test_a_robot_that_boots_anew_goes_on_in_time(states, tmp_path: Path) -> None:
+def test_time_continues_after_a_reboot_of_the_robot(states, tmp_path: Path) -> None:
     path, now_ns = tmp_path / "run.mcap", iter((10**18, 2 * 10**18))
     booted = [state | {"timestamp": state["timestamp"] - 30.0} for state in states[:10]]
     with Recorder(path, states[0], now_ns=lambda: next(now_ns)) as recorder:
@@ -233,7 +233,7 @@ def test_a_robot_that_boots_anew_goes_on_in_time(states, tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("name", "module"), [("run.mcap", "mcap.writer"), ("run.mcap", "mcap")], ids=["part", "package"]
 )
-def test_a_missing_package_is_one_clear_line(states, tmp_path: Path, monkeypatch, name: str, module: str) -> None:
+def test_a_missing_package_is_a_one_line_error(states, tmp_path: Path, monkeypatch, name: str, module: str) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
     with pytest.raises(MissingExtraError, match=r"in the folder of ur-emulator, pip install '\.\[record\]'"):
@@ -241,7 +241,7 @@ def test_a_missing_package_is_one_clear_line(states, tmp_path: Path, monkeypatch
     assert not (tmp_path / name).exists()
 
 
-def test_what_cannot_be_written_or_read_is_told(states, tmp_path: Path) -> None:
+def test_unwritable_and_unreadable_files_are_reported(states, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"not a format of recordings: choose one of \.mcap, \.csv, \.npz"):
         Recorder(tmp_path / "run.txt")
     with pytest.raises(RecordingError, match="cannot write"):
@@ -279,7 +279,7 @@ def test_an_unfinished_recording_whose_beginning_is_damaged(tmp_path: Path, head
         read(path)
 
 
-def test_an_array_that_does_not_begin_as_one(tmp_path: Path) -> None:
+def test_an_array_without_its_magic_bytes(tmp_path: Path) -> None:
     """numpy gives its bytes then, and says nothing."""
     path = tmp_path / "run.npz"
     with zipfile.ZipFile(path, "w") as file:
@@ -288,7 +288,7 @@ def test_an_array_that_does_not_begin_as_one(tmp_path: Path) -> None:
         read(path)
 
 
-def test_a_bag_whose_rtde_has_no_variable_of_rtde(tmp_path: Path) -> None:
+def test_a_bag_without_known_rtde_variables(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap"
     with path.open("wb") as file:
         writer = RosWriter(file)
@@ -302,7 +302,7 @@ def test_a_bag_whose_rtde_has_no_variable_of_rtde(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", FORMATS)
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(20))
 @given(data=st.data())
-def test_no_bytes_are_more_than_an_error(states, tmp_path: Path, suffix: str, data) -> None:
+def test_any_bytes_are_read_or_are_an_error(states, tmp_path: Path, suffix: str, data) -> None:
     path = tmp_path / f"any{suffix}"
     content = bytearray(record(tmp_path / f"good{suffix}", states[:3]).read_bytes())
     for place in data.draw(st.lists(st.integers(0, len(content) - 1), max_size=4)):

@@ -14,7 +14,7 @@ def test_a_signal_ends_waiting() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_something_is_written_ends_the_next_waiting(number: signal.Signals) -> None:
+def test_a_signal_during_a_write_ends_the_next_wait(number: signal.Signals) -> None:
     written = []
     with Interrupts() as interrupts:
         os.kill(os.getpid(), number)
@@ -24,7 +24,7 @@ def test_a_signal_while_something_is_written_ends_the_next_waiting(number: signa
     assert written == ["the rest"]
 
 
-def test_what_was_there_before_is_put_back() -> None:
+def test_previous_signal_handlers_are_restored() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with Interrupts():
         assert signal.getsignal(signal.SIGTERM) != before

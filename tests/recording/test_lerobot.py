@@ -56,7 +56,7 @@ def loaded(folder: Path) -> SimpleNamespace:
     )
 
 
-def test_frames_are_states_at_even_times_and_what_was_wanted_next(states, tmp_path: Path) -> None:
+def test_frames_are_evenly_timed_states_with_the_next_target_as_action(states, tmp_path: Path) -> None:
     write_dataset(tmp_path / "set", [record(tmp_path / "run.npz", states)], ["turn"], fps=FPS)
     found = loaded(tmp_path / "set")
     step = round(1.0 / FPS / 0.002)
@@ -74,7 +74,7 @@ def test_frames_are_states_at_even_times_and_what_was_wanted_next(states, tmp_pa
     assert found.info["data_path"].format(chunk_index=0, file_index=0) == "data/chunk-000/file-000.parquet"
 
 
-def test_recordings_are_episodes_one_after_the_other(states, tmp_path: Path) -> None:
+def test_recordings_become_consecutive_episodes(states, tmp_path: Path) -> None:
     files = [record(tmp_path / "a.csv", states[:300]), record(tmp_path / "b.npz", states[300:])]
     made = write_dataset(tmp_path / "set", [*files, files[0]], ["go", "come back", "go"], fps=20, robot_type="ur5e")
     found = loaded(tmp_path / "set")
@@ -94,7 +94,7 @@ def test_recordings_are_episodes_one_after_the_other(states, tmp_path: Path) -> 
     assert found.info["robot_type"] == "ur5e"
 
 
-def test_statistics_of_all_are_those_of_every_frame(states, tmp_path: Path) -> None:
+def test_overall_statistics_cover_every_frame(states, tmp_path: Path) -> None:
     files = [record(tmp_path / "a.npz", states[:300]), record(tmp_path / "b.npz", states[300:])]
     write_dataset(tmp_path / "set", files, ["go"], fps=50)
     found = loaded(tmp_path / "set")
@@ -106,7 +106,7 @@ def test_statistics_of_all_are_those_of_every_frame(states, tmp_path: Path) -> N
     assert set(found.stats) == {*found.info["features"]}
 
 
-def test_numbers_of_vectors_and_bits_of_words_are_chosen(states, tmp_path: Path) -> None:
+def test_vector_elements_and_bits_can_be_selected(states, tmp_path: Path) -> None:
     changed = [
         state | {"actual_digital_output_bits": 0b100 if i > 500 else 0b011, "speed_scaling": 0.5}
         for i, state in enumerate(states)
@@ -130,7 +130,7 @@ def test_numbers_of_vectors_and_bits_of_words_are_chosen(states, tmp_path: Path)
     assert found.frames["action"] == [0.0] * 10 + [1.0] * (len(found.frames["action"]) - 10)  # one number is no list
 
 
-def test_pictures_are_those_that_were_recorded(states, tmp_path: Path) -> None:
+def test_pictures_match_the_recording(states, tmp_path: Path) -> None:
     states = states[::5]
     reds = list(range(0, 200, 10))
     filmed(tmp_path / "run.mcap", states, reds, cameras=(OVERVIEW, WRIST))
@@ -157,7 +157,7 @@ def test_pictures_are_those_that_were_recorded(states, tmp_path: Path) -> None:
     assert [picture["bytes"] for picture in slow] == [jpeg(red) for red in reds[: 2 * len(slow) : 2]]
 
 
-def test_statistics_of_pictures_are_those_of_their_pixels() -> None:
+def test_picture_statistics_match_their_pixels() -> None:
     shades = np.random.default_rng(1).integers(0, 256, (5, 6, 8, 3), np.uint8)
     pictures = []
     for picture in shades:
@@ -179,7 +179,7 @@ def test_statistics_of_pictures_are_those_of_their_pixels() -> None:
         stats.of_pictures([jpeg(1), jpeg(1, (16, 6))])
 
 
-def test_a_dataset_is_split_into_files_that_are_not_too_large(states, tmp_path: Path, monkeypatch) -> None:
+def test_a_dataset_is_split_into_files_of_limited_size(states, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("client.lerobot.dataset._DATA_MB", 1e-3)
     monkeypatch.setattr("client.lerobot.dataset._IN_CHUNK", 2)
     files = [record(tmp_path / "a.npz", states[:400])] * 3
@@ -215,7 +215,7 @@ def nan_in(states):
         (nan_in, {}, r"shoulder_pan_joint.pos is not a number 1.00 s after the start"),
     ],
 )
-def test_what_makes_no_dataset_is_one_line_and_leaves_nothing(states, tmp_path, change, options, error) -> None:
+def test_invalid_input_is_a_one_line_error_and_leaves_no_files(states, tmp_path, change, options, error) -> None:
     file = record(tmp_path / "run.npz", change(states))
     with pytest.raises(RecordingError, match=error) as refused:
         write_dataset(**({"path": tmp_path / "set", "recordings": [file], "tasks": ["go"]} | options))
@@ -223,7 +223,7 @@ def test_what_makes_no_dataset_is_one_line_and_leaves_nothing(states, tmp_path, 
     assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]
 
 
-def test_cameras_have_to_be_the_same_in_all_recordings(states, tmp_path: Path) -> None:
+def test_all_recordings_must_have_the_same_cameras(states, tmp_path: Path) -> None:
     states = states[::5]
     one = filmed(tmp_path / "one.mcap", states, range(0, 200, 10))
     other = filmed(tmp_path / "other.mcap", states, range(0, 200, 10), size=(16, 6))
@@ -247,7 +247,7 @@ def test_cameras_have_to_be_the_same_in_all_recordings(states, tmp_path: Path) -
     assert not (tmp_path / "set").exists()
 
 
-def test_from_a_shell(states, tmp_path: Path) -> None:
+def test_the_command(states, tmp_path: Path) -> None:
     states = states[::5]
     file = str(filmed(tmp_path / "run.mcap", states, range(0, 200, 10)))
     options = ["--task", "look", "--state", "actual_q,actual_TCP_force", "--action", "target_q"]
@@ -259,7 +259,7 @@ def test_from_a_shell(states, tmp_path: Path) -> None:
     assert "exists: choose another name" in str(again.exception)
 
 
-def test_without_its_extra_it_says_so(states, tmp_path: Path, monkeypatch) -> None:
+def test_a_missing_extra_is_reported(states, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(MissingExtraError, match=r"a dataset for LeRobot needs .* pip install '\.\[lerobot\]'"):
         write_dataset(tmp_path / "set", [record(tmp_path / "run.npz", states)], ["go"])

@@ -36,7 +36,7 @@ def test_a_state_is_a_json_object_with_its_time(states) -> None:
     assert message == {"actual_q": list(states[5]["actual_q"]), "robot_mode": 7}
 
 
-def test_no_datagram_is_larger_than_a_receiver_takes() -> None:
+def test_no_datagram_exceeds_the_size_receivers_accept() -> None:
     (state,) = moving_states(OUTPUT_FIELDS, 0.002)
     parts = list(datagrams(state, BEGAN_NS))
     assert len(parts) > 1
@@ -45,7 +45,7 @@ def test_no_datagram_is_larger_than_a_receiver_takes() -> None:
     assert len(whole) == len(OUTPUT_FIELDS) + 1
 
 
-def test_what_json_does_not_have_is_left_out() -> None:
+def test_values_without_a_json_form_are_left_out() -> None:
     (data,) = datagrams({"speed_scaling": math.nan, "actual_q": (math.inf, 0.0), "robot_mode": 7}, 0)
     assert json.loads(data) == {"timestamp": 0.0, "robot_mode": 7}
 
@@ -80,7 +80,7 @@ def test_plotjugglers_websocket_server_gets_whole_states(states) -> None:
         sender.write(states[5], BEGAN_NS)
 
 
-def test_a_plotjuggler_that_does_not_listen_is_told() -> None:
+def test_a_plotjuggler_that_does_not_listen_is_reported() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # and does not listen
         with pytest.raises(RecordingError, match="first start PlotJuggler's, with protocol json"):
@@ -101,7 +101,7 @@ def test_addresses(text: str, address: tuple[str, int]) -> None:
 
 
 @pytest.mark.parametrize("text", ["tcp://10.0.0.5:99", "", "udp://:7", "udp://a:99999", "udp://a:b"])
-def test_what_is_no_address_is_told(text: str) -> None:
+def test_invalid_addresses_are_reported(text: str) -> None:
     with pytest.raises(RecordingError, match="is not an address"):
         address_of(text, "udp", 9870)
 
@@ -174,7 +174,7 @@ def _decoded(channel: dict, data: bytes) -> object:
     return DecoderFactory().decoder_for("cdr", schema)(data)
 
 
-def test_an_address_that_is_taken_is_told() -> None:
+def test_an_address_in_use_is_reported() -> None:
     server = FoxgloveServer(("timestamp",), "127.0.0.1", 0)
     try:
         with pytest.raises(RecordingError, match="cannot listen on"):
@@ -183,13 +183,13 @@ def test_an_address_that_is_taken_is_told() -> None:
         server.close()
 
 
-def test_a_missing_package_is_one_clear_line(monkeypatch) -> None:
+def test_a_missing_package_is_a_one_line_error(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(MissingExtraError, match=r"in the folder of ur-emulator, pip install '\.\[live\]'"):
         FoxgloveServer(("timestamp",), "127.0.0.1", 0)
 
 
-async def test_a_client_of_foxgloves_protocol_gets_pictures_and_where_the_camera_is() -> None:
+async def test_a_client_of_foxgloves_protocol_gets_pictures_and_camera_poses() -> None:
     server = FoxgloveServer(("timestamp",), "127.0.0.1", 0)
     topics = ("/over_all/image_raw/compressed", "/over_all/camera_info", "/tf_static")
     try:

@@ -39,7 +39,7 @@ def arm() -> ConfigurationData:
     return ConfigurationData(**values, **limits, **numbers, **words)
 
 
-def test_the_path_is_what_was_asked_of_the_joints(states, tmp_path) -> None:
+def test_the_path_consists_of_the_joint_targets(states, tmp_path) -> None:
     path = joint_path(read(record(tmp_path / "run.mcap", states)))
     time_s = array(states, "timestamp") - states[0]["timestamp"]
     assert np.max(np.abs(path.at(time_s) - array(states, "target_q"))) < 5e-4
@@ -50,13 +50,13 @@ def test_the_path_is_what_was_asked_of_the_joints(states, tmp_path) -> None:
 
 
 @given(st.floats(0.2, 3.0), st.floats(0.1, 2.0))
-def test_speed_scales_time_and_nothing_else(speed: float, radius: float) -> None:
+def test_speed_scales_only_time(speed: float, radius: float) -> None:
     once, scaled = joint_path(recording(TIME_S, swing(radius))), joint_path(recording(TIME_S, swing(radius)), speed)
     assert scaled.duration_s == pytest.approx(once.duration_s / speed)
     assert np.allclose(scaled.at(TIME_S / speed), once.at(TIME_S))
 
 
-def test_a_path_without_targets_is_what_was_measured() -> None:
+def test_a_path_without_targets_uses_measured_angles() -> None:
     measured = recording(TIME_S, swing(0.3))
     values = dict(measured.values)
     values["actual_q"] = values.pop("target_q")
@@ -72,7 +72,7 @@ def test_limits_are_those_of_the_robot(arm) -> None:
         joint_path(recording(TIME_S, swing(0.5)), 5.0).check(arm)
 
 
-def test_the_speed_that_is_proposed_can_be_done(arm) -> None:
+def test_the_suggested_speed_is_feasible(arm) -> None:
     measured, speed = recording(TIME_S, swing(0.5)), 8.0
     for _ in range(2):  # one for each kind of limit
         try:
@@ -83,12 +83,12 @@ def test_the_speed_that_is_proposed_can_be_done(arm) -> None:
     assert speed > 2.0
 
 
-def test_a_recording_that_ends_in_motion_asks_for_a_jerk(arm) -> None:
+def test_a_recording_that_ends_in_motion_exceeds_the_acceleration_limit(arm) -> None:
     with pytest.raises(MotionError, match="rad/s2"):
         joint_path(recording(TIME_S[:60], swing(1.0)[:60])).check(arm)
 
 
-def test_some_states_that_are_missing_make_no_jerk(states, arm) -> None:
+def test_a_few_missing_states_cause_no_jerk(states, arm) -> None:
     missing = {*range(100, 111), *range(150, 190), 301, 303, 305, *range(600, 630)}  # up to 80 ms
     few = [state for number, state in enumerate(states) if number not in missing]
     path = joint_path(type(recording(TIME_S, TIME_S))({name: array(few, name) for name in few[0]}))
@@ -100,7 +100,7 @@ def test_some_states_that_are_missing_make_no_jerk(states, arm) -> None:
     assert fastest[0] < 1.2 * fastest[1]
 
 
-def test_a_gap_in_a_motion_is_no_path() -> None:
+def test_a_gap_during_motion_is_an_error() -> None:
     time_s, q = np.delete(TIME_S, range(100, 140)), np.delete(swing(0.5), range(100, 140), axis=0)
     with pytest.raises(RecordingError, match=r"states are missing for 0\.33 s from 0\.79 s on"):
         joint_path(recording(time_s, q))
@@ -108,7 +108,7 @@ def test_a_gap_in_a_motion_is_no_path() -> None:
     assert joint_path(recording(time_s, still)).duration_s == pytest.approx(TIME_S[-1])
 
 
-def test_what_has_no_path_is_told() -> None:
+def test_recordings_without_a_path_are_reported() -> None:
     with pytest.raises(RecordingError, match="1 states are too few for a path"):
         joint_path(recording(TIME_S[:1], swing(0.1)[:1]))
     with pytest.raises(RecordingError, match="some recorded joint angles are not numbers"):

@@ -39,7 +39,7 @@ def recorded(tmp_path: Path) -> Path:
     return path
 
 
-def test_rosbags_reads_pictures_what_took_them_and_where_from(recorded: Path) -> None:
+def test_rosbags_reads_pictures_cameras_and_camera_poses(recorded: Path) -> None:
     with AnyReader([recorded]) as bag:
         found = {
             connection.topic: (time_ns, bag.deserialize(data, connection.msgtype))
@@ -62,7 +62,7 @@ def test_rosbags_reads_pictures_what_took_them_and_where_from(recorded: Path) ->
     assert "/tf_static" in found
 
 
-def test_frames_are_told_again_for_those_who_come_late() -> None:
+def test_frames_are_repeated_for_late_subscribers() -> None:
     pictures = Pictures()
 
     def told(seconds: float) -> bool:
@@ -72,7 +72,7 @@ def test_frames_are_told_again_for_those_who_come_late() -> None:
     assert [told(seconds) for seconds in (0.0, 0.5, 1.0, 1.5, 0.0)] == [True, False, True, False, True]
 
 
-def test_a_picture_is_late_and_sets_no_clock() -> None:
+def test_a_late_picture_does_not_set_the_clock() -> None:
     stamps = Stamps(lambda: BEGAN_NS)
     assert stamps.at(10.0) is None
     assert stamps.of(20.0) == BEGAN_NS
@@ -81,7 +81,7 @@ def test_a_picture_is_late_and_sets_no_clock() -> None:
     assert stamps.at(1e9) is None
 
 
-def test_only_mcap_files_hold_pictures(tmp_path: Path) -> None:
+def test_only_mcap_files_contain_pictures(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.csv", ("timestamp",)) as recorder:
         recorder.write({"timestamp": 1.0})
         with pytest.raises(RecordingError, match=r"a\.csv: only \.mcap files can contain camera images$"):
@@ -100,7 +100,7 @@ def test_only_mcap_files_hold_pictures(tmp_path: Path) -> None:
         (["stream", "--plotjuggler", "udp://127.0.0.1", "--camera", "all"], "PlotJuggler shows no images"),
     ],
 )
-def test_options_that_cannot_be_are_told(options: list[str], error: str) -> None:
+def test_invalid_options_are_reported(options: list[str], error: str) -> None:
     result = CliRunner().invoke(app, options)
     assert result.exit_code != 0
     assert error in " ".join((result.output + str(result.exception)).replace("│", " ").split())

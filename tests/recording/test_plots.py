@@ -16,7 +16,7 @@ from client.errors import MissingExtraError, RecordingError
 from client.recording import Recorder, deviations, draw, read
 
 
-def test_deviations_are_of_each_joint() -> None:
+def test_deviations_are_per_joint() -> None:
     target = np.zeros((4, 6))
     actual = target.copy()
     actual[:, 2] = (0.0, 0.3, -0.4, 0.0)
@@ -34,7 +34,7 @@ def test_a_png_has_a_size(states, tmp_path: Path) -> None:
     assert height > 1000
 
 
-def test_only_what_was_recorded_is_drawn(states, tmp_path: Path) -> None:
+def test_only_recorded_variables_are_plotted(states, tmp_path: Path) -> None:
     draw(read(record(tmp_path / "all.npz", states)), tmp_path / "all.svg")
     names = ("timestamp", "actual_q")
     few = [{name: state[name] for name in names} for state in states]
@@ -47,7 +47,7 @@ def _panels(path: Path) -> int:
     return sum(group.get("id", "").startswith("axes_") for group in groups)
 
 
-def test_what_a_controller_desired_is_drawn_and_the_stop(states, tmp_path: Path) -> None:
+def test_controller_targets_and_stops_are_plotted(states, tmp_path: Path) -> None:
     stopped = [{**state, "safety_mode": 3 if 300 < number < 500 else 1} for number, state in enumerate(states)]
     file = tmp_path / "run.mcap"
     with Recorder(file, stopped[0]) as recorder:
@@ -69,7 +69,7 @@ def test_what_a_controller_desired_is_drawn_and_the_stop(states, tmp_path: Path)
     assert "largest deviation from the path: 0.24495 rad" in (tmp_path / "run.html").read_text()
 
 
-def test_a_page_needs_nothing_else(states, tmp_path: Path) -> None:
+def test_a_page_is_self_contained(states, tmp_path: Path) -> None:
     draw(read(record(tmp_path / "run.npz", states)), tmp_path / "run.html", "<run> & more")
     page = Page()
     page.feed((tmp_path / "run.html").read_text())
@@ -92,7 +92,7 @@ class Page(HTMLParser):
         self.texts.append(data)
 
 
-def test_what_cannot_be_drawn_is_told(states, tmp_path: Path, monkeypatch) -> None:
+def test_unplottable_recordings_are_reported(states, tmp_path: Path, monkeypatch) -> None:
     whole = read(record(tmp_path / "run.npz", states[:3]))
     with pytest.raises(RecordingError, match=r"not a format of plots: choose one of \.png"):
         draw(whole, tmp_path / "run.bmp")

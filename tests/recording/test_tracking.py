@@ -36,14 +36,14 @@ def tracking(desired, actual, time_s=TIME_S) -> Tracking:
 
 
 @given(st.floats(0.0, 0.5), st.floats(0.0, 0.1))
-def test_a_lag_is_no_deviation_from_the_path(lag_s: float, off_rad: float) -> None:
+def test_a_lag_is_not_a_deviation_from_the_path(lag_s: float, off_rad: float) -> None:
     phase = RATE_RAD_S * TIME_S
     actual = circle(np.maximum(phase - RATE_RAD_S * lag_s, 0.0)) * (1.0 + off_rad)
     found = tracking(circle(phase), actual).path_deviation()
     assert found == pytest.approx(np.full(len(TIME_S), off_rad), abs=1e-5)
 
 
-def test_an_arm_that_waits_on_its_path_is_on_it_however_long() -> None:
+def test_waiting_on_the_path_is_no_deviation() -> None:
     phase = RATE_RAD_S * np.clip(TIME_S, None, 2.0)  # and 6 s of waiting
     behind = circle(np.clip(RATE_RAD_S * (TIME_S - LAG_S), 0.0, RATE_RAD_S * (2.0 - LAG_S)))
     waits = tracking(circle(phase), behind)
@@ -51,7 +51,7 @@ def test_an_arm_that_waits_on_its_path_is_on_it_however_long() -> None:
     assert np.max(np.abs(waits.desired_q - waits.actual_q)) > 0.02
 
 
-def test_where_nothing_is_known_there_is_no_path() -> None:
+def test_there_is_no_path_in_gaps() -> None:
     phase = RATE_RAD_S * TIME_S
     known = np.r_[0:400, 600:1001]  # 1.6 s are missing
     actual = circle(phase)[known]
@@ -62,12 +62,12 @@ def test_where_nothing_is_known_there_is_no_path() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_short_ones_have_a_path_too(count: int) -> None:
+def test_short_recordings_have_a_path(count: int) -> None:
     few = tracking(circle(TIME_S[:count]), circle(TIME_S[:count]) + 0.1, TIME_S[:count])
     assert few.path_deviation() == pytest.approx([0.1 * math.sqrt(6.0)] * count, rel=0.05)
 
 
-def test_joints_are_told_apart_by_name_in_every_message() -> None:
+def test_joints_are_matched_by_name_in_every_message() -> None:
     builder = TrackingBuilder("controller")
     for time_s, order in enumerate(([0, 1, 2, 3, 4, 5], [5, 0, 4, 1, 3, 2])):
         numbers = [float(joint) for joint in order]
@@ -93,7 +93,7 @@ def recorded(states, tmp_path: Path) -> Path:
     return file
 
 
-def test_controllers_are_read_beside_the_robot(states, recorded: Path) -> None:
+def test_controllers_are_read_together_with_the_robot(states, recorded: Path) -> None:
     found = read(recorded)
     assert list(found.controllers) == [NAME]  # and not what the robot's own controller does
     wanted = found.tracking()
@@ -125,7 +125,7 @@ def test_rosbags_reads_the_controllers_states(recorded: Path) -> None:
     assert last.output.positions.tolist() == last.reference.positions.tolist()
 
 
-def test_a_recording_without_controllers_tells_what_the_robots_own_did() -> None:
+def test_a_recording_without_controllers_shows_the_robots_own_tracking() -> None:
     own = recording(TIME_S, circle(TIME_S), actual_q=circle(TIME_S) + 0.01)
     assert own.tracking().source == "robot"
     assert own.tracking().compared

@@ -38,7 +38,7 @@ def form(data: bytes) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("version", ["10.11", "10.12", "10.13"])
-async def test_the_document_is_valid_and_has_what_the_version_has(robot: Start, version: str) -> None:
+async def test_the_document_is_valid_and_matches_the_version(robot: Start, version: str) -> None:
     async with client(await robot(version)) as api:
         document = (await api.get("/openapi.json")).json()
         validate(document)
@@ -50,7 +50,7 @@ async def test_the_document_is_valid_and_has_what_the_version_has(robot: Start, 
         assert (await api.get("/robotstate/v1/robotmode")).status_code == (404 if version == "10.11" else 200)
 
 
-async def test_before_10_11_there_is_no_api_and_start_scripts_are_answered(robot: Start) -> None:
+async def test_before_10_11_there_is_no_api_but_start_scripts_get_answers(robot: Start) -> None:
     emulator = await robot("10.7")
     async with client(emulator) as api:
         assert (await api.get("/openapi.json")).status_code == 404
@@ -59,7 +59,7 @@ async def test_before_10_11_there_is_no_api_and_start_scripts_are_answered(robot
         assert (start_script.status_code, start_script.json()) == (200, [])
 
 
-async def test_answers_are_as_the_document_says(robot: Start) -> None:
+async def test_answers_match_the_document(robot: Start) -> None:
     async with client(await robot()) as api:
         document = (await api.get("/openapi.json")).json()
         looked = 0
@@ -120,7 +120,7 @@ async def test_programs_are_stored_loaded_and_played(robot: Start, tmp_path: Pat
         assert await said(api, loaded, "name") == DEFAULT_PROGRAM
 
 
-async def test_rtde_is_told_that_the_arm_was_switched_on(robot: Start) -> None:
+async def test_rtde_stops_warning_once_the_arm_was_switched_on(robot: Start) -> None:
     emulator = await robot()
     async with client(emulator) as api:
         server = emulator.servers["rtde"]
@@ -130,7 +130,7 @@ async def test_rtde_is_told_that_the_arm_was_switched_on(robot: Start) -> None:
         assert server.host.safety_confirmed  # type: ignore[attr-defined]
 
 
-async def test_a_program_that_cannot_be_run_is_refused_by_its_node_and_changes_nothing(robot: Start) -> None:
+async def test_an_unrunnable_program_is_refused_naming_its_node_and_changes_nothing(robot: Start) -> None:
     async with client(await robot()) as api:
         await api.post("/programs/v1/", files=form(urpx("odd", node("vendor-thing", "v"))))
         refusal = await api.put("/program/v1/loaded", json={"name": "odd"})
@@ -139,7 +139,7 @@ async def test_a_program_that_cannot_be_run_is_refused_by_its_node_and_changes_n
         assert await said(api, "/program/v1/loaded", "name") == DEFAULT_PROGRAM
 
 
-async def test_without_a_programs_folder_uploads_are_kept_too(robot: Start) -> None:
+async def test_uploads_are_kept_even_without_a_programs_folder(robot: Start) -> None:
     async with client(await robot(programs_dir=None)) as api:
         assert (await api.post("/programs/v1/", files=form(urpx("kept")))).status_code == 200
         assert [each["name"] for each in await said(api, "/programs/v1/", "programs")] == [DEFAULT_PROGRAM, "kept"]
@@ -166,7 +166,7 @@ async def test_local_control(robot: Start) -> None:
         assert await put(api, "/robotstate/v1/state", action="POWER_ON") == 200
 
 
-async def test_paths_of_another_form_lead_there(robot: Start) -> None:
+async def test_alternative_paths_redirect(robot: Start) -> None:
     async with client(await robot(), follow_redirects=True) as api:
         assert (await api.get("/programs/v1")).json()["programs"]
         program = urpx("over there")

@@ -39,7 +39,7 @@ def test_a_nominal_arm_keeps_the_closed_form() -> None:
     assert type(kinematics_of(load_model("ur5e"))) is Kinematics
 
 
-def test_forward(model: RobotModel) -> None:
+def test_forward_kinematics(model: RobotModel) -> None:
     kinematics, nominal = kinematics_of(model), Kinematics(model.dh)
     for q in configurations(50, 1):
         np.testing.assert_allclose(
@@ -60,7 +60,7 @@ def test_jacobian_is_the_rate_of_the_pose(model: RobotModel) -> None:
             assert [row[i] for row in rows] == pytest.approx([part / (2 * step) for part in change], abs=1e-7)
 
 
-def test_inverse_finds_the_way_back(model: RobotModel) -> None:
+def test_inverse_undoes_forward(model: RobotModel) -> None:
     kinematics, source = kinematics_of(model), random.Random(3)
     for q in configurations(200, 3):
         pose = kinematics.forward(q)
@@ -80,7 +80,7 @@ def test_all_solutions(model: RobotModel) -> None:
         assert apart(kinematics.forward(q), pose) < 3e-10
 
 
-def test_along_a_path_one_solution_continues_the_one_before(model: RobotModel) -> None:
+def test_solutions_are_continuous_along_a_path(model: RobotModel) -> None:
     kinematics, q = kinematics_of(model), (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
     x, y, z, *turn = kinematics.forward(q)
     for i in range(100):
@@ -90,7 +90,7 @@ def test_along_a_path_one_solution_continues_the_one_before(model: RobotModel) -
         q = after
 
 
-def test_at_the_singular_start_it_stays_where_it_is(model: RobotModel) -> None:
+def test_joints_stay_in_place_at_the_singular_start(model: RobotModel) -> None:
     kinematics = kinematics_of(model)
     assert kinematics.inverse_near(kinematics.forward(HOME), HOME, *FREE) == HOME
     near = tuple(angle + 0.01 for angle in HOME)

@@ -96,7 +96,7 @@ def test_hash_of_nominal_arms(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_public_file_gives_the_parameters_that_give_its_hash(name: str) -> None:
+def test_parameters_of_a_public_file_reproduce_its_hash(name: str) -> None:
     """They are not in the file; only the right ones have the hash that the vendor's library computed."""
     content = yaml.safe_load(FILES[name].read_text())
     calibration = Calibration.from_mapping(content, "file")
@@ -122,7 +122,7 @@ def test_ur_descriptions_own_file_of_a_nominal_arm() -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_public_file_gives_the_frames_that_are_in_it(name: str) -> None:
+def test_parameters_of_a_public_file_reproduce_its_frames(name: str) -> None:
     """Positions are the same however angles are written."""
     content = yaml.safe_load(FILES[name].read_text())
     ours = Calibration.from_mapping(content, "file").to_mapping()
@@ -165,13 +165,13 @@ def parameters(draw: st.DrawFn) -> DH:
 
 
 @given(parameters(), angles)
-def test_the_chain_is_the_same_arm(dh: DH, q: Joints) -> None:
+def test_the_chain_describes_the_same_arm(dh: DH, q: Joints) -> None:
     content = Calibration.of(dh).to_mapping()
     np.testing.assert_allclose(urdf_product(content, q), product_of_links(dh, q), rtol=0, atol=1e-9)
 
 
 @given(parameters(), angles)
-def test_parameters_of_a_chain_are_the_same_arm(dh: DH, q: Joints) -> None:
+def test_parameters_of_a_chain_describe_the_same_arm(dh: DH, q: Joints) -> None:
     assume(all(tilt == 0.0 or abs(tilt) > 1e-4 for tilt in dh.alpha[1:3]))  # else the digits do not last
     again = dh_of(chain_of(dh))
     np.testing.assert_allclose(product_of_links(again, q), product_of_links(dh, q), rtol=0, atol=1e-8)
@@ -184,7 +184,7 @@ def test_lists_of_parameters() -> None:
     assert Calibration.from_mapping(content, "file").dh == dh
 
 
-def test_a_changed_file_is_noticed() -> None:
+def test_a_modified_file_is_detected() -> None:
     content = Calibration.of(measured(1)[1]).to_mapping()
     content["kinematics"]["forearm"]["x"] += 1e-5
     assert not Calibration.from_mapping(content, "file").is_whole
@@ -215,12 +215,12 @@ def _with(link: str, key: str, value: object) -> dict:
         ({"dh_theta": [0.0] * 6, "dh_a": [0.0] * 5}, "dh_a must be six numbers"),
     ],
 )
-def test_what_is_no_calibration(content: object, problem: str) -> None:
+def test_invalid_calibrations(content: object, problem: str) -> None:
     with pytest.raises(CalibrationError, match=problem):
         Calibration.from_mapping(content, "file")
 
 
-def test_of_another_arm() -> None:
+def test_a_calibration_of_another_arm() -> None:
     _, dh = measured(0)
     with pytest.raises(CalibrationError, match=r"not a calibration of UR5: its shoulder is \d+ mm"):
         Calibration.of(dh).check_model(load_model("ur5"))

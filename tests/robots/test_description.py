@@ -65,7 +65,7 @@ def test_forward_kinematics_and_dynamics(model: RobotModel) -> None:
     np.testing.assert_allclose(place.rotation, np.array(rotvec_to_matrix(*turn)).reshape(3, 3), rtol=0, atol=2e-9)
 
 
-def test_frames_are_those_of_ur_description() -> None:
+def test_frames_match_ur_description() -> None:
     built = pin.buildModelFromXML(urdf(load_model("ur3e")))
     data = built.createData()
     pin.framesForwardKinematics(built, data, pin.neutral(built))
@@ -91,7 +91,7 @@ def test_limits(model: RobotModel) -> None:
     assert kind == ("continuous" if model.wrist3_unlimited else "revolute")
 
 
-def test_frames_are_those_of_the_description(model: RobotModel) -> None:
+def test_frames_match_the_description(model: RobotModel) -> None:
     built = pin.buildModelFromXML(urdf(model, prefix="left_"))
     data = built.createData()
     pin.framesForwardKinematics(built, data, configuration(built))
@@ -125,7 +125,7 @@ def test_shapes_reach_from_joint_to_joint(model: RobotModel) -> None:
     assert lengths[2:4] == pytest.approx([abs(model.dh.a[1]), abs(model.dh.a[2])])
 
 
-def test_meshes_of_a_folder(tmp_path: Path) -> None:
+def test_meshes_from_a_folder(tmp_path: Path) -> None:
     for folder, ending in (("visual", "dae"), ("collision", "stl")):
         (tmp_path / folder).mkdir()
         for name in MESHES:

@@ -77,7 +77,7 @@ def test_matrix_is_rodrigues_formula(rotvec: Vector3) -> None:
 
 
 @given(rotvecs())
-def test_matrix_and_rotation_vector_undo_each_other(rotvec: Vector3) -> None:
+def test_matrix_and_rotation_vector_are_inverse(rotvec: Vector3) -> None:
     back = matrix_to_rotvec(rotvec_to_matrix(*rotvec))
     assert_same((0.0, 0.0, 0.0, *back), (0.0, 0.0, 0.0, *rotvec))
     assert sqrt(sum(c * c for c in back)) <= pi + TOLERANCE
@@ -85,7 +85,7 @@ def test_matrix_and_rotation_vector_undo_each_other(rotvec: Vector3) -> None:
 
 @pytest.mark.parametrize("angle", [1e-12, 1e-8, 0.5, pi - 1e-6, pi - 1e-9])
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (-0.48, 0.6, 0.64)])
-def test_rotation_vector_keeps_its_digits(axis: Vector3, angle: float) -> None:
+def test_rotation_vector_keeps_its_precision(axis: Vector3, angle: float) -> None:
     rotvec = tuple(angle * c for c in axis)
     assert matrix_to_rotvec(rotvec_to_matrix(*rotvec)) == pytest.approx(rotvec, rel=1e-12, abs=1e-15)
 
@@ -163,7 +163,7 @@ def test_distances_ignore_orientation() -> None:
 
 
 @given(rotvecs())
-def test_rpy_and_rotation_vector_undo_each_other(rotvec: Vector3) -> None:
+def test_rpy_and_rotation_vector_are_inverse(rotvec: Vector3) -> None:
     rpy = rotvec_to_rpy(*rotvec)
     back = (0.0, 0.0, 0.0, *rpy_to_rotvec(*rpy))
     np.testing.assert_allclose(homogeneous(back), homogeneous((0.0, 0.0, 0.0, *rotvec)), rtol=0, atol=1e-8)
@@ -201,6 +201,6 @@ def test_wrench_of_a_lever() -> None:
 
 
 @pytest.mark.parametrize("function", [pose_trans, pose_add, pose_sub, point_dist, wrench_trans])
-def test_five_numbers_are_no_pose(function) -> None:
+def test_five_numbers_are_not_a_pose(function) -> None:
     with pytest.raises(ValueError, match="unpack"):
         function((1.0, 2.0, 3.0, 4.0, 5.0), IDENTITY)

@@ -95,7 +95,7 @@ def test_link_frames_make_no_difference(name: str, dynamics: Dynamics) -> None:
 
 
 @pytest.mark.parametrize("calibrated", [False, True])
-def test_plain_python_computes_what_pinocchio_does(name: str, calibrated: bool) -> None:
+def test_plain_python_agrees_with_pinocchio(name: str, calibrated: bool) -> None:
     model = load_model(name)
     if calibrated:
         model = replace(model, calibration=slightly_off(model.dh))
@@ -121,7 +121,7 @@ def test_plain_python_computes_what_pinocchio_does(name: str, calibrated: bool) 
 
 
 @pytest.mark.parametrize("kind", [Dynamics, PlainDynamics])
-def test_torques_and_momentum_together_are_those_of_the_two(name: str, kind: type) -> None:
+def test_combined_torques_and_momentum_equal_separate_results(name: str, kind: type) -> None:
     dynamics = kind(load_model(name))
     dynamics.set_payload(2.0, (0.01, -0.02, 0.05))
     for q, qd, qdd in states(10, 12):
@@ -165,7 +165,7 @@ def test_gravity_on_a_ur5e_stretched_out_level() -> None:
     assert shoulder == pytest.approx(-59.8173, abs=1e-4)  # the sum, worked out on paper
 
 
-def test_payload_by_hand() -> None:
+def test_payload_calculated_manually() -> None:
     # 2 kg, its centre 5 cm along the flange's x, which at zero is the base's x
     dynamics = Dynamics(load_model("ur5e"))
     before = dynamics.gravity_torques(ZERO)
@@ -199,7 +199,7 @@ def test_momentum_of_a_heavy_payload() -> None:
 # against itself
 
 
-def test_payload_replaces_the_one_before(dynamics: Dynamics) -> None:
+def test_payload_replaces_the_previous_one(dynamics: Dynamics) -> None:
     q = states(1, 3)[0][0]
     bare = dynamics.gravity_torques(q)
     dynamics.set_payload(2.0, (0.0, 0.02, 0.05))
@@ -261,7 +261,7 @@ def test_jacobian_time_derivative(name: str, dynamics: Dynamics, tcp: tuple[floa
         np.testing.assert_allclose(found, (ahead - behind) / (2 * step), rtol=0, atol=1e-6)
 
 
-def test_same_input_same_bits(dynamics: Dynamics) -> None:
+def test_results_are_bit_identical(dynamics: Dynamics) -> None:
     (q, qd, qdd), (other, _, _) = states(2, 9)
     first = dynamics.inverse_dynamics(q, qd, qdd)
     dynamics.inverse_dynamics(other, qd, qdd)

@@ -75,21 +75,21 @@ def test_forward_agrees_with_another_solver(name: str, kinematics: Kinematics) -
         np.testing.assert_allclose(transform(kinematics.forward(q)), solver.forward_kinematics(*q), rtol=0, atol=1e-12)
 
 
-def test_ur5e_stretched_out_by_hand() -> None:
+def test_stretched_ur5e_calculated_manually() -> None:
     # at zero: a2 + a3 along -x, d4 + d6 along -y, d1 - d5 up; flange z along -y
     pose = Kinematics(load_model("ur5e").dh).forward((0.0,) * 6)
     assert pose[:3] == pytest.approx((-0.425 - 0.3922, -0.1333 - 0.0996, 0.1625 - 0.0997))
     assert pose[3:] == pytest.approx((pi / 2, 0.0, 0.0))
 
 
-def test_tcp_hangs_on_the_flange(kinematics: Kinematics) -> None:
+def test_tcp_is_attached_to_the_flange(kinematics: Kinematics) -> None:
     for q in configurations(20, 5):
         flange = kinematics.forward(q)
         assert pose_error(kinematics.forward(q, TOOL), pose_trans(flange, TOOL)) < 1e-12
         assert kinematics.forward(q, (0.0,) * 6) == pytest.approx(flange, abs=1e-12)
 
 
-def test_elbow_lies_where_the_second_link_ends(name: str, kinematics: Kinematics) -> None:
+def test_elbow_is_at_the_end_of_the_second_link(name: str, kinematics: Kinematics) -> None:
     dh = load_model(name).dh
     cut = replace(dh, a=(0.0, dh.a[1], 0.0, 0.0, 0.0, 0.0), d=(dh.d[0], 0.0, 0.0, 0.0, 0.0, 0.0))
     for q in configurations(20, 6):
@@ -189,7 +189,7 @@ def test_upright_arm_where_everything_is_singular(kinematics: Kinematics) -> Non
     assert found == pytest.approx(upright, abs=1e-9)
 
 
-def test_passing_a_singular_wrist_moves_no_joint_far(kinematics: Kinematics) -> None:
+def test_passing_a_singular_wrist_causes_no_large_joint_motion(kinematics: Kinematics) -> None:
     near = (0.4, -1.1, 1.3, -0.2, 0.01, 0.6)
     for n in range(1, 200):
         posture = (0.4, -1.1, 1.3, -0.2, 0.01 - n * 1e-4, 0.6)
@@ -199,7 +199,7 @@ def test_passing_a_singular_wrist_moves_no_joint_far(kinematics: Kinematics) -> 
         near = found
 
 
-def test_solutions_are_those_of_another_solver(name: str, kinematics: Kinematics) -> None:
+def test_solutions_match_another_solver(name: str, kinematics: Kinematics) -> None:
     solver = getattr(ur_analytic_ik, name)
     for q in configurations(150, 13):
         pose = kinematics.forward(q)
@@ -219,7 +219,7 @@ def test_out_of_reach(name: str, kinematics: Kinematics) -> None:
     assert kinematics.inverse_all((0.0, 0.0, 0.5 - d6, pi, 0.0, 0.0)) == []
 
 
-def test_edge_of_the_reach(kinematics: Kinematics) -> None:
+def test_edge_of_the_workspace(kinematics: Kinematics) -> None:
     stretched = (0.0, -0.7, 0.0, 0.4, 0.8, -0.3)
     x, y, z, *turn = kinematics.forward(stretched)
     assert kinematics.inverse_near((x, y, z, *turn), stretched, *FREE) == pytest.approx(stretched, abs=1e-6)
@@ -256,7 +256,7 @@ def test_inverse_for_a_tool(kinematics: Kinematics) -> None:
     assert kinematics.inverse_near(flange, q, *LIMITS) == pytest.approx(q, abs=1e-9)
 
 
-def test_another_shape_is_refused() -> None:
+def test_other_arm_geometries_are_refused() -> None:
     dh = load_model("ur3").dh
     for wrong in (
         replace(dh, alpha=(0.0,) * 6),

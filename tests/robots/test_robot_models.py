@@ -31,7 +31,7 @@ def test_ur3_shoulder_height() -> None:
     assert load_model("ur3").dh.d[0] == 0.1519
 
 
-def test_ur5e_as_its_simulator_reports_it() -> None:
+def test_ur5e_matches_its_simulator() -> None:
     # configuration data captured from a UR5e simulator 5.24; speeds there carry 0.2 rad/s on top
     model = load_model("ur5e")
     assert (model.robot_type, model.sub_type, model.controller_box) == (1, 3, 4)
@@ -64,7 +64,7 @@ def test_plausible(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_inertias_are_those_of_bodies(name: str) -> None:
+def test_inertias_are_physically_possible(name: str) -> None:
     for link in load_model(name).links:
         smallest, middle, largest = np.linalg.eigvalsh(tensor(link))
         assert smallest > 0.0
@@ -102,12 +102,12 @@ def test_unknown_model_lists_the_known() -> None:
     assert caught.value.name == "ur4"
 
 
-def test_a_name_is_no_path() -> None:
+def test_a_name_is_not_a_path() -> None:
     with pytest.raises(UnknownModel):
         load_model("../data/ur3")
 
 
-def test_models_are_shared_and_never_change() -> None:
+def test_models_are_shared_and_immutable() -> None:
     model = load_model("ur3")
     assert load_model("ur3") is model
     with pytest.raises(FrozenInstanceError):
@@ -130,7 +130,7 @@ def test_models_are_shared_and_never_change() -> None:
         ("[[links]]  # wrist_3", "[[toes]]", r"ur3.toml: there must be six \[\[links\]\], not 5"),
     ],
 )
-def test_a_broken_file_names_the_entry(before: str, after: str, complaint: str) -> None:
+def test_an_invalid_file_is_reported_with_the_entry(before: str, after: str, complaint: str) -> None:
     assert before in UR3_TEXT
     with pytest.raises(ValueError, match=complaint):
         RobotModel.from_toml(UR3_TEXT.replace(before, after, 1), "ur3")

@@ -21,7 +21,7 @@ def random_state(seed: str) -> list[list[float]]:
     return [[chance.uniform(-2.0, 2.0) for _ in range(6)] for _ in range(3)]
 
 
-def test_outstretched_ur3_by_hand() -> None:
+def test_outstretched_ur3_calculated_manually() -> None:
     """All joints 0: the arm lies along -x, so the shoulder lift carries every mass times its lever.
 
     Link 2's centre is 0.24365 - 0.13 out, link 3's 0.24365 + 0.21325 - 0.05, the wrists hang at the
@@ -70,7 +70,7 @@ def test_equations_of_motion_agree(model) -> None:
     assert np.allclose(dynamics.forward_dynamics(q, qd, torques), qdd)
 
 
-def test_payload_hangs_on_the_flange(model) -> None:
+def test_payload_is_attached_to_the_flange(model) -> None:
     """The extra torque of a point mass is the Jacobian's, at the mass, times its weight."""
     dynamics, kinematics = Dynamics(model), Kinematics(model.dh)
     q, centre, mass = random_state(model.name)[0], (0.02, -0.01, 0.12), 2.0
@@ -115,7 +115,7 @@ def test_jacobian_time_derivative(model) -> None:
     assert np.allclose(dynamics.jacobian_time_derivative(q, qd, tcp), (ahead - behind) / (2 * step), atol=1e-5)
 
 
-def test_mounting_turns_gravity() -> None:
+def test_mounting_rotates_gravity() -> None:
     dynamics = Dynamics(load_model("ur5e"))
     q = random_state("mounting")[0]
     upright = np.array(dynamics.gravity_torques(q))

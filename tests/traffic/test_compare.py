@@ -27,7 +27,7 @@ def usual(folder) -> Recording:
     return recorded_robot(folder / "usual")
 
 
-def test_the_same_program_at_another_time_is_the_same(folder, usual):
+def test_the_same_program_at_another_time_is_equal(folder, usual):
     comparison = compare(usual, recorded_robot(folder / "later", idle_s=0.52))
     assert comparison.same, report(comparison)
     (pair,) = comparison.pairs
@@ -36,7 +36,7 @@ def test_the_same_program_at_another_time_is_the_same(folder, usual):
     assert "## No differences" in report(comparison)
 
 
-def test_a_changed_acceleration_is_found_where_it_begins(folder, usual):
+def test_a_changed_acceleration_is_found_at_its_start(folder, usual):
     comparison = compare(usual, recorded_robot(folder / "slower", acceleration=1.3))
     assert not comparison.same
     first = comparison.differences[0][1]
@@ -48,7 +48,7 @@ def test_a_changed_acceleration_is_found_where_it_begins(folder, usual):
     assert "| rtde | target_q[2] | rad | 0.001 |" in text
 
 
-def test_an_output_that_only_one_sets(folder, usual):
+def test_an_output_set_in_only_one_recording(folder, usual):
     other = recorded_robot(folder / "output", then="  set_digital_out(3, True)\n")
     (one,) = {difference.column for _, difference in compare(usual, other).differences}
     assert one == "actual_digital_output_bits"
@@ -69,7 +69,7 @@ def test_tolerances_are_by_unit_and_field(folder, usual):
         compare(usual, slower, ["much"])
 
 
-def test_fields_and_tracks_that_only_one_has(folder, usual):
+def test_fields_and_tracks_in_only_one_recording(folder, usual):
     other = recorded_robot(folder / "fewer", names=("timestamp", "actual_q", "actual_qd"))
     (pair,) = compare(usual, other).pairs
     assert pair.only_first == ("actual_digital_output_bits", "runtime_state", "target_q")
@@ -92,7 +92,7 @@ def test_tables_of_watch(folder, usual, tmp_path):
         read_source(tmp_path / "text.csv")
 
 
-def test_the_command_tells_by_its_status(folder, usual):
+def test_the_exit_status_of_the_command(folder, usual):
     other = recorded_robot(folder / "other", acceleration=0.7)
     same = CliRunner().invoke(app, ["compare", str(usual.path), str(usual.path)])
     assert (same.exit_code, same.stdout.splitlines()[0]) == (0, "## No differences")
@@ -100,7 +100,7 @@ def test_the_command_tells_by_its_status(folder, usual):
     assert (different.exit_code, different.stdout.splitlines()[0]) == (1, "## The recordings differ")
 
 
-def test_where_nothing_moves_the_first_states_are_of_one_moment():
+def test_recordings_without_motion_are_aligned_at_their_first_states():
     tracks = []
     for began_s in (3.0, 10.0):
         track = Track("rtde", "rtde")

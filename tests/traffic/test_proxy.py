@@ -69,7 +69,7 @@ async def echo_until_end(reader: asyncio.StreamReader, writer: asyncio.StreamWri
     writer.write_eof()
 
 
-async def test_bytes_and_half_closed_ends_go_both_ways(tmp_path):
+async def test_bytes_and_half_closes_are_forwarded_both_ways(tmp_path):
     recorder = Recorder(tmp_path / "file")
     data = bytes(range(256)) * 4000
     async with proxied(echo_until_end, recorder) as port:
@@ -84,7 +84,7 @@ async def test_bytes_and_half_closed_ends_go_both_ways(tmp_path):
     assert [piece.from_server for piece in one.pieces if not piece.data] == [False, True]
 
 
-async def test_a_broken_connection_is_broken_for_the_other_end():
+async def test_a_connection_reset_is_forwarded():
     async def break_off(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readexactly(1)
         connection = writer.get_extra_info("socket")
@@ -99,7 +99,7 @@ async def test_a_broken_connection_is_broken_for_the_other_end():
         await ended(writer)
 
 
-async def test_a_client_that_does_not_read_holds_its_own_connection_up_and_no_other():
+async def test_a_client_that_does_not_read_blocks_only_its_own_connection():
     blocked = asyncio.Event()
     sent = 0
 
@@ -129,7 +129,7 @@ async def test_a_client_that_does_not_read_holds_its_own_connection_up_and_no_ot
         await ended(writer, slow_writer)
 
 
-async def test_a_port_without_a_robot_is_closed_and_told_once():
+async def test_a_port_without_a_robot_is_closed_and_reported_once():
     with socket.create_server((HOST, 0)) as placeholder:
         gone = placeholder.getsockname()[1]
     told: list[str] = []
@@ -145,7 +145,7 @@ async def test_a_port_without_a_robot_is_closed_and_told_once():
             pass
 
 
-async def test_a_robot_that_goes_away_while_the_proxy_runs():
+async def test_a_robot_that_disappears_while_the_proxy_runs():
     told: list[str] = []
     async with contextlib.AsyncExitStack() as running:
         async with serving(echo_until_end) as target:
@@ -211,7 +211,7 @@ def use(ports: dict[str, int]) -> list[dict]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a second loopback address")
-async def test_the_command_ends_by_ctrl_c_and_leaves_a_whole_recording(tmp_path):
+async def test_ctrl_c_ends_the_command_with_a_complete_recording(tmp_path):
     listen = f"127.80.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
     async with serving(echo_until_end) as port:
         offset = str(port - 54321)
@@ -251,7 +251,7 @@ async def test_the_command_ends_by_ctrl_c_and_leaves_a_whole_recording(tmp_path)
         ),
     ],
 )
-def test_mistakes_are_told(options, told):
+def test_invalid_arguments_are_reported(options, told):
     result = CliRunner().invoke(app, ["proxy", *options])
     text = " ".join(f"{result.stderr} {result.exception}".replace("│", " ").split())
     assert result.exit_code != 0

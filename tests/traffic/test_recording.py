@@ -40,7 +40,7 @@ def write(path: Path, pieces: list[tuple[int, bool, bytes]], *, end: bool = True
 
 
 @given(PIECES, st.booleans())
-def test_every_byte_comes_back_in_its_order_and_time(pieces, end):
+def test_every_byte_is_read_back_in_order_with_its_time(pieces, end):
     with TemporaryDirectory() as folder:
         write(Path(folder, "file"), pieces, end=end)
         recording = Recording.read(Path(folder, "file"))
@@ -63,7 +63,7 @@ def tcp_segments(path: Path) -> list[tuple[float, dpkt.ip.IP]]:
         return [(time, dpkt.ethernet.Ethernet(frame).data) for time, frame in dpkt.pcapng.Reader(file)]
 
 
-def test_another_reader_finds_the_same_streams_and_right_checksums(tmp_path):
+def test_another_reader_finds_the_same_streams_and_valid_checksums(tmp_path):
     write(
         tmp_path / "file", [(0, True, b"hello"), (0, False, b"x" * 100_000), (1, True, b"power on\n"), (0, True, b"!")]
     )
@@ -83,7 +83,7 @@ def test_another_reader_finds_the_same_streams_and_right_checksums(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
-def test_wireshark_has_nothing_to_complain_about(tmp_path):
+def test_wireshark_reports_no_errors(tmp_path):
     write(tmp_path / "file", [(0, True, b"hello"), (0, False, b"x" * 100_000), (1, True, b"power on\n")])
     checks = ("-o", "tcp.check_checksum:TRUE", "-o", "ip.check_checksum:TRUE", "-Y", "_ws.expert.severity >= 0x600000")
     found = subprocess.run(["tshark", "-r", tmp_path / "file", *checks], capture_output=True, text=True, timeout=100)
@@ -91,14 +91,14 @@ def test_wireshark_has_nothing_to_complain_about(tmp_path):
 
 
 @pytest.mark.parametrize("client", ["fd00::2", "10.0.0.2", "fe80::1%eth0"])
-def test_addresses_of_both_kinds(tmp_path, client):
+def test_ipv4_and_ipv6_addresses(tmp_path, client):
     recorder = Recorder(tmp_path / "file")
     recorder.connection(Endpoint(client, 5000), Endpoint("fd00::1", 29999)).data(True, b"power on\n")
     recorder.close()
     assert Recording.read(tmp_path / "file").conversations[0].sent(from_server=False) == b"power on\n"
 
 
-def test_the_same_client_port_again_is_another_connection(tmp_path):
+def test_a_reused_client_port_is_a_new_connection(tmp_path):
     recorder = Recorder(tmp_path / "file")
     for text, broken_off in ((b"first\n", False), (b"second\n", True), (b"third\n", False)):
         one = recorder.connection(*ends(29999))
@@ -113,7 +113,7 @@ def test_the_same_client_port_again_is_another_connection(tmp_path):
     assert sent == [b"first\n", b"second\n", b"third\n"]
 
 
-def test_what_was_flushed_survives_without_a_close(tmp_path):
+def test_flushed_data_survives_without_close(tmp_path):
     recorder = Recorder(tmp_path / "file")
     recorder.connection(*ends(29999)).data(True, b"power on\n")
     recorder.flush()
@@ -123,7 +123,7 @@ def test_what_was_flushed_survives_without_a_close(tmp_path):
     recorder.close()
 
 
-def test_a_full_disk_is_told_once_and_leaves_whole_packets(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_once_and_leaves_complete_packets(tmp_path, monkeypatch):
     told: list[str] = []
     recorder = Recorder(tmp_path / "file", problem=told.append)
     one = recorder.connection(*ends(29999))
@@ -151,7 +151,7 @@ def half_then_full(write):
 
 
 @given(st.binary(max_size=300), st.integers(0, 600))
-def test_any_damage_is_told_or_read_over(damage, place):
+def test_any_damage_is_reported_or_skipped(damage, place):
     with TemporaryDirectory() as folder:
         path = Path(folder, "file")
         write(path, [(0, True, b"hello"), (1, False, b"welcome\n")])
@@ -162,7 +162,7 @@ def test_any_damage_is_told_or_read_over(damage, place):
 
 
 @pytest.mark.parametrize("command", ["replay-traffic", "compare"])
-def test_garbage_is_one_clear_line(tmp_path, command):
+def test_garbage_is_a_one_line_error(tmp_path, command):
     path = tmp_path / "garbage"
     path.write_bytes(b"\x00\xff garbage \n" * 20)
     arguments = [command, str(path), *([str(path)] if command == "compare" else [])]
@@ -171,7 +171,7 @@ def test_garbage_is_one_clear_line(tmp_path, command):
     assert str(error) == f"{path}: is not a pcap or pcapng file: record one with ur-client proxy --record"
 
 
-def test_a_recording_of_nothing(tmp_path):
+def test_an_empty_recording(tmp_path):
     Recorder(tmp_path / "file").close()
     with pytest.raises(FileError, match="contains no connection to a port of a robot"):
         Recording.read(tmp_path / "file")

@@ -45,7 +45,7 @@ def watch(port: int, names: tuple[str, ...], frequency_hz: float | None = None) 
             return states
 
 
-async def test_the_same_recipe_and_any_made_of_its_variables(recording):
+async def test_the_same_recipe_and_any_subset_of_its_variables(recording):
     (track,) = tracks_of(recording)
     async with ReplayRobot(recording, HOST, speed=SPEED, free_ports=True) as robot:
         whole, part = await asyncio.gather(
@@ -60,7 +60,7 @@ async def test_the_same_recipe_and_any_made_of_its_variables(recording):
     assert [state["actual_q"] for state in part] == [state["actual_q"] for state in whole[::5]]
 
 
-async def test_a_variable_that_was_not_recorded_is_not_found_and_told(recording):
+async def test_an_unrecorded_variable_is_not_found_and_reported(recording):
     told: list[str] = []
     async with ReplayRobot(recording, HOST, free_ports=True, say=told.append) as robot:
         with pytest.raises(RobotRefused, match="actual_TCP_force: NOT_FOUND"):
@@ -68,7 +68,7 @@ async def test_a_variable_that_was_not_recorded_is_not_found_and_told(recording)
     assert told == ["rtde: not in the recording, so NOT_FOUND: actual_TCP_force"]
 
 
-async def test_the_dashboard_answers_what_it_was_asked(recording):
+async def test_the_dashboard_gives_the_recorded_answers(recording):
     def ask(port: int) -> bool:
         with BlockingDashboardClient(HOST, port) as panel:
             answer = panel.ask(dashboard.IS_RUNNING)
@@ -80,7 +80,7 @@ async def test_the_dashboard_answers_what_it_was_asked(recording):
         assert await asyncio.to_thread(ask, robot.ports["dashboard"]) is False
 
 
-async def test_looped_states_begin_again(recording):
+async def test_looped_states_restart(recording):
     def some(port: int) -> list[float]:
         with BlockingRTDEClient(HOST, ["timestamp"], port=port) as client:
             return [client.receive()["timestamp"] for _ in range(600)]
@@ -125,7 +125,7 @@ def conversation(pieces: list[tuple[int, bool, bytes]]) -> Conversation:
     return one
 
 
-def test_in_order_waits_for_as_many_bytes_and_then_as_long():
+def test_in_order_replay_waits_for_the_same_number_of_bytes_and_the_same_time():
     player = InOrder(conversation([(5, True, b"hi"), (1, False, b"abc"), (20, True, b"there")]), Timing())
     player.begin(100.0)
     assert (player.due(100.0), player.next_s) == (b"", pytest.approx(100.005))
@@ -143,7 +143,7 @@ def test_in_order_waits_for_as_many_bytes_and_then_as_long():
     st.lists(st.tuples(st.integers(0, 50), st.booleans(), st.binary(min_size=1, max_size=9)), max_size=12),
     st.lists(st.integers(1, 5), min_size=1),
 )
-def test_in_order_says_everything_to_a_client_that_says_everything(pieces, sizes):
+def test_in_order_replay_is_complete_for_a_client_that_sends_everything(pieces, sizes):
     one = conversation(pieces)
     player, now_s, said = InOrder(one, Timing(2.0)), 0.0, b""
     sent = one.sent(from_server=False)
@@ -158,7 +158,7 @@ def test_in_order_says_everything_to_a_client_that_says_everything(pieces, sizes
     assert player.over
 
 
-def test_a_broadcast_gives_whole_messages_by_their_times():
+def test_a_broadcast_sends_whole_messages_at_their_times():
     message = b"\0\0\0\x07\x14ab"
     cut_off = conversation([(0, True, message + message[:3]), (10, True, message[3:] + message[:4])])
     player = Broadcast(Script.of(cut_off, PRIMARY), Timing(speed=2.0))
@@ -170,7 +170,7 @@ def test_a_broadcast_gives_whole_messages_by_their_times():
     assert player.over
 
 
-def test_answers_follow_the_recording_and_stay_at_its_end():
+def test_answers_follow_the_recording_and_repeat_the_last_one():
     requests = Requests()
     for request, answer in ((b"mode", b"off"), (b"on", b"ok"), (b"mode", b"idle")):
         requests.add(request, answer)
@@ -179,7 +179,7 @@ def test_answers_follow_the_recording_and_stay_at_its_end():
     ]  # fmt: skip
 
 
-def test_modbus_answers_whatever_the_number_and_refuses_what_was_never_read():
+def test_modbus_answers_any_transaction_id_and_refuses_unrecorded_reads():
     requests = Requests()
     requests.add(bytes.fromhex("0000 0006 01 03 0080 0001"), bytes.fromhex("0000 0005 01 03 02 002a"))
     asked = bytes.fromhex("1234 0000 0006 01 03 0080 0001")
@@ -226,7 +226,7 @@ async def test_ur_rtde_sees_what_was_recorded(tmp_path: Path):
         assert q == [track.columns[f"actual_q[{joint}]"][index] for joint in range(6)]
 
 
-def test_recipes_are_played_in_turns_and_then_from_the_first_again():
+def test_recipes_are_played_in_turn_and_then_from_the_first_again():
     both = [Outputs(("timestamp",), ("DOUBLE",), None, ["a row"]) for _ in range(2)]
     library = RTDELibrary([SimpleNamespace(version=None, exchanges=[], outputs=both)])
     played = [library.outputs(("timestamp",)) for _ in range(5)]

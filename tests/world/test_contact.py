@@ -31,7 +31,7 @@ def test_a_position_controlled_tool_feels_a_spring(rig, stiffness):
     assert rig.now.tcp_force_scalar == pytest.approx(0.003 * stiffness)
 
 
-def test_what_is_felt_is_in_every_field(make):
+def test_a_contact_force_shows_in_every_field(make):
     """The force at the TCP, 0.1 m from the flange, its torque about the flange, and the joints' torques."""
     rig = make("ur5e")
     rig.controller.set_tcp((0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -57,7 +57,7 @@ def test_a_ball_on_a_plane_touches_with_its_lowest_point(rig):
     assert rig.force == pytest.approx((0, 0, 10, 0, 0, 0), abs=1e-6)
 
 
-def test_a_tip_beside_the_top_of_a_ball_is_pushed_along_the_line_of_centres(rig):
+def test_a_tip_off_the_top_of_a_ball_is_pushed_along_the_line_of_centres(rig):
     x, y, z, *_ = rig.pose
     slope = 0.3
     centre = (x - 0.05 * sin(slope), y, z - 0.05 * cos(slope), 0.0, 0.0, 0.0)
@@ -78,7 +78,7 @@ def test_boxes_that_overlap_at_a_corner_touch_with_one_corner_of_each(rig):
     assert rig.force == pytest.approx((0, 0, 20, 1.7, -1.7, 0), abs=1e-4)
 
 
-def test_a_block_smaller_than_the_tool_pushes_its_middle(rig):
+def test_a_block_smaller_than_the_tool_pushes_the_middle_of_the_tool(rig):
     """None of the tool's corners is on the block: the block's are under the tool."""
     x, y, z, *_ = rig.pose
     rig.world.mount(WorldObject(Box((0.2, 0.2, 0.02))))
@@ -105,7 +105,7 @@ def test_a_contact_never_pulls_and_friction_stays_in_its_cone(depth, stiffness, 
 
 
 @pytest.mark.parametrize(("speed", "push"), [(-0.1, 40.0), (0.0, 20.0), (0.05, 10.0), (0.1, 0.0), (0.2, 0.0)])
-def test_a_damper_resists_what_comes_in_and_lets_go_of_what_leaves(speed, push):
+def test_a_damper_resists_approach_but_not_separation(speed, push):
     """20 N of the spring; the damper's 200 N s/m add to them on the way in, and never pull on the way out."""
     force, _ = force_of(0.002, (0.0, 0.0, 1.0), (1e4, 200.0, 0.0), (0.0, 0.0, speed))
     assert force == pytest.approx((0.0, 0.0, push))
@@ -127,7 +127,7 @@ def test_the_force_acts_where_the_ball_is_deepest(ball_is_the_tool):
     assert touching[0].normal == pytest.approx((0.0, 0.0, 1.0 if ball_is_the_tool else -1.0))
 
 
-def test_sliding_is_held_back_by_coulomb_friction(rig):
+def test_coulomb_friction_opposes_sliding(rig):
     """Moved along the table at 0.1 m/s under 30 N: 0.4 of that against the motion."""
     rig.table(0.0, stiffness=1e4, friction=0.4)
     move_down(rig, 0.003)
@@ -154,7 +154,7 @@ def energy(rig, table):
 )
 @example("ur3", 1e6, 0.0, 0.5, 0.0)
 @example("ur5e", 1e5, 0.0, 0.5, 0.0)
-def test_a_bounce_makes_no_energy(make, model, stiffness, damping, speed, force_damping):
+def test_a_bounce_creates_no_energy(make, model, stiffness, damping, speed, force_damping):
     """Thrown at a table and let go: at any stiffness what comes back is no more than what came."""
     rig = make(model)
     table = rig.table(0.012, stiffness=stiffness, damping=damping)
@@ -171,7 +171,7 @@ def test_a_bounce_makes_no_energy(make, model, stiffness, damping, speed, force_
     assert not rig.complaints
 
 
-def test_no_contact_no_force_no_change(make):
+def test_a_world_out_of_reach_changes_no_output(make):
     """A world out of reach leaves every output as it is without a world."""
     alone, with_world = make(), make()
     with_world.world.add("far", WorldObject(Plane(), (0, 0, -5.0, 0, 0, 0)))

@@ -37,7 +37,7 @@ def test_pressing_on_a_plane_with_10_N_settles_at_10_N(make, model, damping, gai
 
 
 @both_series
-def test_every_type_of_force_mode_presses_as_hard_as_it_is_told(make, model):
+def test_every_type_of_force_mode_reaches_its_force(make, model):
     """Tool frame, and types 1 (towards a point), 2 (as it is) and 3 (along the motion)."""
     rig = make(model)
     rig.table(0.002)
@@ -70,7 +70,7 @@ def test_every_type_of_force_mode_presses_as_hard_as_it_is_told(make, model):
     st.floats(0.02, 0.5),
     st.floats(5.0, 40.0),
 )
-def test_it_settles_whatever_the_material_and_the_settings(
+def test_force_mode_settles_for_any_material_and_settings(
     make, model, stiffness, table_damping, damping, gain, limit, newton
 ):
     rig = make(model)
@@ -80,7 +80,7 @@ def test_it_settles_whatever_the_material_and_the_settings(
 
 
 @both_series
-def test_a_flat_tool_comes_to_lie_flat(make, model):
+def test_a_flat_tool_aligns_with_the_surface(make, model):
     """Compliant about x and y, it is turned by its corners until all four carry the same."""
     rig = make(model)
     x, y, z, *_ = rig.pose
@@ -137,7 +137,7 @@ def test_position_control_against_a_table_presses_harder_and_harder(rig):
 
 
 @both_series
-def test_a_hand_moves_the_arm_in_freedrive_down_to_the_table(make, model):
+def test_a_push_moves_the_arm_in_freedrive_down_to_the_table(make, model):
     rig = make(model)
     table = rig.table(0.01)
     rig.motion.commands.freedrive()
@@ -153,7 +153,7 @@ def test_a_hand_moves_the_arm_in_freedrive_down_to_the_table(make, model):
     assert not rig.complaints
 
 
-def test_a_ball_is_gone_around(rig):
+def test_the_tool_slides_off_a_ball(rig):
     """Free in all directions, a tool pressed on a ball slides off it and goes on."""
     x, y, z, *_ = rig.pose
     rig.world.mount(WorldObject(Sphere(0.01)))
@@ -172,7 +172,7 @@ def test_screw_driving_presses_along_the_tool(make):
 
 
 @both_series
-def test_pausing_lets_the_arm_stand_and_resuming_presses_again(make, model):
+def test_pausing_stops_the_arm_and_resuming_presses_again(make, model):
     rig = make(model)
     rig.table(0.002)
     rig.press(10.0)
@@ -185,7 +185,7 @@ def test_pausing_lets_the_arm_stand_and_resuming_presses_again(make, model):
     settles(rig, 10.0, 1.0)
 
 
-def test_a_stretched_arm_presses_too(make):
+def test_a_stretched_arm_can_press(make):
     """Straight up, pushing sideways against a wall: the arm cannot get away from its singularity, and stays whole."""
     rig = make("ur5e", initial_q=(0.0, -pi / 2, 0.0, -pi / 2, 0.0, 0.0))
     x, y, z, *_ = rig.pose

@@ -37,7 +37,7 @@ def test_axes_run_along_the_links(model, q):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_links_are_as_thick_in_every_picture_of_the_arm(model):
+def test_link_radii_agree_in_collisions_description_and_pendant(model):
     """In collisions, in the description for planners and on the pendant."""
     robot = load_model(model)
     described = [capsule.radius for capsule in capsules(robot)]
@@ -60,7 +60,7 @@ def extra(rig):
     return [a - t for a, t in zip(rig.now.actual_current_as_torque, rig.now.target_moment, strict=True)]
 
 
-def test_a_post_under_the_forearm_is_felt_by_the_joints_before_it(arm):
+def test_a_post_under_the_forearm_loads_the_joints_before_it(arm):
     start, end = ArmCapsules(arm.controller.model).axes(arm.now.actual_q)[2]
     middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]
     radius = ArmCapsules(arm.controller.model).radii[2]
@@ -79,7 +79,7 @@ def test_a_post_under_the_forearm_is_felt_by_the_joints_before_it(arm):
 
 
 @pytest.mark.parametrize("shape", [Plane(), Box((0.4, 0.4, 0.4)), Sphere(0.2)])
-def test_power_of_a_push_agrees_with_that_of_the_joints(arm, shape):
+def test_the_power_of_a_push_agrees_with_the_joint_torques(arm, shape):
     """Virtual work: what the joints feel is the gradient of the spring's energy along each of them."""
     links = arm.world.links
     q = list(arm.now.actual_q)
@@ -102,7 +102,7 @@ def test_power_of_a_push_agrees_with_that_of_the_joints(arm, shape):
     assert max(map(abs, torques)) > 1.0
 
 
-def test_the_arm_laid_on_a_block_by_its_upper_arm_overloads_a_joint(arm):
+def test_resting_the_upper_arm_on_a_block_overloads_a_joint(arm):
     """The tool is far beyond the block; the upper arm is not."""
     arm.world.add("block", WorldObject(Box((0.2, 0.6, 0.1)), (0.3, 0.0, 0.08, 0, 0, 0), stiffness=1e5))
     arm.motion.commands.movej((0.0, -pi, 0.0, 0.0, 0.0, 0.0), a=1.0, v=0.5)

@@ -37,7 +37,7 @@ def coal_depth(shape, pose, point, radius):
 
 
 @given(shapes, poses, st.tuples(places, places, places), st.floats(0.001, 0.2))
-def test_depth_and_way_out_are_those_of_coal(shape, pose, point, radius):
+def test_depth_and_normal_match_coal(shape, pose, point, radius):
     """Only along the shortest way out does the depth shrink as fast as the ball moves."""
     touch = WorldObject(shape, pose).touch(point, radius)
     assert touch.depth == pytest.approx(coal_depth(shape, pose, point, radius), abs=2e-6)
@@ -46,7 +46,7 @@ def test_depth_and_way_out_are_those_of_coal(shape, pose, point, radius):
 
 
 @given(shapes, poses, st.tuples(places, places, places), st.floats(0.0, 0.2))
-def test_the_way_out_leads_out_straight(shape, pose, point, radius):
+def test_moving_along_the_normal_by_the_depth_ends_the_contact(shape, pose, point, radius):
     """Having gone as far as it is deep, a ball touches; whatever the shape."""
     thing = WorldObject(shape, pose)
     touch = thing.touch(point, radius)
@@ -55,7 +55,7 @@ def test_the_way_out_leads_out_straight(shape, pose, point, radius):
     assert thing.touch(freed, radius).depth == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_probes_of_a_box_are_its_corners_and_share_one_face_between_four():
+def test_the_probes_of_a_box_are_its_corners_with_a_quarter_face_each():
     probes = Box((0.2, 0.4, 0.6)).probes
     corners = {(x, y, z) for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.3, 0.3)}
     assert {probe.centre for probe in probes} == corners
@@ -76,6 +76,6 @@ def test_the_probes_of_a_box_are_its_corners_and_share_one_face_between_four():
         (lambda: WorldObject(Plane(), friction=float("nan")), "friction"),
     ],
 )
-def test_what_cannot_be_is_refused(wrong, says):
+def test_invalid_shapes_are_refused(wrong, says):
     with pytest.raises(ValueError, match=says):
         wrong()

@@ -21,7 +21,7 @@ def steps(rig, direction):
 
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
-def test_until_contact_and_back_to_where_it_began(make, model, stiffness):
+def test_moving_until_contact_and_back_to_its_start(make, model, stiffness):
     """The Script Manual's example: move, look, remember where it began, stop, go back there."""
     rig = make(model)
     table = rig.table(0.02, stiffness=stiffness)
@@ -52,13 +52,13 @@ def test_until_contact_and_back_to_where_it_began(make, model, stiffness):
         ([0, 0, 0, 1, 0, 0], True),
     ],
 )
-def test_only_the_direction_that_the_contact_resists(rig, direction, there):
+def test_only_motion_resisted_by_the_contact_counts(rig, direction, there):
     rig.table(-0.004, stiffness=1e4)
     rig.seconds(0.5)
     assert (steps(rig, direction) > 0) is there
 
 
-def test_a_touch_lighter_than_the_threshold_is_none(rig):
+def test_a_touch_lighter_than_the_threshold_is_not_a_contact(rig):
     rig.table(-0.001, stiffness=1e4)
     rig.seconds(0.5)
     assert steps(rig, [0, 0, -1, 0, 0, 0]) == 0
@@ -67,7 +67,7 @@ def test_a_touch_lighter_than_the_threshold_is_none(rig):
     assert rig.now.output_int_registers[0] > 0
 
 
-def test_zero_ftsensor_takes_the_present_force_for_none(rig):
+def test_zero_ftsensor_subtracts_the_present_force(rig):
     table = rig.table(-0.002, stiffness=1e4)
     rig.seconds(0.1)
     rig.program("zero_ftsensor()", "sync()")
@@ -79,7 +79,7 @@ def test_zero_ftsensor_takes_the_present_force_for_none(rig):
     assert rig.now.ft_raw_wrench[2] == pytest.approx(-30)  # the sensor itself is not zeroed; its z points down
 
 
-def test_what_scripts_ask_for_is_the_same_force(rig):
+def test_script_functions_report_the_same_force(rig):
     rig.table(-0.002, stiffness=1e4)
     rig.tick(2)
     rig.program(

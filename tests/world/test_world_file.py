@@ -28,7 +28,7 @@ def written(tmp_path, text):
     return path
 
 
-def test_everything_a_file_can_say(tmp_path):
+def test_a_file_with_every_setting(tmp_path):
     plan = read_world(written(tmp_path, EXAMPLE))
     assert plan.tool == WorldObject(Sphere(0.005), (0, 0, 0.01, 0, 0, 0))
     assert plan.links
@@ -39,7 +39,7 @@ def test_everything_a_file_can_say(tmp_path):
     }
 
 
-def test_each_controller_gets_a_world_of_its_own(tmp_path):
+def test_each_controller_gets_a_separate_world(tmp_path):
     plan = read_world(written(tmp_path, EXAMPLE))
     one, other = plan.build(load_model("ur3"), 0.008), plan.build(load_model("ur3"), 0.008)
     one.remove("ball")
@@ -52,7 +52,7 @@ def test_an_empty_file_is_an_empty_world(tmp_path):
     assert plan.tool == POINT
 
 
-def test_the_example_file_is_one():
+def test_the_example_file_is_valid():
     with open("examples/table.yaml", encoding="utf-8") as file:
         names = set(yaml.safe_load(file)["objects"])
     plan = read_surroundings(Path("examples/table.yaml"))
@@ -85,7 +85,7 @@ def test_the_example_file_is_one():
         ("objects: {" + ", ".join(f"o{i}: {{plane: {{}}}}" for i in range(33)) + "}", "at most 32"),
     ],
 )
-def test_mistakes_name_the_file_and_the_place(tmp_path, text, says):
+def test_errors_name_the_file_and_the_place(tmp_path, text, says):
     path = written(tmp_path, text)
     with pytest.raises(WorldFileError, match=says) as caught:
         read_world(path)
@@ -94,7 +94,7 @@ def test_mistakes_name_the_file_and_the_place(tmp_path, text, says):
         read_surroundings(path)
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_a_missing_file(tmp_path):
     with pytest.raises(ConfigError, match="cannot read"):
         read_surroundings(tmp_path / "none.yaml")
 
