@@ -115,7 +115,9 @@ def test_a_long_interruption_is_not_made_up_for(simulated: SimulatedTime) -> Non
     assert clock.statistics.missed == pytest.approx(2500, abs=2)
 
 
-def test_a_machine_that_is_too_slow_builds_up_no_backlog(simulated: SimulatedTime, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_machine_that_is_too_slow_builds_up_no_backlog(
+    simulated: SimulatedTime, caplog: pytest.LogCaptureFixture
+) -> None:
     clock = RealClock(0.002)
     simulated.tick_takes_ns = 3 * MS
     clock.start(simulated.tick)
