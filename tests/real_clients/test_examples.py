@@ -49,7 +49,7 @@ def test_example_of_the_thesis(rig: Rig, tmp_path: Path) -> None:
 
 def paced(text: str) -> object:
     """At a robot that has patience with a busy machine, if setpoints are streamed to it."""
-    return pytest.param(text, marks=pytest.mark.robot_speed(0.5) if "servo" in text else ())
+    return pytest.param(text, marks=pytest.mark.robot_speed(0.25) if "servo" in text else ())
 
 
 @pytest.mark.parametrize("text", [paced(text) for text in PROGRAMS], ids=range(len(PROGRAMS)))
