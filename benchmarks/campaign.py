@@ -34,16 +34,16 @@ def measure() -> Table:
     rows = [row for model, arm in CASES for row in _rows(model, arm)]
     return Table(
         "Campaigns",
-        f"{RUNS} runs of one program, movej to and fro (docs/campaigns.md), on two cores. A core: robot seconds in a "
-        "second of processor time of the runs, with compiling and building the controller, without starting Python. "
-        "Against one process: how much faster all were done, processes warm; two cores allow 2.00.",
+        f"{RUNS} runs of one program, a movej back and forth (docs/campaigns.md), on two cores. Per core: robot "
+        "seconds per second of CPU time of the runs, including compiling and creating the controller, without starting "
+        "Python. Speed-up: relative to one process, with warm processes; two cores allow 2.00.",
         (
             "arm",
             "kind",
             "processes",
-            "robot seconds a second of a core",
-            "times real time in all",
-            "against one process",
+            "robot seconds per core second",
+            "times real time in total",
+            "speed-up",
         ),
         rows,
     )

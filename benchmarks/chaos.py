@@ -3,7 +3,7 @@
 ``chaos.py [--quick] [--json FILE] [SCENARIO ...]``. Every scenario is bounded in count and time, talks to loopback
 addresses of its own, and ends the processes that it started, no others. The exit status is 1 when a bar is missed:
 
-- no client that behaves loses a package, whatever happens beside it;
+- no client that behaves loses a package, whatever else happens;
 - no traceback in what any process prints;
 - every arm whose driver was killed or stopped stands within 1.2 s of robot time;
 - memory is flat: an emulator that has warmed up grows by less than 8 MiB over a scenario.
@@ -292,7 +292,7 @@ class Flooder:
 
 
 def flood(messages: int) -> Result:
-    """Garbage on all ports, as fast as they take it, beside a client at 500 Hz."""
+    """Garbage on all ports, as fast as they accept it, alongside a client at 500 Hz."""
     result = Result("flood of all ports")
     with emulator("--gripper", "robotiq-2f-85") as robot, Memory(robot) as memory:
         client = Witness(robot)
@@ -315,7 +315,7 @@ def flood(messages: int) -> Result:
 
 
 def slow_readers(seconds: float) -> Result:
-    """Clients of every state port that never read, beside one that does."""
+    """Clients of every state port that never read, alongside one that does."""
     result = Result("slow readers")
     with emulator() as robot, ExitStack() as opened, Memory(robot) as memory:
         client = Witness(robot)
@@ -489,7 +489,7 @@ def _drive(host: str, way: str, output: int) -> None:
 
 
 def descriptors(connections: int) -> Result:
-    """More connections than the emulator has descriptors for, beside a client that was there before."""
+    """More connections than the emulator has descriptors for, alongside a client that was connected before."""
     result = Result("no descriptors left")
     with emulator() as robot, ExitStack() as opened, Memory(robot) as memory:
         client = Witness(robot)
@@ -594,7 +594,7 @@ def low_memory(seconds: float) -> Result:
 
 
 def clock_jumps(seconds: float) -> Result:
-    """The wall clock of emulator and recorder jumps by an hour, to and fro, twice a second; then a sleep of 2 s."""
+    """The wall clock of emulator and recorder jumps by an hour, back and forth, twice a second; then a sleep of 2 s."""
     result = Result("clock jumps")
     with tempfile.TemporaryDirectory(prefix="chaos-") as folder, ExitStack() as held:
         held.enter_context(_environment(PYTHONPATH=folder))

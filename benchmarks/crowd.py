@@ -1,4 +1,4 @@
-"""Control periods and packages of one healthy client beside a crowd: idle clients, and more than are let in."""
+"""Control periods and packages of one healthy client alongside a crowd: idle clients, and more than are admitted."""
 
 import json
 import resource
@@ -33,9 +33,9 @@ def measure(seconds: float = SECONDS) -> Table:
         for name, crowd in CROWDS.items():
             rows.append([model, name, *_run(model, crowd, seconds)])
     note = (
-        f"Over {seconds:g} s, beside one RTDE client at the full rate. Idle clients never read; they come in the first "
-        f"second, spread over the ports. The third crowd meets a limit of {FEW} files and connections, and connects "
-        "again whenever it is turned away. Missed: periods that began a whole period late."
+        f"Lateness over {seconds:g} s, with one RTDE client at the full rate. Idle clients never read; they connect in "
+        f"the first second, spread over the ports. The third crowd faces a limit of {FEW} files and connections, and "
+        "reconnects whenever it is refused."
     )
     columns = ["arm", "crowd", "p50", "p99", "p99.9", "worst", "missed", "collector", "lost", "sockets"]
     return Table("A crowd of clients", note, columns, rows)

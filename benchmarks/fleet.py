@@ -60,10 +60,9 @@ def measure(seconds: float = SECONDS, numbers: Sequence[int] = ROBOTS) -> Table:
             run = _run(crews, [CORES[0]] * len(crews), seconds)
             rows.append([layout, str(robots), *_cells(run, robots), f"{run['lost']:.0f}", run["bare"]])
     note = (
-        f"Robots of one core at {1 / _period_s():.0f} Hz over {seconds:g} s, an RTDE client with {len(jitter.NAMES)} "
-        "variables at the full rate for each. Missed: began a whole period late. Lost: packages a client did not get. "
-        "Memory: proportional set size of their processes, shared pages counted by halves, thirds, ... "
-        "Bare loop: periods that a loop missed which only sleeps, at the same time on the clients' core."
+        f"Robots on one core at {1 / _period_s():.0f} Hz over {seconds:g} s, each with an RTDE client that reads "
+        f"{len(jitter.NAMES)} variables at the full rate. Memory: proportional set size. Bare loop: periods missed by "
+        "a loop that only sleeps, at the same time on the clients' core."
     )
     columns = [
         "layout",
@@ -71,8 +70,8 @@ def measure(seconds: float = SECONDS, numbers: Sequence[int] = ROBOTS) -> Table:
         "missed",
         "worst",
         "core used",
-        "core a robot",
-        "memory a robot",
+        "core per robot",
+        "memory per robot",
         "lost",
         "bare loop",
     ]
@@ -94,10 +93,10 @@ def measure_growth(seconds: float = SECONDS, numbers: Sequence[int] = GROWTH) ->
         for robots, run in runs.items()
     ]
     note = (
-        f"As above, one process on each core that this may use ({len(CORES)}), which carry the clients too. Of a core: "
-        "the robots' processes alone; a bar is as long as their cost."
+        f"As above, with one process on each available core ({len(CORES)}); the clients run on the same cores. Cost: "
+        "that of the robots' processes alone."
     )
-    columns = ["robots", "missed", "worst", "of a core", "core a robot", "memory a robot", "lost", "cost"]
+    columns = ["robots", "missed", "worst", "cost", "core per robot", "memory per robot", "lost", "cost, as a bar"]
     return Table("Growth of a fleet", note, columns, rows)
 
 
@@ -108,10 +107,10 @@ def measure_virtual(ticks: int = VIRTUAL_TICKS, numbers: Sequence[int] = ROBOTS)
         rates = [_virtual(robots, script, max(1, ticks // robots)) for script in ("", SWING)]
         rows.append([str(robots), *(f"{rate:.0f} s" for rate in rates)])
     note = (
-        f"Robot seconds of all {MODEL} together in a second of processor time of one process, a control period of each "
-        "in turn, without clients."
+        f"Robot seconds of all {MODEL} together per second of CPU time of one process, which advances them one control "
+        "period at a time. No clients."
     )
-    return Table("Fleet in virtual time", note, ["robots", "at rest", "movej to and fro"], rows)
+    return Table("Fleet in virtual time", note, ["robots", "at rest", "movej back and forth"], rows)
 
 
 def _virtual(robots: int, script: str, ticks: int) -> float:
@@ -239,7 +238,7 @@ def _period_s() -> float:
 
 
 def _used_s() -> float:
-    """Processor time of this process [s]."""
+    """CPU time of this process [s]."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime
 

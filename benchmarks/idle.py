@@ -41,10 +41,10 @@ def measure(seconds: float = SECONDS) -> Table:
             above = "" if what == _BARE else f"{1e6 * above_s:.0f} us"
             rows.append([model, f"{1 / period_s:.0f} Hz", what, f"{cost_s / period_s:.1%}", _us(cost_s), above])
     note = (
-        f"Processor time of the process in real time, without clients; medians of {ROUNDS} rounds of {seconds:g} s in "
-        "turn. Clock alone: the same clock, whose tick does nothing. Above it: medians of the pairs."
+        f"CPU time of the process in real time, without clients: medians of {ROUNDS} alternating rounds of {seconds:g} "
+        "s. Clock alone: the same clock with a tick that does nothing. Above the clock: median difference."
     )
-    return Table("At rest", note, ["arm", "rate", "what", "share of a core", "a period", "above the clock"], rows)
+    return Table("At rest", note, ["arm", "rate", "what", "share of a core", "per period", "above the clock"], rows)
 
 
 def measure_stages(seconds: float = SECONDS) -> Table:
@@ -52,8 +52,8 @@ def measure_stages(seconds: float = SECONDS) -> Table:
     results = {model: _child(model, "stages", seconds) for model in _MODELS}
     rows = [[name, *(_us(results[model][name]) for model in _MODELS)] for name in results[_MODELS[0]]]
     note = (
-        "Medians of the stages of a tick with the brakes released, as `Controller` names them, in real time and so "
-        "with cold caches; each has 0.2 us of the measuring in it. The rest is event loop and timer: the clock alone."
+        "Median duration of each stage of a tick, as named in `Controller`, with the brakes released, in real time and "
+        "therefore with cold caches. Each includes 0.2 us for measuring. The rest of a period is event loop and timer."
     )
     return Table("Stages of a period at rest", note, ["stage", *_MODELS], rows)
 
@@ -70,7 +70,7 @@ def _child(model: str, what: str, seconds: float) -> dict[str, float]:
 
 
 async def _serve(model: str, what: str, seconds: float) -> Mapping[str, float]:
-    """Seconds of processor time a period, or of each stage."""
+    """CPU time of a period, or of each stage [s]."""
     controller = ControllerConfig(model=load_model(model), running=what != _OFF)
     emulator = Emulator(EmulatorConfig(controller=controller, ephemeral_ports=True))
     claim_real_time()

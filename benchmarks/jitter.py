@@ -1,4 +1,4 @@
-"""How punctual the control period is, with and without clients, beside a bare nanosleep loop.
+"""How punctual the control period is, with and without clients, compared with a bare nanosleep loop.
 
 Three processes run at the same time: the emulator, the clients, and a loop that does nothing
 but sleep until the next deadline and look at the clock. What the loop cannot do, nothing can.
@@ -45,10 +45,9 @@ def measure(seconds: float = SECONDS) -> Table:
         for clients, programs in ((0, False), (CLIENTS, False), (CLIENTS, True)):
             rows += _run(model, clients, seconds, programs=programs)
     note = (
-        f"Lateness of the start of each control period over {seconds:g} s, RTDE clients at the full rate. "
-        "Missed: began a whole period late. Lost: packages a client did not get. "
-        "The nanosleep loop ran at the same time. Collector: the processor time of the longest garbage collection. "
-        f"With programs, another one of {PROGRAM_LINES} lines was sent every {PROGRAM_EVERY_S:g} s."
+        f"Lateness of the start of each control period over {seconds:g} s, with RTDE clients at the full rate. A bare "
+        "nanosleep loop ran at the same time. Collector: CPU time of the longest garbage collection. "
+        f"Programs: another program of {PROGRAM_LINES} lines was sent every {PROGRAM_EVERY_S:g} s."
     )
     columns = ["arm", "rate", "clients", "what", "p50", "p99", "p99.9", "worst", "missed", "collector", "lost"]
     return Table("Control period", note, columns, rows)
@@ -154,7 +153,7 @@ async def _serve(config: EmulatorConfig) -> None:
 
 @contextmanager
 def _collections() -> Iterator[list[float]]:
-    """Processor time [s] of each garbage collection meanwhile."""
+    """CPU time [s] of each garbage collection in the meantime."""
     took_s: list[float] = []
     begun_s = 0.0
 

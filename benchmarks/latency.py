@@ -113,8 +113,8 @@ def measure(samples: int = SAMPLES) -> Table:
             shares = [periods[min(len(periods) - 1, int(share * len(periods)))] for share in (0.5, 0.99)]
             rows.append([model, f"{1 / period_s:.0f} Hz", name, *(f"{count:.0f}" for count in (*shares, periods[-1]))])
     note = (
-        f"Control periods from the state a client decided on to the first state that shows its servoj target being "
-        f"executed, which is 1 at best; {samples} commands to an arm at rest, each given as soon as a state has come."
+        f"Control periods from the state that triggers a servoj command to the first state that shows it being "
+        f"executed; the minimum is 1. {samples} commands to an arm at rest, each sent as soon as a state arrives."
     )
     return Table("Command latency", note, ["arm", "rate", "client", "p50", "p99", "max"], rows)
 

@@ -1,7 +1,7 @@
-"""What the teach pendant costs: itself, and the control loop beside it, with and without a browser that looks.
+"""The cost of the teach pendant, and its effect on the control loop, with and without a browser.
 
-The browser renders in software where the machine has no graphics, which takes far more than the pendant; it is a
-process of its own, on whatever computer the person sits at.
+Without a graphics card, the browser renders in software, which takes far more CPU time than the pendant. It is a
+separate process, usually on another computer.
 """
 
 import json
@@ -36,10 +36,10 @@ def measure(seconds: float = SECONDS) -> Table:
         for what in ("nothing", "pendant", "pendant and browser"):
             rows.append([model, what, *_run(model, f"127.78.{os.getpid() % 250 + 1}.{number}", what, seconds)])
     note = (
-        f"An arm that moves for {seconds:g} s; the browser shows the Move screen. Share of a core: of the pendant's "
+        f"The arm moves for {seconds:g} s; the browser shows the Move screen. Cost and memory: of the pendant's "
         "process. Lateness and missed periods: of the emulator's control loop."
     )
-    columns = ["arm", "beside it", "share of a core", "memory", "p50", "p99", "p99.9", "worst", "missed", "collector"]
+    columns = ["arm", "with", "cost", "memory", "p50", "p99", "p99.9", "worst", "missed", "collector"]
     return Table("Teach pendant", note, columns, rows)
 
 

@@ -1,4 +1,4 @@
-"""A world that moves: a control period beside bare ``mj_step``, real time with a camera, and Gymnasium."""
+"""Physics: a control period compared with bare ``mj_step``, real time with a camera, and Gymnasium."""
 
 import asyncio
 import json
@@ -56,20 +56,21 @@ def measure() -> Table:
         least = interleaved(
             {"rest": resting.tick, "moving": moving.tick, "without": without.tick, "bare": bare_steps(moving)}
         )
-        beside = (least["moving"] - least["without"]) / least["bare"]
+        ratio = (least["moving"] - least["without"]) / least["bare"]
         shown = [f"{1e6 * least[name]:.0f} us" for name in ("rest", "moving", "without", "bare")]
-        rows.append(["one body" if count == 1 else f"bodies: {count}", *shown, f"{beside:.2f}"])
+        rows.append(["one body" if count == 1 else f"bodies: {count}", *shown, f"{ratio:.2f}"])
     note = (
-        f"Processor time of a control period of a UR5 (8 ms) in virtual time, the least of {ROUNDS} blocks of {BLOCK} "
-        "in turn. The bodies are boxes on a table, the arm moves above them. Bare: as many `mj_step` of the same scene "
-        "as a period has, and nothing else. Beside it: what physics adds to the moving arm's period, in that."
+        f"CPU time of a control period of a UR5 (8 ms) in virtual time: minimum of {ROUNDS} alternating blocks of "
+        f"{BLOCK} periods. The bodies are boxes on a table, and the arm moves above them. Bare: the `mj_step` calls of "
+        "one period with the same scene, and nothing else. Ratio: what physics adds to the moving arm's period, "
+        "relative to bare."
     )
-    columns = ["scene", "at rest", "moving", "moving, no physics", "bare mj_step", "beside it"]
-    return Table("A world that moves", note, columns, rows)
+    columns = ["scene", "at rest", "moving", "moving, no physics", "bare mj_step", "ratio"]
+    return Table("Physics", note, columns, rows)
 
 
 def interleaved(cases: Mapping[str, Callable[[], object]]) -> dict[str, float]:
-    """The least processor time of one call of each [s], over blocks in turn."""
+    """Minimum CPU time of one call of each case [s], over alternating blocks."""
     least = dict.fromkeys(cases, float("inf"))
     for _ in range(ROUNDS):
         for name, call in cases.items():
@@ -133,11 +134,10 @@ def measure_real_time(seconds: float = SECONDS) -> Table:
     with scene(20) as path:
         rows = [_real_time(path, looks, seconds) for looks in (False, True)]
     note = (
-        f"A UR5 at 125 Hz over {seconds:g} s of real time, its arm moving above 20 boxes, on one core together with "
-        f"the process that draws. Looked at: a client streams a camera of 320x240 pixels at {CAMERA_HZ} Hz. Missed: "
-        "began a whole period late. Shares of that core."
+        f"A UR5 at 125 Hz over {seconds:g} s of real time whose arm moves above 20 boxes, on one core together with "
+        f"the rendering process. Streamed: a client streams a camera of 320x240 pixels at {CAMERA_HZ} Hz."
     )
-    columns = ["camera", "p50", "p99", "p99.9", "worst", "missed", "pictures a second", "robot", "drawing"]
+    columns = ["camera", "p50", "p99", "p99.9", "worst", "missed", "pictures per second", "robot", "rendering"]
     return Table("Physics and a camera on one core", note, columns, rows)
 
 
@@ -164,7 +164,7 @@ def _real_time(path: Path, looks: bool, seconds: float) -> list[str]:
     out, _ = server.communicate()
     row: list[str] = json.loads(out.splitlines()[-1])
     shares = [f"{robot / seconds:.1%}", f"{drawing / seconds:.1%}" if looks else ""]
-    return ["looked at" if looks else "nobody looks", *row, f"{shown / seconds:.1f}" if looks else "", *shares]
+    return ["streamed" if looks else "not used", *row, f"{shown / seconds:.1f}" if looks else "", *shares]
 
 
 class _Stream:
@@ -232,9 +232,9 @@ def _say(value: object) -> None:
 
 
 def measure_learning() -> Table:
-    """Robot-seconds of PickAndPlace in a second of processor time, beside MuJoCo alone."""
+    """Robot seconds of PickAndPlace per second of CPU time, compared with MuJoCo alone."""
     rows = []
-    for name in ("chance", "rules"):
+    for name in ("random", "scripted"):
         env = gymnasium.make("emulator.learning:ur_emulator/PickAndPlace-v0")
         env.reset(seed=0)
         task: Any = env.unwrapped
@@ -244,9 +244,9 @@ def measure_learning() -> Table:
         env.close()
         rows.append([name, f"{pace:.1f}", f"{alone:.1f}", f"{pace / alone:.2f}"])
     note = (
-        f"Robot-seconds of ur_emulator/PickAndPlace-v0 (125 Hz, no cameras) in a second of processor time: the best of "
-        f"{EPISODES} episodes with their resets. Actions are left to chance, or to the rules of the example. Bare: "
-        "`mj_step` of its scene at rest and nothing else, between the episodes."
+        f"Robot seconds of ur_emulator/PickAndPlace-v0 (125 Hz, no cameras) per second of CPU time: best of {EPISODES} "
+        "episodes including their resets. Actions are random, or those of the example's scripted policy. Bare: "
+        "`mj_step` of its scene at rest, and nothing else, between the episodes."
     )
     return Table("Gymnasium", note, ["actions", "robot s/s", "bare robot s/s", "share"], rows)
 
@@ -256,7 +256,7 @@ def _pace(env: "gymnasium.Env[Any, Any]", actions: str, seed: int) -> float:
     steps, over, began = 0, False, time.process_time()
     seen, _ = env.reset(seed=seed)
     while not over:
-        action = env.action_space.sample() if actions == "chance" else policy(seen)
+        action = env.action_space.sample() if actions == "random" else policy(seen)
         seen, _, ended, late, _ = env.step(action)
         steps, over = steps + 1, ended or late
     step_s: float = env.unwrapped.step_s  # type: ignore[attr-defined]

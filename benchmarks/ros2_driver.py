@@ -1,4 +1,4 @@
-"""What the ROS 2 driver costs beside controllers without ROS, and how late its setpoints are, at an arm of 500 Hz.
+"""Cost of the ROS 2 driver compared with controllers without ROS, and the delay of its setpoints, with a 500 Hz arm.
 
 Both are processes of their own before an emulated UR5e, with the same controllers active: the scaled trajectory
 controller and all that move nothing. The subscriber is a third process, whose cost does not count.
@@ -49,13 +49,13 @@ def measure(seconds: float = SECONDS) -> Table:
     rows = [
         ["`ur-client controllers serve`", f"{alone:.1%}", ""],
         ["`ur-client ros2`", f"{nodes:.1%}", f"{nodes - alone:+.1%}"],
-        ["`ur-client ros2`, `/joint_states` heard", f"{heard:.1%}", f"{heard - alone:+.1%}"],
+        ["`ur-client ros2`, with a subscriber of `/joint_states`", f"{heard:.1%}", f"{heard - alone:+.1%}"],
     ]
     about = (
-        f"Controllers of an emulated UR5e at 500 Hz, at rest, for {seconds:g} s. Cost: processor time of a process in "
-        "shares of a core. Bar: what ROS adds stays below a tenth."
+        f"Controllers of an emulated UR5e at 500 Hz, at rest, for {seconds:g} s. Requirement: ROS adds less than 10 % "
+        "of a core."
     )
-    return Table("ROS 2 driver", about, ["process", "cost", "of ROS"], rows)
+    return Table("ROS 2 driver", about, ["process", "cost", "added by ROS"], rows)
 
 
 def _share(words: list[str], seconds: float, *, subscribed: bool) -> float:
@@ -94,14 +94,14 @@ def latency(samples: int = SAMPLES) -> Table:
             f"`ur-client ros2`, `{_TOPIC}`",
             f"{topic_50:.2f} ms",
             f"{topic_99:.2f} ms",
-            f"{more:+.2f} ms: {'held' if more <= _BAR_MS else 'missed'}",
+            f"{more:+.2f} ms: {'met' if more <= _BAR_MS else 'not met'}",
         ],
     ]
     about = (
-        f"From a command to the first RTDE state of an emulated UR5e that shows it, {samples} commands each, in "
-        f"{_ROUNDS} rounds by turns. Bar: by a topic the 99th percentile is at most {_BAR_MS:g} ms more."
+        f"Time from a command to the first RTDE state of an emulated UR5e that shows it: {samples} commands each, in "
+        f"{_ROUNDS} alternating rounds. Requirement: a topic adds at most {_BAR_MS:g} ms to the 99th percentile."
     )
-    return Table("ROS 2 setpoints", about, ["way", "p50", "p99", "p99 more"], rows)
+    return Table("ROS 2 setpoints", about, ["sent through", "p50", "p99", "added to p99"], rows)
 
 
 def _percentiles_ms(times_s: Sequence[float]) -> tuple[float, float]:

@@ -22,8 +22,14 @@ from table import Table
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "benchmarks.md"
 HEAD = """# Benchmarks
 
-Written by `make benchmarks`. Bars: every port answers within 2 s of a cold start, less than 150 MiB of resident
-memory, no missed control period in a minute with five RTDE clients at 125 and 500 Hz.
+Speed, memory use and punctuality of the emulator and the client library, each next to a bound or an alternative
+measured in the same run. `make benchmarks` writes this page.
+
+Requirements: every port answers within 2 s of a cold start; less than 150 MiB of resident memory; no missed control
+period in a minute with five RTDE clients at 125 and 500 Hz.
+
+A control period is *missed* if it begins a whole period late. A package is *lost* if a client does not receive it.
+Costs are CPU time, as a share of one core.
 
 Machine: {machine}
 """
@@ -97,10 +103,10 @@ def _measurement(name: str) -> Callable[..., Table]:
 
 
 def _load() -> str:
-    """How busy the machine was before: figures of a busy one are to be compared within a table only."""
+    """The load before a measurement; results of a busy machine can only be compared within a table."""
     if not hasattr(os, "getloadavg"):
         return ""
-    return f"Load average of the machine when this began: {os.getloadavg()[0]:.1f}.\n"
+    return f"Load average of the machine at the beginning: {os.getloadavg()[0]:.1f}.\n"
 
 
 def _write(sections: dict[str, str]) -> None:

@@ -28,10 +28,10 @@ def measure() -> Table:
         times, cpu, memory = (sorted(column) for column in zip(*results, strict=True))
         rows.append([model, f"{times[0]:.2f} s", f"{times[-1]:.2f} s", f"{cpu[0]:.2f} s", f"{memory[-1]:.0f} MiB"])
     note = (
-        "From starting the process to a handshake on every port, as another process sees it, and what processor "
-        f"time and resident memory it has taken by then; {REPEATS} starts, with the modules' byte code in its cache."
+        "Time from starting the process to a handshake on every port, measured by another process, and its CPU time "
+        f"and resident memory at that moment. {REPEATS} starts, with byte code cached."
     )
-    return Table("Start-up", note, ["arm", "best", "worst", "least processor time", "resident memory"], rows)
+    return Table("Start-up", note, ["arm", "best", "worst", "least CPU time", "resident memory"], rows)
 
 
 def measure_imports() -> Table:
@@ -43,9 +43,10 @@ def measure_imports() -> Table:
     rows.append([f"{len(others)} others", _ms(min(sum(run[name] for name in others) for run in runs))])
     rows.append(["all", _ms(min(run.total() for run in runs))])
     note = (
-        f"Own time of each package's modules, by Python's `-X importtime`, which makes them slower; least of {REPEATS}."
+        f"Time spent in each package's own modules, by Python's `-X importtime`, which slows them down; minimum of "
+        f"{REPEATS} starts."
     )
-    return Table("Imports of a start", note, ["package", "own time"], rows)
+    return Table("Imports at start-up", note, ["package", "own time"], rows)
 
 
 def _import_times() -> Counter[str]:
@@ -67,7 +68,7 @@ def _ms(microseconds: int) -> str:
 
 
 async def _start(model: str) -> tuple[float, float, float]:
-    """Seconds until ready, processor time until then [s], and resident memory [MiB]."""
+    """Seconds until ready, CPU time until then [s], and resident memory [MiB]."""
     host = f"127.79.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
     command = [sys.executable, "-m", "emulator", "--no-pendant", "--model", model, "--host", host]
     ports = EmulatorConfig(controller=ControllerConfig(model=load_model(model)), host=host).wanted_ports

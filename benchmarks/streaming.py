@@ -40,12 +40,22 @@ def measure(seconds: float = SECONDS) -> Table:
     finally:
         serve.communicate()
     about = (
-        f"`Robot.servo_j` for {seconds:g} s beside an emulated UR5e; busy processes that want a whole core each. Cost: "
-        "processor time of the client, in shares of a core, from receiving to sending. Without: control periods that "
-        "got no setpoint. Late: setpoints after which the robot had stopped the arm. Bare: two threads that only "
-        "receive the packages and send 32 bytes."
+        f"`Robot.servo_j` for {seconds:g} s with an emulated UR5e on the same machine. Busy processes: each needs a "
+        "whole core. Cost: of the client, for receiving and sending. Without: control periods that received no "
+        "setpoint. Late: setpoints that came after the robot had stopped the arm. Bare: two threads that only receive "
+        "the packages and send 32 bytes."
     )
-    columns = ["hogs", "real time", "rate", "cost", "setpoints", "without", "longest gap", "late", "programs ended"]
+    columns = [
+        "busy processes",
+        "real-time priority",
+        "rate",
+        "cost",
+        "setpoints",
+        "without",
+        "longest gap",
+        "late",
+        "programs ended",
+    ]
     return Table("Streaming", about, columns, rows)
 
 

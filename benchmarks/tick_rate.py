@@ -51,7 +51,7 @@ end
 
 def measure() -> Table:
     """The median tick of each case, and what the arm's inverse dynamics alone take in the same run."""
-    cases = {"at rest": "", "movej to and fro": SWING, "movel to and fro": LINES, "servoj every period": STREAM}
+    cases = {"at rest": "", "movej back and forth": SWING, "movel back and forth": LINES, "servoj every period": STREAM}
     rows = []
     for model in ("ur3", "ur5e"):
         for name, script in cases.items():
@@ -61,14 +61,14 @@ def measure() -> Table:
             took, bound = f"{1e6 * tick:.0f} us", f"{1e6 * rnea:.1f} us"
             rows.append([model, name, f"{rate:,.0f}", took, f"{times:.0f}", bound])
     note = (
-        f"Median of {TICKS} control periods, no clients. RNEA: Pinocchio's call for the same arm between the "
-        "ticks, which no moving arm goes without."
+        f"Median of {TICKS} control periods without clients. RNEA: Pinocchio's inverse dynamics of the same arm, which "
+        "every period of a moving arm includes, measured between the ticks."
     )
-    return Table("Virtual time", note, ["arm", "doing", "ticks/s", "a tick takes", "times real time", "RNEA"], rows)
+    return Table("Virtual time", note, ["arm", "motion", "ticks/s", "tick", "times real time", "RNEA"], rows)
 
 
 def measure_dynamics() -> Table:
-    """The dynamic arm beside what Pinocchio alone needs for its torques and accelerations."""
+    """The dynamic arm compared with what Pinocchio alone needs for its torques and accelerations."""
     rows = []
     for model in ("ur3", "ur5e"):
         steps = round(load_model(model).series.period_s / STEP_S)
@@ -78,7 +78,7 @@ def measure_dynamics() -> Table:
         cells = [f"{1e6 * value:.1f} us" for value in (aba, rnea, bound, *ticks)]
         rows.append([model, str(steps), *cells])
     note = (
-        f"Medians of {TICKS} control periods of a movej to and fro. ABA and RNEA: bare calls; bound: an ABA for each "
+        f"Medians of {TICKS} control periods of a movej back and forth. ABA and RNEA: bare calls. Bound: one ABA per "
         "step and two RNEA (targets, momentum)."
     )
     columns = ["model", "steps", "ABA", "RNEA", "bound", "tick, ideal", "tick, dynamic"]
