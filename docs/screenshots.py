@@ -15,7 +15,7 @@ from typing import Any
 from playwright.sync_api import Page, sync_playwright
 
 from client.pendant.program_draft import ProgramDraft
-from client.pendant.program_file import KeptProgram, ProgramFile
+from client.pendant.program_file import ProgramFile, SavedDraft
 from urproto.robots import kinematics_of, load_model
 from urproto.testing.process import EmulatorProcess
 
@@ -100,7 +100,7 @@ def _make_program(folder: Path, robot: EmulatorProcess) -> None:
     draft.insert("move", draft.view.first())
     _teach(draft, "Place", place)
     draft.insert("waypoint", draft.view.rows()[-1].id)
-    file.write(KeptProgram("pick_and_place.urp", False, draft.data()))
+    file.write(SavedDraft("pick_and_place.urp", False, draft.data()))
 
 
 def _teach(draft: ProgramDraft, name: str, q: tuple[float, ...]) -> None:

@@ -52,12 +52,12 @@ class ServedMesh(NamedTuple):
 @cache
 def served_meshes(folder: Path, model: RobotModel) -> tuple[ServedMesh, ...]:
     """Of base to wrist 3, from the folder itself or the one in it that is named for the model. Raises MeshesMissing."""
-    own = folder / model.name
-    place = own if own.is_dir() else folder
-    return tuple(_served(place, model, mesh) for mesh in placed_meshes(model))
+    model_folder = folder / model.name
+    mesh_folder = model_folder if model_folder.is_dir() else folder
+    return tuple(_served_mesh(mesh_folder, model, mesh) for mesh in placed_meshes(model))
 
 
-def _served(folder: Path, model: RobotModel, mesh: PlacedMesh) -> ServedMesh:
+def _served_mesh(folder: Path, model: RobotModel, mesh: PlacedMesh) -> ServedMesh:
     try:
         file = mesh_file(folder, "visual", mesh.name, _VISUAL)
     except MeshesMissing:
@@ -87,8 +87,8 @@ class TcpTrace(Object3D, component=Path(__file__).with_name("static") / "tcp_tra
 _BACKGROUND: Final = "#e9edf1"
 _MESH_COLOR: Final = "#d9dde1"
 _ROD_COLOR: Final = "#8a949d"
-_ROD_M: Final = 0.005  # its radius
-_SHORTEST_ROD_M: Final = 0.005
+_ROD_RADIUS_M: Final = 0.005
+_MIN_ROD_M: Final = 0.005
 _AXES: Final = (("#d6453d", (1.0, 0.0, 0.0)), ("#3d9a4a", (0.0, 1.0, 0.0)), ("#2f6fd0", (0.0, 0.0, 1.0)))
 _VIEWS: Final[dict[str, tuple[str, str, Vector3]]] = {  # text or icon, hint, direction from the arm to the camera
     "reset": ("3d_rotation", "Reset the view", (0.66, -0.68, 0.32)),
@@ -98,17 +98,17 @@ _VIEWS: Final[dict[str, tuple[str, str, Vector3]]] = {  # text or icon, hint, di
 }
 _FOV_DEG: Final = 38.0
 _DISTANCE: Final = 3.3  # of the camera, in reaches
-_LOOK_AT: Final = 0.5  # height, in reaches
-_TCP_SAME_M: Final = 1e-5
+_TARGET_HEIGHT: Final = 0.5  # of the point that the camera looks at, in reaches
+_TCP_RESOLUTION_M: Final = 1e-5
 _TRACE_POINTS: Final = 3000  # of the TCP's way, a millimetre apart at least: 3 m and more
 _TRACE_COLOR: Final = "#d81b8c"
 _TREE_COLOR: Final = "#b8860b"
 _GHOST_COLOR: Final = "#e07b00"
 _GHOST_OPACITY: Final = 0.35
-_GHOST_FROM_RAD: Final = 0.02  # guess: a ghost that is nearer than a degree is not seen beside the arm
+_GHOST_THRESHOLD_RAD: Final = 0.02  # guess: a ghost that is nearer than a degree is not seen beside the arm
 _LABEL: Final = "color:#1d2730;background:#ffffffd0;border-radius:3px;padding:0 3px;font-size:11px;white-space:nowrap"
 _BASE, _INERTIA, _TCP = "base", "base_link_inertia", "tcp"  # frames
-_TURN_DIGITS: Final = 6
+_ROTATION_DIGITS: Final = 6
 
 
 def link_frames(model: RobotModel) -> list[dict[str, Pose]]:
@@ -118,12 +118,12 @@ def link_frames(model: RobotModel) -> list[dict[str, Pose]]:
     fixed = {joint.child: joint for joint in joints if not joint.moves}
     from_base = pose_inv(fixed[_BASE].pose)
     inertia = pose_trans(from_base, fixed[_INERTIA].pose)
-    at_the_tool: dict[str, Pose] = {moving[-1]: ZERO6}
+    tool_frames: dict[str, Pose] = {moving[-1]: ZERO6}
     for name, joint in fixed.items():
-        if joint.parent in at_the_tool:
-            at_the_tool[name] = pose_trans(at_the_tool[joint.parent], joint.pose)
+        if joint.parent in tool_frames:
+            tool_frames[name] = pose_trans(tool_frames[joint.parent], joint.pose)
     base: dict[str, Pose] = {fixed[_BASE].parent: from_base, _BASE: ZERO6, _INERTIA: inertia}
-    return [base, *({name: ZERO6} for name in moving[:-1]), at_the_tool]
+    return [base, *({name: ZERO6} for name in moving[:-1]), tool_frames]
 
 
 class ArmScene(ui.scene):
@@ -143,7 +143,7 @@ class ArmScene(ui.scene):
         target = self.preview() or station.values.get("target_q")
         if actual is None or target is None or not self.ghost_shown:
             return None
-        far = any(abs(a - b) > _GHOST_FROM_RAD for a, b in zip(actual, target, strict=True))
+        far = any(abs(a - b) > _GHOST_THRESHOLD_RAD for a, b in zip(actual, target, strict=True))
         return [round(angle, 4) for angle in target] if far else None
 
 
@@ -152,16 +152,16 @@ def arm_scene(page: Page) -> ArmScene:
     camera = ui.scene.perspective_camera(fov=_FOV_DEG, near=0.02, far=60.0)
     scene = ArmScene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
     ui.run_javascript(f"pendant.dress({scene.id})")
-    arm = scene.arm = DrawnArm(scene, page.station.meshes, page.complain)
+    arm = scene.arm = DrawnArm(scene, page.station.meshes, page.show_error)
     ghost = DrawnArm(scene, ghost=True)
     with scene:
         scene.trace = TcpTrace().with_name("trace").material(_TRACE_COLOR).visible(False)
 
-    def be(known: tuple[RobotModel | None, KinematicsInfo | None]) -> None:
-        arm.be(*known)
-        ghost.be(*known)
+    def set_model(known: tuple[RobotModel | None, KinematicsInfo | None]) -> None:
+        arm.set_model(*known)
+        ghost.set_model(*known)
 
-    page.live.effect(lambda station: (station.model, station.core.kinematics), be)
+    page.live.effect(lambda station: (station.model, station.core.kinematics), set_model)
     page.live.effect(_tcp_offset, arm.set_tcp)
     page.live.bind(scene, "value", lambda station: station.values.get("actual_q"))
     page.live.bind(scene, "ghost", scene.ghost)
@@ -172,14 +172,14 @@ def camera_buttons(page: Page, scene: ui.scene) -> None:
     """Where to look from, and what is drawn beside the arm."""
     with ui.row().classes("camera-buttons"):
         if isinstance(scene, ArmScene):
-            _drawing_buttons(scene)
+            _display_buttons(scene)
         for name, (label, hint, direction) in _VIEWS.items():
 
-            def look(_: object, direction: Vector3 = direction) -> None:
+            def move_camera(_: object, direction: Vector3 = direction) -> None:
                 if page.station.model is not None:
-                    _look_from(scene, page.station.model, direction)
+                    _move_camera(scene, page.station.model, direction)
 
-            button = ui.button(on_click=look, color=None).props(f"flat dense no-caps data-testid=view-{name}")
+            button = ui.button(on_click=move_camera, color=None).props(f"flat dense no-caps data-testid=view-{name}")
             if name == "reset":
                 button.set_icon(label)
             else:
@@ -187,7 +187,7 @@ def camera_buttons(page: Page, scene: ui.scene) -> None:
             button.tooltip(hint).props(f'aria-label="{hint}"')
 
 
-def _drawing_buttons(scene: ArmScene) -> None:
+def _display_buttons(scene: ArmScene) -> None:
     def ghost(shown: bool) -> None:
         scene.ghost_shown = shown
 
@@ -195,9 +195,9 @@ def _drawing_buttons(scene: ArmScene) -> None:
         scene.trace.visible(shown)
         clear.set_visibility(shown)
 
-    _switch("account_tree", "Frames as in the URDF", "frames", scene.arm.show_frames)
-    _switch("layers", "Ghost of the arm at the target", "ghost", ghost, on=True)
-    _switch("timeline", "Path of the TCP", "trace", trace)
+    _toggle_button("account_tree", "Frames as in the URDF", "frames", scene.arm.show_frames)
+    _toggle_button("layers", "Ghost of the arm at the target", "ghost", ghost, on=True)
+    _toggle_button("timeline", "Path of the TCP", "trace", trace)
     clear = ui.button(
         icon="delete_sweep", color=None, on_click=lambda: ui.run_javascript(f"pendant.clearTrace({scene.id})")
     )
@@ -205,16 +205,16 @@ def _drawing_buttons(scene: ArmScene) -> None:
     clear.set_visibility(False)
 
 
-def _switch(icon: str, name: str, mark: str, turn: Callable[[bool], object], on: bool = False) -> None:
+def _toggle_button(icon: str, name: str, test_id: str, on_toggle: Callable[[bool], object], on: bool = False) -> None:
     pressed = [on]
 
     def click() -> None:
         pressed[0] = not pressed[0]
         button.props(f"aria-pressed={str(pressed[0]).lower()}")
-        turn(pressed[0])
+        on_toggle(pressed[0])
 
     button = ui.button(icon=icon, color=None, on_click=click).tooltip(name)
-    button.props(f'flat dense aria-label="{name}" aria-pressed={str(on).lower()} data-testid=show-{mark}')
+    button.props(f'flat dense aria-label="{name}" aria-pressed={str(on).lower()} data-testid=show-{test_id}')
 
 
 def chain(model: RobotModel, kinematics: KinematicsInfo | None) -> Chain:
@@ -237,7 +237,7 @@ class DrawnArm:
 
     scene: ui.scene
     meshes: Path | None = None
-    complain: Callable[[str], None] = print
+    on_error: Callable[[str], None] = print
     ghost: bool = False
     _frames: list[Object3D] = field(default_factory=list)
     _frames_shown: bool = False
@@ -246,9 +246,9 @@ class DrawnArm:
     _flange: Object3D | None = None
     _tcp: Object3D | None = None
     _offset: tuple[float, ...] = (0.0,) * 6
-    _seen: bool = False
+    _camera_placed: bool = False
 
-    def be(self, model: RobotModel | None, kinematics: KinematicsInfo | None) -> None:
+    def set_model(self, model: RobotModel | None, kinematics: KinematicsInfo | None) -> None:
         """Another arm, or the same with another calibration."""
         if self._root is not None:
             self._root.delete()
@@ -268,7 +268,7 @@ class DrawnArm:
             for i, (position, axes) in enumerate(chain(model, kinematics)):
                 if not self.ghost:
                     self._draw_frames(frames[i], position)
-                nested.enter_context(self.scene.group().move(*position).rotate_R(_rows(axes)))
+                nested.enter_context(self.scene.group().move(*position).rotate_R(_matrix_rows(axes)))
                 name = f"ghost joint {i}" if self.ghost else f"joint {i}"
                 self._flange = nested.enter_context(self.scene.group().with_name(name))
                 links[i + 1](self.scene)
@@ -277,9 +277,9 @@ class DrawnArm:
         if self.ghost:
             return
         self.set_tcp(self._offset)
-        if not self._seen:
-            _look_from(self.scene, model, _VIEWS["reset"][2], duration=0.0)
-            self._seen = True
+        if not self._camera_placed:
+            _move_camera(self.scene, model, _VIEWS["reset"][2], duration=0.0)
+            self._camera_placed = True
 
     def show_frames(self, shown: bool) -> None:
         """Those of all links and their names, and the lines between them."""
@@ -292,12 +292,12 @@ class DrawnArm:
         assert self._model is not None
         length = 0.1 * self._model.reach_m
         with self.scene.group() as group:
-            turns = (tuple(round(part, _TURN_DIGITS) + 0.0 for part in pose[3:]) for pose in frames.values())
-            for turn in dict.fromkeys(turns):  # those that are turned alike are drawn once
-                with self.scene.group().rotate_R(_rows(rotvec_to_matrix(*turn))):
+            rotations = (tuple(round(part, _ROTATION_DIGITS) + 0.0 for part in pose[3:]) for pose in frames.values())
+            for rotation in dict.fromkeys(rotations):  # those that are turned alike are drawn once
+                with self.scene.group().rotate_R(_matrix_rows(rotvec_to_matrix(*rotation))):
                     _axes(self.scene, length)
-            above = 1.2 if _TCP in frames else 0.2  # that of tool0 may be at the same place
-            self.scene.text(", ".join(frames), _LABEL).move(0.0, 0.0, above * length)
+            height = 1.2 if _TCP in frames else 0.2  # that of tool0 may be at the same place
+            self.scene.text(", ".join(frames), _LABEL).move(0.0, 0.0, height * length)
             if child is not None and any(child):
                 self.scene.line([0.0, 0.0, 0.0], list(child)).material(_TREE_COLOR)
         group.visible(self._frames_shown)
@@ -310,7 +310,7 @@ class DrawnArm:
             try:
                 return [_Link(mesh=mesh) for mesh in served_meshes(self.meshes, model)]
             except MeshesMissing as error:
-                self.complain(str(error))
+                self.on_error(str(error))
         return [_Link(parts) for parts in link_parts(model)]
 
     def set_tcp(self, offset: Sequence[float]) -> None:
@@ -321,14 +321,14 @@ class DrawnArm:
             self._tcp = None
         if self._flange is None or self._model is None:
             return
-        x, y, z, *turn = self._offset
+        x, y, z, *rotation = self._offset
         with self.scene, self._flange, self.scene.group() as self._tcp:
             length = hypot(x, y, z)
-            if length > _SHORTEST_ROD_M:
-                rod = Lathe(((0.0, 0.0), (_ROD_M, 0.0), (_ROD_M, length), (0.0, length)))
-                rod.rotate_R(_rows(_along((x / length, y / length, z / length)))).material(_ROD_COLOR, 0.7)
+            if length > _MIN_ROD_M:
+                rod = Lathe(((0.0, 0.0), (_ROD_RADIUS_M, 0.0), (_ROD_RADIUS_M, length), (0.0, length)))
+                rod.rotate_R(_matrix_rows(_rotation_to((x / length, y / length, z / length)))).material(_ROD_COLOR, 0.7)
             with self.scene.group().move(x, y, z).with_name("tcp") as point:
-                point.rotate_R(_rows(rotvec_to_matrix(*turn)))
+                point.rotate_R(_matrix_rows(rotvec_to_matrix(*rotation)))
                 _axes(self.scene, 0.2 * self._model.reach_m)
                 self._frames = [frame for frame in self._frames if frame.id in self.scene.objects]
                 self._draw_frames({_TCP: ZERO6})
@@ -346,42 +346,46 @@ class _Link:
         for part in self.parts:
             solid = Lathe(part.profile).move(*part.origin)
             solid.material(*(_GHOST_COLOR, _GHOST_OPACITY) if self.ghost else (part.color,))
-            solid.rotate_R(_rows(_along(part.axis)))
+            solid.rotate_R(_matrix_rows(_rotation_to(part.axis)))
         if self.mesh is not None:
             url, placed = self.mesh
             mesh = scene.stl(url).material(_MESH_COLOR) if self.mesh.is_stl else scene.gltf(url)
             mesh.move(*placed.position).rotate(*placed.rpy)
 
 
-def _look_from(scene: ui.scene, model: RobotModel, direction: Vector3, duration: float = 0.4) -> None:
-    far, height = _DISTANCE * model.reach_m, _LOOK_AT * model.reach_m
+def _move_camera(scene: ui.scene, model: RobotModel, direction: Vector3, duration: float = 0.4) -> None:
+    far, height = _DISTANCE * model.reach_m, _TARGET_HEIGHT * model.reach_m
     x, y, z = (far * part / hypot(*direction) for part in direction)
     scene.move_camera(x, y, z + height, 0.0, 0.0, height, duration=duration)
 
 
 def _axes(scene: ui.scene, length: float) -> None:
     """x red, y green, z blue."""
-    thick, tip = 0.012 * length, 0.2 * length
+    shaft_radius, tip_length = 0.012 * length, 0.2 * length
     for color, axis in _AXES:
-        with scene.group().rotate_R(_rows(_along(axis))):
-            Lathe(((0.0, 0.0), (thick, 0.0), (thick, length - tip), (0.0, length - tip))).material(color)
-            Lathe(((0.0, length - tip), (3.2 * thick, length - tip), (0.0, length))).material(color)
+        with scene.group().rotate_R(_matrix_rows(_rotation_to(axis))):
+            Lathe(
+                ((0.0, 0.0), (shaft_radius, 0.0), (shaft_radius, length - tip_length), (0.0, length - tip_length))
+            ).material(color)
+            Lathe(((0.0, length - tip_length), (3.2 * shaft_radius, length - tip_length), (0.0, length))).material(
+                color
+            )
 
 
 def _tcp_offset(station: Station) -> tuple[float, ...]:
     offset: Sequence[Any] = station.values.get("tcp_offset") or (0.0,) * 6
-    return tuple(round(value / _TCP_SAME_M) * _TCP_SAME_M for value in offset)
+    return tuple(round(value / _TCP_RESOLUTION_M) * _TCP_RESOLUTION_M for value in offset)
 
 
-def _along(axis: Vector3) -> Matrix3:
+def _rotation_to(axis: Vector3) -> Matrix3:
     """A turn that takes z to an axis."""
     x, y, z = axis
-    side = hypot(x, y)
-    if side < 1e-9:
+    radial = hypot(x, y)
+    if radial < 1e-9:
         return (1.0, 0.0, 0.0, 0.0, z, 0.0, 0.0, 0.0, z)
     # x' = (-y, x, 0) / side, y' = axis x x'
-    return (-y / side, -x * z / side, x, x / side, -y * z / side, y, 0.0, side, z)
+    return (-y / radial, -x * z / radial, x, x / radial, -y * z / radial, y, 0.0, radial, z)
 
 
-def _rows(matrix: Matrix3) -> list[list[float]]:
+def _matrix_rows(matrix: Matrix3) -> list[list[float]]:
     return [list(matrix[i : i + 3]) for i in (0, 3, 6)]

@@ -19,13 +19,13 @@ _BLUE: Final = "#5b9bc9"  # caps
 
 _Y: Final[Vector3] = (0.0, 1.0, 0.0)
 _Z: Final[Vector3] = (0.0, 0.0, 1.0)
-_MINUS_Y: Final[Vector3] = (0.0, -1.0, 0.0)
-_MINUS_Z: Final[Vector3] = (0.0, 0.0, -1.0)
+_NEGATIVE_Y: Final[Vector3] = (0.0, -1.0, 0.0)
+_NEGATIVE_Z: Final[Vector3] = (0.0, 0.0, -1.0)
 
 _ROUNDING: Final = 0.12  # of a radius
-_STEPS: Final = 3  # in a rounded edge
+_ARC_STEPS: Final = 3  # in a rounded edge
 _RIM: Final = 0.07  # of a radius: half the width of the dark ring between two joints
-_TUBE: Final = (0.80, 0.80)  # of the joints' radii: upper arm, forearm
+_TUBE_RATIOS: Final = (0.80, 0.80)  # of the joints' radii: upper arm, forearm
 
 Profile = tuple[tuple[float, float], ...]
 
@@ -76,12 +76,12 @@ class _Arm:
         )
 
     @property
-    def _seam(self) -> float:
+    def _shoulder_height(self) -> float:
         """Where the shoulder turns on the base, above the table."""
         return max(self.d1 - 1.05 * self.shoulder, 0.35 * self.shoulder)
 
     def _base(self) -> tuple[Part, ...]:
-        radius, top = self.shoulder, self._seam
+        radius, top = self.shoulder, self._shoulder_height
         plate = min(0.3 * radius, 0.5 * top)
         return (
             _drum(self.foot, 0.0, plate, _DARK),
@@ -93,39 +93,39 @@ class _Arm:
         radius = self.shoulder
         inner = self.upper - self.half  # where the upper arm turns on it
         return (
-            _drum(radius, self._seam - self.d1, 0.0, _LIGHT),
-            *_housing(radius, -1.05 * radius, inner, _MINUS_Y, caps=(True, False)),
-            _rim(radius, inner, _MINUS_Y),
+            _drum(radius, self._shoulder_height - self.d1, 0.0, _LIGHT),
+            *_housing(radius, -1.05 * radius, inner, _NEGATIVE_Y, caps=(True, False)),
+            _rim(radius, inner, _NEGATIVE_Y),
         )
 
     def _upper_arm(self) -> tuple[Part, ...]:
         half, z, length = self.half, self.upper, abs(self.a2)
-        there: Vector3 = (self.a2, 0.0, 0.0)
-        tube = (_TUBE[0] * self.shoulder, _TUBE[0] * (self.shoulder + self.elbow) / 2)
+        end_position: Vector3 = (self.a2, 0.0, 0.0)
+        tube = (_TUBE_RATIOS[0] * self.shoulder, _TUBE_RATIOS[0] * (self.shoulder + self.elbow) / 2)
         return (
             *_housing(self.shoulder, z - half, z + 1.05 * self.shoulder, _Z, caps=(False, True)),
             *_tube(*tube, length, (0.0, 0.0, z), self.shoulder),
-            *_housing(self.elbow, z - half, z + 1.05 * self.elbow, _Z, there, caps=(False, True)),
-            _rim(self.elbow, z - half, _Z, there),
+            *_housing(self.elbow, z - half, z + 1.05 * self.elbow, _Z, end_position, caps=(False, True)),
+            _rim(self.elbow, z - half, _Z, end_position),
         )
 
     def _forearm(self) -> tuple[Part, ...]:
         radius, z, length = self.elbow, self.fore, abs(self.a3)
-        there: Vector3 = (self.a3, 0.0, 0.0)
+        end_position: Vector3 = (self.a3, 0.0, 0.0)
         outer = z + self.wrist_1
         return (
-            *_housing(radius, -z - self.half, 1.05 * radius - z, _MINUS_Z, caps=(False, True)),
-            *_tube(_TUBE[1] * radius, 0.86 * self.wrist, length, (0.0, 0.0, z), radius),
-            *_housing(self.wrist, -outer, 1.1 * self.wrist - z, _MINUS_Z, there, caps=(False, True)),
-            _rim(self.wrist, outer, _Z, there),
+            *_housing(radius, -z - self.half, 1.05 * radius - z, _NEGATIVE_Z, caps=(False, True)),
+            *_tube(_TUBE_RATIOS[1] * radius, 0.86 * self.wrist, length, (0.0, 0.0, z), radius),
+            *_housing(self.wrist, -outer, 1.1 * self.wrist - z, _NEGATIVE_Z, end_position, caps=(False, True)),
+            _rim(self.wrist, outer, _Z, end_position),
         )
 
     def _first_wrist(self) -> tuple[Part, ...]:
         radius, seam = self.wrist, self.d5 / 2
         return (
             *_housing(radius, -self.wrist_1, 1.15 * radius, _Z, caps=(False, True)),
-            _drum(radius, 0.0, seam, _LIGHT, axis=_MINUS_Y),
-            _rim(radius, seam, _MINUS_Y),
+            _drum(radius, 0.0, seam, _LIGHT, axis=_NEGATIVE_Y),
+            _rim(radius, seam, _NEGATIVE_Y),
         )
 
     def _second_wrist(self) -> tuple[Part, ...]:
@@ -137,11 +137,11 @@ class _Arm:
 
     def _third_wrist(self) -> tuple[Part, ...]:
         radius, plate = self.wrist, self.plate
-        nub = 0.17 * radius
+        key_radius = 0.17 * radius
         return (
             _drum(0.94 * radius, -plate, -0.25 * plate, _LIGHT),
             _drum(0.84 * radius, -0.25 * plate, 0.0, _DARK),
-            _drum(nub, 0.85 * radius, 1.06 * radius, _DARK, (0.0, 0.0, -0.6 * plate), _Y),
+            _drum(key_radius, 0.85 * radius, 1.06 * radius, _DARK, (0.0, 0.0, -0.6 * plate), _Y),
         )
 
 
@@ -169,10 +169,10 @@ def _tube(first: float, last: float, length: float, origin: Vector3, housing: fl
     )
 
 
-def _rim(radius: float, at: float, axis: Vector3 = _Z, origin: Vector3 = ZERO3) -> Part:
+def _rim(radius: float, position: float, axis: Vector3 = _Z, origin: Vector3 = ZERO3) -> Part:
     """The dark ring where one link turns on the next."""
     half = _RIM * radius
-    return _drum(1.015 * radius, at - half, at + half, _DARK, origin, axis, rounding=0.0)
+    return _drum(1.015 * radius, position - half, position + half, _DARK, origin, axis, rounding=0.0)
 
 
 def _drum(
@@ -201,13 +201,16 @@ def _rounded(radius: float, start: float, end: float, edge: float) -> Profile:
     )
 
 
-def _dome(radius: float, at: float, height: float) -> Profile:
+def _dome(radius: float, position: float, height: float) -> Profile:
     """A lid, a little narrower than its housing, bulging by ``height``, which may be negative."""
     edge, lid = 0.35 * radius, 0.96 * radius
-    arc: Sequence[tuple[float, float]] = (*_arc(lid - edge, at, edge, height, 0.0, pi / 2), (0.0, at + 1.06 * height))
-    return ((0.0, at), *arc) if height > 0 else (*reversed(arc), (0.0, at))
+    arc: Sequence[tuple[float, float]] = (
+        *_arc(lid - edge, position, edge, height, 0.0, pi / 2),
+        (0.0, position + 1.06 * height),
+    )
+    return ((0.0, position), *arc) if height > 0 else (*reversed(arc), (0.0, position))
 
 
-def _arc(r: float, z: float, wide: float, high: float, start: float, end: float) -> tuple[tuple[float, float], ...]:
-    angles = (start + (end - start) * i / _STEPS for i in range(_STEPS + 1))
-    return tuple((r + wide * cos(angle), z + high * sin(angle)) for angle in angles)
+def _arc(r: float, z: float, width: float, height: float, start: float, end: float) -> tuple[tuple[float, float], ...]:
+    angles = (start + (end - start) * i / _ARC_STEPS for i in range(_ARC_STEPS + 1))
+    return tuple((r + width * cos(angle), z + height * sin(angle)) for angle in angles)

@@ -11,24 +11,24 @@ class Audience:
 
     def __init__(self) -> None:
         self._pages: set[str] = set()
-        self._came = asyncio.Event()
+        self._page_opened = asyncio.Event()
 
     def join(self, page_id: str) -> None:
         """A page was opened."""
         self._pages.add(page_id)
-        self._came.set()
+        self._page_opened.set()
 
     def leave(self, page_id: str) -> None:
         """A page is gone."""
         self._pages.discard(page_id)
         if not self._pages:
-            self._came.clear()
+            self._page_opened.clear()
 
-    async def sleep(self, seen_s: float, unseen_s: float) -> None:
+    async def sleep(self, watched_s: float, unwatched_s: float) -> None:
         """Wait for so long while somebody looks, or while nobody does, until somebody comes."""
         if self._pages:
-            await asyncio.sleep(seen_s)
+            await asyncio.sleep(watched_s)
             return
         with suppress(TimeoutError):
-            async with timeout(unseen_s):
-                await self._came.wait()
+            async with timeout(unwatched_s):
+                await self._page_opened.wait()

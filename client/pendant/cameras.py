@@ -20,37 +20,37 @@ from urproto.cameras import CAMERAS, STREAM, CameraDescription, picture_path
 ROUTE: Final = "/camera"
 """Where a pendant has the pictures: /camera/NAME/stream and /camera/NAME/still."""
 
-_LOOK_EVERY_S: Final = 5.0
-_SEE_EVERY_S: Final = 3.0
+_LIST_PERIOD_S: Final = 5.0
+_DESCRIPTION_PERIOD_S: Final = 3.0
 _TIMEOUT_S: Final = 30.0  # the first picture waits for a process to start
 _OK: Final = 200
 _STILL: Final = "rgb.jpg"
-_ARM: Final = "ur/"  # before the names of bodies that are the arm's, and of what it carries
-_LEAST_SHARE: Final = 0.002  # of a picture: less is not worth a word (guess)
-_MOST_NAMED: Final = 8
+_ARM_PREFIX: Final = "ur/"  # before the names of bodies that are the arm's, and of what it carries
+_MIN_SHARE: Final = 0.002  # of a picture: less is not worth a word (guess)
+_MAX_NAMED: Final = 8
 
 
 class CameraLink:
     """The cameras at one address. tell: called when something to show has changed. port: 0 for no cameras."""
 
-    def __init__(self, host: str, port: int, tell: Callable[[], object]) -> None:
+    def __init__(self, host: str, port: int, on_change: Callable[[], object]) -> None:
         self._http = httpx.AsyncClient(base_url=f"http://{host}:{port}", timeout=_TIMEOUT_S, trust_env=False)
         self._port = port
-        self._tell = tell
-        self._cameras = Poller(self._find, _LOOK_EVERY_S, tell)
-        self._seen: dict[str, Poller[str]] = {}
+        self._on_change = on_change
+        self._cameras = Poller(self._list_cameras, _LIST_PERIOD_S, on_change)
+        self._descriptions: dict[str, Poller[str]] = {}
         self._bodies: tuple[str, ...] = ()
 
     @property
-    def found(self) -> tuple[CameraDescription, ...]:
+    def available(self) -> tuple[CameraDescription, ...]:
         """Those there are; looking at them is what keeps them new."""
         return (self._cameras.value or ()) if self._port else ()
 
-    def seen(self, name: str) -> str:
+    def view_description(self, name: str) -> str:
         """What a camera sees, in words, "" while that is not known. Looking at it is what keeps it new."""
-        if name not in self._seen:
-            self._seen[name] = Poller(lambda: self._see(name), _SEE_EVERY_S, self._tell)
-        poller = self._seen[name]
+        if name not in self._descriptions:
+            self._descriptions[name] = Poller(lambda: self._describe_view(name), _DESCRIPTION_PERIOD_S, self._on_change)
+        poller = self._descriptions[name]
         return poller.value or poller.problem
 
     async def still(self, name: str) -> bytes:
@@ -66,19 +66,19 @@ class CameraLink:
                 await response.aread()
                 await response.aclose()
         except httpx.HTTPError as error:
-            raise self._lost(error) from error
+            raise self._connection_error(error) from error
         if response.status_code != _OK:
-            raise CameraError(_reason(response))
-        return response.headers.get("content-type", ""), _content(response)
+            raise CameraError(_error_text(response))
+        return response.headers.get("content-type", ""), _stream_content(response)
 
     async def close(self) -> None:
         """End the connections."""
         await self._cameras.close()
-        for poller in self._seen.values():
+        for poller in self._descriptions.values():
             await poller.close()
         await self._http.aclose()
 
-    async def _find(self) -> tuple[CameraDescription, ...]:
+    async def _list_cameras(self) -> tuple[CameraDescription, ...]:
         response = await self._get(CAMERAS)
         try:
             index: Mapping[str, Any] = response.json()
@@ -87,25 +87,27 @@ class CameraLink:
         except (ValueError, TypeError, KeyError) as error:
             raise CameraError(f"{self._http.base_url} is not a camera server: {error}") from error
 
-    async def _see(self, name: str) -> str:
+    async def _describe_view(self, name: str) -> str:
         response = await self._get(picture_path(name, "segmentation.npy"))
         try:
-            shown = np.load(io.BytesIO(response.content), allow_pickle=False)
-            numbers, counts = np.unique(shown, return_counts=True)
+            segmentation = np.load(io.BytesIO(response.content), allow_pickle=False)
+            body_numbers, counts = np.unique(segmentation, return_counts=True)
         except Exception as error:  # numpy has many
             raise CameraError(f"{name}: the objects in view cannot be read: {error}") from error
-        return in_words(dict(zip(numbers.tolist(), (counts / shown.size).tolist(), strict=True)), self._bodies)
+        return describe_shares(
+            dict(zip(body_numbers.tolist(), (counts / segmentation.size).tolist(), strict=True)), self._bodies
+        )
 
     async def _get(self, path: str) -> httpx.Response:
         try:
             response = await self._http.get(path)
         except httpx.HTTPError as error:
-            raise self._lost(error) from error
+            raise self._connection_error(error) from error
         if response.status_code != _OK:
-            raise CameraError(_reason(response))
+            raise CameraError(_error_text(response))
         return response
 
-    def _lost(self, error: Exception) -> CameraError:
+    def _connection_error(self, error: Exception) -> CameraError:
         return CameraError(f"no cameras at {self._http.base_url}: {error or type(error).__name__}")
 
 
@@ -114,27 +116,27 @@ def camera_path(name: str, kind: str) -> str:
     return f"{ROUTE}/{quote(name, safe='')}/{kind}"
 
 
-def in_words(shares: Mapping[int, float], bodies: tuple[str, ...]) -> str:
+def describe_shares(shares: Mapping[int, float], bodies: tuple[str, ...]) -> str:
     """What is in a picture, the largest first. shares: of the picture, by a body's number."""
     named: dict[str, float] = {}
     for number, share in shares.items():
         if 0 < number < len(bodies):
-            name = "the arm" if bodies[number].startswith(_ARM) else bodies[number]
+            name = "the arm" if bodies[number].startswith(_ARM_PREFIX) else bodies[number]
             named[name] = named.get(name, 0.0) + share
-    seen = sorted((name for name in named if named[name] >= _LEAST_SHARE), key=lambda name: -named[name])
+    seen = sorted((name for name in named if named[name] >= _MIN_SHARE), key=lambda name: -named[name])
     if not seen:
         return "No known object is in view."
-    more = f" and {len(seen) - _MOST_NAMED} more" if len(seen) > _MOST_NAMED else ""
-    return f"It sees: {', '.join(f'{name} ({100 * named[name]:.1f} %)' for name in seen[:_MOST_NAMED])}{more}."
+    rest = f" and {len(seen) - _MAX_NAMED} more" if len(seen) > _MAX_NAMED else ""
+    return f"It sees: {', '.join(f'{name} ({100 * named[name]:.1f} %)' for name in seen[:_MAX_NAMED])}{rest}."
 
 
-def _reason(response: httpx.Response) -> str:
+def _error_text(response: httpx.Response) -> str:
     with suppress(ValueError, TypeError, KeyError):
         return str(response.json()["error"])
     return f"{response.url} answers with status {response.status_code}"
 
 
-async def _content(response: httpx.Response) -> AsyncIterator[bytes]:
+async def _stream_content(response: httpx.Response) -> AsyncIterator[bytes]:
     """Ends when the robot does: a browser sees that the stream is over."""
     try:
         with suppress(httpx.HTTPError):

@@ -16,10 +16,10 @@ from urproto.compat_asyncio import timeout
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 
-_QUIET_S: Final = 0.5  # guess: who pauses for so long wants to know
-_LOOK_AGAIN_S: Final = 0.2
-_LONGEST_S: Final = 20.0  # guess: 2 MB take a tenth of that
-_NICE: Final = 10  # a robot beside it comes first
+_DEBOUNCE_S: Final = 0.5  # guess: who pauses for so long wants to know
+_POLL_PERIOD_S: Final = 0.2
+_TIMEOUT_S: Final = 20.0  # guess: 2 MB take a tenth of that
+_NICENESS: Final = 10  # a robot beside it comes first
 
 
 async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]:
@@ -32,44 +32,44 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
     )
     try:
         if sys.platform != "win32":
-            os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
-        async with timeout(_LONGEST_S):
-            output, complaint = await process.communicate(to_bytes(text))
+            os.setpriority(os.PRIO_PROCESS, process.pid, _NICENESS)
+        async with timeout(_TIMEOUT_S):
+            output, error_output = await process.communicate(to_bytes(text))
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
     if process.returncode not in CHECKED:
-        raise CheckerError(f"urscript check: {readable(from_bytes(complaint)).strip() or process.returncode}")
-    return parsed(readable(from_bytes(output)))
+        raise CheckerError(f"urscript check: {readable(from_bytes(error_output)).strip() or process.returncode}")
+    return parse_output(readable(from_bytes(output)))
 
 
-def parsed(output: str) -> tuple[ScriptError, ...]:
+def parse_output(output: str) -> tuple[ScriptError, ...]:
     """The problems among the lines that the checker writes, in the order of the script."""
-    found = (CHECKER_LINE.fullmatch(line) for line in lines(output))
+    matches = (CHECKER_LINE.fullmatch(line) for line in lines(output))
     problems = (
         ScriptError(int(match[1]), int(match[2]), match[4], "check", "warning" if match[3] else "error")
-        for match in found
+        for match in matches
         if match is not None
     )
     return tuple(sorted(problems, key=lambda problem: (problem.line, problem.column)))
 
 
-async def keep_checking(
-    draft: Draft, version: Callable[[], PolyscopeVersion | None], problem: Callable[[str], object]
+async def check_forever(
+    draft: Draft, version: Callable[[], PolyscopeVersion | None], on_problem: Callable[[str], object]
 ) -> None:
     """Check the draft whenever it is another, for ever. problem: called with why that cannot be done."""
-    done: object = None
+    last_checked: object = None
     while True:
-        await asyncio.sleep(_LOOK_AGAIN_S)
-        now, known = draft.revision, version()
-        if known is None or done == (now, known):
+        await asyncio.sleep(_POLL_PERIOD_S)
+        revision, known = draft.revision, version()
+        if known is None or last_checked == (revision, known):
             continue
-        await asyncio.sleep(_QUIET_S)
-        if draft.revision != now:
+        await asyncio.sleep(_DEBOUNCE_S)
+        if draft.revision != revision:
             continue
-        done = (now, known)
+        last_checked = (revision, known)
         try:
-            draft.checked(now, await check(draft.text, known))
+            draft.set_diagnoses(revision, await check(draft.text, known))
         except (CheckerError, TimeoutError, OSError) as error:
-            problem(str(error) or "urscript check takes too long")
+            on_problem(str(error) or "urscript check takes too long")

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from urproto import text as wire_text
+from urproto import text as text_format
 from urproto.modes import ReportLevel, RequestedType, SafetyMode
 from urproto.primary.messages import PROGRAM_STOPPED, ErrorCodeMessage, KeyMessage, PopupMessage, RequestValueMessage
 
 UNLOCK_AFTER_S: Final = 5.0  # dashboard manual: earlier the robot refuses
-_DEVELOPER: Final = ReportLevel.DEVELOPER_DEBUG  # levels from there on mean the same as those before
-_SAME_S: Final = 1.0  # guess: a report so close to the stop is its cause
+_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # levels from there on mean the same as those before
+_CAUSE_WINDOW_S: Final = 1.0  # guess: a report so close to the stop is its cause
 
 
 @dataclass(slots=True)
@@ -51,26 +51,26 @@ class Stops:
         if self.current is not None:
             self.current.hidden = True
 
-    def see(self, values: Mapping[str, Any]) -> None:
+    def update(self, values: Mapping[str, Any]) -> None:
         """Take note of a state, by RTDE name."""
         self._now_s = float(values.get("timestamp", 0.0))
         if values.get("safety_mode") != SafetyMode.PROTECTIVE_STOP:
             self.current = None
         elif self.current is None or self._now_s < self.current.at_s:  # or the controller began anew
             self.current = ProtectiveStop(self._now_s)
-            self._blame()
+            self._assign_cause()
 
-    def hear(self, message: object) -> None:
+    def handle_message(self, message: object) -> None:
         """Take note of an error report: it comes before or after the state that shows the stop."""
-        if isinstance(message, ErrorCodeMessage) and message.level % _DEVELOPER >= ReportLevel.WARNING:
+        if isinstance(message, ErrorCodeMessage) and message.level % _DEVELOPER_LEVEL >= ReportLevel.WARNING:
             self._report = message
-            self._blame()
+            self._assign_cause()
 
-    def _blame(self) -> None:
+    def _assign_cause(self) -> None:
         stop, report = self.current, self._report
         if stop is None or report is None or stop.cause is not None:
             return
-        if abs(report.timestamp_us / 1e6 - stop.at_s) < _SAME_S:
+        if abs(report.timestamp_us / 1e6 - stop.at_s) < _CAUSE_WINDOW_S:
             stop.cause = report
 
 
@@ -108,7 +108,7 @@ class Dialogues:
         """The one to be shown."""
         return next(iter(self.open.values()), None)
 
-    def hear(self, message: object) -> None:
+    def handle_message(self, message: object) -> None:
         """Take note of one that opens, and of a program's end, which takes its questions back."""
         if isinstance(message, PopupMessage):
             severity = "error" if message.error else "warning" if message.warning else "info"
@@ -118,7 +118,7 @@ class Dialogues:
             title = "Popup" if kind is RequestedType.NONE else "Question"
             self._add(Dialogue(message.request_id, title, message.text, kind))
         elif isinstance(message, KeyMessage) and message.title == PROGRAM_STOPPED:
-            self._keep(lambda dialogue: dialogue.type is RequestedType.NONE)
+            self._retain(lambda dialogue: dialogue.type is RequestedType.NONE)
 
     def close(self, number: int) -> None:
         """Show it no more."""
@@ -127,13 +127,13 @@ class Dialogues:
 
     def close_popups(self) -> None:
         """As ``close popup`` does: questions stay."""
-        self._keep(lambda dialogue: dialogue.type is not RequestedType.NONE)
+        self._retain(lambda dialogue: dialogue.type is not RequestedType.NONE)
 
-    def are(self, shown: Sequence[Mapping[str, Any]]) -> None:
+    def synchronise(self, entries: Sequence[Mapping[str, Any]]) -> None:
         """Agree with the list of an emulator: the result of its verb ``popups``."""
-        listed = {entry["id"]: entry for entry in shown}
+        listed = {entry["id"]: entry for entry in entries}
         self._closed &= listed.keys()
-        self._keep(lambda dialogue: dialogue.number in listed)
+        self._retain(lambda dialogue: dialogue.number in listed)
         for number, entry in listed.items():
             if number not in self.open and number not in self._closed:
                 title = entry["title"] or "Question"
@@ -143,16 +143,16 @@ class Dialogues:
         self._closed.discard(dialogue.number)
         self.open[dialogue.number] = dialogue
 
-    def _keep(self, stays: Any) -> None:
-        self.open = {number: dialogue for number, dialogue in self.open.items() if stays(dialogue)}
+    def _retain(self, predicate: Any) -> None:
+        self.open = {number: dialogue for number, dialogue in self.open.items() if predicate(dialogue)}
 
 
-def typed_answer(kind: RequestedType, text: str) -> int | float | str:
+def parse_answer(kind: RequestedType, text: str) -> int | float | str:
     """What somebody typed, as a value of the type that is asked for. Raises ValueError, which says what is wanted."""
     if kind is RequestedType.STRING:
         return text
     try:
-        value = wire_text.whole_number(text) if kind is RequestedType.INTEGER else wire_text.number(text)
+        value = text_format.whole_number(text) if kind is RequestedType.INTEGER else text_format.number(text)
     except ValueError as error:
         raise ValueError(f"The program expects {ANSWERABLE[kind]}") from error
     if isinstance(value, int) and not -_INT_MAX - 1 <= value <= _INT_MAX:

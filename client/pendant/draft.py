@@ -13,8 +13,8 @@ from urproto.primary.messages import (
     RuntimeExceptionMessage,
 )
 
-_START_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
-_MOST: Final = 2_000_000  # characters; a robot takes no more either (guess)
+_START_TIMEOUT_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
+_MAX_LENGTH: Final = 2_000_000  # characters; a robot takes no more either (guess)
 
 Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
 
@@ -53,18 +53,18 @@ class Draft:
         self._sent_revision = 0
 
     @property
-    def is_somebodys(self) -> bool:
+    def has_user_text(self) -> bool:
         """Whether somebody would miss the text."""
         return bool(self.text.strip()) and self.text != _EXAMPLE
 
     def write(self, text: str, author: str = "") -> None:
         """Somebody has written something else. Raises ValueError for what is too long."""
-        if len(text) > _MOST:
-            raise ValueError(f"a script of {len(text)} characters is too long: at most {_MOST} are possible")
+        if len(text) > _MAX_LENGTH:
+            raise ValueError(f"a script of {len(text)} characters is too long: at most {_MAX_LENGTH} are possible")
         if text != self.text:
             self.text, self.author, self.revision = text, author, self.revision + 1
 
-    def prepared(self) -> Script:
+    def prepared_script(self) -> Script:
         """What to send: a program, or a secondary program, which has no name. Raises ValueError for an empty text."""
         if not self.text.strip():
             raise ValueError("The editor is empty: there is no script to send.")
@@ -73,12 +73,12 @@ class Draft:
         except LocalProtocolError:  # a secondary program: only errors are heard of
             return Script("", self.text)
 
-    def sending(self, script: Script, now_s: float) -> None:
+    def mark_sent(self, script: Script, now_s: float) -> None:
         """That is being sent. now_s: any clock."""
         self.script, self._sent_at_s, self.phase, self.error = script, now_s, "sent", None
         self._sent_revision = self.revision
 
-    def checked(self, revision: int, diagnoses: tuple[ScriptError, ...]) -> None:
+    def set_diagnoses(self, revision: int, diagnoses: tuple[ScriptError, ...]) -> None:
         """The checker has looked at the text of this revision."""
         if revision != self.revision:
             return
@@ -90,38 +90,40 @@ class Draft:
     def problems(self) -> tuple[ScriptError, ...]:
         """All that is known to be wrong. The checker says better than the robot why a script does not start."""
         error = self.error
-        if error is None or (error.found_by == "start" and any(one.severity == "error" for one in self.diagnoses)):
+        if error is None or (
+            error.found_by == "start" and any(diagnosis.severity == "error" for diagnosis in self.diagnoses)
+        ):
             return self.diagnoses
-        return (error, *(one for one in self.diagnoses if one.line != error.line))
+        return (error, *(diagnosis for diagnosis in self.diagnoses if diagnosis.line != error.line))
 
-    def hear(self, message: object) -> None:
+    def handle_message(self, message: object) -> None:
         """Take note of what the robot says about the script."""
         if isinstance(message, KeyMessage) and self.script is not None and message.text == (self.script.name or None):
             if message.title == PROGRAM_STARTED and self.phase in ("sent", "silent"):
                 self.phase = "running"
             elif message.title == PROGRAM_STOPPED and self.phase == "running":
                 self.phase = "ended"
-        elif isinstance(message, RuntimeExceptionMessage) and self._is_about(message):
-            self._fail(message)
+        elif isinstance(message, RuntimeExceptionMessage) and self._concerns_script(message):
+            self._set_failed(message)
 
-    def look(self, now_s: float) -> None:
+    def check_start(self, now_s: float) -> None:
         """Time goes by."""
-        if self.phase == "sent" and now_s - self._sent_at_s > _START_S:
+        if self.phase == "sent" and now_s - self._sent_at_s > _START_TIMEOUT_S:
             self.phase = "silent" if self.script is not None and self.script.name else "ended"
 
-    def _is_about(self, message: RuntimeExceptionMessage) -> bool:
+    def _concerns_script(self, message: RuntimeExceptionMessage) -> bool:
         """Compile errors have no time; a script that runs meanwhile may be somebody else's."""
         return self.phase == ("sent" if message.timestamp_us == NO_TIMESTAMP_US else "running")
 
-    def _fail(self, message: RuntimeExceptionMessage) -> None:
+    def _set_failed(self, message: RuntimeExceptionMessage) -> None:
         assert self.script is not None
         line = min(self.script.line(message.line), self.text.count("\n") + 1)
         found_by: Literal["start", "run"] = "start" if self.phase == "sent" else "run"
-        self.error = ScriptError(line, message.column, _readable(self.script.message(message.text)), found_by)
+        self.error = ScriptError(line, message.column, _readable_error(self.script.message(message.text)), found_by)
         self.phase = "failed"
 
 
-def _readable(reported: str) -> str:
+def _readable_error(reported: str) -> str:
     """Controllers repeat line and number after a word of their own when they cannot parse it."""
     return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
 

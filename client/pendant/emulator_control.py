@@ -10,11 +10,11 @@ from client.errors import ClientError
 from client.pendant.dialogues import Dialogues
 from client.pendant.polling import Poller
 
-LOOK_AGAIN_S: Final = 0.5  # while somebody looks
-_LOOK_EVERY_S: Final = 1.0
+POLL_PERIOD_S: Final = 0.5  # while somebody looks
+_WATCH_PERIOD_S: Final = 1.0
 _CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")
-_OF_TIME: Final = ("set_speed", "pause_time", "resume_time", "step")
-_MISSES: Final = 3  # in a row, and there is no emulator any more (guess)
+_TIME_VERBS: Final = ("set_speed", "pause_time", "resume_time", "step")
+_MAX_MISSES: Final = 3  # in a row, and there is no emulator any more (guess)
 _OK: Final = 200
 _UNAUTHORIZED: Final = 401
 
@@ -23,8 +23,8 @@ class EmulatorControlError(ClientError):
     """The control API of an emulator refused a verb, or is not available."""
 
 
-async def _rest() -> None:
-    await asyncio.sleep(LOOK_AGAIN_S)
+async def _wait() -> None:
+    await asyncio.sleep(POLL_PERIOD_S)
 
 
 class EmulatorControl:
@@ -37,15 +37,20 @@ class EmulatorControl:
     """
 
     def __init__(
-        self, host: str, port: int, token: str, tell: Callable[[], None], rest: Callable[[], Awaitable[None]] = _rest
+        self,
+        host: str,
+        port: int,
+        token: str,
+        on_change: Callable[[], None],
+        wait: Callable[[], Awaitable[None]] = _wait,
     ) -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._port = port
         base = f"http://{host}:{port}"
         self._http = httpx.AsyncClient(base_url=base, headers=headers, timeout=5.0, trust_env=False)
-        self._tell = tell
-        self._rest = rest
-        self._watched: dict[tuple[str, str], Poller[Any]] = {}
+        self._on_change = on_change
+        self._wait = wait
+        self._pollers: dict[tuple[str, str], Poller[Any]] = {}
         self.available = False
         self.locked = False
         self.verbs: frozenset[str] = frozenset()
@@ -54,27 +59,27 @@ class EmulatorControl:
 
     async def close(self) -> None:
         """End the connection."""
-        for watched in self._watched.values():
-            await watched.close()
+        for poller in self._pollers.values():
+            await poller.close()
         await self._http.aclose()
 
     def watch(self, verb: str, **arguments: str) -> Poller[Any]:
         """The result of a verb that changes nothing, asked for every second while a page shows it."""
-        question = (verb, repr(sorted(arguments.items())))
-        if question not in self._watched:
-            self._watched[question] = Poller(lambda: self.call(verb, **arguments), _LOOK_EVERY_S, self._tell)
-        return self._watched[question]
+        key = (verb, repr(sorted(arguments.items())))
+        if key not in self._pollers:
+            self._pollers[key] = Poller(lambda: self.call(verb, **arguments), _WATCH_PERIOD_S, self._on_change)
+        return self._pollers[key]
 
     async def change(self, verb: str, **arguments: Any) -> Any:
         """As ``call``, for a verb that changes what is watched: that is asked for at once."""
         try:
             result = await self.call(verb, **arguments)
-            if verb in _OF_TIME:
-                await self.look_at_the_time()
+            if verb in _TIME_VERBS:
+                await self.update_time()
             return result
         finally:
-            for watched in self._watched.values():
-                watched.refresh()
+            for poller in self._pollers.values():
+                poller.refresh()
 
     @property
     def pace(self) -> str:
@@ -85,21 +90,21 @@ class EmulatorControl:
         return "" if speed == 1.0 else f"time {speed:g}×" if speed else "time at its fastest"
 
     @property
-    def expected(self) -> bool:
+    def is_present(self) -> bool:
         """There is one, whether it lets this pendant in or not."""
         return self.available or self.locked
 
-    async def look_at_the_time(self) -> None:
+    async def update_time(self) -> None:
         """Ask for ``time``. Raises EmulatorControlError."""
         before, self.time = self.time, await self.call("time")
         names = ("paused", "speed", "time_s") if self.time["paused"] else ("paused", "speed")
         if any(before.get(name) != self.time[name] for name in names):
-            self._tell()
+            self._on_change()
 
-    async def stands_still(self) -> bool:
+    async def is_time_paused(self) -> bool:
         """Time is paused: no wonder that nothing comes."""
         try:
-            await self.look_at_the_time()
+            await self.update_time()
         except EmulatorControlError:
             return False
         return bool(self.time["paused"])
@@ -119,23 +124,23 @@ class EmulatorControl:
 
     async def follow(self, dialogues: Dialogues) -> None:
         """Look whether there is an emulator, and which dialogues it shows, for ever."""
-        missed = _MISSES
+        missed = _MAX_MISSES
         while self._port:
             try:
                 if missed:
-                    await self._find()
-                dialogues.are(await self.call("popups"))
-                await self.look_at_the_time()
+                    await self._query_verbs()
+                dialogues.synchronise(await self.call("popups"))
+                await self.update_time()
                 missed = 0
             except EmulatorControlError:
                 missed += 1
-                if missed >= _MISSES and self.available:
+                if missed >= _MAX_MISSES and self.available:
                     self.available, self.time = False, {}
-                    dialogues.are([])  # they were the emulator's
-                    self._tell()
-            await self._rest()
+                    dialogues.synchronise([])  # they were the emulator's
+                    self._on_change()
+            await self._wait()
 
-    async def _find(self) -> None:
+    async def _query_verbs(self) -> None:
         try:
             response = await self._http.get("/verbs")
             self.locked = response.status_code == _UNAUTHORIZED

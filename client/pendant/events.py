@@ -29,8 +29,8 @@ from urproto.primary.messages import (
     VersionMessage,
 )
 
-SHOWN: Final = 500  # lines a browser keeps
-_LONGEST: Final = 2000  # characters of a line; downloads have all of it
+MAX_SHOWN: Final = 500  # lines a browser keeps
+_MAX_TEXT_LENGTH: Final = 2000  # characters of a line; downloads have all of it
 
 
 class LogView:
@@ -45,7 +45,7 @@ class LogView:
         self.paused = False
         self._log = log
         self._cleared = 0  # number of the last event that is not shown any more
-        self._seen = 0
+        self._sent = 0
         self._state: object = None
 
     def clear(self) -> None:
@@ -53,34 +53,34 @@ class LogView:
         self._cleared = self._log.count
 
     @property
-    def waiting(self) -> int:
+    def pending(self) -> int:
         """How many events came since it was paused."""
-        return self._log.count - self._seen if self.paused else 0
+        return self._log.count - self._sent if self.paused else 0
 
     def matching(self) -> "list[Event]":
         """All kept events that pass the filter, oldest first, also those cleared from view."""
-        return [event for event in self._log.events if self._passes(event)]
+        return [event for event in self._log.events if self._matches(event)]
 
-    def take(self, fresh: bool) -> list[Any] | None:
+    def next_update(self, fresh: bool) -> list[Any] | None:
         """[whether what is shown goes, lines to add] since this was last asked, None for nothing.
 
         fresh: the browser has nothing yet.
         """
         state = (self._cleared, self.words, frozenset(self.severities))
         if fresh or state != self._state:
-            self._state, self._seen = state, self._log.count
+            self._state, self._sent = state, self._log.count
             return [True, [_row(event) for event in self._newest()]]
-        if self.paused or self._seen == self._log.count:
+        if self.paused or self._sent == self._log.count:
             return None
-        rows = [_row(event) for event in self._log.since(self._seen) if self._passes(event)]
-        self._seen = self._log.count
-        return [len(rows) >= SHOWN, rows[-SHOWN:]] if rows else None
+        rows = [_row(event) for event in self._log.since(self._sent) if self._matches(event)]
+        self._sent = self._log.count
+        return [len(rows) >= MAX_SHOWN, rows[-MAX_SHOWN:]] if rows else None
 
     def _newest(self) -> "list[Event]":
-        shown = (event for event in self._log.latest() if self._passes(event) and event.number > self._cleared)
-        return list(islice(shown, SHOWN))[::-1]
+        shown = (event for event in self._log.latest() if self._matches(event) and event.number > self._cleared)
+        return list(islice(shown, MAX_SHOWN))[::-1]
 
-    def _passes(self, event: "Event") -> bool:
+    def _matches(self, event: "Event") -> bool:
         if event.severity not in self.severities:
             return False
         line = f"{event.source} {event.code} {event.text}".lower()
@@ -89,17 +89,17 @@ class LogView:
 
 def _row(event: "Event") -> list[Any]:
     uptime = "" if event.uptime_s is None else f"{event.uptime_s:.3f}"
-    return [round(event.time_s * 1000), uptime, event.severity, event.source, event.code, event.text[:_LONGEST]]
+    return [round(event.time_s * 1000), uptime, event.severity, event.source, event.code, event.text[:_MAX_TEXT_LENGTH]]
 
 
-_TITLES: Final = ("time", "uptime_s", "severity", "source", "code", "text")
+_CSV_HEADER: Final = ("time", "uptime_s", "severity", "source", "code", "text")
 
 
 def as_csv(events: "Iterable[Event]") -> str:
     """A table with a head; times are UTC."""
     file = io.StringIO()
     writer = csv.writer(file)
-    writer.writerow(_TITLES)
+    writer.writerow(_CSV_HEADER)
     writer.writerows(_cells(events))
     return file.getvalue()
 
@@ -114,22 +114,22 @@ def as_text(events: "Iterable[Event]") -> str:
 
 def _cells(events: "Iterable[Event]") -> Iterator[tuple[str, ...]]:
     for event in events:
-        when = datetime.fromtimestamp(event.time_s, timezone.utc).isoformat(timespec="milliseconds")
+        time_text = datetime.fromtimestamp(event.time_s, timezone.utc).isoformat(timespec="milliseconds")
         uptime = "" if event.uptime_s is None else f"{event.uptime_s:.3f}"
-        yield when, uptime, event.severity, event.source, event.code, event.text
+        yield time_text, uptime, event.severity, event.source, event.code, event.text
 
 
 Severity = Literal["info", "warning", "error"]
 SEVERITIES: Final[tuple[Severity, ...]] = ("info", "warning", "error")
-_KEPT: Final = 10_000
-_DEVELOPER: Final = ReportLevel.DEVELOPER_DEBUG  # levels from there on mean the same as those before
+_MAX_EVENTS: Final = 10_000
+_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # levels from there on mean the same as those before
 _LEVELS: Final[dict[int, Severity]] = {
     ReportLevel.WARNING: "warning",
     ReportLevel.VIOLATION: "error",
     ReportLevel.FAULT: "error",
     ReportLevel.CRITICAL_FAULT: "error",
 }
-_OF_PROGRAMS: Final = {
+_PROGRAM_VERBS: Final = {
     PROGRAM_STARTED: "started",
     PROGRAM_STOPPED: "stopped",
     PROGRAM_PAUSED: "paused",
@@ -158,7 +158,7 @@ class EventLog:
     """The last ten thousand events, oldest first. count: number of all events so far."""
 
     def __init__(self) -> None:
-        self.events: deque[Event] = deque(maxlen=_KEPT)
+        self.events: deque[Event] = deque(maxlen=_MAX_EVENTS)
         self.count = 0
 
     def since(self, number: int) -> list[Event]:
@@ -175,7 +175,7 @@ class EventLog:
         if last is None or (last.source, last.text) != ("pendant", text):
             self._add(_Entry("pendant", severity, text), None)
 
-    def hear(self, message: object) -> None:
+    def handle_message(self, message: object) -> None:
         """Keep what a person wants to read."""
         if not isinstance(message, RobotMessage):
             return
@@ -200,17 +200,17 @@ class _Entry(NamedTuple):
 def _entry(message: RobotMessage) -> _Entry | None:
     match message:
         case ErrorCodeMessage():
-            severity = _LEVELS.get(message.level % _DEVELOPER, "info")
+            severity = _LEVELS.get(message.level % _DEVELOPER_LEVEL, "info")
             text = message.text.strip() or error_text(message.code, message.argument)
             return _Entry("controller", severity, text, message.label)
         case RuntimeExceptionMessage():
             return _Entry("program", "error", f"line {message.line}, column {message.column}: {message.text}")
         case SafetyModeMessage():
-            return _of_safety(message.safety_mode)
+            return _safety_entry(message.safety_mode)
         case TextMessage():
             return _Entry("program", "info", message.text)
         case KeyMessage():
-            return _of_key(message)
+            return _program_entry(message)
         case PopupMessage():
             severity = "error" if message.error else "warning" if message.warning else "info"
             return _Entry("dialogue", severity, f"{message.title}: {message.text}")
@@ -222,7 +222,7 @@ def _entry(message: RobotMessage) -> _Entry | None:
             return None
 
 
-def _of_safety(mode: int) -> _Entry:
+def _safety_entry(mode: int) -> _Entry:
     name = mode_name(SafetyMode, mode).replace("_", " ").lower()
     return _Entry("safety", _SAFETY_SEVERITY.get(mode, "warning"), f"Safety mode changed to {name}")
 
@@ -235,9 +235,9 @@ _SAFETY_SEVERITY: Final[dict[int, Severity]] = {
 }
 
 
-def _of_key(message: KeyMessage) -> _Entry:
-    happened = _OF_PROGRAMS.get(message.title)
-    if happened is not None:
-        return _Entry("program", "info", f"Program {message.text or 'without a name'} {happened}")
+def _program_entry(message: KeyMessage) -> _Entry:
+    verb = _PROGRAM_VERBS.get(message.title)
+    if verb is not None:
+        return _Entry("program", "info", f"Program {message.text or 'without a name'} {verb}")
     severity: Severity = "error" if "EXCEPTION" in message.title else "info"
     return _Entry("program", severity, f"{message.title} {message.text}".rstrip())

@@ -36,21 +36,21 @@ class FaultField:
     hint: str = ""
 
     @property
-    def timing(self) -> bool:
+    def is_timing(self) -> bool:
         """It says when, not what."""
         return self.name in TIMING
 
-    def read(self, shown: Any) -> Any:
+    def parse(self, value: Any) -> Any:
         """What is in the field, None when nothing is. Raises ValueError for what does not belong there."""
-        if shown is None or shown == "":
+        if value is None or value == "":
             return None
         if self.type == "bool" or self.choices:
-            return shown
+            return value
         try:
-            return _READERS[self.type](shown)
+            return _PARSERS[self.type](value)
         except (TypeError, ValueError) as error:
-            wanted = "a whole number" if self.type == "int" else "a number"
-            raise ValueError(f"{self.name} must be {wanted}, not {shown!r}.") from error
+            expected = "a whole number" if self.type == "int" else "a number"
+            raise ValueError(f"{self.name} must be {expected}, not {value!r}.") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,19 +83,19 @@ def fault_kinds(listed: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> di
     }
 
 
-def arguments_of(kind: FaultKind, shown: Mapping[str, Any]) -> dict[str, Any]:
+def fault_arguments(kind: FaultKind, values: Mapping[str, Any]) -> dict[str, Any]:
     """Arguments for ``inject_fault`` from what is in the fields: without those that are empty or at their default.
 
     Raises ValueError with what is missing or wrong.
     """
-    read = {field.name: field.read(shown.get(field.name)) for field in kind.fields}
-    missing = [field.name for field in kind.fields if field.required and read[field.name] is None]
+    parsed = {field.name: field.parse(values.get(field.name)) for field in kind.fields}
+    missing = [field.name for field in kind.fields if field.required and parsed[field.name] is None]
     if missing:
         raise ValueError(f"{kind.title} needs {', '.join(missing)}.")
     return {
-        field.name: read[field.name]
+        field.name: parsed[field.name]
         for field in kind.fields
-        if read[field.name] is not None and (field.required or read[field.name] != field.default)
+        if parsed[field.name] is not None and (field.required or parsed[field.name] != field.default)
     }
 
 
@@ -105,8 +105,8 @@ def _field(argument: Mapping[str, Any], ports: Sequence[str]) -> FaultField:
     hint = _HINTS.get(name, "")
     if name == "port" and kind == "str":
         names = [*(port for port in ports if port != "control"), _SCRIPTS]
-        every = {} if required else {"": _ALL_PORTS}
-        return FaultField(name, "text", default, required, {**every, **{port: port for port in names}}, hint)
+        all_ports = {} if required else {"": _ALL_PORTS}
+        return FaultField(name, "text", default, required, {**all_ports, **{port: port for port in names}}, hint)
     if name == "joint":
         return FaultField(name, "int", default, required, JOINTS, hint)
     if " or " in kind or kind not in ("str", "int", "float", "bool"):
@@ -114,10 +114,10 @@ def _field(argument: Mapping[str, Any], ports: Sequence[str]) -> FaultField:
     return FaultField(name, "text" if kind == "str" else kind, default, required, {}, hint)
 
 
-def _whole(shown: Any) -> int:
-    if float(shown) != int(float(shown)):
-        raise ValueError(shown)
-    return int(float(shown))
+def _whole_number(value: Any) -> int:
+    if float(value) != int(float(value)):
+        raise ValueError(value)
+    return int(float(value))
 
 
-_READERS: Final[Mapping[str, Callable[[Any], Any]]] = {"int": _whole, "float": float, "text": str}
+_PARSERS: Final[Mapping[str, Callable[[Any], Any]]] = {"int": _whole_number, "float": float, "text": str}

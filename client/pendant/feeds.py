@@ -9,11 +9,11 @@ from array import array
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from client.pendant.polling import keep_following
+from client.pendant.polling import follow_forever
 from client.rtde import RTDEClient
 from urproto.rtde.fields import OUTPUT_FIELDS
 
-_MOST_NUMBERS: Final = 2_000_000  # kept of one feed: 16 MB, half an hour of twelve numbers at 90 Hz
+_MAX_NUMBERS: Final = 2_000_000  # kept of one feed: 16 MB, half an hour of twelve numbers at 90 Hz
 
 OpenClient = Callable[[Sequence[str], float], RTDEClient]
 
@@ -25,7 +25,7 @@ class Feed:
     rate. problem: why no states arrive. end: number of rows received so far; rows before ``begin`` have been dropped.
     """
 
-    def __init__(self, names: Sequence[str], keeps: bool) -> None:
+    def __init__(self, names: Sequence[str], keep_rows: bool) -> None:
         self.names = tuple(names)
         self.values: Mapping[str, Any] = {}
         self.rate_hz = 0.0
@@ -33,12 +33,12 @@ class Feed:
         self.unavailable: frozenset[str] = frozenset()
         self.begin = 0
         self.width = sum(OUTPUT_FIELDS[name].type.count for name in names)
-        self._keeps = keeps
+        self._keep_rows = keep_rows
         self._rows = array("d")
-        self._first = dict[str, int]()  # field -> its first column
+        self._first_columns = dict[str, int]()  # field -> its first column
         column = 0
         for name in names:
-            self._first[name] = column
+            self._first_columns[name] = column
             column += OUTPUT_FIELDS[name].type.count
 
     @property
@@ -48,7 +48,7 @@ class Feed:
 
     def column(self, name: str, index: int = 0) -> int:
         """Where an element of a variable is in a row. Raises KeyError."""
-        return self._first[name] + index
+        return self._first_columns[name] + index
 
     def rows(self, begin: int, end: int) -> "array[float]":
         """Rows one after the other, as far as they are kept."""
@@ -57,7 +57,7 @@ class Feed:
 
     def row_at(self, time_s: float) -> int:
         """The first row not older than that, by the robot's clock; a clock that was set back counts as older."""
-        column, low, high = self._first["timestamp"], self.begin, self.end
+        column, low, high = self._first_columns["timestamp"], self.begin, self.end
         while low < high:
             middle = (low + high) // 2
             if self._rows[(middle - self.begin) * self.width + column] < time_s:
@@ -77,11 +77,11 @@ class Feed:
         other.begin, other._rows = self.begin, self._rows[:]
         return other
 
-    def take(self, values: Mapping[str, Any]) -> None:
+    def append_state(self, values: Mapping[str, Any]) -> None:
         """A new state."""
         self.values = values
         self.problem = ""
-        if not self._keeps:
+        if not self._keep_rows:
             return
         for name in self.names:
             value = values.get(name)
@@ -91,22 +91,22 @@ class Feed:
                 self._rows.extend([math.nan] * OUTPUT_FIELDS[name].type.count)
             else:
                 self._rows.append(value)
-        if len(self._rows) > _MOST_NUMBERS:
+        if len(self._rows) > _MAX_NUMBERS:
             self._drop(len(self._rows) // self.width // 8)
 
-    def inherit(self, other: "Feed") -> None:
+    def inherit_rows(self, other: "Feed") -> None:
         """Go on where another feed is, with what both have."""
         count = other.end - other.begin
         self.begin = other.begin
         self._rows = array("d", [math.nan]) * (count * self.width)
         for name in set(self.names) & set(other.names):
             for index in range(OUTPUT_FIELDS[name].type.count):
-                mine, its = self.column(name, index), other.column(name, index)
-                self._rows[mine :: self.width] = other._rows[its :: other.width]
-        if len(self._rows) > _MOST_NUMBERS:
-            self._drop((len(self._rows) - _MOST_NUMBERS) // self.width + 1)
+                own_column, other_column = self.column(name, index), other.column(name, index)
+                self._rows[own_column :: self.width] = other._rows[other_column :: other.width]
+        if len(self._rows) > _MAX_NUMBERS:
+            self._drop((len(self._rows) - _MAX_NUMBERS) // self.width + 1)
 
-    def lose(self, problem: str) -> None:
+    def mark_lost(self, problem: str) -> None:
         """The robot is gone."""
         self.values = {}
         self.problem = problem
@@ -117,14 +117,14 @@ class Feed:
 
     def _state(self, row: "array[float]") -> dict[str, Any]:
         state = dict[str, Any]()
-        for name, first in self._first.items():
+        for name, first in self._first_columns.items():
             kind = OUTPUT_FIELDS[name].type
-            numbers = [_typed(value, kind.letter) for value in row[first : first + kind.count]]
+            numbers = [_convert(value, kind.letter) for value in row[first : first + kind.count]]
             state[name] = tuple(numbers) if kind.count > 1 else numbers[0]
         return state
 
 
-def _typed(value: float, letter: str) -> Any:
+def _convert(value: float, letter: str) -> Any:
     if letter == "d":
         return None if math.isnan(value) else value
     if math.isnan(value):
@@ -138,37 +138,39 @@ class Feeds:
     def __init__(self, open_client: OpenClient) -> None:
         self._open_client = open_client
         self._feeds = dict[tuple[Any, ...], Feed]()
-        self._lookers = dict[int, int]()  # by id of a feed
+        self._subscriber_counts = dict[int, int]()  # by id of a feed
         self._tasks = dict[int, asyncio.Task[None]]()
         self._lingering = dict[int, asyncio.TimerHandle]()
 
-    def look(self, names: Collection[str], rate_hz: float, keeps: bool = False, heir_of: Feed | None = None) -> Feed:
+    def subscribe(
+        self, names: Collection[str], rate_hz: float, keep_rows: bool = False, predecessor: Feed | None = None
+    ) -> Feed:
         """Begin to look at these RTDE outputs, until ``leave``.
 
         keeps: for who wants the rows too; a new feed goes on where that one was which it is heir of.
         """
         ordered = tuple(name for name in OUTPUT_FIELDS if name in names)
-        key = (ordered, rate_hz, keeps)
+        key = (ordered, rate_hz, keep_rows)
         feed = self._feeds.get(key)
         if feed is None:
-            feed = self._feeds[key] = Feed(ordered, keeps)
-            if heir_of is not None:
-                feed.inherit(heir_of)
+            feed = self._feeds[key] = Feed(ordered, keep_rows)
+            if predecessor is not None:
+                feed.inherit_rows(predecessor)
             self._tasks[id(feed)] = asyncio.create_task(self._follow(feed, rate_hz))
-        self._lookers[id(feed)] = self._lookers.get(id(feed), 0) + 1
-        if (ending := self._lingering.pop(id(feed), None)) is not None:
-            ending.cancel()
+        self._subscriber_counts[id(feed)] = self._subscriber_counts.get(id(feed), 0) + 1
+        if (timer := self._lingering.pop(id(feed), None)) is not None:
+            timer.cancel()
         return feed
 
-    def leave(self, feed: Feed, linger_s: float = 0.0) -> None:
+    def unsubscribe(self, feed: Feed, linger_s: float = 0.0) -> None:
         """Look no more. The last one to leave ends the connection, or lets it go on for a while."""
-        self._lookers[id(feed)] -= 1
-        if self._lookers[id(feed)]:
+        self._subscriber_counts[id(feed)] -= 1
+        if self._subscriber_counts[id(feed)]:
             return
         if linger_s:
-            self._lingering[id(feed)] = asyncio.get_running_loop().call_later(linger_s, self._end, feed)
+            self._lingering[id(feed)] = asyncio.get_running_loop().call_later(linger_s, self._stop, feed)
         else:
-            self._end(feed)
+            self._stop(feed)
 
     def __len__(self) -> int:
         return len(self._feeds)
@@ -177,21 +179,21 @@ class Feeds:
         """End all of them."""
         tasks = list(self._tasks.values())
         for feed in list(self._feeds.values()):
-            self._end(feed)
+            self._stop(feed)
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    def _end(self, feed: Feed) -> None:
-        if (ending := self._lingering.pop(id(feed), None)) is not None:
-            ending.cancel()
+    def _stop(self, feed: Feed) -> None:
+        if (timer := self._lingering.pop(id(feed), None)) is not None:
+            timer.cancel()
         self._tasks.pop(id(feed)).cancel()
-        del self._lookers[id(feed)]
-        self._feeds = {key: known for key, known in self._feeds.items() if known is not feed}
+        del self._subscriber_counts[id(feed)]
+        self._feeds = {key: other for key, other in self._feeds.items() if other is not feed}
 
     async def _follow(self, feed: Feed, rate_hz: float) -> None:
         async def follow() -> None:
             async with self._open_client(feed.names, rate_hz) as client:
                 feed.rate_hz, feed.unavailable = client.core.rate_hz, client.core.unavailable
                 while True:
-                    feed.take(await client.receive())
+                    feed.append_state(await client.receive())
 
-        await keep_following(follow, feed.lose)
+        await follow_forever(follow, feed.mark_lost)

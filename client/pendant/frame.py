@@ -12,27 +12,27 @@ from client.pendant.station import Station
 _Unbuilt: TypeAlias = dict[str, tuple[Screen, ui.tab_panel]]
 
 
-def build(page: Page, first: str) -> None:
+def build(page: Page, initial_screen: str) -> None:
     """The whole page, with one screen in view."""
-    tabs = _header(page, first)
-    _lost(page)
-    with ui.tab_panels(tabs, value=first, animated=False).classes("screens") as panels:
+    tabs = _header(page, initial_screen)
+    _lost_banner(page)
+    with ui.tab_panels(tabs, value=initial_screen, animated=False).classes("screens") as panels:
         unbuilt = {screen.name: (screen, ui.tab_panel(screen.name).classes("screen")) for screen in SCREENS}
-    _show(page, unbuilt, first)
-    panels.on_value_change(lambda change: _change(page, unbuilt, change.value))
+    _show_screen(page, unbuilt, initial_screen)
+    panels.on_value_change(lambda change: _on_tab_change(page, unbuilt, change.value))
     _footer(page, tabs)
     show_dialogues(page)
 
 
-def _header(page: Page, first: str) -> ui.tabs:
+def _header(page: Page, initial_screen: str) -> ui.tabs:
     with ui.header().classes("frame"):
         with ui.tabs().props("dense no-caps inline-label").classes("tabs") as tabs:
             for screen in SCREENS:
                 tab = ui.tab(screen.name, screen.title, screen.icon).props(f"data-testid=tab-{screen.name}")
                 page.show_if(tab, screen.shown)
-        tabs.set_value(first)
+        tabs.set_value(initial_screen)
         ui.space()
-        page.live.text(_robot, "robot-name")
+        page.live.text(_robot_title, "robot-name")
         dark = ui.dark_mode(None)
         ui.button(icon="contrast", on_click=lambda: dark.set_value(not dark.value)).props(
             'flat round dense color=white aria-label="Dark or light"'
@@ -40,12 +40,12 @@ def _header(page: Page, first: str) -> ui.tabs:
     return tabs
 
 
-def _change(page: Page, unbuilt: _Unbuilt, name: str) -> None:
-    _show(page, unbuilt, name)
+def _on_tab_change(page: Page, unbuilt: _Unbuilt, name: str) -> None:
+    _show_screen(page, unbuilt, name)
     ui.run_javascript(f"history.replaceState(null, '', '/{name}')")
 
 
-def _show(page: Page, unbuilt: _Unbuilt, name: str) -> None:
+def _show_screen(page: Page, unbuilt: _Unbuilt, name: str) -> None:
     """A screen is built when somebody wants to see it first: most pages are there for one or two."""
     if name in unbuilt:
         screen, panel = unbuilt.pop(name)
@@ -56,12 +56,12 @@ def _show(page: Page, unbuilt: _Unbuilt, name: str) -> None:
     page.live.show(name)
 
 
-def _robot(station: Station) -> str:
+def _robot_title(station: Station) -> str:
     model = station.model
     return f"{model.title if model else 'robot'} · PolyScope {station.version or '?'} · {station.robot_ip}"
 
 
-def _lost(page: Page) -> None:
+def _lost_banner(page: Page) -> None:
     with ui.element("div").classes("lost") as banner:
         ui.icon("link_off")
         page.live.text(lambda station: f"The robot at {station.robot_ip} does not answer: {station.problem}")
@@ -87,7 +87,9 @@ def _footer(page: Page, tabs: ui.tabs) -> None:
 
 def _simulation_switch(page: Page) -> None:
     """As in PolyScope's footer. Where it is out of reach, it is shown while the robot simulates."""
-    with ui.button(on_click=page.doing(page.switch_simulation), color=None).props("dense no-caps unelevated") as switch:
+    with ui.button(on_click=page.handler(page.switch_simulation), color=None).props(
+        "dense no-caps unelevated"
+    ) as switch:
         page.live.text(lambda s: "Simulation" if s.simulating else "Real robot")
     switch.classes("chip simulation-switch").props("data-testid=simulation-switch").tooltip(
         "In simulation, programs move the arm on the screens; the real arm stands still."
@@ -108,16 +110,16 @@ def _speed_slider(page: Page) -> None:
         .props("data-testid=speed")
     )
 
-    async def move() -> None:
+    async def set_speed() -> None:
         fraction = slider.value / 100.0
         await page.attempt(lambda: station.set_speed_slider(fraction))
 
-    slider.on("change", move)
-    page.live.effect(_percent, lambda percent: slider.set_value(percent or 0))
+    slider.on("change", set_speed)
+    page.live.effect(_speed_percent, lambda percent: slider.set_value(percent or 0))
     page.live.effect(lambda s: s.connected, slider.set_enabled)
-    page.live.text(lambda s: "–" if _percent(s) is None else f"{_percent(s)} %", "speed-text")
+    page.live.text(lambda s: "–" if _speed_percent(s) is None else f"{_speed_percent(s)} %", "speed-text")
 
 
-def _percent(station: Station) -> int | None:
+def _speed_percent(station: Station) -> int | None:
     fraction: float | None = station.values.get("target_speed_fraction")
     return None if fraction is None else round(100 * fraction)

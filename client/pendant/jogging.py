@@ -16,23 +16,23 @@ from urproto.robots.kinematics import Jacobian
 _JOINT_RAMP: Final = (1.4, 4.0)  # rad/s2, up and down: URScript's default, and the control program's own when it ends
 _LINE_RAMP: Final = (1.2, 2.5)  # m/s2: URScript's default for tools; guess for the way down
 _TURN_RAMP: Final = (1.4, 4.0)  # rad/s2
-_BRAKING: Final = 1.0  # rad/s2 towards a limit: gentler than the ramp down, which then keeps up with it
+_LIMIT_DECELERATION: Final = 1.0  # rad/s2 towards a limit: gentler than the ramp down, which then keeps up with it
 _MARGIN_RAD: Final = 0.004  # kept from a limit
-_DELAY_S: Final = 0.08  # guess: between what is known of the arm and what it then does, on a busy machine
-_TOOL_JOINTS: Final = 0.5  # of a joint's top speed: as fast as joints turn for a tool's motion (guess)
-_OFF: Final = 0.04  # share of a tool's motion that joints cannot follow; so near a singularity the arm rests (guess)
-_DECAY: Final = 3.0  # 1/s: the determinant of the Jacobian shrinks no faster, so a singularity is not reached (guess)
-_AHEAD_S: Final = 0.01
+_REACTION_S: Final = 0.08  # guess: between what is known of the arm and what it then does, on a busy machine
+_TOOL_SPEED_SHARE: Final = 0.5  # of a joint's top speed: as fast as joints turn for a tool's motion (guess)
+_MAX_ERROR: Final = 0.04  # share of a tool's motion that joints cannot follow; above it the arm rests (guess)
+_MAX_DECAY: Final = 3.0  # 1/s: of the Jacobian's determinant, so that a singularity is never reached (guess)
+_LOOKAHEAD_S: Final = 0.01
 _SINGULAR: Final = 1e-9  # m3
 _DAMPING: Final = 1e-3  # m or 1: singular values of the Jacobian below it count as none
-_SLOW: Final = 0.98  # less of what was asked for is called slowed
+_SLOWED_SHARE: Final = 0.98  # a lower share of the requested speed counts as slowed
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
     """Speeds of the joints (6,) [rad/s], or of the TCP in the base frame (6,) [m/s, rad/s]."""
 
-    of: Literal["joints", "tool"]
+    space: Literal["joints", "tool"]
     values: tuple[float, ...]
 
 
@@ -52,8 +52,8 @@ class Bounds:
 class Ramp:
     """Ramps speeds up from rest and down to rest. speeds: the present ones. slowed: why they are below the request."""
 
-    def __init__(self, of: Literal["joints", "tool"], bounds: Bounds) -> None:
-        self._of = of
+    def __init__(self, space: Literal["joints", "tool"], bounds: Bounds) -> None:
+        self._space = space
         self._bounds = bounds
         self.speeds: tuple[float, ...] = (0.0,) * 6
         self.slowed = ""
@@ -64,65 +64,69 @@ class Ramp:
         return not any(self.speeds)
 
     def next(
-        self, wanted: Sequence[float] | None, q_rad: Sequence[float], pose_base_tcp: Sequence[float], period_s: float
+        self, target: Sequence[float] | None, q_rad: Sequence[float], pose_base_tcp: Sequence[float], period_s: float
     ) -> tuple[float, ...]:
         """The speeds for the next period. wanted: None for rest."""
         self.slowed = ""
-        goal = tuple(wanted or (0.0,) * 6)
-        if self._of == "joints":
+        goal = tuple(target or (0.0,) * 6)
+        if self._space == "joints":
             self.speeds = tuple(
-                self._allowed(i, _towards(now, self._allowed(i, there, q_rad), _JOINT_RAMP, period_s), q_rad)
-                for i, (now, there) in enumerate(zip(self.speeds, goal, strict=True))
+                self._allowed_speed(
+                    i, _ramp_speed(now, self._allowed_speed(i, goal_speed, q_rad), _JOINT_RAMP, period_s), q_rad
+                )
+                for i, (now, goal_speed) in enumerate(zip(self.speeds, goal, strict=True))
             )
         else:
-            self.speeds = self._scaled(_vector_towards(self.speeds, goal, period_s), q_rad, pose_base_tcp)
+            self.speeds = self._feasible_twist(_ramp_twist(self.speeds, goal, period_s), q_rad, pose_base_tcp)
         return self.speeds
 
-    def _allowed(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
+    def _allowed_speed(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
         """No faster than the arm can brake before the joint's limit, nor than the joint turns."""
         bounds = self._bounds
-        top = min(self._braked(joint, speed, q_rad), bounds.qd_max[joint])
-        if top < _SLOW * abs(speed):
+        max_speed = min(self._braking_speed(joint, speed, q_rad), bounds.qd_max[joint])
+        if max_speed < _SLOWED_SHARE * abs(speed):
             self.slowed = f"{JOINT_TITLES[joint]} nears its limit"
-        return max(-top, min(top, speed))
+        return max(-max_speed, min(max_speed, speed))
 
-    def _braked(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
+    def _braking_speed(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
         bounds = self._bounds
         left = bounds.q_max[joint] - q_rad[joint] if speed > 0 else q_rad[joint] - bounds.q_min[joint]
-        way = max(0.0, left - _MARGIN_RAD)
-        if way == inf:
+        distance = max(0.0, left - _MARGIN_RAD)
+        if distance == inf:
             return inf
         # v with way = v delay + v^2 / 2a
-        lag = _BRAKING * _DELAY_S
-        return sqrt(lag * lag + 2.0 * _BRAKING * way) - lag
+        reaction_speed = _LIMIT_DECELERATION * _REACTION_S
+        return sqrt(reaction_speed * reaction_speed + 2.0 * _LIMIT_DECELERATION * distance) - reaction_speed
 
-    def _scaled(self, twist: Sequence[float], q_rad: Sequence[float], pose: Sequence[float]) -> tuple[float, ...]:
+    def _feasible_twist(
+        self, twist: Sequence[float], q_rad: Sequence[float], pose: Sequence[float]
+    ) -> tuple[float, ...]:
         """As much of a tool's motion as the joints can follow."""
         kinematics = self._bounds.kinematics
         if kinematics is None or not any(twist):
             return tuple(twist)
         jacobian = kinematics.jacobian_at(q_rad, pose)
-        qd, off = _joint_speeds(jacobian, twist)
-        share = max(0.0, 1.0 - off / _OFF)
-        ahead = [angle + _AHEAD_S * speed for angle, speed in zip(q_rad, qd, strict=True)]
-        later = kinematics.jacobian_at(ahead, [a + _AHEAD_S * b for a, b in zip(pose, twist, strict=True)])
+        qd, error = _joint_speeds(jacobian, twist)
+        scale = max(0.0, 1.0 - error / _MAX_ERROR)
+        ahead = [angle + _LOOKAHEAD_S * speed for angle, speed in zip(q_rad, qd, strict=True)]
+        later = kinematics.jacobian_at(ahead, [a + _LOOKAHEAD_S * b for a, b in zip(pose, twist, strict=True)])
         now = _determinant(jacobian)
-        decay = (1.0 - _determinant(later) / now) / _AHEAD_S if abs(now) > _SINGULAR else 0.0
-        share = min(share, _DECAY / max(decay, _DECAY))
-        if share < _SLOW:
+        decay = (1.0 - _determinant(later) / now) / _LOOKAHEAD_S if abs(now) > _SINGULAR else 0.0
+        scale = min(scale, _MAX_DECAY / max(decay, _MAX_DECAY))
+        if scale < _SLOWED_SHARE:
             self.slowed = "Near a singularity: the joints cannot follow this direction"
         for joint, speed in enumerate(qd):
-            top = min(self._braked(joint, speed, q_rad), _TOOL_JOINTS * self._bounds.qd_max[joint])
-            if abs(speed) * share > top:
-                share = top / abs(speed)
-                at_limit = top < _TOOL_JOINTS * self._bounds.qd_max[joint]
+            max_speed = min(self._braking_speed(joint, speed, q_rad), _TOOL_SPEED_SHARE * self._bounds.qd_max[joint])
+            if abs(speed) * scale > max_speed:
+                scale = max_speed / abs(speed)
+                at_limit = max_speed < _TOOL_SPEED_SHARE * self._bounds.qd_max[joint]
                 self.slowed = (
                     f"{JOINT_TITLES[joint]} nears its limit" if at_limit else f"{JOINT_TITLES[joint]} turns fast here"
                 )
-        return tuple(share * value for value in twist)
+        return tuple(scale * value for value in twist)
 
 
-def _towards(now: float, goal: float, ramp: tuple[float, float], period_s: float) -> float:
+def _ramp_speed(now: float, goal: float, ramp: tuple[float, float], period_s: float) -> float:
     """The next speed: up and down a ramp, through rest where it turns round."""
     if now * goal < 0:
         goal = 0.0
@@ -130,21 +134,25 @@ def _towards(now: float, goal: float, ramp: tuple[float, float], period_s: float
     return now + max(-step, min(step, goal - now))
 
 
-def _vector_towards(now: Sequence[float], goal: Sequence[float], period_s: float) -> tuple[float, ...]:
+def _ramp_twist(now: Sequence[float], goal: Sequence[float], period_s: float) -> tuple[float, ...]:
     """Lines and turns each keep to a straight way."""
     return (
-        *_three_towards(now[:3], goal[:3], _LINE_RAMP, period_s),
-        *_three_towards(now[3:], goal[3:], _TURN_RAMP, period_s),
+        *_ramp_vector(now[:3], goal[:3], _LINE_RAMP, period_s),
+        *_ramp_vector(now[3:], goal[3:], _TURN_RAMP, period_s),
     )
 
 
-def _three_towards(
+def _ramp_vector(
     now: Sequence[float], goal: Sequence[float], ramp: tuple[float, float], period_s: float
 ) -> tuple[float, ...]:
-    way = [there - here for here, there in zip(now, goal, strict=True)]
+    difference = [end - start for start, end in zip(now, goal, strict=True)]
     step = ramp[0 if hypot(*goal) > hypot(*now) else 1] * period_s
-    far = hypot(*way)
-    return tuple(goal) if far <= step else tuple(here + step / far * part for here, part in zip(now, way, strict=True))
+    length = hypot(*difference)
+    return (
+        tuple(goal)
+        if length <= step
+        else tuple(start + step / length * part for start, part in zip(now, difference, strict=True))
+    )
 
 
 def _joint_speeds(jacobian: Jacobian, twist: Sequence[float]) -> tuple[tuple[float, ...], float]:
@@ -152,15 +160,15 @@ def _joint_speeds(jacobian: Jacobian, twist: Sequence[float]) -> tuple[tuple[flo
 
     Damped least squares: qd = Jt (J Jt + d^2)^-1 v, so speeds stay finite in singularities.
     """
-    squares = [[sum(a * b for a, b in zip(one, other, strict=True)) for other in jacobian] for one in jacobian]
+    squares = [[sum(a * b for a, b in zip(row_a, row_b, strict=True)) for row_b in jacobian] for row_a in jacobian]
     for i, row in enumerate(squares):
         row[i] += _DAMPING * _DAMPING
-    weights = _solved(squares, twist)
+    weights = _solve(squares, twist)
     qd = tuple(sum(row[i] * weight for row, weight in zip(jacobian, weights, strict=True)) for i in range(6))
-    missed = [
+    residual = [
         value - sum(a * b for a, b in zip(row, qd, strict=True)) for value, row in zip(twist, jacobian, strict=True)
     ]
-    return qd, hypot(*missed) / hypot(*twist)
+    return qd, hypot(*residual) / hypot(*twist)
 
 
 def _determinant(jacobian: Jacobian) -> float:
@@ -181,7 +189,7 @@ def _determinant(jacobian: Jacobian) -> float:
     return product
 
 
-def _solved(matrix: list[list[float]], right: Sequence[float]) -> list[float]:
+def _solve(matrix: list[list[float]], right: Sequence[float]) -> list[float]:
     """x of matrix x = right, by Gauss: the matrix is symmetric and positive, so no pivots are looked for."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     for i, pivot in enumerate(rows):

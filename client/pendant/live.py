@@ -17,16 +17,16 @@ from fastapi import WebSocket, WebSocketDisconnect
 from nicegui import ui
 
 from client.pendant.station import Station
-from client.pendant.web_security import Nonsense
+from client.pendant.web_security import InvalidMessages
 
 Kind = Literal["text", "state", "title", "value", "width", "bits", "cells", "plot", "samples", "lines", "sliders",
                "ghost", "objects", "goal", "path"]  # fmt: skip
 Read = Callable[[Station], Any]
-Take = Callable[[bool], Any]
-Held = Callable[[Mapping[str, Any] | None], None]
+NextUpdate = Callable[[bool], Any]
+HeldHandler = Callable[[Mapping[str, Any] | None], None]
 
 _NEVER: Final = object()
-_NONSENSE: Final = 1007  # the status of web sockets for data that cannot be read
+_INVALID_DATA: Final = 1007  # the status of web sockets for data that cannot be read
 
 
 @dataclass(slots=True)
@@ -50,7 +50,7 @@ class _Effect:
 class _Stream:
     target: int
     kind: Kind
-    take: Take
+    next_update: NextUpdate
     screen: str | None
     fresh: bool = True
 
@@ -71,14 +71,14 @@ class Live:
         self.page_id = page_id
         self.screen = ""
         self.building: str | None = None
-        self.on_held: list[Held] = []
+        self.on_held: list[HeldHandler] = []
         self._listeners: dict[str, Callable[[Any], object]] = {}
         self.on_show: list[Callable[[str], None]] = []
         self.on_lost: list[Callable[[], None]] = []
         self._bindings: list[_Binding] = []
         self._effects: list[_Effect] = []
         self._streams: list[_Stream] = []
-        self._again = asyncio.Event()
+        self._wake = asyncio.Event()
         self.pages[page_id] = self
         station.audience.join(page_id)
 
@@ -86,7 +86,7 @@ class Live:
         """The browser is gone."""
         self.pages.pop(self.page_id, None)
         self.station.audience.leave(self.page_id)
-        self._lose()
+        self._connection_lost()
         self.show("")
 
     # what is shown
@@ -109,76 +109,76 @@ class Live:
         """Call ``apply`` with what ``read`` gives whenever that has changed: for what NiceGUI itself has to do."""
         self._effects.append(_Effect(read, apply, self.building))
 
-    def stream(self, element: ui.element, kind: Kind, take: Take) -> None:
+    def stream(self, element: ui.element, kind: Kind, next_update: NextUpdate) -> None:
         """Let a browser have all of something that goes on: ``take`` gives what came since it was last asked, or None.
 
         It is told True when the browser has nothing yet. Of the kind lines, all wait for an element that is not there
         yet; of others, the newest does.
         """
-        self._streams.append(_Stream(element.id, kind, take, self.building))
+        self._streams.append(_Stream(element.id, kind, next_update, self.building))
 
     def show(self, screen: str) -> None:
         """Another screen is in view."""
         self.screen = screen
-        for tell in self.on_show:
-            tell(screen)
-        self._again.set()
+        for handler in self.on_show:
+            handler(screen)
+        self._wake.set()
 
     # the web socket
 
-    async def serve(self, socket: WebSocket, nonsense: Nonsense) -> None:
+    async def serve(self, socket: WebSocket, invalid_messages: InvalidMessages) -> None:
         """Send changes until the browser goes away or talks nonsense. When it comes back everything is sent again."""
         await socket.accept()
         for binding in self._bindings:
             binding.last = _NEVER
         for stream in self._streams:
             stream.fresh = True
-        sending = asyncio.create_task(self._send_frames(socket))
-        sending.add_done_callback(partial(_tell_of, nonsense))
+        sender = asyncio.create_task(self._send_frames(socket))
+        sender.add_done_callback(partial(_report_failure, invalid_messages))
         try:
             while True:
-                self._hear(json.loads(await socket.receive_text()))
+                self._dispatch(json.loads(await socket.receive_text()))
         except WebSocketDisconnect:
             pass
         except Exception as error:  # whatever a browser may say, and whatever that leads to
-            nonsense.tell_error(error)
+            invalid_messages.report_error(error)
             with suppress(RuntimeError, WebSocketDisconnect):  # it has gone meanwhile
-                await socket.close(_NONSENSE)
+                await socket.close(_INVALID_DATA)
         finally:
-            self._lose()
-            sending.cancel()
-            await asyncio.gather(sending, return_exceptions=True)
+            self._connection_lost()
+            sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
 
-    def hear(self, word: str, tell: Callable[[Any], object]) -> None:
+    def on_message(self, key: str, handler: Callable[[Any], object]) -> None:
         """Call ``tell`` with what the browser says by ``pendant.say({word: value})``, and None when it goes away."""
-        self._listeners[word] = tell
+        self._listeners[key] = handler
 
-    def _hear(self, message: Any) -> None:
+    def _dispatch(self, message: Any) -> None:
         if not isinstance(message, dict):
             return
-        for word in message.keys() & self._listeners.keys():
-            self._listeners[word](message[word])
+        for key in message.keys() & self._listeners.keys():
+            self._listeners[key](message[key])
         if "held" in message:
             held = message["held"]
-            for tell in self.on_held:
-                tell(held if isinstance(held, dict) else None)
+            for handler in self.on_held:
+                handler(held if isinstance(held, dict) else None)
 
-    def _lose(self) -> None:
-        self._hear({"held": None, **dict.fromkeys(self._listeners)})
-        for tell in self.on_lost:
-            tell()
+    def _connection_lost(self) -> None:
+        self._dispatch({"held": None, **dict.fromkeys(self._listeners)})
+        for handler in self.on_lost:
+            handler()
 
     async def _send_frames(self, socket: WebSocket) -> None:
         while True:
             if changes := self.changes():
                 await socket.send_text(json.dumps(changes))
-            waiting = [asyncio.ensure_future(self.station.next_frame()), asyncio.ensure_future(self._again.wait())]
+            waiting = [asyncio.ensure_future(self.station.next_frame()), asyncio.ensure_future(self._wake.wait())]
             try:
                 await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 for wait in waiting:
                     wait.cancel()
-            self._again.clear()
+            self._wake.clear()
 
     def changes(self) -> list[tuple[int, Kind, Any]]:
         """Of everything in view, what looks other than when this was last asked: (element, kind, value)."""
@@ -195,13 +195,13 @@ class Live:
         for stream in self._streams:
             if stream.screen in (None, screen):
                 fresh, stream.fresh = stream.fresh, False
-                if (value := stream.take(fresh)) is not None:
+                if (value := stream.next_update(fresh)) is not None:
                     changed.append((stream.target, stream.kind, value))
         return changed
 
 
-def _tell_of(nonsense: Nonsense, sending: "asyncio.Task[None]") -> None:
+def _report_failure(invalid_messages: InvalidMessages, sender: "asyncio.Task[None]") -> None:
     """A page that nothing reaches any more is not left without a word."""
-    error = None if sending.cancelled() else sending.exception()
+    error = None if sender.cancelled() else sender.exception()
     if error is not None and not isinstance(error, RuntimeError | WebSocketDisconnect):  # else the browser has gone
-        nonsense.tell_error(error)
+        invalid_messages.report_error(error)

@@ -12,7 +12,7 @@ from urproto.errors import RobotRefused, URError
 from urproto.joints import JOINT_NAMES
 from urproto.robots import RobotModel
 
-_EVERY_S: Final = 1.0  # rqt_joint_trajectory_controller and rqt_controller_manager look as often
+_PERIOD_S: Final = 1.0  # rqt_joint_trajectory_controller and rqt_controller_manager look as often
 
 Controllers = tuple[dict[str, Any], ...]
 
@@ -23,12 +23,12 @@ class ManagerLink:
     driver: the control panel that moves the arm now; only one browser may do so at a time.
     """
 
-    def __init__(self, robot_ip: str, rtde_port: int, tell: Callable[[], object]) -> None:
-        self.driver: ControlPanel | None = None
+    def __init__(self, robot_ip: str, rtde_port: int, on_change: Callable[[], object]) -> None:
+        self.active_panel: ControlPanel | None = None
         self._address = robot_ip, rtde_port
         self._manager: RemoteManager | None = None
         self._connecting = asyncio.Lock()
-        self._poller = Poller(self._look, _EVERY_S, tell, self.disconnect)
+        self._poller = Poller(self._list_controllers, _PERIOD_S, on_change, self.disconnect)
 
     @property
     def controllers(self) -> Controllers:
@@ -40,21 +40,21 @@ class ManagerLink:
         """Why nothing is known, "" while it is."""
         return self._poller.problem
 
-    async def ask(self, do: str, /, **arguments: Any) -> Any:
+    async def request(self, operation: str, /, **arguments: Any) -> Any:
         """See `client.controllers.session.Session`. Raises ClientError."""
         async with self._connecting:
             if self._manager is None:
                 self._manager = await RemoteManager(*self._address).__aenter__()
         try:
-            return await self._manager.ask(do, **arguments)
+            return await self._manager.ask(operation, **arguments)
         except ManagerError:  # it may have ended; the next one is asked over a new connection
             await self.disconnect()
             raise
 
-    async def change(self, do: str, /, **arguments: Any) -> None:
+    async def change(self, operation: str, /, **arguments: Any) -> None:
         """The same for what changes controllers, which are looked at again. Raises ClientError."""
         try:
-            await self.ask(do, **arguments)
+            await self.request(operation, **arguments)
         finally:
             self._poller.refresh()
 
@@ -69,18 +69,22 @@ class ManagerLink:
         await self._poller.close()
         await self.disconnect()
 
-    async def _look(self) -> Controllers:
-        loaded: list[dict[str, Any]] = await self.ask("list_controllers")
-        names = {one["name"] for one in loaded}
-        known: dict[str, str] = await self.ask("list_available")
-        rest = [{"name": name, "type": kind, "state": "unloaded"} for name, kind in known.items() if name not in names]
-        return (*loaded, *rest)
+    async def _list_controllers(self) -> Controllers:
+        loaded: list[dict[str, Any]] = await self.request("list_controllers")
+        names = {controller["name"] for controller in loaded}
+        types: dict[str, str] = await self.request("list_available")
+        available = [
+            {"name": name, "type": kind, "state": "unloaded"} for name, kind in types.items() if name not in names
+        ]
+        return (*loaded, *available)
 
 
-def choices(controllers: Controllers) -> list[str]:
+def trajectory_controllers(controllers: Controllers) -> list[str]:
     """Names of the active joint trajectory controllers, which is what sliders may use."""
     return sorted(
-        one["name"] for one in controllers if one["state"] == "active" and "JointTrajectoryController" in one["type"]
+        controller["name"]
+        for controller in controllers
+        if controller["state"] == "active" and "JointTrajectoryController" in controller["type"]
     )
 
 
@@ -96,11 +100,11 @@ class ControlPanel:
     """
 
     COMMAND_HZ: ClassVar[float] = 10.0
-    SHORTEST_S: ClassVar[float] = 5.0 / COMMAND_HZ
+    MIN_DURATION_S: ClassVar[float] = 5.0 / COMMAND_HZ
 
-    def __init__(self, link: ManagerLink, read: Callable[[], tuple[Sequence[float], RobotModel] | None]) -> None:
+    def __init__(self, link: ManagerLink, read_arm: Callable[[], tuple[Sequence[float], RobotModel] | None]) -> None:
         self._link = link
-        self._read = read
+        self._read_arm = read_arm
         self._sending: asyncio.Task[None] | None = None
         self.controller = ""
         self.scaling = 0.5
@@ -116,58 +120,61 @@ class ControlPanel:
         """Let the arm follow from where it is. Raises RobotRefused."""
         if self.enabled:
             return
-        if self.controller not in choices(self._link.controllers):
+        if self.controller not in trajectory_controllers(self._link.controllers):
             raise RobotRefused("the control panel", "no joint trajectory controller is active", "activate one first")
-        if self._link.driver is not None:
+        if self._link.active_panel is not None:
             raise RobotRefused(
                 "the control panel", "the sliders of another browser control the arm", "disable it there"
             )
-        if (now := self._read()) is None:
+        if (arm := self._read_arm()) is None:
             raise RobotRefused("the control panel", "the joint angles are unknown", "wait until it is connected")
-        self.targets = tuple(now[0])
-        self._link.driver = self
+        self.targets = tuple(arm[0])
+        self._link.active_panel = self
         self._sending = asyncio.get_running_loop().create_task(self._send())
 
-    def disable(self, why: str = "") -> None:
+    def disable(self, reason: str = "") -> None:
         """Let the sliders follow the arm, which goes to where it was sent last."""
         if self._sending is None:
             return
         if self._sending is not asyncio.current_task():
             self._sending.cancel()
-        self._sending = self._link.driver = None
-        for tell in self.on_end:
-            tell(why)
+        self._sending = self._link.active_panel = None
+        for callback in self.on_end:
+            callback(reason)
 
-    def choose(self, controller: str) -> None:
+    def select_controller(self, controller: str) -> None:
         """Another controller begins by being watched."""
         if controller != self.controller:
             self.disable()
             self.controller = controller
 
-    def hear(self, targets: Any) -> None:
+    def set_targets(self, targets: Any) -> None:
         """Where a browser's sliders are [rad]; None when it is gone. Raises ValueError for what no slider says."""
         if targets is None:
             self.disable()
             return
         if not isinstance(targets, list) or len(targets) != len(JOINT_NAMES) or not all(map(_is_number, targets)):
             raise ValueError("sliders send six numbers")
-        if self.enabled and (now := self._read()) is not None:
-            limits = zip(targets, *now[1].position_limits, strict=True)
+        if self.enabled and (arm := self._read_arm()) is not None:
+            limits = zip(targets, *arm[1].position_limits, strict=True)
             self.targets = tuple(min(max(float(target), low), high) for target, low, high in limits)
 
     def duration_s(self, q: Sequence[float], qd_max: Sequence[float]) -> float:
         """How long the way from these angles to those of the sliders takes, at full speed of the robot."""
-        ways = zip(self.targets, q, qd_max, strict=True)
-        return max(max(abs(target - angle) / top, self.SHORTEST_S) for target, angle, top in ways) / self.scaling
+        distances = zip(self.targets, q, qd_max, strict=True)
+        return (
+            max(max(abs(target - angle) / max_speed, self.MIN_DURATION_S) for target, angle, max_speed in distances)
+            / self.scaling
+        )
 
     async def _send(self) -> None:
         try:
-            while (now := self._read()) is not None:
-                q, model = now
+            while (arm := self._read_arm()) is not None:
+                q, model = arm
                 names = self._joints()
                 point = {"positions": self.targets, "time_from_start_s": self.duration_s(q, model.qd_max)}
                 trajectory = {"joint_names": names, "points": [point]}
-                await self._link.ask("joint_trajectory", controller=self.controller, trajectory=trajectory)
+                await self._link.request("joint_trajectory", controller=self.controller, trajectory=trajectory)
                 await asyncio.sleep(1.0 / self.COMMAND_HZ)
             self.disable("the robot has stopped answering")
         except (URError, ClientError) as error:
@@ -175,10 +182,10 @@ class ControlPanel:
 
     def _joints(self) -> list[str]:
         """The controller's, in the order of the sliders; names may have a prefix. Raises ManagerError."""
-        found = [one for one in self._link.controllers if one["name"] == self.controller]
-        joints = found[0].get("joints", []) if found else []
+        matching = [controller for controller in self._link.controllers if controller["name"] == self.controller]
+        joints = matching[0].get("joints", []) if matching else []
         names = [next((joint for joint in joints if joint.endswith(name)), "") for name in JOINT_NAMES]
-        if not found or not all(names) or len(joints) != len(names):
+        if not matching or not all(names) or len(joints) != len(names):
             raise ManagerError(f"{self.controller} no longer controls the six joints of this arm")
         return names
 

@@ -4,16 +4,16 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from client.pendant.page import take
+from client.pendant.page import send_and_verify
 from client.pendant.station import Station
 from urproto.robots.pose import Pose
 from urproto.versions import Availability
 
-_SAME: Final = 1e-6
+_TOLERANCE: Final = 1e-6
 _TARGET_PAYLOAD: Final = Availability.since(None, "5.10")
 
 
-def tcp_of(station: Station) -> Pose | None:
+def active_tcp(station: Station) -> Pose | None:
     """The TCP in effect, in the flange frame; over the primary interface where RTDE has none."""
     tcp = station.values.get("tcp_offset")
     if tcp is not None:
@@ -24,15 +24,15 @@ def tcp_of(station: Station) -> Pose | None:
 
 def same_tcp(a: Sequence[float] | None, b: Sequence[float]) -> bool:
     """Whether they are equal but for rounding on the way."""
-    return a is not None and all(abs(x - y) < _SAME for x, y in zip(a, b, strict=True))
+    return a is not None and all(abs(x - y) < _TOLERANCE for x, y in zip(a, b, strict=True))
 
 
 async def apply_tcp(station: Station, tcp: Sequence[float]) -> None:
     """Use it from now on. Raises NotTakenError, ClientError."""
-    await take(
+    await send_and_verify(
         station,
-        lambda: station.say(f"set_tcp(p{_list(tcp)})"),
-        lambda now: same_tcp(tcp_of(now), tcp),
+        lambda: station.run_statements(f"set_tcp(p{_script_list(tcp)})"),
+        lambda now: same_tcp(active_tcp(now), tcp),
         "this TCP",
     )
 
@@ -41,16 +41,16 @@ async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]
     """Let the robot reckon with it; whether it has told that it does, which old versions do not. Raises ClientError."""
     version = station.version
     name = "set_target_payload" if version is not None and _TARGET_PAYLOAD.covers(version) else "set_payload"
-    script = f"{name}({float(mass_kg)!r}, {_list(cog_m)})"
+    script = f"{name}({float(mass_kg)!r}, {_script_list(cog_m)})"
     if not station.unavailable.isdisjoint({"payload", "payload_cog"}):
-        await station.say(script)
+        await station.run_statements(script)
         return False
 
-    def taken(now: Station) -> bool:
+    def accepted(now: Station) -> bool:
         mass, cog = now.values.get("payload"), now.values.get("payload_cog")
         return mass is not None and cog is not None and same_tcp((mass, *cog), (mass_kg, *cog_m))
 
-    await take(station, lambda: station.say(script), taken, "this payload")
+    await send_and_verify(station, lambda: station.run_statements(script), accepted, "this payload")
     return True
 
 
@@ -58,23 +58,23 @@ def tilt_of(gravity: Sequence[float]) -> tuple[float, float]:
     """Tilt and turn [rad] of an arm whose base feels that; the turn of one that stands or hangs is 0."""
     x, y, z = gravity
     across = math.hypot(x, y)
-    return math.atan2(across, z), math.atan2(x, -y) if across > _SAME else 0.0
+    return math.atan2(across, z), math.atan2(x, -y) if across > _TOLERANCE else 0.0
 
 
 async def apply_gravity(station: Station, gravity: Sequence[float]) -> bool:
     """Mount the arm so; whether the robot has told that it has it, which few versions do. Raises ClientError."""
-    script = f"set_gravity({_list(gravity)})"
+    script = f"set_gravity({_script_list(gravity)})"
     if "target_gravity" in station.unavailable:
-        await station.say(script)
+        await station.run_statements(script)
         return False
-    await take(
+    await send_and_verify(
         station,
-        lambda: station.say(script),
+        lambda: station.run_statements(script),
         lambda now: same_tcp(now.values.get("target_gravity"), gravity),
         "this mounting",
     )
     return True
 
 
-def _list(values: Sequence[float]) -> str:
+def _script_list(values: Sequence[float]) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"

@@ -32,7 +32,7 @@ STALE_S: Final = 0.4
 """A button that has not been heard of for so long is no longer held."""
 
 _IDLE_S: Final = 10.0  # then the control program ends
-_ENDING_S: Final = 0.5  # guess: a program that has ended is said to run for no longer
+_STOP_TIMEOUT_S: Final = 0.5  # guess: a program that has ended is said to run for no longer
 _JOGGING: Final = "Jogging"
 _FREEDRIVE: Final = "Freedrive"
 
@@ -54,26 +54,28 @@ class Mover:
         self._held: Velocity | None = None
         self._held_at = 0.0
         self._holder: object = None
-        self._failed: object = None  # still holds the button of a jog that failed
+        self._failed_holder: object = None  # still holds the button of a jog that failed
         self._jog: asyncio.Task[None] | None = None
-        self._idle: asyncio.TimerHandle | None = None
-        self._ending: asyncio.Task[None] | None = None
-        self._hand: asyncio.Event | None = None
-        self.stops = 0
-        self._leaving = False
-        self.doing = ""
+        self._idle_timer: asyncio.TimerHandle | None = None
+        self._release_task: asyncio.Task[None] | None = None
+        self._freedrive_end: asyncio.Event | None = None
+        self.stop_count = 0
+        self._releasing = False
+        self.activity = ""
         self.slowed = ""
         self.on_error: list[Callable[[str], None]] = []
 
     @property
     def freedrive(self) -> bool:
         """The arm can be moved by hand, or is about to be."""
-        return self._hand is not None
+        return self._freedrive_end is not None
 
     @property
-    def in_charge(self) -> bool:
+    def in_control(self) -> bool:
         """The program on the robot is the one of this mover, or is about to be."""
-        return bool(self.doing) or self._leaving or (self._robot is not None and self._robot.driver.program_running)
+        return (
+            bool(self.activity) or self._releasing or (self._robot is not None and self._robot.driver.program_running)
+        )
 
     @property
     def has_slider(self) -> bool:
@@ -92,23 +94,23 @@ class Mover:
 
         Raises RobotRefused while something else moves the arm.
         """
-        if self._failed is holder:
+        if self._failed_holder is holder:
             return
-        if self.doing not in ("", _JOGGING) or self._holder not in (None, holder):
+        if self.activity not in ("", _JOGGING) or self._holder not in (None, holder):
             raise self._busy("jogging")
         self._held, self._held_at, self._holder = velocity, asyncio.get_running_loop().time(), holder
         if self._jog is None:
-            self.doing = _JOGGING
-            self._jog = asyncio.create_task(self._jogging())
+            self.activity = _JOGGING
+            self._jog = asyncio.create_task(self._run_jog())
 
     def release(self, holder: object) -> None:
         """Come to rest, unless somebody else holds a button now."""
-        if self._failed is holder:
-            self._failed = None
+        if self._failed_holder is holder:
+            self._failed_holder = None
         if self._holder is holder:
             self._held = None
 
-    async def _jogging(self) -> None:
+    async def _run_jog(self) -> None:
         try:
             while (held := self._held) is not None:
                 try:
@@ -116,116 +118,116 @@ class Mover:
                 except LateSetpointError:
                     pass  # this machine was too slow, so the arm has stopped; it goes on for who still holds the button
                 except ProgramEndedError:
-                    if self._robot is None or not self._robot.driver.lost_why:
+                    if self._robot is None or not self._robot.driver.loss_reason:
                         raise
                     # this machine was slower still, so the program ended: it is started again for them
         except (URError, OSError) as error:
-            self._failed = self._holder
-            await self._give_back_quietly()
+            self._failed_holder = self._holder
+            await self._release_quietly()
             if not isinstance(error, MotionStoppedError):
-                self._tell(str(_for_people(error, _JOGGING)))
+                self._report_error(str(_user_error(error, _JOGGING)))
         finally:
             self._held = self._holder = self._jog = None
-            self.doing = self.slowed = ""
-            self._rest()
+            self.activity = self.slowed = ""
+            self._schedule_release()
 
     async def _jog_while_held(self, held: Velocity) -> None:
-        robot = await self._ready()
-        ramp = Ramp(held.of, _bounds(robot))
+        robot = await self._ready_robot()
+        ramp = Ramp(held.space, _bounds(robot))
         state = robot.state
-        async with robot.velocity_j() if held.of == "joints" else robot.velocity_l() as follow:
-            while (wanted := self._wanted(held.of)) is not None or not ramp.at_rest:
-                speeds = ramp.next(wanted, state.q_rad, state.pose_base_tcp, 1.0 / self.RATE_HZ)
+        async with robot.velocity_j() if held.space == "joints" else robot.velocity_l() as send_speeds:
+            while (target := self._target_speeds(held.space)) is not None or not ramp.at_rest:
+                speeds = ramp.next(target, state.q_rad, state.pose_base_tcp, 1.0 / self.RATE_HZ)
                 self.slowed = ramp.slowed
-                state = await follow(speeds)
+                state = await send_speeds(speeds)
         self.slowed = ""
 
-    def _wanted(self, of: str) -> tuple[float, ...] | None:
+    def _target_speeds(self, space: str) -> tuple[float, ...] | None:
         held = self._held
-        if held is None or held.of != of:
+        if held is None or held.space != space:
             return None
         if asyncio.get_running_loop().time() - self._held_at > STALE_S:
             self._held = None
             return None
         return held.values
 
-    def _tell(self, text: str) -> None:
-        for tell in self.on_error:
-            tell(text)
+    def _report_error(self, text: str) -> None:
+        for callback in self.on_error:
+            callback(text)
 
     # motions that end by themselves
 
-    async def move_j(self, q_rad: Sequence[float], doing: str = "Moving", **options: Any) -> None:
+    async def move_j(self, q_rad: Sequence[float], activity: str = "Moving", **options: Any) -> None:
         """To joint angles (6,)."""
-        await self._do(doing, lambda robot: robot.move_j(q_rad, **options))
+        await self._run_motion(activity, lambda robot: robot.move_j(q_rad, **options))
 
-    async def move_l(self, pose_base_tcp: Sequence[float], doing: str = "Moving", **options: Any) -> None:
+    async def move_l(self, pose_base_tcp: Sequence[float], activity: str = "Moving", **options: Any) -> None:
         """To a pose (6,), straight."""
-        await self._do(doing, lambda robot: robot.move_l(pose_base_tcp, **options))
+        await self._run_motion(activity, lambda robot: robot.move_l(pose_base_tcp, **options))
 
-    async def move_to_pose(self, pose_base_tcp: Sequence[float], doing: str = "Moving", **options: Any) -> None:
+    async def move_to_pose(self, pose_base_tcp: Sequence[float], activity: str = "Moving", **options: Any) -> None:
         """To a pose (6,), turning the joints together."""
-        await self._do(doing, lambda robot: robot.move_j(pose_base_tcp=pose_base_tcp, **options))
+        await self._run_motion(activity, lambda robot: robot.move_j(pose_base_tcp=pose_base_tcp, **options))
 
-    async def follow(self, plan: "Plan", doing: str = "Moving as planned") -> None:
+    async def execute(self, plan: "Plan", activity: str = "Moving as planned") -> None:
         """Execute a plan. Raises PlanningError if the arm is not at its start."""
-        await self._do(doing, lambda robot: robot.planning.execute(plan))
+        await self._run_motion(activity, lambda robot: robot.planning.execute(plan))
 
     async def start_freedrive(self) -> None:
         """Let the arm be moved by hand; returns when that has ended, by ``end_freedrive`` or otherwise."""
 
-        async def by_hand(robot: AsyncRobot) -> None:
+        async def hold_freedrive(robot: AsyncRobot) -> None:
             async with robot.freedrive():
-                while not hand.is_set() and _obeys(robot):
+                while not freedrive_end.is_set() and _is_controllable(robot):
                     await asyncio.sleep(1.0 / self.RATE_HZ)
 
-        self._check_free(_FREEDRIVE)
-        hand = self._hand = asyncio.Event()
+        self._require_idle(_FREEDRIVE)
+        freedrive_end = self._freedrive_end = asyncio.Event()
         try:
-            await self._do(_FREEDRIVE, by_hand)
+            await self._run_motion(_FREEDRIVE, hold_freedrive)
         finally:
-            self._hand = None
+            self._freedrive_end = None
 
     def end_freedrive(self) -> None:
         """Hold the arm where it is."""
-        if self._hand is not None:
-            self._hand.set()
+        if self._freedrive_end is not None:
+            self._freedrive_end.set()
 
     async def stop(self) -> None:
         """End whatever moves; who waits for it gets MotionStoppedError."""
-        self.stops += 1
+        self.stop_count += 1
         self._held = None
         self.end_freedrive()
         if self._robot is not None and self._robot.moving:
             await self._robot.stop()
 
-    async def _do(self, doing: str, motion: Callable[[AsyncRobot], Awaitable[None]]) -> None:
-        self._check_free(doing)
-        stops, self.doing = self.stops, doing
+    async def _run_motion(self, activity: str, motion: Callable[[AsyncRobot], Awaitable[None]]) -> None:
+        self._require_idle(activity)
+        stop_count, self.activity = self.stop_count, activity
         try:
-            robot = await self._ready()
-            if self.stops != stops:
-                raise MotionStoppedError(doing, "it was stopped")
+            robot = await self._ready_robot()
+            if self.stop_count != stop_count:
+                raise MotionStoppedError(activity, "it was stopped")
             await motion(robot)
         except BaseException as error:
             if self._robot is not None and not self._robot.driver.program_running:
-                await self._give_back_quietly()
-            raise _for_people(error, doing) from None
+                await self._release_quietly()
+            raise _user_error(error, activity) from None
         finally:
-            self.doing = ""
-            self._rest()
+            self.activity = ""
+            self._schedule_release()
 
-    def _check_free(self, doing: str) -> None:
-        if self.doing:
-            raise self._busy(doing)
+    def _require_idle(self, activity: str) -> None:
+        if self.activity:
+            raise self._busy(activity)
 
-    def _busy(self, doing: str) -> RobotRefused:
-        return RobotRefused(doing, f"another operation is in progress: {self.doing}", "stop that first")
+    def _busy(self, activity: str) -> RobotRefused:
+        return RobotRefused(activity, f"another operation is in progress: {self.activity}", "stop that first")
 
     # the control program
 
-    async def _ready(self) -> AsyncRobot:
-        self._cancel_idle()
+    async def _ready_robot(self) -> AsyncRobot:
+        self._cancel_idle_timer()
         async with self._connecting:
             if self._robot is None:
                 robot = self._open_robot()
@@ -233,56 +235,58 @@ class Mover:
                 self._robot = robot
         state = self._robot.state
         if state.robot_mode is not RobotMode.RUNNING:  # it may have changed since the page allowed this
-            raise RobotRefused("motion", f"the robot mode is {_name(state.robot_mode)}", "release the brakes first")
+            raise RobotRefused(
+                "motion", f"the robot mode is {_mode_name(state.robot_mode)}", "release the brakes first"
+            )
         if not self._robot.driver.program_running:
-            await self._check_no_program(self._robot)
+            await self._require_no_program(self._robot)
         await self._robot.make_ready()
         return self._robot
 
-    async def _check_no_program(self, robot: AsyncRobot) -> None:
+    async def _require_no_program(self, robot: AsyncRobot) -> None:
         try:
-            await robot.wait_for(lambda state: state.runtime_state == RuntimeState.STOPPED, _ENDING_S)
+            await robot.wait_for(lambda state: state.runtime_state == RuntimeState.STOPPED, _STOP_TIMEOUT_S)
         except TimeoutError:
             raise RobotRefused("motion", "a program is running", "stop it first") from None
 
-    def _rest(self) -> None:
-        self._cancel_idle()
+    def _schedule_release(self) -> None:
+        self._cancel_idle_timer()
         if self._robot is not None:
-            self._idle = asyncio.get_running_loop().call_later(_IDLE_S, self._end_idle)
+            self._idle_timer = asyncio.get_running_loop().call_later(_IDLE_S, self._release_when_idle)
 
-    def _cancel_idle(self) -> None:
-        if self._idle is not None:
-            self._idle.cancel()
-            self._idle = None
+    def _cancel_idle_timer(self) -> None:
+        if self._idle_timer is not None:
+            self._idle_timer.cancel()
+            self._idle_timer = None
 
-    def _end_idle(self) -> None:
-        self._ending = asyncio.create_task(self._give_back_quietly())
+    def _release_when_idle(self) -> None:
+        self._release_task = asyncio.create_task(self._release_quietly())
 
-    async def give_back(self) -> None:
+    async def release_control(self) -> None:
         """End the control program, so that another may run. Raises RobotRefused while it moves the arm."""
-        self._check_free("the program")
-        await self._give_back_quietly()
+        self._require_idle("the program")
+        await self._release_quietly()
 
-    async def _give_back_quietly(self) -> None:
-        self._cancel_idle()
+    async def _release_quietly(self) -> None:
+        self._cancel_idle_timer()
         async with self._connecting:
             robot, self._robot = self._robot, None
             if robot is None:
                 return
-            self._leaving = True
+            self._releasing = True
             try:
                 with suppress(URError, OSError):
                     await robot.driver.stop_program()
                 with suppress(URError, OSError):
                     await robot.__aexit__(None, None, None)
             finally:
-                self._leaving = False
+                self._releasing = False
 
     async def close(self) -> None:
         """Come to rest and disconnect."""
         with suppress(URError, OSError):
             await self.stop()
-        await self._give_back_quietly()
+        await self._release_quietly()
 
 
 def _bounds(robot: AsyncRobot) -> Bounds:
@@ -296,19 +300,19 @@ def _bounds(robot: AsyncRobot) -> Bounds:
     return Bounds(q_min, q_max, arm.qd_max, geometry_of(arm, link.calibration))
 
 
-def _for_people(error: BaseException, doing: str) -> BaseException:
+def _user_error(error: BaseException, activity: str) -> BaseException:
     """Errors whose advice is for who writes programs, with advice for who holds a pendant."""
     if isinstance(error, ProgramEndedError):
-        return MotionError(doing, f"the control program has ended: {error.why}")
+        return MotionError(activity, f"the control program has ended: {error.why}")
     if isinstance(error, SafetyStopError):
         stop = error.mode.name.replace("_", " ").lower()
-        return MotionError(doing, f"{stop}, {error.cause or 'the robot gives no reason'}: see Initialize")
+        return MotionError(activity, f"{stop}, {error.cause or 'the robot gives no reason'}: see Initialize")
     return error
 
 
-def _obeys(robot: AsyncRobot) -> bool:
+def _is_controllable(robot: AsyncRobot) -> bool:
     return robot.driver.program_running and robot.driver.robot.safety_mode in MOVABLE
 
 
-def _name(mode: int) -> str:
+def _mode_name(mode: int) -> str:
     return getattr(mode, "name", str(mode))

@@ -19,7 +19,7 @@ class Robot(Protocol):
     async def write(self, **inputs: Any) -> None:
         """RTDE inputs."""
 
-    async def say(self, *statements: str) -> None:
+    async def run_statements(self, *statements: str) -> None:
         """Statements of a program."""
 
 
@@ -32,11 +32,11 @@ class Range:
     unit: str
     factor: float
 
-    def ratio(self, shown: float) -> float:
+    def ratio(self, value: float) -> float:
         """What is shown, as a share of the range. Raises ValueError outside."""
-        if not self.low <= shown <= self.high:
-            raise ValueError(f"{shown:g} {self.unit} is outside of {self.low:g} to {self.high:g} {self.unit}")
-        return (shown - self.low) / (self.high - self.low)
+        if not self.low <= value <= self.high:
+            raise ValueError(f"{value:g} {self.unit} is outside of {self.low:g} to {self.high:g} {self.unit}")
+        return (value - self.low) / (self.high - self.low)
 
 
 def analog_range(domain: int) -> Range:
@@ -48,7 +48,7 @@ async def set_digital(robot: Robot, group: DigitalGroup, index: int, level: bool
     """Switch an output. Raises ClientError."""
     bit = 1 << index
     inputs = {f"{group.name}_digital_output_mask": bit, f"{group.name}_digital_output": bit if level else 0}
-    await _either(lambda: robot.write(**inputs), lambda: robot.say(group.statement(index, level)))
+    await _with_fallback(lambda: robot.write(**inputs), lambda: robot.run_statements(group.statement(index, level)))
 
 
 async def set_analog(robot: Robot, index: int, domain: AnalogDomain, ratio: float) -> None:
@@ -58,16 +58,16 @@ async def set_analog(robot: Robot, index: int, domain: AnalogDomain, ratio: floa
         "standard_analog_output_type": domain << index,
         f"standard_analog_output_{index}": ratio,
     }
-    await _either(
+    await _with_fallback(
         lambda: robot.write(**inputs),
-        lambda: robot.say(
+        lambda: robot.run_statements(
             f"set_analog_outputdomain({index}, {domain:d})", f"set_standard_analog_out({index}, {ratio!r})"
         ),
     )
 
 
-async def _either(first: Callable[[], Awaitable[None]], else_: Callable[[], Awaitable[None]]) -> None:
+async def _with_fallback(first: Callable[[], Awaitable[None]], fallback: Callable[[], Awaitable[None]]) -> None:
     try:
         await first()
     except RobotRefused:
-        await else_()
+        await fallback()

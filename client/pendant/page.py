@@ -11,7 +11,7 @@ from nicegui.elements.mixins.value_element import ValueElement
 from client import dashboard
 from client.errors import ClientError
 from client.pendant.live import Live
-from client.pendant.situation import Action, NotNowError
+from client.pendant.situation import Action, NotPermittedError
 from client.pendant.station import Station
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
@@ -19,50 +19,50 @@ from urproto.errors import URError
 from urproto.modes import RuntimeState
 from urproto.text import readable
 
-_SOON_S: Final = 1.5  # guess: states and answers come within a tenth of that
+_ACCEPT_TIMEOUT_S: Final = 1.5  # guess: states and answers come within a tenth of that
 
 
-class NotTakenError(ClientError):
+class NotAcceptedError(ClientError):
     """The robot accepted a command without an error, but did not carry it out."""
 
 
-def choice(
+def bind_choice(
     page: "Page",
     element: ValueElement[Any],
     read: Callable[[Station], Any],
     choose: Callable[[Any], Awaitable[Any]],
-    what: str,
+    label: str,
 ) -> None:
     """Let an element follow the robot, and the robot what is chosen with it; ``what`` is what to call it."""
     station = page.station
 
-    async def chosen() -> None:
-        wanted = element.value
+    async def apply() -> None:
+        target = element.value
         if not await page.attempt(
-            lambda: take(station, lambda: choose(wanted), lambda s: read(s) == wanted, f"{what} {wanted}")
+            lambda: send_and_verify(station, lambda: choose(target), lambda s: read(s) == target, f"{label} {target}")
         ):
             element.set_value(read(station))
 
-    element.on("update:model-value", chosen)
+    element.on("update:model-value", apply)
     page.live.effect(read, element.set_value)
 
 
-async def take(
-    station: Station, tell: Callable[[], Awaitable[Any]], taken: Callable[[Station], bool], what: str
+async def send_and_verify(
+    station: Station, send: Callable[[], Awaitable[Any]], accepted: Callable[[Station], bool], label: str
 ) -> None:
     """Tell the robot something and wait until it has it. Raises NotTakenError, and what ``tell`` raises."""
-    heard = station.log.count
-    await tell()
-    if not await happens(station, taken):
-        said = [event.text for event in station.log.since(heard) if event.severity == "error"]
-        reason = f"it says: {'; '.join(said)}" if said else "is it in local control, or without power?"
-        raise NotTakenError(f"the robot did not accept {what}: {reason}")
+    first_event = station.log.count
+    await send()
+    if not await wait_until(station, accepted):
+        errors = [event.text for event in station.log.since(first_event) if event.severity == "error"]
+        reason = f"it says: {'; '.join(errors)}" if errors else "is it in local control, or without power?"
+        raise NotAcceptedError(f"the robot did not accept {label}: {reason}")
 
 
-async def happens(station: Station, condition: Callable[[Station], bool]) -> bool:
+async def wait_until(station: Station, condition: Callable[[Station], bool]) -> bool:
     """Whether it holds soon."""
     try:
-        async with timeout(_SOON_S):
+        async with timeout(_ACCEPT_TIMEOUT_S):
             while not condition(station):
                 await station.next_frame()
     except TimeoutError:
@@ -80,13 +80,13 @@ class Views:
         self._page = page
         self._name = name
         self.shown = next(iter(titles))
-        self.on_look: list[Callable[[str], None]] = []
+        self.on_view_change: list[Callable[[str], None]] = []
         with ui.tabs().props("dense no-caps align=left inline-label").classes("views") as self._tabs:
             for key, title in titles.items():
                 ui.tab(key, title).props(f"data-testid={name}-{key}")
         self._panels = ui.tab_panels(self._tabs, value=self.shown, animated=False).classes("view-panels")
-        self._panels.on_value_change(lambda change: self._turn(change.value))
-        page.live.on_show.append(lambda screen: self._tell())
+        self._panels.on_value_change(lambda change: self._show(change.value))
+        page.live.on_show.append(lambda screen: self._notify())
 
     def __enter__(self) -> Self:
         self._panels.__enter__()
@@ -104,23 +104,23 @@ class Views:
             yield
 
     @property
-    def looked_at(self) -> str:
+    def visible_view(self) -> str:
         """Which view a person sees now."""
         return self.shown if self._page.live.screen == self._name else ""
 
-    def _turn(self, key: str) -> None:
+    def _show(self, key: str) -> None:
         self.shown = key
-        self._tell()
+        self._notify()
 
-    def _tell(self) -> None:
-        for tell in self.on_look:
-            tell(self.looked_at)
+    def _notify(self) -> None:
+        for callback in self.on_view_change:
+            callback(self.visible_view)
 
 
-MISTAKES: Final = (URError, OSError, ValueError)
+EXPECTED_ERRORS: Final = (URError, OSError, ValueError)
 """What goes wrong with robots and inputs; its text is for people."""
 
-Deed = Callable[[], Awaitable[Any]]
+AsyncCallback = Callable[[], Awaitable[Any]]
 
 
 class Page:
@@ -136,8 +136,8 @@ class Page:
         self.confirmed = False
         self.on_close: list[Callable[[], None]] = []
         self._content = ui.context.client.content
-        station.mover.on_error.append(self.complain)
-        live.on_held.append(self._stop_when_let_go)
+        station.mover.on_error.append(self.show_error)
+        live.on_held.append(self._stop_on_release)
 
     @property
     def content(self) -> ui.element:
@@ -146,37 +146,37 @@ class Page:
 
     def close(self) -> None:
         """The browser is gone."""
-        self.station.mover.on_error.remove(self.complain)
+        self.station.mover.on_error.remove(self.show_error)
         self.live.close()
         for end in self.on_close:
             end()
 
     # telling
 
-    def complain(self, text: str) -> None:
+    def show_error(self, text: str) -> None:
         """Show what went wrong until somebody has read it."""
         with self._content:
             ui.notify(text, type="negative", multi_line=True, close_button="OK", timeout=10_000, position="top")
 
-    def tell(self, text: str) -> None:
+    def show_message(self, text: str) -> None:
         """Show for a moment what has been done."""
         with self._content:
             ui.notify(text, type="positive", timeout=2_000, position="top")
 
     # doing
 
-    async def attempt(self, action: Deed, done: str = "") -> bool:
+    async def attempt(self, action: AsyncCallback, done: str = "") -> bool:
         """Do it and say what went wrong, or what has been done. True if all went well."""
         try:
             await action()
-        except MISTAKES as error:
-            self.complain(readable(str(error)))
+        except EXPECTED_ERRORS as error:
+            self.show_error(readable(str(error)))
             return False
         if done:
-            self.tell(done)
+            self.show_message(done)
         return True
 
-    def doing(self, action: Deed, done: str = "") -> Callable[[], Awaitable[None]]:
+    def handler(self, action: AsyncCallback, done: str = "") -> Callable[[], Awaitable[None]]:
         """For a button: ``ui.button("Off", on_click=page.doing(lambda: page.ask(dashboard.POWER_OFF)))``."""
 
         async def click() -> None:
@@ -184,7 +184,7 @@ class Page:
 
         return click
 
-    def soon(self, action: Deed) -> None:
+    def run_in_background(self, action: AsyncCallback) -> None:
         """Begin to do it, from where nothing can be waited for; what goes wrong is said."""
         background_tasks.create(self.attempt(action))
 
@@ -192,75 +192,77 @@ class Page:
         """Start or resume the program; a control program of ours gives way."""
         station = self.station
         station.situation.require(Action.PLAY)
-        if not await self.may_move():
+        if not await self.confirm_move():
             return
-        if station.mover.in_charge:
-            await station.mover.give_back()
-        await station.ask(dashboard.PLAY)
+        if station.mover.in_control:
+            await station.mover.release_control()
+        await station.request(dashboard.PLAY)
 
     async def stop(self) -> None:
         """End the program, whoever's it is, and so what moves the arm."""
         mover = self.station.mover
-        if mover.in_charge:
+        if mover.in_control:
             await mover.stop()
-        await self.station.ask(dashboard.STOP)
+        await self.station.request(dashboard.STOP)
 
     async def switch_simulation(self) -> None:
         """Turn the switch between Simulation and Real Robot to the other side."""
         station, on = self.station, not self.station.simulating
-        if station.mover.in_charge:
-            await station.mover.give_back()
-            await happens(station, lambda s: s.runtime_state is RuntimeState.STOPPED)
+        if station.mover.in_control:
+            await station.mover.release_control()
+            await wait_until(station, lambda s: s.runtime_state is RuntimeState.STOPPED)
         if station.runtime_state is not RuntimeState.STOPPED:
-            raise NotNowError("A program runs: stop it before you switch between simulation and the real robot.")
-        what = "simulation" if on else "the real robot"
-        await take(station, lambda: station.simulate(on), lambda s: s.simulating is on, f"the switch to {what}")
+            raise NotPermittedError("A program runs: stop it before you switch between simulation and the real robot.")
+        label = "simulation" if on else "the real robot"
+        await send_and_verify(
+            station, lambda: station.set_simulation(on), lambda s: s.simulating is on, f"the switch to {label}"
+        )
 
     @property
-    def agreed(self) -> bool:
+    def move_confirmed(self) -> bool:
         """The arm may be moved from here without asking."""
         return self.station.emulator.available or self.station.simulating or self.confirmed
 
-    async def may_move(self) -> bool:
+    async def confirm_move(self) -> bool:
         """Whether the arm may be moved from here: on a robot a person has to agree, once a page."""
-        if self.agreed:
+        if self.move_confirmed:
             return True
         text = f"The arm at {self.station.robot_ip} is going to move. Is its workspace clear?"
         self.confirmed = await self.confirm("This is a real robot", text, "It may move", "may-move")
         return self.confirmed
 
-    async def confirm(self, title: str, text: str, yes: str, mark: str = "agree") -> bool:
+    async def confirm(self, title: str, text: str, yes: str, test_id: str = "agree") -> bool:
         """Ask whoever is at this browser. mark: the test id of the button that agrees."""
         with self._content, ui.dialog() as dialog, ui.card():
             ui.label(title).classes("text-h6")
             ui.label(text)
             with ui.row().classes("w-full justify-end"):
                 ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat")
-                ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"data-testid={mark}")
+                ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"data-testid={test_id}")
             dialog.on("hide", dialog.delete)  # deleted before, its veil may stay
         return bool(await dialog)
 
-    def _stop_when_let_go(self, held: Any) -> None:
+    def _stop_on_release(self, held: Any) -> None:
         if held is None:
             self.station.mover.release(self)
 
     # parts that look alike everywhere
 
-    def button_for(self, action: Action, deed: Deed, button: ui.button, hint: str = "") -> None:
+    def bind_button(self, action: Action, callback: AsyncCallback, button: ui.button, hint: str = "") -> None:
         """Let a button do what the arm may do now; where it may not, the button is off and its hint says why."""
-        button.on_click(self.doing(deed))
-        self.live.effect(lambda s: s.situation.may(action), button.set_enabled)
-        self.live.bind(button, "title", lambda s: s.situation.why_not(action) or hint)
+        button.on_click(self.handler(callback))
+        self.live.effect(lambda s: s.situation.permits(action), button.set_enabled)
+        self.live.bind(button, "title", lambda s: s.situation.refusal(action) or hint)
 
-    def program_buttons(self, look: str, mark: str) -> None:
+    def program_buttons(self, props: str, test_id_prefix: str) -> None:
         """Play, pause and stop of the program. mark: what their test ids begin with."""
-        for icon, name, action, deed in (
+        for icon, name, action, callback in (
             ("play_arrow", "Play", Action.PLAY, self.play),
-            ("pause", "Pause", Action.PAUSE, lambda: self.station.ask(dashboard.PAUSE)),
+            ("pause", "Pause", Action.PAUSE, lambda: self.station.request(dashboard.PAUSE)),
             ("stop", "Stop", Action.STOP, self.stop),
         ):
-            button = ui.button(icon=icon).props(f'round unelevated {look} aria-label="{name}"')
-            self.button_for(action, deed, button.props(f"data-testid={mark}{name.lower()}"), name)
+            button = ui.button(icon=icon).props(f'round unelevated {props} aria-label="{name}"')
+            self.bind_button(action, callback, button.props(f"data-testid={test_id_prefix}{name.lower()}"), name)
 
     def show_if(self, element: ui.element, read: Callable[[Station], bool]) -> None:
         """Show an element only while it is true; from the beginning."""

@@ -13,10 +13,10 @@ from client.recording.tables import CsvWriter
 
 RATES_HZ: Final = (10, 25, 50, 125)
 WINDOWS_S: Final = (5, 10, 20, 30, 60, 120)
-MOST_PANES: Final = 4
+MAX_PANES: Final = 4
 _LINGER_S: Final = 120.0  # states are collected for so long after the screen was left: somebody jogs meanwhile
-_AT_ONCE: Final = 20_000  # numbers in one message to a browser
-_MOST_SERIES: Final = 24  # in one pane
+_NUMBERS_PER_MESSAGE: Final = 20_000
+_MAX_SERIES: Final = 24  # in one pane
 
 
 @dataclass(slots=True, eq=False)
@@ -42,58 +42,61 @@ class Plots:
         self.feed: Feed | None = None
         self.version = 0  # of all that was chosen
         self._feeds = feeds
-        self._looking = False
-        self._held: Feed | None = None  # the feed, while it is looked at
+        self._visible = False
+        self._subscribed_feed: Feed | None = None  # the feed, while it is looked at
         self._columns: tuple[Series, ...] = ()
         self._fresh = True
         self._sent = 0  # rows the browser has
-        self._since = 0  # rows before are forgotten
+        self._cleared_at = 0  # rows before are forgotten
 
     # what is chosen
 
     def changed(self) -> None:
         """Something was chosen: the states follow."""
         self.version += 1
-        if self._looking:
-            self._look()
+        if self._visible:
+            self._subscribe()
 
     def choose(self, pane: Pane, chosen: list[Series]) -> None:
         """Draw these. Raises ValueError when they are too many to be told apart."""
-        if len(chosen) > _MOST_SERIES:
-            raise ValueError(f"{len(chosen)} signals in one diagram: choose {_MOST_SERIES} at most, or add a diagram")
+        if len(chosen) > _MAX_SERIES:
+            raise ValueError(f"{len(chosen)} signals in one diagram: choose {_MAX_SERIES} at most, or add a diagram")
         pane.series = chosen
         self.changed()
 
     def clear(self) -> None:
         """Begin anew."""
         if self.feed is not None:
-            self._since = self.feed.end
+            self._cleared_at = self.feed.end
             self._fresh = True
 
     # looking
 
-    def look(self) -> None:
+    def show(self) -> None:
         """The screen is in view."""
-        if not self._looking:
-            self._looking = True
-            self._look()
+        if not self._visible:
+            self._visible = True
+            self._subscribe()
 
-    def leave(self, for_good: bool = False) -> None:
+    def hide(self, closing: bool = False) -> None:
         """It is not any more."""
-        self._looking = False
-        if self._held is not None:
-            self._feeds.leave(self._held, 0.0 if for_good else _LINGER_S)
-            self._held = None
+        self._visible = False
+        if self._subscribed_feed is not None:
+            self._feeds.unsubscribe(self._subscribed_feed, 0.0 if closing else _LINGER_S)
+            self._subscribed_feed = None
 
-    def _look(self) -> None:
-        columns = dict.fromkeys(one for pane in self.panes for one in pane.series)
+    def _subscribe(self) -> None:
+        columns = dict.fromkeys(signal for pane in self.panes for signal in pane.series)
         self._columns = tuple(columns)
         self._fresh = True
-        names = {"timestamp", *(one.field for one in columns)}
-        held, self._held = self._held, self._feeds.look(names, float(self.rate_hz), keeps=True, heir_of=self.feed)
-        self.feed = self._held
-        if held is not None:
-            self._feeds.leave(held)
+        names = {"timestamp", *(signal.field for signal in columns)}
+        previous, self._subscribed_feed = (
+            self._subscribed_feed,
+            self._feeds.subscribe(names, float(self.rate_hz), keep_rows=True, predecessor=self.feed),
+        )
+        self.feed = self._subscribed_feed
+        if previous is not None:
+            self._feeds.unsubscribe(previous)
 
     # for the browser
 
@@ -101,41 +104,41 @@ class Plots:
     def count(self) -> int:
         """States that an export has."""
         feed = self.feed
-        return 0 if feed is None else feed.end - max(feed.begin, self._since)
+        return 0 if feed is None else feed.end - max(feed.begin, self._cleared_at)
 
-    def take(self, fresh: bool) -> Any:
+    def next_update(self, fresh: bool) -> Any:
         """What the browser has not got yet: [keys of the columns, or None for those it knows; numbers row by row]."""
         feed = self.feed
-        if feed is None or not self._looking:
+        if feed is None or not self._visible:
             return None
-        head = None
+        keys = None
         if fresh or self._fresh:
             self._fresh = False
-            head = ["timestamp", *(one.key for one in self._columns)]
-            self._sent = self._start(feed)
+            keys = ["timestamp", *(signal.key for signal in self._columns)]
+            self._sent = self._first_row(feed)
         first = max(self._sent, feed.begin)
-        last = min(feed.end, first + max(_AT_ONCE // feed.width, 1))
-        if head is None and first >= last:
+        last = min(feed.end, first + max(_NUMBERS_PER_MESSAGE // feed.width, 1))
+        if keys is None and first >= last:
             return None
         self._sent = last
-        return [head, self._numbers(feed, first, last)]
+        return [keys, self._flatten(feed, first, last)]
 
-    def _start(self, feed: Feed) -> int:
+    def _first_row(self, feed: Feed) -> int:
         """The first row that fits into the longest window."""
         if feed.end == feed.begin:
             return feed.end
         newest = feed.rows(feed.end - 1, feed.end)[feed.column("timestamp")]
-        return max(feed.row_at(newest - WINDOWS_S[-1]), self._since)
+        return max(feed.row_at(newest - WINDOWS_S[-1]), self._cleared_at)
 
-    def _numbers(self, feed: Feed, first: int, last: int) -> list[float | None]:
+    def _flatten(self, feed: Feed, first: int, last: int) -> list[float | None]:
         rows, width = feed.rows(first, last), feed.width
-        places = [(feed.column(one.field, one.index), one.bit) for one in self._columns]
+        columns = [(feed.column(signal.field, signal.index), signal.bit) for signal in self._columns]
         time = feed.column("timestamp")
         numbers = list[float | None]()
         for start in range(0, len(rows), width):
             numbers.append(rows[start + time])
-            for place, bit in places:
-                value = rows[start + place]
+            for column, bit in columns:
+                value = rows[start + column]
                 if not math.isfinite(value):
                     numbers.append(None)
                 else:
@@ -148,14 +151,14 @@ class Plots:
         """Everything collected, in the form of `client.recording`. Raises ValueError when that is nothing."""
         if self.feed is None or not self.count:
             raise ValueError("no data has been collected yet: is the robot connected?")
-        return await asyncio.to_thread(_csv, self.feed.copy(), self._since)
+        return await asyncio.to_thread(_csv, self.feed.copy(), self._cleared_at)
 
 
-def _csv(feed: Feed, since: int) -> bytes:
+def _csv(feed: Feed, first_row: int) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "plots.csv")
         writer = CsvWriter(path, feed.names)
-        for state in feed.states(since):
+        for state in feed.states(first_row):
             writer.write(state)
         writer.close()
         return path.read_bytes()

@@ -9,23 +9,23 @@ from client.modbus import GENERAL_REGISTERS, ModbusClient
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
 
-_AGAIN_S: Final = 0.5  # between attempts to reach a robot
+_RETRY_PERIOD_S: Final = 0.5  # between attempts to reach a robot
 _LOST: Final = (URError, OSError)
 
 
-async def keep_following(follow: Callable[[], Awaitable[object]], lose: Callable[[str], object]) -> NoReturn:
+async def follow_forever(follow: Callable[[], Awaitable[object]], on_lost: Callable[[str], object]) -> NoReturn:
     """Follow a connection; when it is lost, tell why, and try again after a while. For ever."""
     while True:
         try:
             await follow()
         except _LOST as error:
-            lose(str(error))
-        await asyncio.sleep(_AGAIN_S)
+            on_lost(str(error))
+        await asyncio.sleep(_RETRY_PERIOD_S)
 
 
 Answer = TypeVar("Answer")
 
-_UNSEEN: Final = 2  # answers; a page in view may have had no frame since the last one
+_MAX_UNREAD: Final = 2  # answers; a page in view may have had no frame since the last one
 
 
 class Poller(Generic[Answer]):
@@ -37,27 +37,27 @@ class Poller(Generic[Answer]):
 
     def __init__(
         self,
-        ask: Callable[[], Awaitable[Answer]],
-        every_s: float,
-        tell: Callable[[], object],
-        rest: Callable[[], Awaitable[object]] | None = None,
+        query: Callable[[], Awaitable[Answer]],
+        period_s: float,
+        on_change: Callable[[], object],
+        release: Callable[[], Awaitable[object]] | None = None,
     ) -> None:
-        self._ask = ask
-        self._every_s = every_s
-        self._tell = tell
-        self._rest = rest
+        self._query = query
+        self._period_s = period_s
+        self._on_change = on_change
+        self._release = release
         self._answer: Answer | None = None
-        self._asking: asyncio.Task[None] | None = None
-        self._again = asyncio.Event()
-        self._looked = False
+        self._polling: asyncio.Task[None] | None = None
+        self._refresh_requested = asyncio.Event()
+        self._was_read = False
         self.problem = ""
 
     @property
     def value(self) -> Answer | None:
         """None before the first answer, and while there is none."""
-        self._looked = True
-        if self._asking is None:
-            self._asking = asyncio.get_running_loop().create_task(self._keep_asking())
+        self._was_read = True
+        if self._polling is None:
+            self._polling = asyncio.get_running_loop().create_task(self._poll())
         return self._answer
 
     @property
@@ -67,49 +67,49 @@ class Poller(Generic[Answer]):
 
     def refresh(self) -> None:
         """Ask at once: something has been changed."""
-        self._again.set()
+        self._refresh_requested.set()
 
-    def renew(self) -> None:
+    def invalidate(self) -> None:
         """Forget the answer, which is no longer true, and ask at once."""
         self._answer = None
         self.refresh()
 
     async def close(self) -> None:
         """Ask no more."""
-        asking, self._asking = self._asking, None
-        if asking is not None:
-            asking.cancel()
-            await asyncio.gather(asking, return_exceptions=True)
+        polling, self._polling = self._polling, None
+        if polling is not None:
+            polling.cancel()
+            await asyncio.gather(polling, return_exceptions=True)
 
-    async def _keep_asking(self) -> None:
+    async def _poll(self) -> None:
         """Ends when nobody has looked since the last answer but one."""
-        unseen = 0
+        unread = 0
         try:
-            while unseen < _UNSEEN:
-                self._looked = False
-                self._again.clear()
-                if await self._ask_once():
-                    self._tell()
+            while unread < _MAX_UNREAD:
+                self._was_read = False
+                self._refresh_requested.clear()
+                if await self._poll_once():
+                    self._on_change()
                 await self._wait()
-                unseen = 0 if self._looked else unseen + 1
-            self._asking = None
+                unread = 0 if self._was_read else unread + 1
+            self._polling = None
         finally:
-            if self._rest is not None:
-                await self._rest()
+            if self._release is not None:
+                await self._release()
 
     async def _wait(self) -> None:
         try:
-            async with timeout(self._every_s):
-                await self._again.wait()
+            async with timeout(self._period_s):
+                await self._refresh_requested.wait()
         except TimeoutError:
             return
 
-    async def _ask_once(self) -> bool:
+    async def _poll_once(self) -> bool:
         """True when the answer is another one; else it stays the same object, which is quick to compare."""
         answer: Answer | None = None
         problem = ""
         try:
-            answer = await self._ask()
+            answer = await self._query()
         except _LOST as error:
             problem = str(error)
         if (answer, problem) == (self._answer, self.problem):
@@ -118,19 +118,19 @@ class Poller(Generic[Answer]):
         return True
 
 
-_EVERY_S: Final = 0.2
+_REGISTER_PERIOD_S: Final = 0.2
 _TIMEOUT_S: Final = 2.0
-_AT_ONCE: Final = 64  # a request takes 125 at most
+_REGISTERS_PER_REQUEST: Final = 64  # a request takes 125 at most
 
 
-class PortRegisters:
+class GeneralRegisters:
     """The general purpose registers of the robot's Modbus server, polled while a page shows them."""
 
-    def __init__(self, host: str, port: int, tell: Callable[[], object]) -> None:
+    def __init__(self, host: str, port: int, on_change: Callable[[], object]) -> None:
         self.host = host
         self.port = port
         self._client: ModbusClient | None = None
-        self._poller = Poller(self._read, _EVERY_S, tell, self._disconnect)
+        self._poller = Poller(self._read, _REGISTER_PERIOD_S, on_change, self._disconnect)
 
     @property
     def words(self) -> tuple[int, ...]:
@@ -157,8 +157,8 @@ class PortRegisters:
             self._client = await ModbusClient(self.host, self.port, _TIMEOUT_S).__aenter__()
         try:
             words = list[int]()
-            for first in GENERAL_REGISTERS[::_AT_ONCE]:
-                words += await self._client.read_registers(first, _AT_ONCE)
+            for first in GENERAL_REGISTERS[::_REGISTERS_PER_REQUEST]:
+                words += await self._client.read_registers(first, _REGISTERS_PER_REQUEST)
         except _LOST:
             await self._disconnect()
             raise
@@ -170,41 +170,41 @@ class PortRegisters:
             await client.__aexit__(None, None, None)
 
 
-Wish = TypeVar("Wish")
+Request = TypeVar("Request")
 
-_NOTHING: Final = object()
+_NO_REQUEST: Final = object()
 
 
-class Newest(Generic[Wish]):
+class LatestRequest(Generic[Request]):
     """Carries out one request at a time; a request that is superseded before its turn is dropped.
 
     complain: called with the error of a request that failed.
     """
 
-    def __init__(self, do: Callable[[Wish], Awaitable[object]], complain: Callable[[str], object]) -> None:
-        self._do = do
-        self._complain = complain
-        self._wish: Wish | object = _NOTHING
-        self._doing: asyncio.Task[None] | None = None
+    def __init__(self, execute: Callable[[Request], Awaitable[object]], on_error: Callable[[str], object]) -> None:
+        self._execute = execute
+        self._on_error = on_error
+        self._request: Request | object = _NO_REQUEST
+        self._task: asyncio.Task[None] | None = None
 
-    def want(self, wish: Wish) -> None:
+    def submit(self, request: Request) -> None:
         """Do this next."""
-        self._wish = wish
-        if self._doing is None:
-            self._doing = asyncio.get_running_loop().create_task(self._work())
+        self._request = request
+        if self._task is None:
+            self._task = asyncio.get_running_loop().create_task(self._run())
 
-    async def done(self) -> None:
+    async def finish(self) -> None:
         """Nothing is left to do."""
-        if self._doing is not None:
-            await asyncio.gather(self._doing, return_exceptions=True)
+        if self._task is not None:
+            await asyncio.gather(self._task, return_exceptions=True)
 
-    async def _work(self) -> None:
+    async def _run(self) -> None:
         try:
-            while self._wish is not _NOTHING:
-                wish, self._wish = self._wish, _NOTHING
+            while self._request is not _NO_REQUEST:
+                request, self._request = self._request, _NO_REQUEST
                 try:
-                    await self._do(wish)  # type: ignore[arg-type]
+                    await self._execute(request)  # type: ignore[arg-type]
                 except ClientError as error:
-                    self._complain(str(error))
+                    self._on_error(str(error))
         finally:
-            self._doing = None
+            self._task = None

@@ -6,14 +6,14 @@ from typing import Any, Final
 from nicegui import ui
 
 from client import dashboard
-from client.pendant.dialogues import ANSWERABLE, Dialogue, typed_answer
+from client.pendant.dialogues import ANSWERABLE, Dialogue, parse_answer
 from client.pendant.page import Page
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errorcodes import error_text
 from urproto.modes import RequestedType
 
-_ELSEWHERE: Final = "This question can be answered on the robot's own pendant only."
+_NOT_ANSWERABLE: Final = "This question can be answered on the robot's own pendant only."
 _ICONS: Final = {"error": "error", "warning": "warning"}
 
 
@@ -22,21 +22,21 @@ def show_dialogues(page: Page) -> None:
     with ui.dialog().props("persistent") as dialog:
         card = ui.card().classes("dialogue").props("data-testid=dialogue")
 
-    def show(what: tuple[Dialogue | None, bool]) -> None:
-        dialogue, answerable = what
+    def show(shown: tuple[Dialogue | None, bool]) -> None:
+        dialogue, answerable = shown
         card.clear()
         if dialogue is None:
             dialog.close()
             return
         with card:
-            _build(page, dialogue, answerable)
+            _build_dialogue(page, dialogue, answerable)
         dialog.open()
 
     page.live.effect(lambda station: (station.dialogues.oldest, station.emulator.available), show)
-    _protective_stop(page)
+    _protective_stop_dialogue(page)
 
 
-def _head(severity: str, title: str) -> None:
+def _header(severity: str, title: str) -> None:
     with ui.row().classes("items-center no-wrap"):
         ui.icon(_ICONS.get(severity, "info")).classes(f"dialogue-icon {severity}")
         ui.label(title).classes("text-h6")
@@ -45,20 +45,20 @@ def _head(severity: str, title: str) -> None:
 # popups and questions
 
 
-def _build(page: Page, dialogue: Dialogue, emulated: bool) -> None:
-    _head(dialogue.severity, dialogue.title)
+def _build_dialogue(page: Page, dialogue: Dialogue, emulated: bool) -> None:
+    _header(dialogue.severity, dialogue.title)
     ui.label(dialogue.text).classes("dialogue-text").props("data-testid=dialogue-text")
     if dialogue.type is RequestedType.NONE:
         with _buttons():
-            ok = ui.button("OK", on_click=page.doing(lambda: _close(page.station, dialogue)))
+            ok = ui.button("OK", on_click=page.handler(lambda: _close(page.station, dialogue)))
             ok.props("data-testid=popup-ok autofocus")
     elif emulated and dialogue.type in ANSWERABLE:
         _answers(page, dialogue)
     else:
-        ui.label(_ELSEWHERE)
+        ui.label(_NOT_ANSWERABLE)
         with _buttons():
-            hide = ui.button("Hide", on_click=lambda: page.station.dialogues.close(dialogue.number))
-            hide.props("flat data-testid=answer-hide")
+            hide_button = ui.button("Hide", on_click=lambda: page.station.dialogues.close(dialogue.number))
+            hide_button.props("flat data-testid=answer-hide")
 
 
 def _buttons() -> ui.row:
@@ -78,7 +78,7 @@ def _answers(page: Page, dialogue: Dialogue) -> None:
 
     async def submit() -> None:
         try:
-            value = typed_answer(dialogue.type, box.value or "")
+            value = parse_answer(dialogue.type, box.value or "")
         except ValueError as error:
             box.error = str(error)
             return
@@ -90,9 +90,9 @@ def _answers(page: Page, dialogue: Dialogue) -> None:
         ui.button("OK", on_click=submit).props("data-testid=answer-ok")
 
 
-def _answer_button(page: Page, dialogue: Dialogue, text: str, value: bool | None, mark: str) -> ui.button:
-    click = page.doing(lambda: _answer(page.station, dialogue, value))
-    return ui.button(text, on_click=click).props(f"data-testid={mark}")
+def _answer_button(page: Page, dialogue: Dialogue, text: str, value: bool | None, test_id: str) -> ui.button:
+    click = page.handler(lambda: _answer(page.station, dialogue, value))
+    return ui.button(text, on_click=click).props(f"data-testid={test_id}")
 
 
 async def _close(station: Station, dialogue: Dialogue) -> None:
@@ -100,7 +100,7 @@ async def _close(station: Station, dialogue: Dialogue) -> None:
         await station.emulator.call("answer_popup", popup_id=dialogue.number)
         station.dialogues.close(dialogue.number)
     else:
-        await station.ask(dashboard.CLOSE_POPUP)
+        await station.request(dashboard.CLOSE_POPUP)
         station.dialogues.close_popups()
 
 
@@ -112,24 +112,24 @@ async def _answer(station: Station, dialogue: Dialogue, value: Any) -> None:
 # the protective stop
 
 
-def _protective_stop(page: Page) -> None:
+def _protective_stop_dialogue(page: Page) -> None:
     station = page.station
     with ui.dialog().props("persistent") as dialog, ui.card().classes("dialogue").props("data-testid=stop-dialogue"):
-        _head("error", "Protective stop")
+        _header("error", "Protective stop")
         cause = ui.label().classes("dialogue-text").props("data-testid=stop-cause")
         advice = ui.label().classes("dialogue-advice")
         with _buttons():
             ui.button("Not now", on_click=station.stops.hide).props("flat data-testid=stop-hide")
-            enable = ui.button(on_click=page.doing(lambda: station.ask(dashboard.UNLOCK_PROTECTIVE_STOP)))
-            enable.props("data-testid=stop-enable")
+            unlock = ui.button(on_click=page.handler(lambda: station.request(dashboard.UNLOCK_PROTECTIVE_STOP)))
+            unlock.props("data-testid=stop-enable")
 
     def count_down(seconds: int) -> None:
-        enable.set_text(f"Unlock in {seconds} s" if seconds else "Unlock protective stop")
+        unlock.set_text(f"Unlock in {seconds} s" if seconds else "Unlock protective stop")
 
     page.live.effect(lambda s: s.stops.shown is not None, dialog.set_value)
     page.live.effect(_cause, cause.set_text)
     page.live.effect(lambda s: s.situation.advice, advice.set_text)
-    page.live.effect(lambda s: s.situation.may(Action.UNLOCK), enable.set_enabled)
+    page.live.effect(lambda s: s.situation.permits(Action.UNLOCK), unlock.set_enabled)
     page.live.effect(lambda s: ceil(s.stops.unlock_in_s), count_down)
 
 

@@ -12,7 +12,7 @@ from pathlib import PurePosixPath
 from typing import Any, Final, TypeVar
 
 from client.errors import FileError
-from client.pendant.program_file import KeptProgram, ProgramFile
+from client.pendant.program_file import ProgramFile, SavedDraft
 from client.pendant.program_view import ProgramView
 from urproto.robots import RobotModel, load_model
 from urproto.text import to_bytes
@@ -25,11 +25,11 @@ from urscript.polyscope.places import EditError
 from urscript.polyscope.transplant import Clip
 from urscript.polyscope.tree import ProgramTree, TreeError
 
-_SAVED_AFTER_S: Final = 0.3  # a change is on the disk within a second, also on a busy machine
+_SAVE_DELAY_S: Final = 0.3  # a change is on the disk within a second, also on a busy machine
 _UNNAMED: Final = "unnamed"
 _EXTENSION: Final = ".urp"
-_ANY: Final = "ur5e"
-_FROM: Final = "from"  # key of the position that a relative waypoint starts from
+_DEFAULT_MODEL: Final = "ur5e"
+_START_POSITION: Final = "from"  # key of the position that a relative waypoint starts from
 
 
 _Answer = TypeVar("_Answer")
@@ -46,17 +46,17 @@ class ProgramDraft:
     def __init__(
         self,
         file: ProgramFile,
-        note: Callable[[str], object],
-        tell: Callable[[], object],
-        known: Callable[[], tuple[PolyscopeVersion | None, RobotModel | None]],
+        report_error: Callable[[str], object],
+        on_change: Callable[[], object],
+        robot_info: Callable[[], tuple[PolyscopeVersion | None, RobotModel | None]],
     ) -> None:
         self._file = file
-        self._note = note
-        self._tell = tell
-        self._known = known
+        self._report_error = report_error
+        self._on_change = on_change
+        self._robot_info = robot_info
         self._edited = asyncio.Event()
         self._editor: ProgramEditor | None = None
-        self._changed_before = False  # when it was taken up
+        self._unsaved = False  # when it was taken up
         self._clip: Clip | None = None
         self._installation = InstallationFile()
         self.view = ProgramView(lambda: self.editor)
@@ -70,8 +70,8 @@ class ProgramDraft:
     def editor(self) -> ProgramEditor:
         """The program; what was kept on this machine, at first."""
         if self._editor is None:
-            self._editor = self._restored() or self._empty()
-        version, model = self._known()
+            self._editor = self._restore() or self._create_empty()
+        version, model = self._robot_info()
         program = self._editor.program
         if (version is not None and version != program.version) or model != program.model:
             self._editor.version = program.version = version or program.version
@@ -80,46 +80,46 @@ class ProgramDraft:
             self.version += 1
         return self._editor
 
-    def _empty(self) -> ProgramEditor:
-        version, model = self._robot()
-        return self._editor_of(new_program(_UNNAMED, version, model), _UNNAMED)
+    def _create_empty(self) -> ProgramEditor:
+        version, model = self._robot_or_default()
+        return self._create_editor(new_program(_UNNAMED, version, model), _UNNAMED)
 
-    def _robot(self) -> tuple[PolyscopeVersion, RobotModel]:
+    def _robot_or_default(self) -> tuple[PolyscopeVersion, RobotModel]:
         """The one that is connected; before that, any."""
-        version, model = self._known()
-        return version or DEFAULT_VERSION[model.series if model else Series.E], model or load_model(_ANY)
+        version, model = self._robot_info()
+        return version or DEFAULT_VERSION[model.series if model else Series.E], model or load_model(_DEFAULT_MODEL)
 
-    def _editor_of(self, root: Element, name: str) -> ProgramEditor:
-        version, model = self._robot()
+    def _create_editor(self, root: Element, name: str) -> ProgramEditor:
+        version, model = self._robot_or_default()
         return ProgramEditor(root, name, self._installation, version, model)
 
-    def _made(self, data: bytes, name: str) -> ProgramEditor:
+    def _parse(self, data: bytes, name: str) -> ProgramEditor:
         """Raises ValueError for what is no program."""
         try:
-            return self._editor_of(read_document(data), name)
+            return self._create_editor(read_document(data), name)
         except (DocumentError, TreeError) as error:
             raise ValueError(f"{name}.urp cannot be opened: {error}") from error
 
-    def _restored(self) -> ProgramEditor | None:
+    def _restore(self) -> ProgramEditor | None:
         try:
-            kept = self._file.read()
+            saved_draft = self._file.read()
         except FileError as error:
-            self._note(str(error))
+            self._report_error(str(error))
             return None
-        if kept is None:
+        if saved_draft is None:
             return None
         try:
-            editor = self._made(kept.data, PurePosixPath(kept.path or _UNNAMED).stem)
+            editor = self._parse(saved_draft.data, PurePosixPath(saved_draft.path or _UNNAMED).stem)
         except ValueError as error:
-            self._note(f"{error}: {self._file.set_aside()}")
+            self._report_error(f"{error}: {self._file.move_aside()}")
             return None
-        self.path, self._changed_before = kept.path, kept.changed
+        self.path, self._unsaved = saved_draft.path, saved_draft.changed
         return editor
 
     def use_installation(self, installation: InstallationFile) -> None:
         """What nodes may name from now on: the TCPs, features, payloads and signals of the robot."""
         self._installation = self.editor.installation = installation
-        self._touch(edited=False)
+        self._mark_changed(edited=False)
 
     @property
     def title(self) -> str:
@@ -129,7 +129,7 @@ class ProgramDraft:
     @property
     def changed(self) -> bool:
         """Since it was saved."""
-        return self._changed_before or self.editor.modified
+        return self._unsaved or self.editor.modified
 
     def data(self) -> bytes:
         """The bytes of its ``.urp``."""
@@ -152,52 +152,52 @@ class ProgramDraft:
 
     def new(self) -> None:
         """An empty program instead."""
-        self._take_up(self._empty(), "")
+        self._replace(self._create_empty(), "")
 
     def open(self, data: bytes, path: str) -> None:
         """Another program instead: the bytes of a ``.urp``. Raises ValueError for what is none."""
-        self._take_up(self._made(data, PurePosixPath(path).stem), path)
+        self._replace(self._parse(data, PurePosixPath(path).stem), path)
 
-    def _take_up(self, editor: ProgramEditor, path: str) -> None:
-        self._editor, self.path, self._changed_before = editor, path, False
+    def _replace(self, editor: ProgramEditor, path: str) -> None:
+        self._editor, self.path, self._unsaved = editor, path, False
         self.view.breakpoints = frozenset()
         self.played_version = -1
-        self._touch()
+        self._mark_changed()
 
-    def saved(self, path: str, version: int) -> None:
+    def mark_saved(self, path: str, version: int) -> None:
         """It was saved as it was in a version; whoever edited it meanwhile has more to save."""
-        self.path, self._changed_before = path, version != self.version
+        self.path, self._unsaved = path, version != self.version
         self.editor.saved()
-        self._touch(edited=False)
+        self._mark_changed(edited=False)
 
-    async def keep(self) -> None:
+    async def keep_saving(self) -> None:
         """Write every change to the disk soon, for ever."""
         while True:
             await self._edited.wait()
-            await asyncio.sleep(_SAVED_AFTER_S)
+            await asyncio.sleep(_SAVE_DELAY_S)
             self._edited.clear()
             try:
-                await asyncio.to_thread(self._file.write, KeptProgram(self.path, self.changed, self.data()))
+                await asyncio.to_thread(self._file.write, SavedDraft(self.path, self.changed, self.data()))
             except FileError as error:
-                self._note(f"the program is not saved on this machine: {error}")
+                self._report_error(f"the program is not saved on this machine: {error}")
 
-    def _touch(self, *, edited: bool = True) -> None:
+    def _mark_changed(self, *, edited: bool = True) -> None:
         """There is something new to show, and to keep."""
         if edited:
             self.version += 1
         self._edited.set()
-        self._tell()
+        self._on_change()
 
-    def wake(self) -> None:
+    def notify_pages(self) -> None:
         """Let the pages look: something of a page has changed."""
-        self._tell()
+        self._on_change()
 
     # edits
 
     def insert(self, kind: str, at: str) -> str:
         """Put a new node into the selected one or behind it, or as near as it may stand; its id."""
-        node = self._near(at, partial(self.editor.insert, kind))
-        self._touch()
+        node = self._insert_near(at, partial(self.editor.insert, kind))
+        self._mark_changed()
         return node
 
     def paste(self, at: str) -> str:
@@ -205,11 +205,11 @@ class ProgramDraft:
         clip = self._clip
         if clip is None:
             raise ValueError("nothing was copied yet: copy a node first")
-        nodes = self._near(at, partial(self.editor.paste, clip))
-        self._touch()
+        nodes = self._insert_near(at, partial(self.editor.paste, clip))
+        self._mark_changed()
         return nodes[0]
 
-    def _near(self, at: str, put: Callable[..., _Answer]) -> _Answer:
+    def _insert_near(self, at: str, insert: Callable[..., _Answer]) -> _Answer:
         """Try the places by which somebody may have meant it, from the selected node outwards."""
         first: EditError | None = None
         row = self.view.row(at)
@@ -219,7 +219,7 @@ class ProgramDraft:
             row = self.view.row(row.parent)
         for place in places:
             try:
-                return put(**place)
+                return insert(**place)
             except EditError as error:
                 first = first or error
         raise first or ValueError("this node is no longer in the program")
@@ -227,25 +227,25 @@ class ProgramDraft:
     def delete(self, node: str) -> None:
         """With all below it."""
         self.editor.delete(node)
-        self._touch()
+        self._mark_changed()
 
     def copy(self, node: str) -> None:
         """For `paste`, in this program or the next; one clipboard for all browsers."""
         self._clip = self.editor.copy(node)
 
-    def shift(self, node: str, by: int) -> None:
+    def move_by(self, node: str, offset: int) -> None:
         """Move a node before the one above it (-1) or behind the one below it (1), or out of the one around it."""
         row = self.view.row(node)
         if row is None:
             raise ValueError("this node is no longer in the program")
-        beside = [other.id for other in self.view.rows() if other.parent == row.parent]
-        index = beside.index(node) + by
-        anchor = beside[index] if 0 <= index < len(beside) else row.parent
-        if by < 0:
+        siblings = [other.id for other in self.view.rows() if other.parent == row.parent]
+        index = siblings.index(node) + offset
+        anchor = siblings[index] if 0 <= index < len(siblings) else row.parent
+        if offset < 0:
             self.editor.move(node, before=anchor)
         else:
             self.editor.move(node, after=anchor)
-        self._touch()
+        self._mark_changed()
 
     def drop(self, node: str, at: str, place: str) -> None:
         """Move a node ``before`` or ``after`` another one, or ``onto`` it: into it if it holds any, else behind it."""
@@ -255,23 +255,23 @@ class ProgramDraft:
         if place == "onto":
             place = "into" if row.holds_nodes else "after"
         self.editor.move(node, **{place: at})
-        self._touch()
+        self._mark_changed()
 
     def suppress(self, node: str) -> None:
         """Leave a node out, or not any more."""
         row = self.view.row(node)
         self.editor.suppress(node, on=row is None or not row.suppressed_itself)
-        self._touch()
+        self._mark_changed()
 
     def set(self, node: str, key: str, value: Any) -> None:
         """Set a field. Raises ValueError for what it cannot take."""
         self.editor.set(node, key, value)
-        self._touch()
+        self._mark_changed()
 
     def teach(self, node: str, key: str, joints: Sequence[float], pose: Sequence[float], tcp: Sequence[float]) -> None:
         """Let a position be where the arm is. joints [rad]; pose: of the TCP, and tcp: flange to TCP [m, rad]."""
-        self.editor.teach(node, joints, pose, tcp, start=key == _FROM)
-        self._touch()
+        self.editor.teach(node, joints, pose, tcp, start=key == _START_POSITION)
+        self._mark_changed()
 
     @property
     def can_undo(self) -> bool:
@@ -286,18 +286,18 @@ class ProgramDraft:
     def undo(self) -> None:
         """Take back the last edit, whoever made it."""
         self.editor.undo()
-        self._touch()
+        self._mark_changed()
 
     def redo(self) -> None:
         """Do again what was taken back last."""
         self.editor.redo()
-        self._touch()
+        self._mark_changed()
 
     def toggle_breakpoint(self, node: str) -> None:
         """Pause at a node, or not any more."""
         self.view.number(node)
         self.view.breakpoints ^= {node}
-        self._tell()
+        self._on_change()
 
 
 class Selection:
@@ -318,4 +318,4 @@ class Selection:
         """This one, if it is there."""
         if self._draft.view.has(node):
             self._node = node
-            self._draft.wake()
+            self._draft.notify_pages()

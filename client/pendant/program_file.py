@@ -11,11 +11,11 @@ from client.errors import FileError
 from client.pendant.saved import write_json
 from urproto.text import json_document
 
-_UNFIT: Final = re.compile(r"[^A-Za-z0-9.-]")  # in names of files
+_INVALID_CHARACTERS: Final = re.compile(r"[^A-Za-z0-9.-]")  # in names of files
 
 
 @dataclass(frozen=True, slots=True)
-class KeptProgram:
+class SavedDraft:
     """A saved draft. data: the bytes of its ``.urp`` file in the present state.
 
     path: in the robot's programs folder, "" if it was never saved there. changed: since it was saved there.
@@ -30,16 +30,16 @@ class ProgramFile:
     """Files in a folder, one for each robot address; without a folder nothing is kept."""
 
     def __init__(self, folder: Path | None, address: str) -> None:
-        self.path = None if folder is None else folder / f"{_UNFIT.sub('_', address)}.json"
+        self.path = None if folder is None else folder / f"{_INVALID_CHARACTERS.sub('_', address)}.json"
 
-    def read(self) -> KeptProgram | None:
+    def read(self) -> SavedDraft | None:
         """What was kept last, None without. Raises FileError for a file that cannot be used; it is moved aside."""
         path = self.path
         if path is None:
             return None
         try:
             content = json_document(path.read_text("utf-8"))
-            kept = KeptProgram(
+            draft = SavedDraft(
                 str(content["path"]), bool(content["changed"]), base64.b64decode(content["urp"], None, True)
             )
         except FileNotFoundError:
@@ -47,22 +47,22 @@ class ProgramFile:
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
         except (ValueError, TypeError, KeyError, RecursionError) as error:
-            raise FileError(path, f"not a program draft of a pendant: {error}; {self.set_aside()}") from error
-        return kept
+            raise FileError(path, f"not a program draft of a pendant: {error}; {self.move_aside()}") from error
+        return draft
 
-    def set_aside(self) -> str:
+    def move_aside(self) -> str:
         """Have what cannot be used under another name, so that it is not written over; says where it is."""
         if self.path is None:
             return "nothing is saved"
-        aside = self.path.with_suffix(".unreadable")
+        new_path = self.path.with_suffix(".unreadable")
         try:
-            os.replace(self.path, aside)
+            os.replace(self.path, new_path)
         except OSError as error:
             return f"it could not be renamed: {error.strerror or error}"
-        return f"it was renamed to {aside}"
+        return f"it was renamed to {new_path}"
 
-    def write(self, kept: KeptProgram) -> None:
+    def write(self, draft: SavedDraft) -> None:
         """Instead of what was kept before, whole or not at all. Raises FileError."""
         if self.path is not None:
-            urp = base64.b64encode(kept.data).decode()
-            write_json(self.path, {"path": kept.path, "changed": kept.changed, "urp": urp})
+            urp = base64.b64encode(draft.data).decode()
+            write_json(self.path, {"path": draft.path, "changed": draft.changed, "urp": urp})

@@ -20,10 +20,10 @@ from urscript.polyscope.tree import TreeError
 from urscript.work import run_to_end
 
 EXTENSION: Final = ".urp"
-_ONLY_SCRIPTS: Final = (
+_SCRIPTS_ONLY: Final = (
     "PolyScope X does not load .urp programs: they are played as scripts, without steps and breakpoints"
 )
-_STOPS_WITHIN_S: Final = 5.0  # guess: an arm that is braked needs less
+_STOP_TIMEOUT_S: Final = 5.0  # guess: an arm that is braked needs less
 _PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
 
 
@@ -31,30 +31,30 @@ class PlayError(ClientError):
     """The program cannot be played in its present state, or not on this robot."""
 
 
-def saves_here(station: Station) -> bool:
+def can_save_files(station: Station) -> bool:
     """Whether files can be saved in the robot's programs folder: an emulator's control API does that."""
     return station.emulator.available and "save_program" in station.emulator.verbs
 
 
-def plays_files(station: Station) -> bool:
+def can_play_files(station: Station) -> bool:
     """Whether the robot can be given what is saved: PolyScope X loads programs of its own kind only (.urpx)."""
-    return saves_here(station) and not _has_polyscope_x(station)
+    return can_save_files(station) and not _has_polyscope_x(station)
 
 
 def _has_polyscope_x(station: Station) -> bool:
     return station.version is not None and station.version.is_polyscope_x
 
 
-def why_not_by_node(station: Station) -> str:
+def why_no_stepping(station: Station) -> str:
     """Why there are no steps and breakpoints; empty where there are."""
-    if plays_files(station):
+    if can_play_files(station):
         return ""
-    return _ONLY_SCRIPTS if _has_polyscope_x(station) else "On a robot, only its own teach pendant can do this"
+    return _SCRIPTS_ONLY if _has_polyscope_x(station) else "On a robot, only its own teach pendant can do this"
 
 
-def note(station: Station) -> str:
+def play_hint(station: Station) -> str:
     """What a person should know before playing; empty where there is nothing to say."""
-    return _ONLY_SCRIPTS if _has_polyscope_x(station) else ""
+    return _SCRIPTS_ONLY if _has_polyscope_x(station) else ""
 
 
 async def save(station: Station, path: str) -> None:
@@ -63,13 +63,13 @@ async def save(station: Station, path: str) -> None:
     path = with_extension(path)
     revision = draft.version
     for name, data in draft.files(PurePosixPath(path).stem).items():
-        place = str(PurePosixPath(path).with_name(name))
+        target = str(PurePosixPath(path).with_name(name))
         if data is None:
-            await station.emulator.call("delete_program", path=place)
+            await station.emulator.call("delete_program", path=target)
         else:
-            saved = await station.emulator.call("save_program", path=place, data=base64.b64encode(data).decode())
+            saved = await station.emulator.call("save_program", path=target, data=base64.b64encode(data).decode())
             path = saved if name.endswith(EXTENSION) else path
-    draft.saved(path, revision)
+    draft.mark_saved(path, revision)
 
 
 async def open_file(station: Station, path: str) -> None:
@@ -78,22 +78,22 @@ async def open_file(station: Station, path: str) -> None:
     station.program_draft.open(data, path)
 
 
-async def take_installation(station: Station) -> None:
+async def load_installation(station: Station) -> None:
     """Let the program name what is in the installation file of an emulator. Raises ClientError.
 
     A robot does not show its own; programs for it name what every installation has.
     """
     emulator = station.emulator
-    if not saves_here(station) or "installation" not in emulator.verbs:
+    if not can_save_files(station) or "installation" not in emulator.verbs:
         return
     file = (await emulator.call("installation", section="external_control"))["file"]
     try:
         data = base64.b64decode(await emulator.call("read_program", path=file))
-        found = read_installation(data, PurePosixPath(file).stem)
+        installation = read_installation(data, PurePosixPath(file).stem)
     except (EmulatorControlError, DocumentError):  # there is none yet
-        found = InstallationFile()
-    if found != station.program_draft.editor.installation:
-        station.program_draft.use_installation(found)
+        installation = InstallationFile()
+    if installation != station.program_draft.editor.installation:
+        station.program_draft.use_installation(installation)
 
 
 def with_extension(path: str) -> str:
@@ -109,7 +109,7 @@ def is_on_robot(station: Station) -> bool:
     draft, programs = station.program_draft, station.programs
     if draft.played_version != draft.version:
         return False
-    if not plays_files(station):
+    if not can_play_files(station):
         return programs.running == identifier(draft.editor.name)
     return bool(draft.path) and (programs.loaded or "").endswith(draft.path)
 
@@ -125,15 +125,15 @@ async def play(station: Station, *, at: str | None = None) -> None:
     Raises ClientError.
     """
     if at is None and is_paused(station):
-        await station.ask(dashboard.PLAY)
+        await station.request(dashboard.PLAY)
         return
     number = None if at is None else station.program_draft.view.number(at)
-    if not plays_files(station):
+    if not can_play_files(station):
         await _play_as_script(station, number or 0)
         return
     await _load(station)
     if number is None:
-        await station.ask(dashboard.PLAY)
+        await station.request(dashboard.PLAY)
     elif not await station.emulator.call("play_from", node=number):
         raise PlayError(f"the program does not start at node {number}: see Log")
 
@@ -146,45 +146,45 @@ async def step(station: Station) -> None:
         raise PlayError("the program does not start: see Log")
 
 
-async def tell_breakpoints(station: Station) -> None:
+async def send_breakpoints(station: Station) -> None:
     """Have the robot pause at the nodes that are marked, if it has this program."""
-    if plays_files(station) and is_on_robot(station):
-        await station.emulator.call("set_breakpoints", nodes=_numbers(station.program_draft))
+    if can_play_files(station) and is_on_robot(station):
+        await station.emulator.call("set_breakpoints", nodes=_breakpoint_numbers(station.program_draft))
 
 
-def _numbers(draft: ProgramDraft) -> list[int]:
+def _breakpoint_numbers(draft: ProgramDraft) -> list[int]:
     return sorted(row.number for row in draft.view.rows() if row.id in draft.view.breakpoints)
 
 
 async def _load(station: Station) -> None:
     draft = station.program_draft
-    _check(draft.view.problems())
+    _require_complete(draft.view.problems())
     if not draft.path:
         raise PlayError("the program has no name yet: save it first")
     if draft.changed or draft.path not in await station.programs.files(station):
         await save(station, draft.path)
-    await station.mover.give_back()
-    await station.ask(dashboard.load(draft.path))
+    await station.mover.release_control()
+    await station.request(dashboard.load(draft.path))
     try:
-        async with timeout(_STOPS_WITHIN_S):  # the program that was paused ends
+        async with timeout(_STOP_TIMEOUT_S):  # the program that was paused ends
             while station.runtime_state is not RuntimeState.STOPPED:
                 await station.next_frame()
     except TimeoutError as error:
         raise PlayError("the previous program is still running: stop it first") from error
     draft.played_version = draft.version
-    station.programs.look()
-    await station.emulator.call("set_breakpoints", nodes=_numbers(draft))
+    station.programs.refresh()
+    await station.emulator.call("set_breakpoints", nodes=_breakpoint_numbers(draft))
 
 
-def _check(problems: Iterable[str]) -> None:
+def _require_complete(problems: Iterable[str]) -> None:
     for problem in problems:
         raise PlayError(f"{problem}: complete the program, or suppress the node")
 
 
 async def _play_as_script(station: Station, start_at: int) -> None:
     draft = station.program_draft
-    _check(draft.view.problems())
-    await station.mover.give_back()
+    _require_complete(draft.view.problems())
+    await station.mover.release_control()
     await station.send_script(script(station, start_at))
     draft.played_version = draft.version
 

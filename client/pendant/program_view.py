@@ -66,7 +66,7 @@ def palette(version: PolyscopeVersion | None) -> dict[str, list[PaletteEntry]]:
     return {group: entries for group, entries in groups.items() if entries}
 
 
-_Answer = TypeVar("_Answer")
+_Value = TypeVar("_Value")
 
 
 class ProgramView:
@@ -74,27 +74,27 @@ class ProgramView:
 
     def __init__(self, editor: Callable[[], ProgramEditor]) -> None:
         self._editor = editor
-        self._memory = dict[str, tuple[ProgramEditor, int, Any]]()
+        self._cache = dict[str, tuple[ProgramEditor, int, Any]]()
         self.breakpoints = frozenset[str]()
 
-    def _remembered(self, what: str, make: Callable[[], _Answer]) -> _Answer:
+    def _cached(self, key: str, compute: Callable[[], _Value]) -> _Value:
         """Made once for each revision: thirty times a second somebody looks."""
         editor = self._editor()
-        found = self._memory.get(what)
+        found = self._cache.get(key)
         if found is None or found[0] is not editor or found[1] != editor.revision:
             if found is not None:
-                self._memory.clear()  # of a program as it was
-            found = self._memory[what] = (editor, editor.revision, make())
-        answer: _Answer = found[2]
-        return answer
+                self._cache.clear()  # of a program as it was
+            found = self._cache[key] = (editor, editor.revision, compute())
+        value: _Value = found[2]
+        return value
 
     def rows(self) -> list[Row]:
         """The nodes in the order of the tree."""
-        return self._remembered("rows", lambda: self._editor().rows())
+        return self._cached("rows", lambda: self._editor().rows())
 
     def row(self, node: str) -> Row | None:
         """A node, None for one that is gone."""
-        rows = self._remembered("by id", lambda: {row.id: row for row in self.rows()})
+        rows = self._cached("by id", lambda: {row.id: row for row in self.rows()})
         return rows.get(node)
 
     def has(self, node: str) -> bool:
@@ -108,9 +108,9 @@ class ProgramView:
 
     def shown_rows(self) -> list[list[Any]]:
         """For static/screen_program.js: id, number, depth, icon, text, marks, problem."""
-        return self._remembered(f"shown {sorted(self.breakpoints)}", self._show_rows)
+        return self._cached(f"shown {sorted(self.breakpoints)}", self._build_rows)
 
-    def _show_rows(self) -> list[list[Any]]:
+    def _build_rows(self) -> list[list[Any]]:
         return [
             [row.id, row.number, row.depth, _icon(row.kind), row.title, self._marks(row), row.problem]
             for row in self.rows()
@@ -123,7 +123,7 @@ class ProgramView:
             "suppressed": row.suppressed,
             "breakpoint": row.id in self.breakpoints,
         }
-        return " ".join(word for word, there in marks.items() if there)
+        return " ".join(word for word, applies in marks.items() if applies)
 
     def number(self, node: str) -> int:
         """By which labels name a node. Raises ValueError for one that is gone."""
@@ -140,7 +140,7 @@ class ProgramView:
     def doc(self, node: str) -> str:
         """What a kind of node is for."""
         row = self.row(node)
-        return "" if row is None else _docs().get(row.kind, "")
+        return "" if row is None else _kind_docs().get(row.kind, "")
 
     def problem(self, node: str) -> str:
         """What is wrong with a node."""
@@ -154,9 +154,9 @@ class ProgramView:
 
     def form(self, node: str) -> tuple[FormField, ...]:
         """The fields of a node that have a meaning now."""
-        return self._remembered(f"form {node}", partial(self._read_form, node))
+        return self._cached(f"form {node}", partial(self._build_form, node))
 
-    def _read_form(self, node: str) -> tuple[FormField, ...]:
+    def _build_form(self, node: str) -> tuple[FormField, ...]:
         if not self.has(node):
             return ()
         return tuple(
@@ -184,9 +184,9 @@ class ProgramView:
 
     def waypoints(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
         """Where the taught waypoints are that are not suppressed: id of the node, x, y, z in the base frame [m]."""
-        return self._remembered("waypoints", self._find_waypoints)
+        return self._cached("waypoints", self._read_waypoints)
 
-    def _find_waypoints(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
+    def _read_waypoints(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
         found = list[tuple[str, tuple[float, ...]]]()
         for row in self.rows():
             if row.kind == "waypoint" and not row.suppressed and (value := self.value(row.id, "position")):
@@ -198,9 +198,9 @@ class ProgramView:
         row = self.row(node)
         if row is None:
             return self.first()
-        beside = [other.id for other in self.rows() if other.parent == row.parent]
-        index = beside.index(node)
-        return (beside[index + 1 : index + 2] or beside[max(0, index - 1) : index] or [row.parent])[0]
+        siblings = [other.id for other in self.rows() if other.parent == row.parent]
+        index = siblings.index(node)
+        return (siblings[index + 1 : index + 2] or siblings[max(0, index - 1) : index] or [row.parent])[0]
 
 
 def _icon(kind: str) -> str:
@@ -209,6 +209,6 @@ def _icon(kind: str) -> str:
 
 
 @cache
-def _docs() -> dict[str, str]:
+def _kind_docs() -> dict[str, str]:
     """What kinds of nodes are for, by their keys."""
     return {kind.key: found.doc for found in NODES.values() for kind in found.kinds}

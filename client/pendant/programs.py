@@ -22,9 +22,9 @@ from urproto.primary.messages import (
 
 Answer = TypeVar("Answer")
 
-_LOOK_AGAIN_S: Final = 1.0
-_LOADED_AGAIN_S: Final = 5.0  # each time is a connection to the dashboard, of which robots have few
-_LINE: Final = "script_control_line"
+_POLL_PERIOD_S: Final = 1.0
+_LOADED_PERIOD_S: Final = 5.0  # each time is a connection to the dashboard, of which robots have few
+_LINE_FIELD: Final = "script_control_line"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Robot(Protocol):
     def runtime_state(self) -> RuntimeState:
         """State of the program."""
 
-    async def ask(self, operation: dashboard.Operation[Answer]) -> Answer:
+    async def request(self, operation: dashboard.Operation[Answer]) -> Answer:
         """Ask the dashboard."""
 
 
@@ -85,20 +85,20 @@ class Programs:
 
     # what the robot tells by itself
 
-    def hear(self, message: object) -> None:
+    def handle_message(self, message: object) -> None:
         """Take note of what happens to programs."""
-        self.draft.hear(message)
+        self.draft.handle_message(message)
         if isinstance(message, ProgramThreadsMessage):
             self.threads = message.threads
         elif isinstance(message, KeyMessage) and message.title == PROGRAM_STARTED:
             self.running, self.threads = message.text, ()
             self._started_s, self._stopped_s = message.timestamp_us / 1e6, None
-            self.look()
+            self.refresh()
         elif isinstance(message, KeyMessage) and message.title == PROGRAM_STOPPED:
             self._stopped_s, self.threads = message.timestamp_us / 1e6, ()
-            self.look()
+            self.refresh()
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         """Something may be other than before: ask."""
         self._changed.set()
 
@@ -108,53 +108,53 @@ class Programs:
             return None
         return max(0.0, (now_s if self._stopped_s is None else self._stopped_s) - self._started_s)
 
-    def line(self, station: Robot) -> int:
+    def current_line(self, station: Robot) -> int:
         """Line of the shown script that is carried out, 0 when that is not known."""
         if not self.shown.running or station.runtime_state is RuntimeState.STOPPED:
             return 0
-        return int(station.values.get(_LINE, 0))
+        return int(station.values.get(_LINE_FIELD, 0))
 
-    def tells_line(self, station: Robot) -> bool:
+    def reports_line(self, station: Robot) -> bool:
         """Whether this robot's software tells the line at all."""
-        return _LINE not in station.unavailable
+        return _LINE_FIELD not in station.unavailable
 
     # what it tells when asked
 
     async def follow(self, station: Robot) -> None:
         """Ask again when something happened, and now and then which program is loaded, for ever."""
-        queried_s, emulated = -_LOADED_AGAIN_S, None
+        queried_s, emulated = -_LOADED_PERIOD_S, None
         clock = asyncio.get_running_loop().time
         while True:
-            if station.connected and (self._changed.is_set() or clock() - queried_s >= _LOADED_AGAIN_S):
+            if station.connected and (self._changed.is_set() or clock() - queried_s >= _LOADED_PERIOD_S):
                 queried_s = clock()
                 with suppress(URError, OSError):
-                    await self._ask_loaded(station)
+                    await self._query_loaded(station)
             if self._changed.is_set() or station.emulator.available != emulated:
                 self._changed.clear()
                 available = station.emulator.available
-                emulated = available if await self._see(station) else None  # then once more
-            self.draft.look(clock())
+                emulated = available if await self._update_shown(station) else None  # then once more
+            self.draft.check_start(clock())
             with suppress(TimeoutError):
-                async with timeout(_LOOK_AGAIN_S):
+                async with timeout(_POLL_PERIOD_S):
                     await self._changed.wait()
 
-    async def _ask_loaded(self, station: Robot) -> None:
-        loaded = await station.ask(dashboard.LOADED_PROGRAM)
+    async def _query_loaded(self, station: Robot) -> None:
+        loaded = await station.request(dashboard.LOADED_PROGRAM)
         if loaded != self.loaded:
             self.loaded = loaded
-            self.look()
+            self.refresh()
 
-    async def _see(self, station: Robot) -> bool:
+    async def _update_shown(self, station: Robot) -> bool:
         try:
-            self.shown = await self._look_at(station)
+            self.shown = await self._find_shown(station)
         except (EmulatorControlError, KeyError, TypeError):  # gone, or an emulator of another version
             self.shown = NOTHING_SHOWN
             return False
         return True
 
-    async def _look_at(self, station: Robot) -> ShownProgram:
+    async def _find_shown(self, station: Robot) -> ShownProgram:
         if "program" in station.emulator.verbs and station.emulator.available:
-            return _shown(await station.emulator.call("program"))
+            return _parse_shown(await station.emulator.call("program"))
         script = self.draft.script
         if script is not None and script.name == self.running and self.draft.phase in ("running", "ended", "failed"):
             return ShownProgram(script.text, running=self.draft.phase == "running")
@@ -165,5 +165,5 @@ class Programs:
         return list(await station.emulator.call("programs"))
 
 
-def _shown(answer: dict[str, Any]) -> ShownProgram:
+def _parse_shown(answer: dict[str, Any]) -> ShownProgram:
     return ShownProgram(answer["text"], tuple(Node(**node) for node in answer["tree"]), answer["running"])

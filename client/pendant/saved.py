@@ -20,7 +20,7 @@ class Tools:
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._saved = OwnFile(path, _parsed_tools, "TCPs")
+        self._saved = JsonFile(path, _parse_tools, "TCPs")
 
     @property
     def version(self) -> int:
@@ -33,23 +33,23 @@ class Tools:
         return self._saved.content
 
     @property
-    def known(self) -> Mapping[str, Pose]:
+    def loaded(self) -> Mapping[str, Pose]:
         """As ``all``, or nothing before somebody has asked for that."""
-        return self._saved.known
+        return self._saved.loaded
 
     def save(self, name: str, tcp: Sequence[float]) -> None:
         """Under a name; another TCP of this name is replaced."""
-        self._change({**self.all, checked_name(name, "a TCP"): _checked_tools(tcp)})
+        self._change({**self.all, checked_name(name, "a TCP"): _checked_tcp(tcp)})
 
     def delete(self, name: str) -> None:
         """One that is not there is gone already."""
-        self._change({known: tcp for known, tcp in self.all.items() if known != name})
+        self._change({other: tcp for other, tcp in self.all.items() if other != name})
 
     def _change(self, tools: Mapping[str, Pose]) -> None:
         self._saved.change(dict(sorted(tools.items())))
 
 
-def _checked_tools(values: Any) -> Pose:
+def _checked_tcp(values: Any) -> Pose:
     numbers = isinstance(values, Sequence) and all(isinstance(value, int | float) for value in values)
     if not numbers or len(values) != 6 or not all(map(isfinite, values)):
         raise ValueError(f"a TCP is six numbers, x, y, z [m], rx, ry, rz [rad], not {values!r}")
@@ -57,13 +57,13 @@ def _checked_tools(values: Any) -> Pose:
     return (x, y, z, rx, ry, rz)
 
 
-def _parsed_tools(content: Any) -> dict[str, Pose]:
-    return {str(name): _checked_tools(tcp) for name, tcp in content.items()}
+def _parse_tools(content: Any) -> dict[str, Pose]:
+    return {str(name): _checked_tcp(tcp) for name, tcp in content.items()}
 
 
-_HALF: Final = 1.5707963267948966
+_QUARTER_TURN: Final = 1.5707963267948966
 BUILT_IN: Final[Mapping[str, Joints]] = {
-    "Home": (0.0, -_HALF, 0.0, -_HALF, 0.0, 0.0),
+    "Home": (0.0, -_QUARTER_TURN, 0.0, -_QUARTER_TURN, 0.0, 0.0),
     "Zero": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
 """PolyScope's home position, and every joint at zero. They cannot be changed."""
@@ -76,30 +76,30 @@ class Poses:
     """
 
     def __init__(self, path: Path | None) -> None:
-        self._saved = OwnFile(path, _parsed, "poses")
+        self._saved = JsonFile(path, _parse_poses, "poses")
 
     @property
     def version(self) -> int:
         """Counts the changes."""
         return self._saved.version
 
-    def of(self, model: str) -> dict[str, Joints]:
+    def for_model(self, model: str) -> dict[str, Joints]:
         """The saved ones by name, in the order of the names."""
         return dict(sorted(self._saved.content.get(model, {}).items()))
 
     def save(self, model: str, name: str, q_rad: Sequence[float]) -> None:
         """Under a name; another pose of this name is replaced."""
-        self._change(model, self.of(model) | {_checked(name): _six(q_rad)})
+        self._change(model, self.for_model(model) | {_checked_pose_name(name): _joint_angles(q_rad)})
 
     def delete(self, model: str, name: str) -> None:
         """One that is not there is gone already."""
-        poses = self.of(model)
+        poses = self.for_model(model)
         poses.pop(name, None)
         self._change(model, poses)
 
     def rename(self, model: str, old: str, new: str) -> None:
         """Raises ValueError when there is another pose of the new name."""
-        poses, new = self.of(model), _checked(new)
+        poses, new = self.for_model(model), _checked_pose_name(new)
         if old not in poses:
             raise ValueError(f"the pose {old!r} no longer exists")
         if new != old and new in poses:
@@ -110,14 +110,14 @@ class Poses:
         self._saved.change({**self._saved.content, model: poses})
 
 
-def _checked(name: str) -> str:
+def _checked_pose_name(name: str) -> str:
     name = checked_name(name, "a pose")
     if name in BUILT_IN:
         raise ValueError(f"{name} is a predefined pose: choose another name")
     return name
 
 
-def _six(values: Any) -> Joints:
+def _joint_angles(values: Any) -> Joints:
     if not isinstance(values, Sequence) or len(values) != 6 or not all(map(_is_angle, values)):
         raise ValueError(f"a pose is six joint angles [rad], not {values!r}")
     a, b, c, d, e, f = map(float, values)
@@ -128,15 +128,15 @@ def _is_angle(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
-def _parsed(content: Any) -> dict[str, dict[str, Joints]]:
-    return {model: {name: _six(q) for name, q in poses.items()} for model, poses in content.items()}
+def _parse_poses(content: Any) -> dict[str, dict[str, Joints]]:
+    return {model: {name: _joint_angles(q) for name, q in poses.items()} for model, poses in content.items()}
 
 
 _T = TypeVar("_T")
-_LONGEST_NAME: Final = 60
+_MAX_NAME_LENGTH: Final = 60
 
 
-class OwnFile(Generic[_T]):
+class JsonFile(Generic[_T]):
     """Named data in a JSON file; without a path, in memory only.
 
     The file is read on first use, and each change writes it completely or not at all. parse: converts the content of
@@ -147,26 +147,26 @@ class OwnFile(Generic[_T]):
         self._path = path
         self._parse = parse
         self._what = what
-        self._read: dict[str, _T] | None = None
+        self._content: dict[str, _T] | None = None
         self.version = 0
 
     @property
     def content(self) -> Mapping[str, _T]:
         """All of it. Raises FileError."""
-        if self._read is None:
-            self._read = {} if self._path is None else self._load(self._path)
-        return self._read
+        if self._content is None:
+            self._content = {} if self._path is None else self._load(self._path)
+        return self._content
 
     @property
-    def known(self) -> Mapping[str, _T]:
+    def loaded(self) -> Mapping[str, _T]:
         """As ``content``, or nothing before somebody has asked for that."""
-        return self._read or {}
+        return self._content or {}
 
     def change(self, content: dict[str, _T]) -> None:
         """Have this instead. Raises FileError; then nothing has changed."""
         if self._path is not None:
             write_json(self._path, content)
-        self._read = content
+        self._content = content
         self.version += 1
 
     def _load(self, path: Path) -> dict[str, _T]:
@@ -180,11 +180,11 @@ class OwnFile(Generic[_T]):
             raise FileError(path, f"the file does not contain {self._what}: {error}; move it out of the way") from error
 
 
-def checked_name(name: str, of: str) -> str:
+def checked_name(name: str, subject: str) -> str:
     """Without needless spaces. Raises ValueError for one that is empty or too long."""
     name = " ".join(name.split())
-    if not 0 < len(name) <= _LONGEST_NAME:
-        raise ValueError(f"the name of {of} has 1 to {_LONGEST_NAME} characters")
+    if not 0 < len(name) <= _MAX_NAME_LENGTH:
+        raise ValueError(f"the name of {subject} has 1 to {_MAX_NAME_LENGTH} characters")
     return name
 
 

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from client.calibration import shaped
+from client.calibration import require_model
 from client.errors import MissingExtraError, SceneError
 from urproto.errors import URError
 from urproto.primary.state import ConfigurationData, KinematicsInfo
@@ -96,7 +96,7 @@ def build_scene(sources: SceneSources, file: Path | None) -> MonitoredScene | No
     """Build a scene; None while the arm is unknown. Raises SceneError, PlanningError, CalibrationError, OSError."""
     if sources.arm is None or sources.kinematics is None or sources.tcp_offset is None:
         return None
-    model = shaped(sources.arm, sources.kinematics)
+    model = require_model(sources.arm, sources.kinematics)
     from client.planning import CollisionChecker, PlanningScene
 
     scene = PlanningScene(model)
@@ -104,7 +104,7 @@ def build_scene(sources: SceneSources, file: Path | None) -> MonitoredScene | No
         scene.update(file, sources.tcp_offset)
     elif sources.world is not None:
         _add_world(scene, sources.world, sources.tcp_offset)
-    objects = [_drawing(name, obj) for name, obj in scene.objects.items()]
+    objects = [_object_data(name, obj) for name, obj in scene.objects.items()]
     return MonitoredScene(scene, CollisionChecker(scene), sources.tcp_offset, objects)
 
 
@@ -116,10 +116,10 @@ def _add_world(scene: "PlanningScene", world: Mapping[str, Any], tcp_offset: Seq
         scene.attach(_TOOL, _shape(_TOOL, world["tool"]), pose)
 
 
-def _shape(name: str, described: Mapping[str, Any]) -> "Shape":
+def _shape(name: str, description: Mapping[str, Any]) -> "Shape":
     from client.planning import Box, Plane, Sphere
 
-    match described:
+    match description:
         case {"box": [x, y, z]}:
             return Box((x, y, z))
         case {"sphere": radius}:
@@ -129,18 +129,18 @@ def _shape(name: str, described: Mapping[str, Any]) -> "Shape":
     raise SceneError(f"the emulator's object {name} has an unknown shape")
 
 
-def _drawing(name: str, obj: "SceneObject") -> dict[str, Any]:
+def _object_data(name: str, obj: "SceneObject") -> dict[str, Any]:
     rotation = list(rotvec_to_matrix(*obj.pose[3:]))
     return {
         "name": name,
-        **_form(obj.shape),
+        **_shape_data(obj.shape),
         "pose": list(obj.pose),
         "rotation": rotation,
         "attached": obj.attached,
     }
 
 
-def _form(shape: "Shape") -> dict[str, Any]:
+def _shape_data(shape: "Shape") -> dict[str, Any]:
     from client.planning import Box, Cylinder, Mesh, Sphere
     from client.planning.solids import hull_of
 

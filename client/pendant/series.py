@@ -10,15 +10,15 @@ from urproto.rtde.types import FieldType
 from urproto.signals import DIGITAL_GROUPS
 from urproto.versions import PolyscopeVersion
 
-_POSE: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
-_INERTIA: Final = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-_OF_TWO_KINDS: Final = (
+_POSE_ELEMENTS: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
+_INERTIA_ELEMENTS: Final = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+_MIXED_UNITS: Final = (
     "m rad",
     "m/s rad/s",
     "m/s2 rad/s2",
     "N Nm",
 )  # three elements have the one unit, three the other
-_ON_SCREEN: Final = {  # unit -> what PolyScope shows, and how many of it make one
+_SCREEN_UNITS: Final = {  # unit -> what PolyScope shows, and how many of it make one
     "rad": ("°", 57.29577951308232),
     "rad/s": ("°/s", 57.29577951308232),
     "rad/s2": ("°/s²", 57.29577951308232),
@@ -28,10 +28,10 @@ _ON_SCREEN: Final = {  # unit -> what PolyScope shows, and how many of it make o
     "degC": ("°C", 1.0),
     "kg m2": ("kg m²", 1.0),
 }
-_WIRES: Final = tuple(  # of the words of digital signals: name, number of signals
+_DIGITAL_SIGNALS: Final = tuple(  # of the words of digital signals: name, number of signals
     (f"{group.letter}{{}}{index}", group.bit(index)) for group in DIGITAL_GROUPS for index in range(group.count)
 )
-_WORDS: Final = {"actual_digital_input_bits": "I", "actual_digital_output_bits": "O"}
+_DIGITAL_WORDS: Final = {"actual_digital_input_bits": "I", "actual_digital_output_bits": "O"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def catalogue(version: PolyscopeVersion | None) -> dict[str, Series]:
 
 def series(*keys: str) -> list[Series]:
     """These of the catalogue. Raises KeyError."""
-    return [_EVERY[key] for key in keys]
+    return [_ALL[key] for key in keys]
 
 
 def _split(field: Field) -> Iterator[Series]:
@@ -75,27 +75,27 @@ def _split(field: Field) -> Iterator[Series]:
     names = _element_names(field)
     for index in range(count):
         unit = _unit(field, index)
-        shown, factor = _ON_SCREEN.get(unit, (unit, 1.0))
+        shown, factor = _SCREEN_UNITS.get(unit, (unit, 1.0))
         label = f"{field.name} {names[index]}" if count > 1 else field.name
         yield Series(field.name, index, label, unit, shown, factor, field.doc, steps=steps)
-    for pattern, bit in _WIRES if field.name in _WORDS else ():
-        name = pattern.format(_WORDS[field.name])
+    for pattern, bit in _DIGITAL_SIGNALS if field.name in _DIGITAL_WORDS else ():
+        name = pattern.format(_DIGITAL_WORDS[field.name])
         yield Series(field.name, 0, name, "", "", 1.0, f"digital signal {name}", bit, steps=True)
 
 
 def _unit(field: Field, index: int) -> str:
-    if field.unit in _OF_TWO_KINDS:
+    if field.unit in _MIXED_UNITS:
         return field.unit.split(" ")[index // 3]
     return field.unit
 
 
 def _element_names(field: Field) -> tuple[str, ...]:
-    if field.type is FieldType.VECTOR3D or field.unit in _OF_TWO_KINDS:
-        return _POSE
-    return _INERTIA if field.name == "payload_inertia" else JOINT_TITLES
+    if field.type is FieldType.VECTOR3D or field.unit in _MIXED_UNITS:
+        return _POSE_ELEMENTS
+    return _INERTIA_ELEMENTS if field.name == "payload_inertia" else JOINT_TITLES
 
 
-_EVERY: Final = catalogue(None)
+_ALL: Final = catalogue(None)
 
 
 def _vector(name: str, count: int = 6) -> tuple[str, ...]:

@@ -20,17 +20,17 @@ from client.pendant.live import Live
 from client.pendant.page import Page
 from client.pendant.screens import SCREENS
 from client.pendant.station import Station
-from client.pendant.web_security import Gate, Nonsense, guard_events, mind_the_logs
+from client.pendant.web_security import Gate, InvalidMessages, guard_events, shorten_library_logs
 from urproto.backdoors import BackdoorMark
 
 _STATIC: Final = Path(__file__).with_name("static")
-_SHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
+_STYLESHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
 _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))
-_PROCESS: Final = secrets.token_hex(8)  # another one in each process: pages know by it that theirs is a new one
+_PROCESS_TOKEN: Final = secrets.token_hex(8)  # another one in each process: pages know by it that theirs is a new one
 _NO_SUCH_PAGE: Final = 1008
-_LONGEST_MESSAGE: Final = 1_000_000  # bytes of a web socket, as NiceGUI's pages send at most
-_LOOK_AGAIN_S: Final = 0.05
-_NOT_KEPT: Final = {"cache-control": "no-store"}
+_MAX_MESSAGE_BYTES: Final = 1_000_000  # bytes of a web socket, as NiceGUI's pages send at most
+_POLL_PERIOD_S: Final = 0.05
+_NO_STORE: Final = {"cache-control": "no-store"}
 
 
 def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
@@ -39,44 +39,46 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     Raises PortTakenError.
     """
     os.environ.pop("PYTEST_CURRENT_TEST", None)  # of a test that started this process: NiceGUI would test itself
-    opened = AsyncExitStack()
-    telling = set[asyncio.Task[None]]()  # the loop alone would not keep it
+    exit_stack = AsyncExitStack()
+    tasks = set[asyncio.Task[None]]()  # the loop alone would not keep it
     _check_free(host, port)
-    opened.callback(_mark(host, port).close)
+    exit_stack.callback(_mark_port(host, port).close)
 
     async def start() -> None:
-        await opened.enter_async_context(station)
-        telling.add(asyncio.create_task(_when_open(host, port, ready)))
+        await exit_stack.enter_async_context(station)
+        tasks.add(asyncio.create_task(_call_when_open(host, port, ready)))
 
     app.on_startup(start)
-    app.on_shutdown(opened.aclose)
+    app.on_shutdown(exit_stack.aclose)
     app.add_static_files("/pendant", _STATIC)
     app.config.quasar_config["loadingBar"]["skipHijack"] = True  # a bar without a name at each file that is fetched
-    nonsense = Nonsense()
+    invalid_messages = InvalidMessages()
     screens = [screen.name for screen in SCREENS]
-    app.add_middleware(Gate, screens=screens, full=lambda most: len(Live.pages) >= most, nonsense=nonsense)
-    guard_events(nonsense)
-    mind_the_logs(nonsense)
+    app.add_middleware(
+        Gate, screens=screens, full=lambda limit: len(Live.pages) >= limit, invalid_messages=invalid_messages
+    )
+    guard_events(invalid_messages)
+    shorten_library_logs(invalid_messages)
 
     @ui.page("/")
     @ui.page("/{screen}")
     async def pendant(screen: str = SCREENS[0].name) -> None:
-        await _page(station, screen)
+        await _build_page(station, screen)
 
     @app.get(f"{ROUTE}/{{name}}/{{kind}}")
     async def camera(name: str, kind: Literal["stream", "still"]) -> Response:
         try:
             if kind == "still":
-                return Response(await station.cameras.still(name), media_type="image/jpeg", headers=_NOT_KEPT)
+                return Response(await station.cameras.still(name), media_type="image/jpeg", headers=_NO_STORE)
             content_type, content = await station.cameras.stream(name)
         except CameraError as error:
             return PlainTextResponse(f"{error}\n", 502)
-        return StreamingResponse(content, media_type=content_type, headers=_NOT_KEPT)
+        return StreamingResponse(content, media_type=content_type, headers=_NO_STORE)
 
     @app.websocket("/live/{page_id}")
     async def live(web_socket: WebSocket, page_id: str) -> None:
         if page_id in Live.pages:
-            await Live.pages[page_id].serve(web_socket, nonsense)
+            await Live.pages[page_id].serve(web_socket, invalid_messages)
         else:
             await web_socket.close(_NO_SUCH_PAGE)
 
@@ -94,7 +96,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
         binding_refresh_interval=None,
         ws_per_message_deflate=False,
         access_log=False,
-        ws_max_size=_LONGEST_MESSAGE,
+        ws_max_size=_MAX_MESSAGE_BYTES,
     )
 
 
@@ -108,7 +110,7 @@ def _check_free(host: str, port: int) -> None:
             raise PortTakenError(host, port, error.strerror or str(error)) from error
 
 
-def _mark(host: str, port: int) -> BackdoorMark:
+def _mark_port(host: str, port: int) -> BackdoorMark:
     """Programs of emulated robots on this machine have no business here. Raises PortTakenError."""
     address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][4][0]
     try:
@@ -117,26 +119,26 @@ def _mark(host: str, port: int) -> BackdoorMark:
         raise PortTakenError(host, port, error.strerror or str(error)) from error
 
 
-async def _when_open(host: str, port: int, ready: Callable[[], None]) -> None:
+async def _call_when_open(host: str, port: int, ready: Callable[[], None]) -> None:
     """The server opens its port after its start-up handlers."""
     while True:
         try:
             _, writer = await asyncio.open_connection(host, port)
         except OSError:
-            await asyncio.sleep(_LOOK_AGAIN_S)
+            await asyncio.sleep(_POLL_PERIOD_S)
         else:
             writer.close()
             return ready()
 
 
-async def _page(station: Station, screen: str) -> None:
+async def _build_page(station: Station, screen: str) -> None:
     client = ui.context.client
     ui.colors(primary="#27699a", secondary="#56a0d3", positive="#23803f", negative="#c62828", warning="#e0a100")
-    for name in _SHEETS:
+    for name in _STYLESHEETS:
         ui.add_head_html(f'<link rel="stylesheet" href="/pendant/{name}">')
     for name in _SCRIPTS:
         ui.add_body_html(f'<script src="/pendant/{name}"></script>')
     page = Page(station, Live(station, client.id))
     client.on_delete(page.close)
     frame.build(page, screen)
-    ui.run_javascript(f"pendant.start('{client.id}', '{_PROCESS}')")
+    ui.run_javascript(f"pendant.start('{client.id}', '{_PROCESS_TOKEN}')")

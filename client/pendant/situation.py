@@ -39,12 +39,12 @@ class Action(Enum):
     RESTART_SAFETY = auto()
 
 
-class NotNowError(ClientError):
+class NotPermittedError(ClientError):
     """The arm does not permit the action now; the text says why, and what to do about it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class RobotStatus:
     """What is known about a robot.
 
     safety_mode: the most specific one that it reports. moved_here: the running program is the one with which the
@@ -56,7 +56,7 @@ class Known:
     robot_mode: RobotMode = RobotMode.NO_CONTROLLER
     safety_mode: SafetyMode = SafetyMode.UNDEFINED_SAFETY_MODE
     runtime_state: RuntimeState = RuntimeState.STOPPED
-    moved_here: bool = False
+    moved_by_pendant: bool = False
     safeguard_open: bool | None = None
     unlock_in_s: float = 0.0
 
@@ -76,23 +76,23 @@ class Situation:
     safety: str
     advice: str
     safety_tone: Tone
-    way_out: Action | None
+    recovery_action: Action | None
     stage: int
     program: str
     refusals: Mapping[Action, str]
 
-    def may(self, action: Action) -> bool:
+    def permits(self, action: Action) -> bool:
         """Whether it may do that now."""
         return action not in self.refusals
 
-    def why_not(self, action: Action) -> str:
+    def refusal(self, action: Action) -> str:
         """Why it may not, "" when it may."""
         return self.refusals.get(action, "")
 
     def require(self, action: Action) -> None:
         """Raises NotNowError when it may not."""
-        if not self.may(action):
-            raise NotNowError(self.why_not(action))
+        if not self.permits(action):
+            raise NotPermittedError(self.refusal(action))
 
 
 class _Safety(NamedTuple):
@@ -100,7 +100,7 @@ class _Safety(NamedTuple):
     advice: str
 
 
-_ESTOP: Final = "Release the emergency stop button (turn it), then press START."
+_ESTOP_ADVICE: Final = "Release the emergency stop button (turn it), then press START."
 _SAFETY: Final = {
     SafetyMode.NORMAL: _Safety("Normal", "Nothing keeps the arm from moving."),
     SafetyMode.REDUCED: _Safety("Reduced mode", "The limits of reduced mode are in force."),
@@ -119,9 +119,9 @@ _SAFETY: Final = {
     SafetyMode.PROFISAFE_WAITING_FOR_PARAMETERS: _Safety(
         "Waiting for PROFIsafe", "The PROFIsafe controller has not sent its parameters yet."
     ),
-    SafetyMode.ROBOT_EMERGENCY_STOP: _Safety("Robot emergency stop", _ESTOP),
-    SafetyMode.IMMI_EMERGENCY_STOP: _Safety("IMMI emergency stop", _ESTOP),
-    SafetyMode.PROFISAFE_EMERGENCY_STOP: _Safety("PROFIsafe emergency stop", _ESTOP),
+    SafetyMode.ROBOT_EMERGENCY_STOP: _Safety("Robot emergency stop", _ESTOP_ADVICE),
+    SafetyMode.IMMI_EMERGENCY_STOP: _Safety("IMMI emergency stop", _ESTOP_ADVICE),
+    SafetyMode.PROFISAFE_EMERGENCY_STOP: _Safety("PROFIsafe emergency stop", _ESTOP_ADVICE),
     SafetyMode.SYSTEM_EMERGENCY_STOP: _Safety(
         "System emergency stop", "Release the emergency stop of the other machine, then press START."
     ),
@@ -134,18 +134,18 @@ _SAFETY: Final = {
     SafetyMode.VALIDATE_JOINT_ID: _Safety("Joint exchanged", "Confirm the new joint on the robot's own pendant."),
     SafetyMode.UNDEFINED_SAFETY_MODE: _Safety("Safety mode unknown", "This pendant does not know the safety mode."),
 }
-_SAFE: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
-_ENABLING: Final = (SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP, SafetyMode.TP_THREE_POSITION_ENABLING_STOP)
-_SAFEGUARDS: Final = tuple(mode for mode in SafetyMode if mode.name.endswith("SAFEGUARD_STOP"))
-_HARD: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
-_NO_POWER: Final = (
-    *_HARD,
+_NO_STOP: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED)
+_ENABLING_STOPS: Final = (SafetyMode.SYSTEM_THREE_POSITION_ENABLING_STOP, SafetyMode.TP_THREE_POSITION_ENABLING_STOP)
+_SAFEGUARD_STOPS: Final = tuple(mode for mode in SafetyMode if mode.name.endswith("SAFEGUARD_STOP"))
+_FAILURES: Final = (SafetyMode.VIOLATION, SafetyMode.FAULT)
+_POWER_FORBIDDEN: Final = (
+    *_FAILURES,
     *(mode for mode in SafetyMode if mode.name.endswith("EMERGENCY_STOP")),
     SafetyMode.VALIDATE_JOINT_ID,
 )
 
 
-_WAYS_OUT: Final = {
+_RECOVERY_ACTIONS: Final = {
     SafetyMode.PROTECTIVE_STOP: Action.UNLOCK,
     SafetyMode.SAFEGUARD_STOP: Action.RESET_SAFEGUARD,
     SafetyMode.VIOLATION: Action.RESTART_SAFETY,
@@ -187,7 +187,7 @@ _NOT_CONNECTED: Final = _Mode(
     "Not connected", "The robot does not answer. The pendant keeps trying to reach it.", -1, "unknown"
 )
 _STOPPED: Final = (RuntimeState.STOPPED, RuntimeState.STOPPING)
-_PROGRAMS: Final = {
+_PROGRAM_HINTS: Final = {
     RuntimeState.PLAYING: "A program is running.",
     RuntimeState.RESUMING: "A program is running.",
     RuntimeState.PAUSING: "A program is paused. PLAY resumes it.",
@@ -196,131 +196,141 @@ _PROGRAMS: Final = {
 
 
 @lru_cache(maxsize=512)
-def situation(known: Known) -> Situation:
+def situation(status: RobotStatus) -> Situation:
     """The answer."""
-    mode = _MODES[known.robot_mode] if known.connected else _NOT_CONNECTED
-    safety, advice = (_SAFETY[known.safety_mode].title, _advice(known)) if known.connected else ("–", "")
-    title, hint, tone = _headline(known, mode, safety, advice)
-    blocked = "" if _may_run(known) else f"{title}. {hint}"
+    mode = _MODES[status.robot_mode] if status.connected else _NOT_CONNECTED
+    safety, advice = (_SAFETY[status.safety_mode].title, _advice(status)) if status.connected else ("–", "")
+    title, hint, tone = _headline(status, mode, safety, advice)
+    blocked = "" if _can_move(status) else f"{title}. {hint}"
     refusals = {
-        Action.MOVE: blocked or _program_in_the_way(known),
-        Action.PLAY: blocked or ("" if _may_play(known) else "The program is already running."),
+        Action.MOVE: blocked or _program_refusal(status),
+        Action.PLAY: blocked or ("" if _can_play(status) else "The program is already running."),
         Action.SEND: blocked,
-        Action.PAUSE: _no_answer(known) or ("" if _is_playing(known) else "No program is running."),
-        Action.STOP: _no_answer(known) or ("No program is running." if known.runtime_state in _STOPPED else ""),
-        Action.POWER_ON: _why_no_power(known, mode, (_OFF,), "The arm already has power."),
-        Action.RELEASE_BRAKES: _why_no_power(known, mode, (_OFF, _IDLE), "The brakes are released, or about to be."),
-        Action.POWER_OFF: _no_answer(known) or ("" if mode.stage > _OFF else "The arm has no power."),
-        Action.UNLOCK: _no_answer(known) or _why_locked(known),
-        Action.RESET_SAFEGUARD: _no_answer(known) or _why_no_reset(known),
-        Action.RESTART_SAFETY: _no_answer(known)
-        or ("" if known.safety_mode in _HARD else "There is no violation and no fault."),
+        Action.PAUSE: _connection_refusal(status) or ("" if _is_playing(status) else "No program is running."),
+        Action.STOP: _connection_refusal(status)
+        or ("No program is running." if status.runtime_state in _STOPPED else ""),
+        Action.POWER_ON: _power_refusal(status, mode, (_OFF,), "The arm already has power."),
+        Action.RELEASE_BRAKES: _power_refusal(status, mode, (_OFF, _IDLE), "The brakes are released, or about to be."),
+        Action.POWER_OFF: _connection_refusal(status) or ("" if mode.stage > _OFF else "The arm has no power."),
+        Action.UNLOCK: _connection_refusal(status) or _unlock_refusal(status),
+        Action.RESET_SAFEGUARD: _connection_refusal(status) or _reset_refusal(status),
+        Action.RESTART_SAFETY: _connection_refusal(status)
+        or ("" if status.safety_mode in _FAILURES else "There is no violation and no fault."),
     }
-    refused = {action: why for action, why in refusals.items() if why}
+    refused = {action: reason for action, reason in refusals.items() if reason}
     return Situation(
-        title, hint, tone, safety, advice, _safety_tone(known), _way_out(known), mode.stage, _program(known), refused
+        title,
+        hint,
+        tone,
+        safety,
+        advice,
+        _safety_tone(status),
+        _recovery_action(status),
+        mode.stage,
+        _program(status),
+        refused,
     )
 
 
-def _headline(known: Known, mode: _Mode, safety: str, advice: str) -> tuple[str, str, Tone]:
-    if not known.connected or mode.stage < _OFF:
+def _headline(status: RobotStatus, mode: _Mode, safety: str, advice: str) -> tuple[str, str, Tone]:
+    if not status.connected or mode.stage < _OFF:
         return mode.title, mode.hint, mode.tone
-    if known.safety_mode not in _SAFE:
-        return safety, advice, _safety_tone(known)
+    if status.safety_mode not in _NO_STOP:
+        return safety, advice, _safety_tone(status)
     if mode.stage < _RELEASED:
         return mode.title, mode.hint, mode.tone
-    title = mode.title if known.safety_mode is SafetyMode.NORMAL else safety
-    if known.moved_here:
+    title = mode.title if status.safety_mode is SafetyMode.NORMAL else safety
+    if status.moved_by_pendant:
         return title, "The pendant's own program is running, which moves the arm from here.", "busy"
-    if known.runtime_state in _STOPPED:
+    if status.runtime_state in _STOPPED:
         return title, mode.hint, "ready"
-    return title, _PROGRAMS[known.runtime_state], "busy" if _is_playing(known) else "ready"
+    return title, _PROGRAM_HINTS[status.runtime_state], "busy" if _is_playing(status) else "ready"
 
 
-def _advice(known: Known) -> str:
-    mode = known.safety_mode
-    if mode in _ENABLING:
-        return "Hold the enabling device in its middle position." + _afterwards(known)
-    if mode in _SAFEGUARDS:
-        return _of_the_safeguard(known) + _afterwards(known)
-    if mode is SafetyMode.PROTECTIVE_STOP and known.runtime_state is RuntimeState.PAUSED:
+def _advice(status: RobotStatus) -> str:
+    mode = status.safety_mode
+    if mode in _ENABLING_STOPS:
+        return "Hold the enabling device in its middle position." + _continuation(status)
+    if mode in _SAFEGUARD_STOPS:
+        return _safeguard_advice(status) + _continuation(status)
+    if mode is SafetyMode.PROTECTIVE_STOP and status.runtime_state is RuntimeState.PAUSED:
         return f"{_SAFETY[mode].advice} The program stays paused."
-    if mode is SafetyMode.NORMAL and known.robot_mode is not RobotMode.RUNNING:
+    if mode is SafetyMode.NORMAL and status.robot_mode is not RobotMode.RUNNING:
         return "No stop is in force."
     return _SAFETY[mode].advice
 
 
-def _of_the_safeguard(known: Known) -> str:
-    if known.safeguard_open is None:
+def _safeguard_advice(status: RobotStatus) -> str:
+    if status.safeguard_open is None:
         return "Close the safeguard; where a reset button is wired, press it."
-    return "The safeguard is open: close it." if known.safeguard_open else "The safeguard is closed: reset it."
+    return "The safeguard is open: close it." if status.safeguard_open else "The safeguard is closed: reset it."
 
 
-def _afterwards(known: Known) -> str:
-    return " The program then continues." if known.runtime_state in (RuntimeState.PAUSED, RuntimeState.PAUSING) else ""
+def _continuation(status: RobotStatus) -> str:
+    return " The program then continues." if status.runtime_state in (RuntimeState.PAUSED, RuntimeState.PAUSING) else ""
 
 
-def _safety_tone(known: Known) -> Tone:
-    if not known.connected or known.safety_mode is SafetyMode.UNDEFINED_SAFETY_MODE:
+def _safety_tone(status: RobotStatus) -> Tone:
+    if not status.connected or status.safety_mode is SafetyMode.UNDEFINED_SAFETY_MODE:
         return "unknown"
-    return "ready" if known.safety_mode in _SAFE else "stopped"
+    return "ready" if status.safety_mode in _NO_STOP else "stopped"
 
 
-def _way_out(known: Known) -> Action | None:
-    if known.safety_mode is SafetyMode.SAFEGUARD_STOP and known.safeguard_open is None:
+def _recovery_action(status: RobotStatus) -> Action | None:
+    if status.safety_mode is SafetyMode.SAFEGUARD_STOP and status.safeguard_open is None:
         return None
-    return _WAYS_OUT.get(known.safety_mode) if known.connected else None
+    return _RECOVERY_ACTIONS.get(status.safety_mode) if status.connected else None
 
 
-def _program(known: Known) -> str:
-    if not known.connected:
+def _program(status: RobotStatus) -> str:
+    if not status.connected:
         return "–"
-    return "Pendant control" if known.moved_here else known.runtime_state.name.capitalize()
+    return "Pendant control" if status.moved_by_pendant else status.runtime_state.name.capitalize()
 
 
 # why not
 
 
-def _no_answer(known: Known) -> str:
-    return "" if known.connected else f"{_NOT_CONNECTED.title}. {_NOT_CONNECTED.hint}"
+def _connection_refusal(status: RobotStatus) -> str:
+    return "" if status.connected else f"{_NOT_CONNECTED.title}. {_NOT_CONNECTED.hint}"
 
 
-def _may_run(known: Known) -> bool:
+def _can_move(status: RobotStatus) -> bool:
     """Brakes released, no stop in force."""
-    return known.connected and known.robot_mode is RobotMode.RUNNING and known.safety_mode in _SAFE
+    return status.connected and status.robot_mode is RobotMode.RUNNING and status.safety_mode in _NO_STOP
 
 
-def _is_playing(known: Known) -> bool:
-    return known.runtime_state in (RuntimeState.PLAYING, RuntimeState.RESUMING) and not known.moved_here
+def _is_playing(status: RobotStatus) -> bool:
+    return status.runtime_state in (RuntimeState.PLAYING, RuntimeState.RESUMING) and not status.moved_by_pendant
 
 
-def _may_play(known: Known) -> bool:
-    return known.moved_here or known.runtime_state not in (RuntimeState.PLAYING, RuntimeState.RESUMING)
+def _can_play(status: RobotStatus) -> bool:
+    return status.moved_by_pendant or status.runtime_state not in (RuntimeState.PLAYING, RuntimeState.RESUMING)
 
 
-def _program_in_the_way(known: Known) -> str:
-    if known.moved_here or known.runtime_state in _STOPPED:
+def _program_refusal(status: RobotStatus) -> str:
+    if status.moved_by_pendant or status.runtime_state in _STOPPED:
         return ""
-    return f"{_PROGRAMS[known.runtime_state].partition('.')[0]}: stop it first."
+    return f"{_PROGRAM_HINTS[status.runtime_state].partition('.')[0]}: stop it first."
 
 
-def _why_no_power(known: Known, mode: _Mode, stages: tuple[int, ...], otherwise: str) -> str:
-    if not known.connected or mode.stage < _OFF:
+def _power_refusal(status: RobotStatus, mode: _Mode, stages: tuple[int, ...], otherwise: str) -> str:
+    if not status.connected or mode.stage < _OFF:
         return f"{mode.title}. {mode.hint}"
-    if known.safety_mode in _NO_POWER:
-        return f"{_SAFETY[known.safety_mode].title}. {_advice(known)}"
+    if status.safety_mode in _POWER_FORBIDDEN:
+        return f"{_SAFETY[status.safety_mode].title}. {_advice(status)}"
     return "" if mode.stage in stages else otherwise
 
 
-def _why_locked(known: Known) -> str:
-    if known.safety_mode is not SafetyMode.PROTECTIVE_STOP:
+def _unlock_refusal(status: RobotStatus) -> str:
+    if status.safety_mode is not SafetyMode.PROTECTIVE_STOP:
         return "There is no protective stop."
-    return f"It can be unlocked in {ceil(known.unlock_in_s)} s." if known.unlock_in_s > 0.0 else ""
+    return f"It can be unlocked in {ceil(status.unlock_in_s)} s." if status.unlock_in_s > 0.0 else ""
 
 
-def _why_no_reset(known: Known) -> str:
-    if known.safety_mode is not SafetyMode.SAFEGUARD_STOP:
+def _reset_refusal(status: RobotStatus) -> str:
+    if status.safety_mode is not SafetyMode.SAFEGUARD_STOP:
         return "There is no safeguard stop."
-    if known.safeguard_open is None:
+    if status.safeguard_open is None:
         return "Only the button that is wired to the robot resets its safeguard."
-    return "The safeguard is open: close it first." if known.safeguard_open else ""
+    return "The safeguard is open: close it first." if status.safeguard_open else ""

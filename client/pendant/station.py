@@ -17,20 +17,20 @@ from client.dashboard_on_x import NOT_ON_POLYSCOPE_X
 from client.errors import NoAnswerError, RobotUnreachableError
 from client.pendant.audience import Audience
 from client.pendant.cameras import CameraLink
-from client.pendant.checking import keep_checking
+from client.pendant.checking import check_forever
 from client.pendant.dialogues import Dialogues, Stops
-from client.pendant.emulator_control import LOOK_AGAIN_S, EmulatorControl
+from client.pendant.emulator_control import POLL_PERIOD_S, EmulatorControl
 from client.pendant.events import EventLog
 from client.pendant.feeds import Feeds
 from client.pendant.manager_link import ManagerLink
 from client.pendant.mover import Mover
-from client.pendant.polling import Poller, PortRegisters, keep_following
+from client.pendant.polling import GeneralRegisters, Poller, follow_forever
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile
 from client.pendant.programs import Programs
 from client.pendant.saved import Poses, Tools
 from client.pendant.scene_monitor import MonitoredScene, SceneMonitor, SceneSources
-from client.pendant.situation import Known, Situation, situation
+from client.pendant.situation import RobotStatus, Situation, situation
 from client.pendant.variables import Variables
 from client.primary import PrimaryClient, PrimaryCore
 from client.robot import AsyncRobot
@@ -63,12 +63,12 @@ OUTPUTS: Final = (
     "tool_output_current", "tool_temperature", "tool_mode", "actual_robot_voltage", "actual_robot_current",
     "actual_main_voltage", "target_gravity",
 )  # fmt: skip
-_HANG_S: Final = 1.0  # guess: a page that hangs for longer is no longer in the hand of whoever holds its button
-_SILENCE_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
-_LONG_SILENCE_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
-_REMOTE_EVERY_S: Final = 2.0
-_UNSEEN_STATE_S: Final = 0.2  # while no page is open: what a person could notice when one is
-_UNSEEN_LOOK_S: Final = 2.0  # likewise, at an emulator's control API
+_MAX_HANG_S: Final = 1.0  # guess: a page that hangs for longer is no longer in the hand of whoever holds its button
+_STATE_TIMEOUT_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
+_FEED_TIMEOUT_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
+_REMOTE_CONTROL_PERIOD_S: Final = 2.0
+_UNWATCHED_STATE_PERIOD_S: Final = 0.2  # while no page is open: what a person could notice when one is
+_UNWATCHED_CONTROL_PERIOD_S: Final = 2.0  # likewise, at an emulator's control API
 _DEVICES: Final = {  # of an emulator -> the stop that lasts as long as they ask for it, and maybe longer
     SafetyMode.SAFEGUARD_STOP: "safeguard",
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: "automatic_safeguard",
@@ -126,61 +126,63 @@ class Station:
         self.dialogues = Dialogues()
         self.stops = Stops()
         self.programs = Programs()
-        self._news = asyncio.Event()
+        self._update_event = asyncio.Event()
         self.audience = Audience()
         self.emulator = EmulatorControl(
             robot_ip,
             CONTROL_API_PORT + port_offset if control_port is None else control_port,
             token,
-            self.wake,
-            lambda: self.audience.sleep(LOOK_AGAIN_S, _UNSEEN_LOOK_S),
+            self.notify_pages,
+            lambda: self.audience.sleep(POLL_PERIOD_S, _UNWATCHED_CONTROL_PERIOD_S),
         )
         self.cameras = CameraLink(
-            robot_ip, CAMERA_PORT + port_offset if camera_port is None else camera_port, self.wake
+            robot_ip, CAMERA_PORT + port_offset if camera_port is None else camera_port, self.notify_pages
         )
-        self.remote_control = Poller(self._ask_remote_control, _REMOTE_EVERY_S, self.wake)
+        self.remote_control = Poller(self._query_remote_control, _REMOTE_CONTROL_PERIOD_S, self.notify_pages)
         self.tools = Tools(tools)
-        kept = ProgramFile(drafts, f"{robot_ip}_{self.ports['primary']}")
-        self.program_draft = ProgramDraft(kept, self.log.note, self.wake, lambda: (self.version, self.model))
-        self.scene_monitor = SceneMonitor(scene, self.wake)
+        draft_file = ProgramFile(drafts, f"{robot_ip}_{self.ports['primary']}")
+        self.program_draft = ProgramDraft(
+            draft_file, self.log.note, self.notify_pages, lambda: (self.version, self.model)
+        )
+        self.scene_monitor = SceneMonitor(scene, self.notify_pages)
         self.feeds = Feeds(self._open_feed)
-        self.manager = ManagerLink(robot_ip, self.ports["rtde"], self.wake)
-        self.port_registers = PortRegisters(robot_ip, self.ports["modbus"], self.wake)
+        self.manager = ManagerLink(robot_ip, self.ports["rtde"], self.notify_pages)
+        self.general_registers = GeneralRegisters(robot_ip, self.ports["modbus"], self.notify_pages)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
         self._read_only = False  # the primary connection takes no scripts, another one may
-        self._sent = False  # a script, over this connection
+        self._script_sent = False  # a script, over this connection
         self._core = PrimaryCore()
         self._arm: ConfigurationData | None = None
         self._model: RobotModel | None = None
-        self._running = AsyncExitStack()
+        self._exit_stack = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
-        async with AsyncExitStack() as opening:
-            opening.push_async_callback(self.emulator.close)
-            opening.push_async_callback(self.cameras.close)
-            opening.push_async_callback(self.remote_control.close)
-            opening.push_async_callback(self.mover.close)
-            opening.push_async_callback(self.scene_monitor.close)
-            opening.push_async_callback(self.feeds.close)
-            opening.push_async_callback(self.port_registers.close)
-            opening.push_async_callback(self.manager.close)
-            for work in (
-                keep_following(self._follow_states, self._lose_states),
-                keep_following(self._follow_messages, lambda why: self.log.note(f"no messages: {why}")),
+        async with AsyncExitStack() as stack:
+            stack.push_async_callback(self.emulator.close)
+            stack.push_async_callback(self.cameras.close)
+            stack.push_async_callback(self.remote_control.close)
+            stack.push_async_callback(self.mover.close)
+            stack.push_async_callback(self.scene_monitor.close)
+            stack.push_async_callback(self.feeds.close)
+            stack.push_async_callback(self.general_registers.close)
+            stack.push_async_callback(self.manager.close)
+            for background_task in (
+                follow_forever(self._follow_states, self._lose_states),
+                follow_forever(self._follow_messages, lambda reason: self.log.note(f"no messages: {reason}")),
                 self.emulator.follow(self.dialogues),
                 self.programs.follow(self),
-                keep_checking(self.programs.draft, lambda: self.version, self.log.note),
-                self.program_draft.keep(),
+                check_forever(self.programs.draft, lambda: self.version, self.log.note),
+                self.program_draft.keep_saving(),
             ):
-                opening.push_async_callback(_cancel, asyncio.create_task(work))
-            self._running = opening.pop_all()
+                stack.push_async_callback(_cancel, asyncio.create_task(background_task))
+            self._exit_stack = stack.pop_all()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self._running.aclose()
+        await self._exit_stack.aclose()
 
     # what it says
 
@@ -243,15 +245,15 @@ class Station:
     def situation(self) -> Situation:
         """What the arm may do now."""
         if not self.connected:
-            return situation(Known())
+            return situation(RobotStatus())
         mode = self.safety_mode
         return situation(
-            Known(
+            RobotStatus(
                 True,
                 self.robot_mode,
                 mode,
                 self.runtime_state,
-                moved_here=self.mover.in_charge,
+                moved_by_pendant=self.mover.in_control,
                 safeguard_open=self._is_active(_DEVICES[mode]) if mode in _DEVICES else None,
                 unlock_in_s=ceil(self.stops.unlock_in_s),
             )
@@ -292,11 +294,11 @@ class Station:
 
     async def next_frame(self) -> None:
         """Wait until there is something new to show."""
-        await self._news.wait()
+        await self._update_event.wait()
 
     # what can be asked of it
 
-    async def ask(self, operation: Operation[Answer]) -> Answer:
+    async def request(self, operation: Operation[Answer]) -> Answer:
         """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError.
 
         A robot in local control takes orders from its own pendant only, and PolyScope X has some in no interface; of an
@@ -308,15 +310,15 @@ class Station:
             ) as board:
                 return readable_in(await board.ask(operation))
         except RobotRefused as refused:
-            if not (_for_its_pendant(refused) and self.emulator.available):
+            if not (_needs_own_pendant(refused) and self.emulator.available):
                 raise
         return operation.answer(await self.emulator.call("dashboard", line=operation.line))
 
-    async def _ask_remote_control(self) -> bool | None:
+    async def _query_remote_control(self) -> bool | None:
         """None for a robot that knows no such thing. One that changes takes scripts of new connections only."""
         if self.version is None or not dashboard.IS_IN_REMOTE_CONTROL.available.covers(self.version):
             return None
-        before, remote = self.remote_control.last, await self.ask(dashboard.IS_IN_REMOTE_CONTROL)
+        before, remote = self.remote_control.last, await self.request(dashboard.IS_IN_REMOTE_CONTROL)
         self._read_only |= remote and before is False
         return remote
 
@@ -324,10 +326,10 @@ class Station:
         """Hand a script to the primary interface, whatever becomes of it. Raises ClientError."""
         if self._primary is None:
             raise RobotUnreachableError(self.robot_ip, self.ports["primary"], "its primary interface is not connected")
-        self._sent = True
+        self._script_sent = True
         await self._primary.run(self._primary.core.send_script(text))
 
-    async def say(self, *statements: str) -> None:
+    async def run_statements(self, *statements: str) -> None:
         """Let statements be carried out beside whatever program runs. Raises ClientError."""
         body = "".join(f"  {statement}\n" for statement in statements)
         await self.send_script(f"sec pendant():\n{body}end")
@@ -344,7 +346,7 @@ class Station:
         else:
             await self.write(speed_slider_mask=1, speed_slider_fraction=fraction)
 
-    async def simulate(self, on: bool) -> None:
+    async def set_simulation(self, on: bool) -> None:
         """Turn the switch to Simulation, or back to Real Robot. No program may run. Raises ClientError."""
         if self.emulator.available:
             await self.emulator.call("set_simulation", on=on)
@@ -352,10 +354,10 @@ class Station:
             await self.send_script((primary.SIMULATE if on else primary.REAL_ROBOT).line)
 
     def _open_robot(self) -> AsyncRobot:
-        options = {"frequency_hz": Mover.RATE_HZ, "hang_s": _HANG_S, "restart": False}
+        options = {"frequency_hz": Mover.RATE_HZ, "hang_s": _MAX_HANG_S, "restart": False}
         return AsyncRobot(self.robot_ip, robot_ports=self.ports, **options)
 
-    def _open_feed(self, names: Sequence[str], rate_hz: float, timeout_s: float = _LONG_SILENCE_S) -> RTDEClient:
+    def _open_feed(self, names: Sequence[str], rate_hz: float, timeout_s: float = _FEED_TIMEOUT_S) -> RTDEClient:
         return RTDEClient(
             self.robot_ip,
             names,
@@ -367,69 +369,69 @@ class Station:
 
     # the connections
 
-    def _lose_states(self, why: str) -> None:
-        self.connected, self.problem = False, why
-        self._take({})
+    def _lose_states(self, reason: str) -> None:
+        self.connected, self.problem = False, reason
+        self._update({})
 
     async def _follow_states(self) -> None:
-        async with self._open_feed(OUTPUTS, FRAME_HZ, _SILENCE_S) as client:
+        async with self._open_feed(OUTPUTS, FRAME_HZ, _STATE_TIMEOUT_S) as client:
             self.version, self.unavailable = client.core.version, client.core.unavailable
             while True:
-                values = await self._patiently(client.latest)
+                values = await self._wait_through_pause(client.latest)
                 self.connected, self.problem = True, ""
-                self._take(values)
-                await self.audience.sleep(0.0, _UNSEEN_STATE_S)
+                self._update(values)
+                await self.audience.sleep(0.0, _UNWATCHED_STATE_PERIOD_S)
 
-    def _take(self, values: Mapping[str, Any]) -> None:
+    def _update(self, values: Mapping[str, Any]) -> None:
         """A new state, or none any more."""
         if values.get("safety_mode") != self.values.get("safety_mode"):
-            self.emulator.watch("safety_devices").renew()  # what was told before explains nothing
+            self.emulator.watch("safety_devices").invalidate()  # what was told before explains nothing
         self.values = values
-        self.stops.see(values)
-        self._tell()
+        self.stops.update(values)
+        self._notify_frame()
 
     async def _follow_messages(self) -> None:
         try:
             async with PrimaryClient(self.robot_ip, self.ports["primary"]) as client:
-                await self._hear(client)
+                await self._receive_messages(client)
         finally:
             self._primary = None
-            self.variables.forget()
+            self.variables.clear()
 
-    async def _hear(self, client: PrimaryClient) -> None:
+    async def _receive_messages(self, client: PrimaryClient) -> None:
         self._primary, self._core = client, client.core
-        self._read_only = self._sent = False
+        self._read_only = self._script_sent = False
         while not self._read_only:
-            message = await self._patiently(lambda: client.run(client.core.next_message()))
+            message = await self._wait_through_pause(lambda: client.run(client.core.next_message()))
             if not isinstance(message, RobotStateData):  # which is numbers
                 message = readable_in(message)
-            self.log.hear(message)
-            self.variables.hear(message)
-            self.dialogues.hear(message)
-            self.stops.hear(message)
-            self.programs.hear(message)
-            self._read_only |= self._sent and _says_read_only(message)
+            self.log.handle_message(message)
+            self.variables.handle_message(message)
+            self.dialogues.handle_message(message)
+            self.stops.handle_message(message)
+            self.programs.handle_message(message)
+            self._read_only |= self._script_sent and _reports_read_only(message)
 
-    async def _patiently(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
+    async def _wait_through_pause(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
         """What comes next, however long time is paused."""
         while True:
             try:
                 return await wait()
             except NoAnswerError:
-                if not await self.emulator.stands_still():
+                if not await self.emulator.is_time_paused():
                     raise
 
-    def _tell(self) -> None:
+    def _notify_frame(self) -> None:
         self.frame += 1
-        self.wake()
+        self.notify_pages()
 
-    def wake(self) -> None:
+    def notify_pages(self) -> None:
         """Something other than the state is new: let the pages look."""
-        news, self._news = self._news, asyncio.Event()
-        news.set()
+        event, self._update_event = self._update_event, asyncio.Event()
+        event.set()
 
 
-def _says_read_only(message: object) -> bool:
+def _reports_read_only(message: object) -> bool:
     return isinstance(message, ErrorCodeMessage) and message.code == _READ_ONLY_CODE
 
 
@@ -438,7 +440,7 @@ async def _cancel(task: "asyncio.Task[Any]") -> None:
     await asyncio.gather(task, return_exceptions=True)
 
 
-def _for_its_pendant(refused: RobotRefused) -> bool:
+def _needs_own_pendant(refused: RobotRefused) -> bool:
     """Whether a robot has said no to others, and not to its own pendant."""
     in_local_control = refused.answer == NOT_IN_REMOTE_CONTROL or refused.advice == robotapi.REMOTE_CONTROL
     return in_local_control or refused.answer == NOT_ON_POLYSCOPE_X

@@ -4,8 +4,8 @@ from typing import Any, Final
 
 from urproto.primary.program_state import GlobalVariableNames, GlobalVariableValues, MatrixValue, PoseValue, Value
 
-_MOST_SHOWN: Final = 1000
-_LONGEST: Final = 400  # characters of a value on the screen
+_MAX_SHOWN: Final = 1000
+_MAX_TEXT_LENGTH: Final = 400  # characters of a value on the screen
 
 
 class Variables:
@@ -25,7 +25,7 @@ class Variables:
         """Those whose value has come."""
         return dict(zip(self.names, self._values, strict=False))
 
-    def hear(self, message: object) -> None:
+    def handle_message(self, message: object) -> None:
         """Take note of names, which come when a program starts, and of values."""
         if isinstance(message, GlobalVariableNames):
             self._rename(message.start_index, message.names)
@@ -43,14 +43,14 @@ class Variables:
         self.revision += 1
         self.program += 1
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """The robot is gone."""
         if self.names:
             self._rename(0, ())
 
     def rows(self) -> list[tuple[str, str]]:
         """Kind and text of each value that has come, in the order of the names."""
-        return [(kind_of(value), shown(value)) for value in self._values[:_MOST_SHOWN]]
+        return [(type_name(value), format_value(value)) for value in self._values[:_MAX_SHOWN]]
 
 
 class VariablesView:
@@ -62,7 +62,7 @@ class VariablesView:
         self._revision = -1
         self._rows: list[tuple[str, str]] = []
 
-    def take(self, fresh: bool) -> list[Any] | None:
+    def next_update(self, fresh: bool) -> list[Any] | None:
         """[names of a new program or None, {index: [kind, text]}] since this was last asked, None for nothing.
 
         fresh: the browser has nothing yet.
@@ -70,17 +70,17 @@ class VariablesView:
         variables = self._variables
         if not fresh and self._revision == variables.revision:
             return None
-        anew = fresh or self._program != variables.program
-        before = [] if anew else self._rows
+        complete = fresh or self._program != variables.program
+        before = [] if complete else self._rows
         self._program, self._revision, self._rows = variables.program, variables.revision, variables.rows()
-        known = len(before)
-        changed = {i: row for i, row in enumerate(self._rows) if i >= known or row != before[i]}
-        if anew:
-            return [variables.names[:_MOST_SHOWN], changed]
+        known_count = len(before)
+        changed = {i: row for i, row in enumerate(self._rows) if i >= known_count or row != before[i]}
+        if complete:
+            return [variables.names[:_MAX_SHOWN], changed]
         return [None, changed] if changed else None
 
 
-def kind_of(value: Value) -> str:
+def type_name(value: Value) -> str:
     """The name of a value's type."""
     return _KINDS[type(value)]
 
@@ -97,10 +97,10 @@ _KINDS: Final[dict[type, str]] = {
 }
 
 
-def shown(value: Value) -> str:
+def format_value(value: Value) -> str:
     """A value for people, as a script would have it; poses in m and rad, like those of scripts."""
     text = _text(value)
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+    return text if len(text) <= _MAX_TEXT_LENGTH else f"{text[: _MAX_TEXT_LENGTH - 1]}…"
 
 
 def _text(value: Value) -> str:

@@ -23,11 +23,11 @@ from client.pendant.cameras import ROUTE
 from urproto.log_throttle import LogThrottle
 
 _FORBIDDEN: Final = 403
-_POLICY: Final = 1008  # the status of web sockets for what is not allowed
-_MOST_PAGES: Final = 200  # guess: each browser has one, and one that never came is there for a minute
-_MOST_PLACES: Final = 32
+_POLICY_VIOLATION: Final = 1008  # the status of web sockets for what is not allowed
+_MAX_PAGES: Final = 200  # guess: each browser has one, and one that never came is there for a minute
+_MAX_KINDS: Final = 32
 _FILES: Final = ("/pendant/", "/_nicegui/", f"{ROUTE}/")
-_LONGEST: Final = 300  # characters of a line about nonsense
+_MAX_LINE: Final = 300  # characters of a line about nonsense
 _LOGGERS: Final = ("uvicorn.error", "engineio.server", "socketio.server", "nicegui", "asyncio")
 _SOURCE: Final = Path(__file__).parents[2]
 
@@ -55,33 +55,33 @@ _POLICIES: Final = (
 _logger = logging.getLogger(__name__)
 
 
-class Nonsense:
+class InvalidMessages:
     """Log of invalid messages: the first of each kind immediately, then a count, at most once per minute."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._kinds = dict[str, LogThrottle]()
 
-    def tell(self, kind: str, what: object) -> None:
+    def report(self, kind: str, content: object) -> None:
         """kind: what counts together. what: of the example that is shown, an exception or a text."""
-        if kind not in self._kinds and len(self._kinds) >= _MOST_PLACES:
+        if kind not in self._kinds and len(self._kinds) >= _MAX_KINDS:
             kind = ""
-        more = self._kinds.setdefault(kind, LogThrottle(self._clock)).due()
-        if more is None:
+        suffix = self._kinds.setdefault(kind, LogThrottle(self._clock)).due()
+        if suffix is None:
             return
-        text = " ".join(str(what).split())[:_LONGEST]
-        _logger.warning("web: %s%s", text or "an error without a message", more)
+        text = " ".join(str(content).split())[:_MAX_LINE]
+        _logger.warning("web: %s%s", text or "an error without a message", suffix)
 
-    def tell_error(self, error: BaseException) -> None:
+    def report_error(self, error: BaseException) -> None:
         """By the place where it was raised, of our own code if there is one; the traceback is for who debugs."""
         frames = traceback.extract_tb(error.__traceback__)
-        ours = [frame for frame in frames if Path(frame.filename).is_relative_to(_SOURCE / "client")]
-        place = "?"
+        own = [frame for frame in frames if Path(frame.filename).is_relative_to(_SOURCE / "client")]
+        location = "?"
         if frames:
-            frame = (ours or frames)[-1]
-            place = f"{Path(frame.filename).name}:{frame.lineno} in {frame.name}"
-        what = type(error).__name__
-        self.tell(f"{what} {place}", f"dropped a message that caused {what}: {error} ({place})")
+            frame = (own or frames)[-1]
+            location = f"{Path(frame.filename).name}:{frame.lineno} in {frame.name}"
+        error_type = type(error).__name__
+        self.report(f"{error_type} {location}", f"dropped a message that caused {error_type}: {error} ({location})")
         _logger.debug("the message that was dropped", exc_info=error)
 
 
@@ -93,22 +93,24 @@ class Gate:
     of open pages is reached.
     """
 
-    def __init__(self, inner: Any, screens: Collection[str], full: Callable[[int], bool], nonsense: Nonsense) -> None:
+    def __init__(
+        self, inner: Any, screens: Collection[str], full: Callable[[int], bool], invalid_messages: InvalidMessages
+    ) -> None:
         self._inner = inner
         self._pages = {"/", *(f"/{screen}" for screen in screens)}
         self._full = full
-        self._nonsense = nonsense
+        self._invalid_messages = invalid_messages
         self._names = {"localhost", socket.gethostname().lower(), socket.getfqdn().lower()}
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._inner(scope, receive, send)
             return
-        status, why = self._refusal(scope)
+        status, reason = self._refusal(scope)
         if status and scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": _POLICY})
+            await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
         elif status:
-            await PlainTextResponse(f"{why}\n", status)(scope, receive, _with_headers(send, ""))
+            await PlainTextResponse(f"{reason}\n", status)(scope, receive, _with_headers(send, ""))
         elif scope["type"] == "websocket":
             await self._socket(scope, receive, send)
         else:
@@ -127,24 +129,24 @@ class Gate:
             return 404, "There is no such page. The pendant is at /"
         if method not in ("GET", "HEAD"):
             return 405, "This address is read-only."
-        if path in self._pages and self._full(_MOST_PAGES):
-            return 503, f"{_MOST_PAGES} browsers show this pendant already. Close one, and try again in a minute."
+        if path in self._pages and self._full(_MAX_PAGES):
+            return 503, f"{_MAX_PAGES} browsers show this pendant already. Close one, and try again in a minute."
         return 0, ""
 
     async def _request(self, scope: Any, receive: Any, send: Any) -> None:
-        begun = False
+        started = False
         nonce = secrets.token_urlsafe(16)
 
-        async def note(message: Any) -> None:
-            nonlocal begun
-            begun = True
+        async def forward(message: Any) -> None:
+            nonlocal started
+            started = True
             await send(message)
 
         try:
-            await self._inner(scope, receive, _with_headers(_with_nonce(note, nonce), nonce))
+            await self._inner(scope, receive, _with_headers(_with_nonce(forward, nonce), nonce))
         except Exception as error:
-            self._nonsense.tell_error(error)
-            if not begun:
+            self._invalid_messages.report_error(error)
+            if not started:
                 text = "Bad request; the pendant's log says why.\n"
                 await PlainTextResponse(text, 400)(scope, receive, _with_headers(send, nonce))
 
@@ -152,17 +154,17 @@ class Gate:
         try:
             await self._inner(scope, receive, send)
         except Exception as error:
-            self._nonsense.tell_error(error)
+            self._invalid_messages.report_error(error)
 
     def _allowed(self, headers: dict[bytes, bytes]) -> bool:
         host = headers.get(b"host", b"").decode("latin-1").lower()
         origin = headers.get(b"origin", b"").decode("latin-1").lower()
         try:
-            return self._is_ours(host) and (not origin or urlsplit(origin).netloc == host)
+            return self._is_this_machine(host) and (not origin or urlsplit(origin).netloc == host)
         except ValueError:  # brackets that do not close
             return False
 
-    def _is_ours(self, host: str) -> bool:
+    def _is_this_machine(self, host: str) -> bool:
         name = urlsplit(f"//{host}").hostname or ""
         try:
             ip_address(name)
@@ -208,7 +210,7 @@ def _with_nonce(send: Any, nonce: str) -> Any:
     return mark
 
 
-def guard_events(nonsense: Nonsense) -> None:
+def guard_events(invalid_messages: InvalidMessages) -> None:
     """Let NiceGUI hear events only of pages that the sender shows, and survive what is wrong with them."""
     sio: Any = core.sio
     sio.eio.transports = ["websocket"]  # polling is more to attack and of no use to a page that moves an arm
@@ -222,28 +224,28 @@ def guard_events(nonsense: Nonsense) -> None:
         except socketio.exceptions.ConnectionRefusedError:
             raise
         except Exception as error:
-            nonsense.tell_error(error)
+            invalid_messages.report_error(error)
             raise socketio.exceptions.ConnectionRefusedError("Bad request.") from None
 
     def guarded(name: str, handler: Callable[[str, Any], None]) -> Callable[..., None]:
-        def hear(sid: str, *message: Any) -> None:
+        def handle(sid: str, *message: Any) -> None:
             try:
-                (said,) = message
-                if said["client_id"] in sio.rooms(sid):
-                    handler(sid, said)
+                (payload,) = message
+                if payload["client_id"] in sio.rooms(sid):
+                    handler(sid, payload)
             except Exception as error:
-                nonsense.tell_error(error)
+                invalid_messages.report_error(error)
 
-        return hear
+        return handle
 
     handshake = handlers["handshake"]
 
     async def guarded_handshake(sid: str, *message: Any) -> bool:
         try:
-            (said,) = message
-            return bool(await handshake(sid, said))
+            (payload,) = message
+            return bool(await handshake(sid, payload))
         except Exception as error:
-            nonsense.tell_error(error)
+            invalid_messages.report_error(error)
             return False
 
     sio.on("connect", guarded_connect)
@@ -252,20 +254,20 @@ def guard_events(nonsense: Nonsense) -> None:
         sio.on(name, guarded(name, handlers[name]))
 
 
-def mind_the_logs(nonsense: Nonsense) -> None:
+def shorten_library_logs(invalid_messages: InvalidMessages) -> None:
     """Let the libraries below say what went wrong in one line each, and not for each time it did."""
 
-    def brief(record: logging.LogRecord) -> bool:
+    def shorten(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING:
             return True
         error = record.exc_info[1] if record.exc_info else None
         if error is None and isinstance(record.msg, BaseException):
             error = record.msg
         if error is not None:
-            nonsense.tell_error(error)
+            invalid_messages.report_error(error)
         else:
-            nonsense.tell(f"{record.name} {record.msg}"[:_LONGEST], record.getMessage())
+            invalid_messages.report(f"{record.name} {record.msg}"[:_MAX_LINE], record.getMessage())
         return False
 
     for name in _LOGGERS:
-        logging.getLogger(name).addFilter(brief)
+        logging.getLogger(name).addFilter(shorten)

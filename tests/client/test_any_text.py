@@ -29,7 +29,7 @@ def test_what_a_robot_says_is_shown_on_the_pendant() -> None:
     assert heard == said
     log, dialogues = EventLog(), Dialogues()
     for listener in (log, dialogues):
-        listener.hear(readable_in(heard))
+        listener.handle_message(readable_in(heard))
     assert log.events[-1].text == f"{SHOWN}: {SHOWN}"
     assert dialogues.oldest is not None
     assert dialogues.oldest.title == SHOWN

@@ -30,22 +30,22 @@ FLAGS = [
     *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
 ]
 # A picture every 0.2 s and not 30 a second: without graphics it is the processor that draws the arm.
-FEW_FRAMES = """
+SLOW_FRAMES = """
 window.requestAnimationFrame = callback => setTimeout(() => callback(performance.now()), 200);
 window.cancelAnimationFrame = clearTimeout;
 """
-SIZE = {"width": 1280, "height": 800}
+VIEWPORT = {"width": 1280, "height": 800}
 POLICY = "Content Security Policy"  # is in what a browser says when a page does what that forbids
-SOON_S = 45.0  # a busy machine's
-LONGEST_S = 300.0  # of a test and the starts of robot, pendant and browser before it
+TIMEOUT_S = 45.0  # a busy machine's
+TEST_TIMEOUT_S = 300.0  # of a test and the starts of robot, pendant and browser before it
 
 if CHROMIUM is None or sys.platform != "linux":
     collect_ignore_glob = ["test_browser_*"]
 
-expect.set_options(timeout=SOON_S * 1000)
+expect.set_options(timeout=TIMEOUT_S * 1000)
 
 
-def eventually(condition: Callable[[], object], within_s: float = SOON_S) -> None:
+def eventually(condition: Callable[[], object], within_s: float = TIMEOUT_S) -> None:
     """Wait until it holds."""
     deadline = time.monotonic() + within_s
     while not condition():
@@ -59,7 +59,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent == HERE and item.path.name.startswith("test_browser_"):
             item.add_marker(pytest.mark.xdist_group(IN_REAL_TIME))
-            item.add_marker(pytest.mark.timeout(LONGEST_S))
+            item.add_marker(pytest.mark.timeout(TEST_TIMEOUT_S))
 
 
 def number(field: Locator) -> float:
@@ -75,21 +75,21 @@ class Rig:
 
     def __init__(self, model: str, folder: Path, *options: str) -> None:
         self.robot = EmulatorProcess(["--model", model, "--running", "--programs", str(folder), *options])
-        with ExitStack() as opened:
-            opened.callback(self.robot.dispose)
+        with ExitStack() as stack:
+            stack.callback(self.robot.dispose)
             self.robot.start()
-            opened.callback(self.robot.stop)
-            self._open(folder, opened)
-            self._opened = opened.pop_all()
+            stack.callback(self.robot.stop)
+            self._open(folder, stack)
+            self._opened = stack.pop_all()
 
-    def _open(self, folder: Path, opened: ExitStack) -> None:
+    def _open(self, folder: Path, stack: ExitStack) -> None:
         self.host = self.robot.host
         self.control: Any = self.robot.control
         self.programs = folder
         self.url = f"http://{self.host}:6080"
         options = ("--modbus-port", str(self.robot.ports["modbus"]), "--tools", str(folder / "tools.json"))
         options += ("--poses", str(folder / "poses.json"), "--drafts", str(folder / "drafts"))
-        self._pendant = opened.enter_context(pendant(self.host, *options))
+        self._pendant = stack.enter_context(pendant(self.host, *options))
 
     @property
     def pendant_pid(self) -> int:
@@ -184,35 +184,35 @@ def rig(shared_rig: SharedRig, request: pytest.FixtureRequest) -> Iterator[Rig]:
 
 
 @pytest.fixture(scope="module")
-def one_user(browser: Browser) -> Iterator[BrowserContext]:
+def user_context(browser: Browser) -> Iterator[BrowserContext]:
     """A browser that has been here before, as most have: it need not fetch the pages' libraries for each test."""
-    context = browser.new_context(viewport=SIZE)
-    context.add_init_script(FEW_FRAMES)
+    context = browser.new_context(viewport=VIEWPORT)
+    context.add_init_script(SLOW_FRAMES)
     yield context
     context.close()
 
 
 @pytest.fixture
-def open_page(rig: Rig, browser: Browser, one_user: BrowserContext) -> Iterator[Callable[[str], Page]]:
+def open_page(rig: Rig, browser: Browser, user_context: BrowserContext) -> Iterator[Callable[[str], Page]]:
     """Opens a screen in a page of its own; nothing may go wrong in it."""
-    opened = []
+    stack = []
 
     def open_(screen: str) -> Page:
-        context = one_user
-        if opened:  # somebody else
-            context = browser.new_context(viewport=SIZE)
-            context.add_init_script(FEW_FRAMES)
+        context = user_context
+        if stack:  # somebody else
+            context = browser.new_context(viewport=VIEWPORT)
+            context.add_init_script(SLOW_FRAMES)
         page = context.new_page()
         errors = list[str]()
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda said: errors.append(said.text) if POLICY in said.text else None)
-        opened.append((page if context is one_user else context, errors))
+        stack.append((page if context is user_context else context, errors))
         page.goto(f"{rig.url}/{screen}")
         expect(page.locator(".robot-name")).to_contain_text("UR3")
         return page
 
     yield open_
-    for page_or_context, errors in opened:
+    for page_or_context, errors in stack:
         page_or_context.close()
         assert not errors
-    one_user.clear_cookies()
+    user_context.clear_cookies()

@@ -35,23 +35,23 @@ def scene() -> Iterator[ui.scene]:
     client.delete()
 
 
-def told(dh: DH) -> KinematicsInfo:
+def kinematics_message(dh: DH) -> KinematicsInfo:
     """What a robot with these parameters tells."""
     return KinematicsInfo(checksum=(0,) * 6, dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha, status=0)
 
 
-def pose_of(thing: Object3D, q_rad: Sequence[float]) -> np.ndarray:
+def scene_pose(obj: Object3D, q_rad: Sequence[float]) -> np.ndarray:
     """Where it is in the scene when the browser turns the joints so."""
     pose = np.eye(4)
-    while isinstance(thing, Object3D):
+    while isinstance(obj, Object3D):
         local = np.eye(4)
-        local[:3, :3] = thing.R
-        local[:3, 3] = (thing.x, thing.y, thing.z)
-        if thing.name is not None and thing.name.startswith("joint "):
-            angle = q_rad[int(thing.name[6:])]
+        local[:3, :3] = obj.R
+        local[:3, 3] = (obj.x, obj.y, obj.z)
+        if obj.name is not None and obj.name.startswith("joint "):
+            angle = q_rad[int(obj.name[6:])]
             assert np.allclose(local, np.eye(4)), "what the browser turns about z must not be turned otherwise"
             local[:2, :2] = ((math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle)))
-        pose, thing = local @ pose, thing.parent
+        pose, obj = local @ pose, obj.parent
     return pose
 
 
@@ -62,17 +62,17 @@ def transform(pose: Sequence[float]) -> np.ndarray:
     return matrix
 
 
-def named(scene: ui.scene, name: str) -> list[Object3D]:
-    return [thing for thing in scene.objects.values() if thing.name == name]
+def objects_named(scene: ui.scene, name: str) -> list[Object3D]:
+    return [obj for obj in scene.objects.values() if obj.name == name]
 
 
 def check(scene: ui.scene, model: RobotModel) -> None:
     source = random.Random(model.name)
-    (tcp,) = named(scene, "tcp")
+    (tcp,) = objects_named(scene, "tcp")
     for _ in range(5):
         q = tuple(source.uniform(-3, 3) for _ in range(6))
         expected = transform(kinematics_of(model).forward(q, TCP))
-        np.testing.assert_allclose(pose_of(tcp, q), expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(scene_pose(tcp, q), expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -80,7 +80,7 @@ def test_the_tcp_of_every_model_is_where_its_kinematics_say(scene: ui.scene, nam
     model = load_model(name)
     arm = DrawnArm(scene)
     arm.set_tcp(TCP)
-    arm.be(model, told(model.dh))
+    arm.set_model(model, kinematics_message(model.dh))
     check(scene, model)
 
 
@@ -90,14 +90,14 @@ def test_that_of_a_calibrated_arm_too_also_when_it_takes_the_place_of_another(sc
     measured = Calibration.from_mapping(content, "file").dh
     arm = DrawnArm(scene)
     with scene:
-        others = scene.box()
-    arm.be(load_model("ur3"), None)
-    arm.be(load_model(name), told(measured))
+        other_object = scene.box()
+    arm.set_model(load_model("ur3"), None)
+    arm.set_model(load_model(name), kinematics_message(measured))
     arm.set_tcp(TCP)
     check(scene, replace(load_model(name), calibration=measured))
-    assert others.id in scene.objects
-    arm.be(None, None)
-    assert list(scene.objects) == [others.id]
+    assert other_object.id in scene.objects
+    arm.set_model(None, None)
+    assert list(scene.objects) == [other_object.id]
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -120,11 +120,11 @@ def test_links_touch_and_are_solids(scene: ui.scene, name: str) -> None:
 
 
 def test_a_folder_of_meshes_takes_the_place_of_what_is_drawn(scene: ui.scene, tmp_path: Path) -> None:
-    complaints = list[str]()
-    arm = DrawnArm(scene, tmp_path, complaints.append)
-    arm.be(load_model("ur5e"), None)
-    assert "base" in complaints[0]
-    assert [thing for thing in scene.objects.values() if isinstance(thing, Lathe)]
+    errors = list[str]()
+    arm = DrawnArm(scene, tmp_path, errors.append)
+    arm.set_model(load_model("ur5e"), None)
+    assert "base" in errors[0]
+    assert [obj for obj in scene.objects.values() if isinstance(obj, Lathe)]
 
 
 @pytest.mark.parametrize("layout", ["{mesh}.stl", "collision/{mesh}.stl", "ur5e/visual/{mesh}.glb"])
@@ -135,19 +135,19 @@ def test_meshes_are_found_as_for_describe_or_in_a_folder_of_the_models_name(
         file = tmp_path / layout.format(mesh=mesh)
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(b"")
-    complaints = list[str]()
-    DrawnArm(scene, tmp_path, complaints.append).be(load_model("ur5e"), None)
-    meshes = [thing for thing in scene.objects.values() if isinstance(thing, Stl | Gltf)]
-    assert not complaints
-    assert [thing.args[0].rsplit("/", 1)[1].split(".")[0] for thing in meshes][:3] == ["base", "shoulder", "upperarm"]
-    assert [thing.z for thing in meshes] == pytest.approx([0, 0, 0.138, 0.007, -0.127, -0.0997, -0.0989])
+    errors = list[str]()
+    DrawnArm(scene, tmp_path, errors.append).set_model(load_model("ur5e"), None)
+    meshes = [obj for obj in scene.objects.values() if isinstance(obj, Stl | Gltf)]
+    assert not errors
+    assert [obj.args[0].rsplit("/", 1)[1].split(".")[0] for obj in meshes][:3] == ["base", "shoulder", "upperarm"]
+    assert [obj.z for obj in meshes] == pytest.approx([0, 0, 0.138, 0.007, -0.127, -0.0997, -0.0989])
 
 
 @pytest.mark.parametrize("name", ["ur5", "ur10e"])
 def test_the_frames_are_those_of_the_urdf(scene: ui.scene, name: str) -> None:
     model = load_model(name)
     arm = DrawnArm(scene)
-    arm.be(model, None)
+    arm.set_model(model, None)
     arm.set_tcp(TCP)
     arm.show_frames(True)
     labels = {label.args[0]: label for label in scene.objects.values() if isinstance(label, Text)}
@@ -162,9 +162,9 @@ def test_the_frames_are_those_of_the_urdf(scene: ui.scene, name: str) -> None:
         frame = "base" if label.startswith("base") else label.split(", ")[0]
         if frame != "tcp":
             expected = (base * data.oMf[robot.getFrameId(frame)]).homogeneous
-            np.testing.assert_allclose(pose_of(shown.parent, q), expected, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(scene_pose(shown.parent, q), expected, rtol=0, atol=1e-6)
     flange = np.array((base * data.oMf[robot.getFrameId("flange")]).homogeneous)
-    drawn = [pose_of(group, q) for group in scene.objects.values() if group.parent is labels[_last(labels)].parent]
+    drawn = [scene_pose(group, q) for group in scene.objects.values() if group.parent is labels[_last(labels)].parent]
     assert any(np.allclose(pose, flange, rtol=0, atol=1e-6) for pose in drawn)
     assert all(label.parent.visible_ for label in labels.values())
     arm.show_frames(False)
@@ -177,8 +177,8 @@ def _last(labels: dict[str, Any]) -> str:
 
 
 def test_the_ghost_is_hidden_and_apart(scene: ui.scene) -> None:
-    DrawnArm(scene, ghost=True).be(load_model("ur5e"), None)
-    (ghost,) = named(scene, "ghost")
+    DrawnArm(scene, ghost=True).set_model(load_model("ur5e"), None)
+    (ghost,) = objects_named(scene, "ghost")
     assert not ghost.visible_
-    assert [len(named(scene, f"ghost joint {joint}")) for joint in range(6)] == [1] * 6
-    assert not named(scene, "tcp")
+    assert [len(objects_named(scene, f"ghost joint {joint}")) for joint in range(6)] == [1] * 6
+    assert not objects_named(scene, "tcp")

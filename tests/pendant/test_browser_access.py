@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from client.pendant.screens import SCREENS
-from tests.pendant.conftest import FEW_FRAMES, SIZE, Rig, eventually
+from tests.pendant.conftest import SLOW_FRAMES, VIEWPORT, Rig, eventually
 
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text("utf-8")
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
@@ -65,9 +65,9 @@ def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any
         for _ in range(15):  # more than their list has room for
             rig.control.inject_fault("delay", port="modbus", delay_s=0.01)
         rig.control.clear_faults()
-        context = browser.new_context(viewport=SIZE, color_scheme="dark" if e_series else "light")
+        context = browser.new_context(viewport=VIEWPORT, color_scheme="dark" if e_series else "light")
         opened.enter_context(closing(context))
-        context.add_init_script(FEW_FRAMES)
+        context.add_init_script(SLOW_FRAMES)
         page = context.new_page()
         page.goto(f"{rig.url}/{SCREENS[0].name}")
         expect(page.locator(".robot-name")).to_contain_text("PolyScope")
@@ -93,21 +93,21 @@ def click(element: Locator) -> None:
     element.evaluate("element => element.click()")
 
 
-def open_anew(page: Page, screen: str) -> None:
+def reload(page: Page, screen: str) -> None:
     page.goto(f"{page.url.rpartition('/')[0]}/{screen}")
     page.evaluate(f"() => {{ {AXE} }}")
 
 
 @pytest.mark.long
 def test_no_rule_is_violated_and_nothing_is_cut_off(page: Page) -> None:
-    open_anew(page, SCREENS[0].name)
+    reload(page, SCREENS[0].name)
     problems = list[str]()
     for view in views(page):
-        problems += lasting(f"{view}: ", lambda: violations(page, "html"))
+        problems += persistent_problems(f"{view}: ", lambda: violations(page, "html"))
         for name, (width, height) in SIZES.items():
             page.set_viewport_size({"width": width, "height": height})
-            problems += lasting(f"{view} on a {name}: ", lambda: page.evaluate(CUT_OFF))
-        page.set_viewport_size(SIZE)
+            problems += persistent_problems(f"{view} on a {name}: ", lambda: page.evaluate(CUT_OFF))
+        page.set_viewport_size(VIEWPORT)
     assert not problems, "\n".join(problems)
 
 
@@ -119,30 +119,30 @@ def violations(page: Page, where: str) -> list[str]:
     return found
 
 
-def lasting(where: str, look: Callable[[], list[str]]) -> list[str]:
+def persistent_problems(where: str, find: Callable[[], list[str]]) -> list[str]:
     """What is still wrong when a page that was just built or laid out anew has come to rest."""
     found = list[str]()
 
-    def right() -> bool:
-        found[:] = look()
+    def no_problems() -> bool:
+        found[:] = find()
         return not found
 
     try:
-        eventually(right, within_s=10.0)
+        eventually(no_problems, within_s=10.0)
     except AssertionError:
         return [where + problem for problem in found]
     return []
 
 
 def test_dialogues_violate_no_rule(page: Page) -> None:
-    open_anew(page, "graph")
+    reload(page, "graph")
     click(page.get_by_test_id("choose-0"))
     expect(page.get_by_test_id("signal-search")).to_be_visible()
-    assert not lasting("signals: ", lambda: violations(page, ".q-dialog"))
+    assert not persistent_problems("signals: ", lambda: violations(page, ".q-dialog"))
 
 
 def test_the_keyboard_reaches_what_there_is_and_shows_where_it_is(page: Page) -> None:
-    open_anew(page, "move")
+    reload(page, "move")
     expect(page.get_by_test_id("joints-move")).to_be_enabled()
     page.get_by_test_id("tab-move").focus()
     reached = list[str]()
@@ -151,6 +151,6 @@ def test_the_keyboard_reaches_what_there_is_and_shows_where_it_is(page: Page) ->
         name, shown = page.evaluate(OUTLINE)
         assert shown, f"nothing shows that {name} has the focus"
         reached.append(name)
-    wanted = [*(f"axis-{axis}-plus" for axis in ("x", "y", "z", "rx", "ry", "rz")), "jog-speed", "freedrive"]
-    wanted += ["stop-moving", *(f"joint-{joint}-plus" for joint in range(6)), "joints-move"]
-    assert [name for name in reached if name in wanted] == wanted
+    expected = [*(f"axis-{axis}-plus" for axis in ("x", "y", "z", "rx", "ry", "rz")), "jog-speed", "freedrive"]
+    expected += ["stop-moving", *(f"joint-{joint}-plus" for joint in range(6)), "joints-move"]
+    assert [name for name in reached if name in expected] == expected

@@ -8,13 +8,13 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
-from tests.pendant.conftest import SIZE, Rig, eventually
+from tests.pendant.conftest import VIEWPORT, Rig, eventually
 from tests.pendant.pendants import pendant
-from tests.pendant.test_browser_access import CUT_OFF, lasting, violations
+from tests.pendant.test_browser_access import CUT_OFF, persistent_problems, violations
 from tests.served_cameras import HEIGHT, WIDTH, Served, served_cameras
 
 PORT = 6083
-STREAM, STILL, SEEN = (f"/cameras/over%20all/{form}" for form in ("rgb.mjpeg", "rgb.jpg", "segmentation.npy"))
+STREAM, STILL, SEGMENTATION = (f"/cameras/over%20all/{form}" for form in ("rgb.mjpeg", "rgb.jpg", "segmentation.npy"))
 
 
 def jpeg() -> bytes:
@@ -29,15 +29,15 @@ def serve_pictures(served: Served) -> None:
     part = b"--p\r\nContent-Type: image/jpeg\r\n\r\n" + picture + b"\r\n--p--\r\n"
     served.answers[STREAM] = (200, {"Content-Type": "multipart/x-mixed-replace; boundary=p"}, part)
     served.answers[STILL] = (200, {}, picture)
-    served.answers[SEEN] = (200, {}, bodies.getvalue())
+    served.answers[SEGMENTATION] = (200, {}, bodies.getvalue())
     index = {
-        "cameras": [one.as_json() for one in served.cameras],
+        "cameras": [camera.as_json() for camera in served.cameras],
         "bodies": ["world", "red part", "ur/jaws", "ur/tool"],
     }
     served.answers["/cameras"] = (200, {}, json.dumps(index).encode())
 
 
-def shown(page: Page) -> None:
+def wait_for_picture(page: Page) -> None:
     """A picture that the browser could read."""
     drawn = "() => document.querySelector('[data-testid=camera-picture]')?.naturalWidth > 0"
     eventually(lambda: page.evaluate(drawn))
@@ -45,28 +45,28 @@ def shown(page: Page) -> None:
 
 def test_a_picture_is_shown_and_told_in_words(rig: Rig, browser: Browser) -> None:
     options = ("--port", str(PORT), "--control-port", "0")
-    context = browser.new_context(viewport=SIZE)
+    context = browser.new_context(viewport=VIEWPORT)
     try:
         with served_cameras(rig.host) as served, pendant(rig.host, *options, "--camera-port", str(served.port)):
             serve_pictures(served)
             page = context.new_page()
             page.goto(f"http://{rig.host}:{PORT}/initialize")
             page.get_by_test_id("tab-cameras").click()
-            shown(page)
+            wait_for_picture(page)
             picture = page.get_by_test_id("camera-picture")
             assert (
                 picture.get_attribute("alt")
                 == "Picture of the camera over all, live; the objects in view are listed below it"
             )
-            said = "It sees: red part (50.0 %), the arm (4.2 %)."
-            expect(page.get_by_test_id("camera-seen")).to_have_text(said)
-            assert not lasting("cameras: ", lambda: violations(page, "html"))
+            description = "It sees: red part (50.0 %), the arm (4.2 %)."
+            expect(page.get_by_test_id("camera-seen")).to_have_text(description)
+            assert not persistent_problems("cameras: ", lambda: violations(page, "html"))
             assert page.evaluate(CUT_OFF) == []
             page.get_by_test_id("camera-pause").click()  # what moves by itself can be stopped: WCAG 2.2.2
             expect(picture).to_have_attribute(
                 "alt", "Picture of the camera over all, stopped; the objects in view are listed below it"
             )
-            shown(page)
+            wait_for_picture(page)
             assert STILL in served.asked
             page.get_by_test_id("tab-log").click()
             expect(page.get_by_test_id("camera-picture")).to_have_count(0)

@@ -12,7 +12,7 @@ from client.pendant.screens import SCREENS
 from tests.pendant.conftest import Rig, eventually
 from tests.pendant.pendants import pendant
 
-Open = Callable[[str], Page]
+OpenPage = Callable[[str], Page]
 REFUSED = """() => {
   const seen = [];
   addEventListener("securitypolicyviolation", (event) => seen.push(event.violatedDirective));
@@ -21,7 +21,7 @@ REFUSED = """() => {
 
 
 @contextmanager
-def site(text: str) -> Iterator[str]:
+def serve_site(text: str) -> Iterator[str]:
     """Another site; its address."""
 
     class Handler(BaseHTTPRequestHandler):
@@ -45,7 +45,7 @@ def site(text: str) -> Iterator[str]:
         server.server_close()
 
 
-def test_every_screen_keeps_to_the_policy(open_page: Open) -> None:
+def test_every_screen_keeps_to_the_policy(open_page: OpenPage) -> None:
     page = open_page("initialize")  # which fails at what the policy forbids
     refused = page.evaluate_handle(REFUSED)
     for screen in SCREENS:
@@ -75,11 +75,11 @@ def test_another_site_cannot_frame_the_pendant(rig: Rig, browser: Browser) -> No
     context = browser.new_context()
     try:
         page = context.new_page()
-        said = list[str]()
-        page.on("console", lambda message: said.append(message.text))
-        with site(f'<iframe id="trap" src="{rig.url}/move" width="900" height="700"></iframe>') as address:
+        messages = list[str]()
+        page.on("console", lambda message: messages.append(message.text))
+        with serve_site(f'<iframe id="trap" src="{rig.url}/move" width="900" height="700"></iframe>') as address:
             page.goto(address)
-            eventually(lambda: any("frame-ancestors" in text for text in said))
+            eventually(lambda: any("frame-ancestors" in text for text in messages))
             assert page.frame_locator("#trap").locator(".robot-name").count() == 0
     finally:
         context.close()

@@ -20,7 +20,7 @@ COLORED = """() => {
 }"""
 
 
-def saved(page, button: str, folder: Path) -> Path:
+def download(page, button: str, folder: Path) -> Path:
     with page.expect_download() as download:
         page.get_by_test_id(button).click()
     file = folder / download.value.suggested_filename
@@ -33,24 +33,24 @@ def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
     page.get_by_test_id("rate_hz").get_by_text("125 Hz").click()
     expect(page.get_by_test_id("collected")).to_contain_text("at 125 Hz")
     eventually(lambda: page.evaluate(COLORED) > 100)
-    wanted = dict[float, tuple[float, ...]]()
+    expected = dict[float, tuple[float, ...]]()
     rig.control.send_script("def move():\n  movej([0.3, -1.2, 0.4, -1, 0.3, 0.3], a=4, v=2)\nend\n")
     with BlockingRTDEClient(rig.host, ["timestamp", "actual_q", "actual_TCP_force"]) as other:
         for _ in range(60):
             state = other.receive()
-            wanted[state["timestamp"]] = state["actual_q"], state["actual_TCP_force"]
+            expected[state["timestamp"]] = state["actual_q"], state["actual_TCP_force"]
 
     def recorded() -> dict[float, tuple[float, ...]]:
-        states = read_csv(saved(page, "csv", tmp_path)).states()
+        states = read_csv(download(page, "csv", tmp_path)).states()
         return {state["timestamp"]: (state["actual_q"], state["actual_TCP_force"]) for state in states}
 
-    eventually(lambda: max(recorded()) >= max(wanted))  # the pendant may hear later than we do
+    eventually(lambda: max(recorded()) >= max(expected))  # the pendant may hear later than we do
     page.get_by_test_id("graph-pause").click()
     expect(page.get_by_test_id("graph-pause")).to_contain_text("Resume")
-    got = recorded()
-    assert len(wanted.keys() & got.keys()) == 60
-    assert {time: got[time] for time in wanted} == wanted
-    picture = saved(page, "png", tmp_path)
+    recorded_states = recorded()
+    assert len(expected.keys() & recorded_states.keys()) == 60
+    assert {time: recorded_states[time] for time in expected} == expected
+    picture = download(page, "png", tmp_path)
     assert picture.suffix == ".png"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 5000

@@ -23,14 +23,14 @@ def test_the_arm_is_switched_off_and_on_again(rig, open_page):
 
 
 @pytest.fixture
-def fast(rig):
+def speed_up(rig):
     """A robot so slow that no countdown of its ends before a browser shows it; fast once this is called."""
     rig.control.set_speed(0.1)
     yield lambda: rig.control.set_speed(10.0)
     rig.control.set_speed(1.0)
 
 
-def test_a_protective_stop_is_explained_counted_down_and_unlocked(rig, open_page, fast):
+def test_a_protective_stop_is_explained_counted_down_and_unlocked(rig, open_page, speed_up):
     page = open_page("initialize")
     rig.control.protective_stop(153, 2)
     expect(page.get_by_test_id("safety-mode")).to_have_text("Protective stop")
@@ -39,7 +39,7 @@ def test_a_protective_stop_is_explained_counted_down_and_unlocked(rig, open_page
     unlock = page.get_by_test_id("unlock")
     expect(unlock).to_have_text(re.compile(r"Unlock in [1-5] s"))
     expect(unlock).to_be_disabled()
-    fast()
+    speed_up()
     expect(unlock).to_have_text(re.compile("Unlock protective stop"))
     unlock.click()
     expect(page.get_by_test_id("safety-mode")).to_have_text("Normal")

@@ -42,13 +42,13 @@ def test_payload_external_control_and_what_the_arm_is(rig, open_page):
 @pytest.mark.long
 def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open_page):
     page, other = open_page("installation"), open_page("installation")
-    for each in (page, other):
-        each.get_by_test_id("installation-file").click()
-        expect(each.get_by_test_id("setting-name")).to_have_value("TCP")
+    for opened_page in (page, other):
+        opened_page.get_by_test_id("installation-file").click()
+        expect(opened_page.get_by_test_id("setting-name")).to_have_value("TCP")
     page.get_by_test_id("setting-name").fill("pen")
     page.get_by_test_id("setting-pose-2").fill("152.5")
     page.get_by_test_id("setting-add").click()
-    eventually(lambda: [row["name"] for row in _said(rig, "tcps")] == ["TCP", "pen"])
+    eventually(lambda: [row["name"] for row in installation_rows(rig, "tcps")] == ["TCP", "pen"])
     page.get_by_test_id("setting-active").click()
     page.get_by_test_id("setting-save").click()
     eventually(lambda: rig.state("tcp_offset") == pytest.approx([0, 0, 0.1525, 0, 0, 0]))
@@ -66,7 +66,7 @@ def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open
     page.get_by_test_id("setting-distance").fill("250")
     page.get_by_test_id("setting-save").click()
     eventually(lambda: rig.state("robot_mode") == "POWER_OFF")
-    assert _said(rig, "safety_planes")[0]["distance"] == pytest.approx(0.25)
+    assert installation_rows(rig, "safety_planes")[0]["distance"] == pytest.approx(0.25)
     choose(page, "setting", "Payload")
     page.get_by_test_id("setting-mass").fill("-3")
     page.get_by_test_id("setting-save").click()
@@ -76,11 +76,11 @@ def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open
     assert (rig.programs / "default.installation").is_file()
 
 
-def choose(page, mark, text):
+def choose(page, test_id, text):
     """Open the list until it stays open: on a busy machine what is shown may be made anew under the click."""
     option = page.get_by_role("option", name=text, exact=True)
     for _ in range(5):
-        page.get_by_test_id(mark).click()
+        page.get_by_test_id(test_id).click()
         try:
             option.wait_for(timeout=10_000)
             break
@@ -89,5 +89,5 @@ def choose(page, mark, text):
     option.click()
 
 
-def _said(rig, section):
+def installation_rows(rig, section):
     return rig.control.installation(section)["sections"][section]

@@ -10,7 +10,7 @@ from tests.pendant.conftest import eventually
 FLOOD = 'def flood():\n  i = 0\n  while i < 5000:\n    i = i + 1\n    textmsg("message ", i)\n  end\nend\n'
 
 
-def cleared(page: Page, lines: Locator) -> bool:
+def clear_log(page: Page, lines: Locator) -> bool:
     """Clear the view of what was before; of that, a line may come late."""
     page.get_by_test_id("log-clear").click()
     try:
@@ -24,7 +24,7 @@ def test_a_stop_is_there_with_code_and_text_and_texts_are_no_markup(rig, open_pa
     page = open_page("log")
     lines = page.locator(".log-lines .log-line")
     expect(lines).not_to_have_count(0)
-    eventually(lambda: cleared(page, lines))
+    eventually(lambda: clear_log(page, lines))
     rig.control.send_script('textmsg("<b>bold</b><img src=x onerror=alert(1)>")')
     expect(page.get_by_text("<b>bold</b><img src=x onerror=alert(1)>")).to_be_visible()
     rig.control.protective_stop(code=153, argument=2)

@@ -21,7 +21,7 @@ from urproto.robots import kinematics_of, load_model
 from urproto.robots.pose import rotvec_to_matrix
 
 BENT = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
-Open = Callable[[str], Page]
+OpenPage = Callable[[str], Page]
 
 
 @pytest.fixture
@@ -45,40 +45,40 @@ def at_rest(rig: Rig) -> bool:
 
 
 @contextmanager
-def held(page: Page, mark: str) -> Iterator[None]:
-    page.get_by_test_id(mark).hover()
+def hold_button(page: Page, test_id: str) -> Iterator[None]:
+    page.get_by_test_id(test_id).hover()
     page.mouse.down()
     yield
     page.mouse.up()
 
 
-def watching(rig: Rig) -> BlockingRTDEClient:
+def open_watcher(rig: Rig) -> BlockingRTDEClient:
     """A second client of the robot: what the arm does, as RTDE tells everybody."""
     return BlockingRTDEClient(rig.host, ("actual_q", "target_qd"))
 
 
-def moves(watcher: BlockingRTDEClient) -> bool:
+def is_moving(watcher: BlockingRTDEClient) -> bool:
     return any(watcher.latest()["target_qd"])
 
 
-def typed(page: Page, marks: str, values: tuple[float, ...]) -> None:
-    expect(page.get_by_test_id(f"{marks}-1")).not_to_have_value("0.00")  # where the arm is comes there first
+def type_target(page: Page, test_id_prefix: str, values: tuple[float, ...]) -> None:
+    expect(page.get_by_test_id(f"{test_id_prefix}-1")).not_to_have_value("0.00")  # where the arm is comes there first
     for i, value in enumerate(values):
-        page.get_by_test_id(f"{marks}-{i}").fill(f"{value:.4f}")
+        page.get_by_test_id(f"{test_id_prefix}-{i}").fill(f"{value:.4f}")
 
 
-def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig, open_page: Open) -> None:
+def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig, open_page: OpenPage) -> None:
     rtde_receive = pytest.importorskip("rtde_receive")
     page = open_page("move")
     watcher = rtde_receive.RTDEReceiveInterface(bent.host)
     try:
-        with held(page, "joint-2-plus"):
+        with hold_button(page, "joint-2-plus"):
             eventually(lambda: watcher.getActualQ()[2] > BENT[2] + 0.05)
             expect(page.get_by_test_id("doing")).to_have_text("Jogging")
         eventually(lambda: not any(watcher.getTargetQd()))
-        there = watcher.getActualQ()
-        assert there[:2] == pytest.approx(BENT[:2], abs=1e-3)
-        assert there[3:] == pytest.approx(BENT[3:], abs=1e-3)
+        position = watcher.getActualQ()
+        assert position[:2] == pytest.approx(BENT[:2], abs=1e-3)
+        assert position[3:] == pytest.approx(BENT[3:], abs=1e-3)
         angle = page.get_by_test_id("angle-2")
         eventually(lambda: angle.inner_text() == f"{degrees(watcher.getActualQ()[2]):.2f}")
     finally:
@@ -86,17 +86,17 @@ def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig
 
 
 @pytest.mark.parametrize("key", some(["Space", "Enter"], now=["Space"]))
-def test_a_key_held_on_a_button_moves_the_arm_until_it_is_released(bent: Rig, open_page: Open, key: str) -> None:
+def test_a_key_held_on_a_button_moves_the_arm_until_it_is_released(bent: Rig, open_page: OpenPage, key: str) -> None:
     page = open_page("move")
-    with watching(bent) as watcher:
+    with open_watcher(bent) as watcher:
         page.get_by_test_id("joint-2-plus").focus()
         page.keyboard.down(key)
         eventually(lambda: watcher.latest()["actual_q"][2] > BENT[2] + 0.05)
         page.keyboard.down(key)  # as keyboards repeat it
-        there = watcher.latest()["actual_q"][2]
-        eventually(lambda: watcher.latest()["actual_q"][2] > there + 0.05)
+        position = watcher.latest()["actual_q"][2]
+        eventually(lambda: watcher.latest()["actual_q"][2] > position + 0.05)
         page.keyboard.up(key)
-        eventually(lambda: not moves(watcher))
+        eventually(lambda: not is_moving(watcher))
         q = watcher.latest()["actual_q"]
         assert q[:2] == pytest.approx(BENT[:2], abs=1e-3)
         assert q[3:] == pytest.approx(BENT[3:], abs=1e-3)
@@ -104,64 +104,64 @@ def test_a_key_held_on_a_button_moves_the_arm_until_it_is_released(bent: Rig, op
 
 
 @pytest.mark.parametrize("lost", some(["tab", "window", "button"], now=["window"]))
-def test_a_held_key_no_longer_counts_where_the_focus_is_lost(bent: Rig, open_page: Open, lost: str) -> None:
+def test_a_held_key_no_longer_counts_where_the_focus_is_lost(bent: Rig, open_page: OpenPage, lost: str) -> None:
     page = open_page("move")
-    with watching(bent) as watcher:
+    with open_watcher(bent) as watcher:
         page.get_by_test_id("axis-z-plus").focus()
         page.keyboard.down("Space")
-        eventually(lambda: moves(watcher))
+        eventually(lambda: is_moving(watcher))
         if lost == "tab":
             page.keyboard.down("Tab")  # no key is ever released
         elif lost == "window":
             page.evaluate("window.dispatchEvent(new Event('blur'))")
         else:
             page.evaluate("document.activeElement.blur()")
-        eventually(lambda: not moves(watcher))
+        eventually(lambda: not is_moving(watcher))
         page.keyboard.up("Space")
 
 
-def look_along(page: Page, feature: str) -> None:
+def choose_feature(page: Page, feature: str) -> None:
     """Choose what buttons mean by X, Y and Z; the pendant hears it over another connection than of held buttons."""
     choice = page.get_by_test_id("feature")
     choice.get_by_text(feature).click()
     expect(choice).to_have_attribute("data-state", feature.lower())
 
 
-def test_the_tool_goes_along_its_own_axis(bent: Rig, open_page: Open) -> None:
+def test_the_tool_goes_along_its_own_axis(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     before = tcp(bent)
-    look_along(page, "Tool")
-    with held(page, "axis-z-minus"):
+    choose_feature(page, "Tool")
+    with hold_button(page, "axis-z-minus"):
         eventually(lambda: dist(tcp(bent)[:3], before[:3]) > 0.03)
     eventually(lambda: at_rest(bent))
     after = tcp(bent)
     axis = rotvec_to_matrix(*before[3:])[2::3]
-    way = [b - a for a, b in zip(before[:3], after[:3], strict=True)]
-    along = sum(a * b for a, b in zip(axis, way, strict=True))
+    displacement = [b - a for a, b in zip(before[:3], after[:3], strict=True)]
+    along = sum(a * b for a, b in zip(axis, displacement, strict=True))
     assert along == pytest.approx(-dist(before[:3], after[:3]), abs=1e-3)
     assert after[3:] == pytest.approx(before[3:], abs=2e-3)
 
 
 @pytest.mark.long
-def test_what_a_browser_calls_right_depends_on_its_camera(bent: Rig, open_page: Open) -> None:
+def test_what_a_browser_calls_right_depends_on_its_camera(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
-    look_along(page, "View")
+    choose_feature(page, "View")
     page.get_by_test_id("view-front").click()  # along -x: right is +y
     page.wait_for_function("Math.abs(pendant.context.azimuth() - Math.PI / 2) < 0.01")
     before = tcp(bent)
-    with held(page, "axis-x-plus"):
+    with hold_button(page, "axis-x-plus"):
         eventually(lambda: tcp(bent)[1] > before[1] + 0.02)
     assert tcp(bent)[0] == pytest.approx(before[0], abs=2e-3)
 
 
-def test_typed_targets_are_reached_or_refused_in_degrees(bent: Rig, open_page: Open) -> None:
+def test_typed_targets_are_reached_or_refused_in_degrees(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
-    typed(page, "target-joint", (0.0, 400.0))
+    type_target(page, "target-joint", (0.0, 400.0))
     page.get_by_test_id("joints-move").click()
     expect(page.get_by_text("Shoulder cannot go to 400.00°")).to_be_visible()
     assert q(bent) == pytest.approx(BENT, abs=1e-3)
     goal = (20.0, -80.0, 85.0, -95.0, -85.0, 10.0)
-    typed(page, "target-joint", goal)
+    type_target(page, "target-joint", goal)
     page.get_by_test_id("joints-move").click()
     eventually(lambda: tuple(map(degrees, q(bent))) == pytest.approx(goal, abs=0.05))
     expect(page.get_by_test_id("doing")).to_have_text("")
@@ -175,7 +175,7 @@ def test_typed_targets_are_reached_or_refused_in_degrees(bent: Rig, open_page: O
     eventually(lambda: tcp(bent) == pytest.approx((x, y, z + 0.02, *turn), abs=1e-3))
 
 
-def test_a_move_is_stopped(bent: Rig, open_page: Open) -> None:
+def test_a_move_is_stopped(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     page.get_by_test_id("target-poses").click()
     page.get_by_test_id("go-Zero").click()
@@ -188,7 +188,7 @@ def test_a_move_is_stopped(bent: Rig, open_page: Open) -> None:
 
 
 @pytest.mark.long
-def test_stop_ends_a_program_too(bent: Rig, open_page: Open) -> None:
+def test_stop_ends_a_program_too(bent: Rig, open_page: OpenPage) -> None:
     bent.control.send_script("def far():\n  while True:\n    sync()\n  end\nend\n")
     page = open_page("move")
     expect(page.get_by_test_id("slowed")).to_have_text("A program is running: stop it first.")
@@ -199,10 +199,10 @@ def test_stop_ends_a_program_too(bent: Rig, open_page: Open) -> None:
     expect(page.get_by_test_id("joints-move")).to_be_enabled()
 
 
-def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Open) -> None:
+def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     before = tcp(bent)
-    with held(page, "freedrive"):
+    with hold_button(page, "freedrive"):
         expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
         bent.control.push_tool([0.0, 0.0, 40.0, 0.0, 0.0, 0.0])
         eventually(lambda: tcp(bent)[2] > before[2] + 0.005)
@@ -212,17 +212,17 @@ def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Ope
     expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
     page.get_by_test_id("freedrive-keep").click()
     expect(page.get_by_test_id("doing")).to_have_text("")
-    with held(page, "freedrive"):
+    with hold_button(page, "freedrive"):
         expect(page.get_by_test_id("doing")).to_have_text("Freedrive")
         page.evaluate(FROZEN)
         expect(page.get_by_test_id("doing")).to_have_text("")
 
 
 @pytest.mark.long
-def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Open) -> None:
+def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: OpenPage) -> None:
     one, other = open_page("move"), open_page("move")
     before = q(bent)
-    with held(one, "joint-0-plus"):
+    with hold_button(one, "joint-0-plus"):
         eventually(lambda: q(bent)[0] > before[0] + 0.05)
         expect(other.get_by_test_id("doing")).to_have_text("Jogging")
         other.get_by_test_id("joint-1-plus").dispatch_event("pointerdown")
@@ -232,19 +232,19 @@ def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Op
 
 
 @pytest.mark.long
-def test_a_browser_that_leaves_does_not_stop_the_one_that_moves(bent: Rig, open_page: Open) -> None:
+def test_a_browser_that_leaves_does_not_stop_the_one_that_moves(bent: Rig, open_page: OpenPage) -> None:
     one, other = open_page("move"), open_page("move")
     before = q(bent)
-    with held(one, "joint-0-plus"):
+    with hold_button(one, "joint-0-plus"):
         eventually(lambda: q(bent)[0] > before[0] + 0.05)
-        there = q(bent)[0]
+        position = q(bent)[0]
         other.close()
-        eventually(lambda: q(bent)[0] > there + 0.05)
+        eventually(lambda: q(bent)[0] > position + 0.05)
     eventually(lambda: at_rest(bent))
 
 
 @pytest.mark.long
-def test_a_pose_that_one_saves_the_other_has(bent: Rig, open_page: Open) -> None:
+def test_a_pose_that_one_saves_the_other_has(bent: Rig, open_page: OpenPage) -> None:
     one, other = open_page("move"), open_page("move")
     for page in (one, other):
         page.get_by_test_id("target-poses").click()
@@ -267,7 +267,7 @@ FROZEN = "for (let i = 0; i < 1e5; i++) clearInterval(i)"  # the page says nothi
 
 
 @pytest.mark.parametrize("lost", some(["blur", "closed", "frozen"], now=["closed", "frozen"]))
-def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: Open, lost: str) -> None:
+def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: OpenPage, lost: str) -> None:
     page = open_page("move")
     page.get_by_test_id("joint-0-minus").hover()
     page.mouse.down()
@@ -282,7 +282,7 @@ def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: Open, lost: s
 
 
 @pytest.mark.long
-def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: Open, browser: Browser) -> None:
+def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: OpenPage, browser: Browser) -> None:
     page = open_page("move")
     page.get_by_test_id("joint-0-minus").hover()
     page.mouse.down()
@@ -290,21 +290,21 @@ def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: 
     processes = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
     renderers = [process["id"] for process in processes if process["type"] == "renderer"]
     assert renderers
-    for sent in (signal.SIGSTOP, signal.SIGCONT):
+    for signal_number in (signal.SIGSTOP, signal.SIGCONT):
         for renderer in renderers:
-            os.kill(renderer, sent)
-        if sent == signal.SIGSTOP:
+            os.kill(renderer, signal_number)
+        if signal_number == signal.SIGSTOP:
             eventually(lambda: at_rest(bent))
             time.sleep(3.0)  # longer than a busy browser is silent
     expect(page.get_by_text("press it again")).to_be_visible()
     assert at_rest(bent)
     page.mouse.up()
-    with held(page, "joint-0-plus"):
+    with hold_button(page, "joint-0-plus"):
         eventually(lambda: not at_rest(bent))
 
 
 @pytest.mark.long
-def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: Open) -> None:
+def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     expected = [*kinematics_of(load_model("ur3")).forward(q(bent))]
     read = """() => {
@@ -339,7 +339,7 @@ def test_a_robot_is_moved_after_a_question_and_rests_when_the_pendant_is_killed(
         page.goto(url)
         expect(page.locator(".robot-name")).to_contain_text("UR3")
         expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
-        with held(page, "joint-0-plus"):
+        with hold_button(page, "joint-0-plus"):
             expect(page.get_by_test_id("may-move")).to_be_visible()
         assert at_rest(bent)
         page.get_by_test_id("may-move").click()
@@ -366,7 +366,7 @@ SCENE = """() => {
 
 
 @pytest.mark.long
-def test_frames_the_way_of_the_tcp_and_a_ghost_of_the_target(bent: Rig, open_page: Open) -> None:
+def test_frames_the_way_of_the_tcp_and_a_ghost_of_the_target(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     expect(page.get_by_test_id("joints-move")).to_be_enabled()
     eventually(lambda: page.evaluate(SCENE)["points"] == -1)

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.pendant.conftest import FEW_FRAMES, SIZE, Rig, eventually
+from tests.pendant.conftest import SLOW_FRAMES, VIEWPORT, Rig, eventually
 from tests.pendant.pendants import pendant
 from urproto.robots import kinematics_of, load_model
 
 BENT = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
 BESIDE = (80.0, -80.0, 86.0, -97.0, -86.0, 6.0)  # degrees; the post is between it and BENT
 POST = {"box": [0.06, 0.06, 0.4], "pose": [-0.15, -0.33, 0.2]}
-Open = Callable[[str], Page]
+OpenPage = Callable[[str], Page]
 DRAWN = """() => {
   const scene = Object.values(window).find((value) => value?.isScene);
   const red = (part) => part.material.color.getHexString() === "d02020";
@@ -51,30 +51,30 @@ def q(rig: Rig) -> tuple[float, ...]:
     return tuple(rig.state("actual_q"))
 
 
-def drawn(page: Page) -> dict[str, Any]:
+def drawn_scene(page: Page) -> dict[str, Any]:
     return page.evaluate(DRAWN)
 
 
-def drag(page: Page, x: float, y: float, place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+def drag(page: Page, x: float, y: float, point: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
     """Pull what is at this place of the handle by so many pixels."""
 
-    def over() -> bool:
-        at = page.evaluate("(place) => pendant.handle?.(...place) ?? null", place)
+    def hover() -> bool:
+        at = page.evaluate("(place) => pendant.handle?.(...place) ?? null", point)
         if at is None:
             return False
         page.mouse.move(*at)
         page.mouse.move(at[0] + 1, at[1])
-        where.update(x=at[0], y=at[1])
+        position.update(x=at[0], y=at[1])
         return page.evaluate("() => document.querySelector('.move-view .arm').style.cursor") == "grab"
 
-    where = dict[str, float]()
-    eventually(over)
+    position = dict[str, float]()
+    eventually(hover)
     page.mouse.down()
-    page.mouse.move(where["x"] + x, where["y"] + y, steps=4)
+    page.mouse.move(position["x"] + x, position["y"] + y, steps=4)
     page.mouse.up()
 
 
-def plan_tab(open_page: Open) -> Page:
+def plan_tab(open_page: OpenPage) -> Page:
     page = open_page("move")
     page.get_by_test_id("target-plan").click()
     expect(page.get_by_test_id("plan-status")).to_contain_text("Drag the ball")
@@ -89,40 +89,40 @@ def target(page: Page) -> tuple[float, ...]:
     return angles
 
 
-def typed(page: Page, angles: tuple[float, ...]) -> None:
+def type_target(page: Page, angles: tuple[float, ...]) -> None:
     page.get_by_test_id("target-joints").click()
     for i, angle in enumerate(angles):
         page.get_by_test_id(f"target-joint-{i}").fill(f"{angle:.2f}")
     page.get_by_test_id("target-plan").click()
 
 
-def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig, open_page: Open) -> None:
+def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig, open_page: OpenPage) -> None:
     bent.control.add_object("table", {"plane": {}, "pose": [0.0, 0.0, -0.02]})
     page = plan_tab(open_page)
     status = page.get_by_test_id("plan-status")
-    eventually(lambda: drawn(page)["objects"] == ["table"])
+    eventually(lambda: drawn_scene(page)["objects"] == ["table"])
     drag(page, 0.0, 250.0)
     expect(status).to_contain_text(re.compile(r"wrist_3_link is \d+\.\d mm deep in table"))
-    eventually(lambda: drawn(page)["red"] == ["table"] and drawn(page)["links"] > 0)
+    eventually(lambda: drawn_scene(page)["red"] == ["table"] and drawn_scene(page)["links"] > 0)
     page.get_by_test_id("plan").click()
     expect(status).to_contain_text("the goal cannot be reached")
     expect(page.get_by_test_id("plan-move")).to_be_disabled()
     drag(page, 20.0, -220.0)
     expect(status).to_contain_text("The target is free")
-    eventually(lambda: not drawn(page)["red"] and not drawn(page)["links"])
+    eventually(lambda: not drawn_scene(page)["red"] and not drawn_scene(page)["links"])
     page.get_by_test_id("plan").click()
     expect(status).to_contain_text(re.compile(r"A path of \d+\.\d s"))
-    eventually(lambda: drawn(page)["path"])
+    eventually(lambda: drawn_scene(page)["path"])
     assert q(bent) == pytest.approx(BENT, abs=1e-3)
     goal = target(page)
     page.get_by_test_id("plan-move").click()
     eventually(lambda: q(bent) == pytest.approx(goal, abs=1e-3))
     expect(status).to_contain_text("Drag the ball")
-    eventually(lambda: not drawn(page)["path"])
+    eventually(lambda: not drawn_scene(page)["path"])
 
 
 @pytest.mark.long
-def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: Open) -> None:
+def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: OpenPage) -> None:
     page = plan_tab(open_page)
     forward = kinematics_of(load_model("ur3")).forward
     before = forward(BENT)
@@ -139,16 +139,16 @@ def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: Ope
 
 
 @pytest.mark.long
-def test_a_path_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig, open_page: Open) -> None:
+def test_a_path_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig, open_page: OpenPage) -> None:
     bent.control.add_object("post", POST)
     page = plan_tab(open_page)
     status = page.get_by_test_id("plan-status")
-    eventually(lambda: drawn(page)["objects"] == ["post"])
-    typed(page, BESIDE)
+    eventually(lambda: drawn_scene(page)["objects"] == ["post"])
+    type_target(page, BESIDE)
     page.get_by_test_id("plan").click()
     expect(status).to_contain_text("by RRTConnect")
     angles = set[float]()
-    eventually(lambda: len(angles.add(drawn(page)["ghost"]) or angles) > 3)  # the ghost goes along
+    eventually(lambda: len(angles.add(drawn_scene(page)["ghost"]) or angles) > 3)  # the ghost goes along
     bent.control.set_speed_slider(0.05)  # a minute and more, however busy the machine is
     page.get_by_test_id("plan-move").click()
     eventually(lambda: any(bent.state("target_qd")) and dist(q(bent), BENT) > 0.03)
@@ -167,9 +167,9 @@ def test_a_path_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig
 
 
 @pytest.mark.long
-def test_the_arm_avoids_an_obstacle_that_appears_on_its_path(bent: Rig, open_page: Open) -> None:
+def test_the_arm_avoids_an_obstacle_that_appears_on_its_path(bent: Rig, open_page: OpenPage) -> None:
     page = plan_tab(open_page)
-    typed(page, BESIDE)
+    type_target(page, BESIDE)
     page.get_by_test_id("plan").click()
     expect(page.get_by_test_id("plan-status")).to_contain_text("straight to the goal")
     bent.control.set_speed_slider(0.05)
@@ -190,14 +190,14 @@ def test_a_robot_has_the_objects_of_a_file_and_moves_after_a_question(
     scene.write_text("objects: {post: {cylinder: [0.03, 0.6], pose: [0.3, 0.3, 0.3]}}")
     options = ("--port", "6082", "--control-port", "0", "--scene", str(scene))
     with pendant(bent.host, *options):
-        context = browser.new_context(viewport=SIZE)
-        context.add_init_script(FEW_FRAMES)
+        context = browser.new_context(viewport=VIEWPORT)
+        context.add_init_script(SLOW_FRAMES)
         page = context.new_page()
         page.goto(f"http://{bent.host}:6082/move")
         page.get_by_test_id("target-plan").click()
         expect(page.get_by_test_id("plan-source")).to_contain_text("objects of cell.yaml")
         expect(page.get_by_test_id("plan-status")).to_contain_text("Drag the ball")
-        eventually(lambda: drawn(page)["objects"] == ["post"])
+        eventually(lambda: drawn_scene(page)["objects"] == ["post"])
         drag(page, 30.0, 0.0)
         expect(page.get_by_test_id("plan-status")).to_contain_text("The target is free")
         page.get_by_test_id("plan").click()

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from client.pendant.screens import SCREENS
-from tests.pendant.conftest import FEW_FRAMES, SIZE, Rig, eventually
+from tests.pendant.conftest import SLOW_FRAMES, VIEWPORT, Rig, eventually
 from tests.pendant.test_browser_program import choose, insert, new_program, select
 
 pytestmark = pytest.mark.long
@@ -22,8 +22,8 @@ def robot(tmp_path: Path) -> Iterator[Rig]:
 
 @pytest.fixture
 def page(robot: Rig, browser: Browser) -> Iterator[Page]:
-    with closing(browser.new_context(viewport=SIZE)) as context:
-        context.add_init_script(FEW_FRAMES)
+    with closing(browser.new_context(viewport=VIEWPORT)) as context:
+        context.add_init_script(SLOW_FRAMES)
         page, errors = context.new_page(), list[str]()
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(f"{robot.url}/{SCREENS[0].name}")

@@ -18,17 +18,17 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from client.driver import TrajectoryResult, URDriver, points
 from client.rtde import BlockingRTDEClient
-from tests.pendant.conftest import FEW_FRAMES, SIZE, Rig, eventually
+from tests.pendant.conftest import SLOW_FRAMES, VIEWPORT, Rig, eventually
 from tests.pendant.pendants import pendant
 from urproto.modes import RuntimeState
 
-Open = Callable[[str], Page]
+OpenPage = Callable[[str], Page]
 ABOVE = (0.3, -1.3, 1.4, -1.7, -1.57, 0.3)
 DOWN = (0.3, -1.2, 1.5, -1.9, -1.57, 0.3)
 BIN = (-0.3, -1.2, 1.2, -1.6, -1.57, 0.0)
 HOME = (0.0, -1.2, 1.2, -1.6, -1.57, 0.0)
 FIELDS = ("timestamp", "actual_q", "actual_digital_output_bits", "runtime_state")
-BY_HAND = f"""def by_hand():
+SCRIPT = f"""def by_hand():
   movej({list(ABOVE)}, a=1.4, v=1.05)
   movel({list(DOWN)}, a=1.2, v=0.25)
   set_standard_digital_out(2, True)
@@ -83,18 +83,18 @@ def choose(page: Page, key: str, title: str) -> None:
     page.get_by_role("option", name=title, exact=True).click()
 
 
-def leave(page: Page, mark: str) -> None:
+def close_program(page: Page, test_id: str) -> None:
     """Press a button that takes the program away, and agree if there is something to lose."""
     title = page.get_by_test_id("program-title")
     expect(title).to_have_attribute("data-state", re.compile("changed|saved"))
     changed = title.get_attribute("data-state") == "changed"
-    page.get_by_test_id(mark).click()
+    page.get_by_test_id(test_id).click()
     if changed:
         page.get_by_test_id("agree").click()
 
 
 def new_program(page: Page) -> None:
-    leave(page, "program-new")
+    close_program(page, "program-new")
     title = page.get_by_test_id("program-title")
     expect(title).to_have_attribute("data-state", "saved")
     expect(title).to_have_text("unnamed")
@@ -108,12 +108,12 @@ def save_as(page: Page, name: str) -> None:
     expect(page.get_by_test_id("program-title")).to_have_text(f"{name}.urp")
 
 
-def drive(host: str, goal: tuple[float, ...], listens: Event) -> TrajectoryResult:
+def drive(host: str, goal: tuple[float, ...], listening: Event) -> TrajectoryResult:
     """A driver that waits until its External Control node is played, moves the arm, and stays until that ends."""
 
     async def run() -> TrajectoryResult:
         async with URDriver(host, headless=False, own_address=host) as driver:
-            listens.set()
+            listening.set()
             await driver.wait_for_program(60.0)
             result = await driver.execute([points.movej(goal)])
             while driver.program_running:  # a program that loops asks again
@@ -123,12 +123,12 @@ def drive(host: str, goal: tuple[float, ...], listens: Event) -> TrajectoryResul
     return asyncio.run(run())
 
 
-def chapter_ten(page: Page, rig: Rig) -> None:
+def external_control_program(page: Page, rig: Rig) -> None:
     """Empty program, URCaps, External Control, host in the installation, save, play: a driver moves the arm."""
-    goal, listens = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1), Event()
+    goal, listening = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1), Event()
     with ThreadPoolExecutor(1) as pool:  # the browser's library has the loop of this thread
-        driver = pool.submit(drive, rig.host, goal, listens)
-        assert listens.wait(30.0)
+        driver = pool.submit(drive, rig.host, goal, listening)
+        assert listening.wait(30.0)
         new_program(page)
         select(page, "Robot Program")
         insert(page, "external_control", "Control by")
@@ -147,20 +147,20 @@ def chapter_ten(page: Page, rig: Rig) -> None:
         assert driver.result(60.0) is TrajectoryResult.SUCCESS
 
 
-def test_chapter_ten_is_typed_click_by_click(rig: Rig, open_page: Open) -> None:
-    chapter_ten(open_page("program"), rig)
+def test_chapter_ten_is_typed_click_by_click(rig: Rig, open_page: OpenPage) -> None:
+    external_control_program(open_page("program"), rig)
 
 
-def taught(page: Page, rig: Rig, name: str, q: tuple[float, ...]) -> None:
+def insert_waypoint(page: Page, rig: Rig, name: str, q: tuple[float, ...]) -> None:
     """Teach the waypoint that was inserted last, where the arm is brought as a person would by hand."""
     select(page, "Waypoint_1")
     rig.control.set_joints(q)
-    eventually(lambda: teaches(page, q))  # once the pendant has heard where the arm is
+    eventually(lambda: teach_and_check(page, q))  # once the pendant has heard where the arm is
     fill(page, "name", name)
     expect(row(page, name)).not_to_have_class(re.compile("is-undefined"))
 
 
-def teaches(page: Page, q: tuple[float, ...]) -> bool:
+def teach_and_check(page: Page, q: tuple[float, ...]) -> bool:
     """Teach the selected waypoint, and whether it is this one then."""
     page.get_by_test_id("teach-position").click()
     position = page.get_by_test_id("field-position")
@@ -170,17 +170,17 @@ def teaches(page: Page, q: tuple[float, ...]) -> bool:
     return shown == pytest.approx([degrees(angle) for angle in q], abs=0.1)
 
 
-def move(page: Page, rig: Rig, motion: str, name: str, q: tuple[float, ...]) -> None:
+def add_move(page: Page, rig: Rig, motion: str, name: str, q: tuple[float, ...]) -> None:
     """A Move with a waypoint at the end of the program."""
     select(page, "Robot Program")
     insert(page, "move", "MoveJ")
     if motion != "MoveJ":
         choose(page, "motion", motion)
         expect(row(page, motion)).to_be_visible()
-    taught(page, rig, name, q)
+    insert_waypoint(page, rig, name, q)
 
 
-def switch(page: Page, level: str) -> None:
+def add_output(page: Page, level: str) -> None:
     """A Set of digital output 2 at the end of the program."""
     select(page, "Robot Program")
     insert(page, "set", "Set")
@@ -194,34 +194,34 @@ def pick_and_place(page: Page, other: Page, rig: Rig) -> None:
     new_program(page)
     select(page, "Robot Program")
     page.get_by_test_id("field-loops").click()
-    move(page, rig, "MoveJ", "Above", ABOVE)
+    add_move(page, rig, "MoveJ", "Above", ABOVE)
     expect(row(other, "Above")).to_be_visible()  # and goes on there
-    move(other, rig, "MoveL", "Down", DOWN)
-    switch(other, "On")
+    add_move(other, rig, "MoveL", "Down", DOWN)
+    add_output(other, "On")
     select(page, "Robot Program")
     insert(page, "wait", "Wait")
     choose(page, "type", "A time")
     fill(page, "time", "0.3")
-    move(page, rig, "MoveL", "Back", ABOVE)
-    move(page, rig, "MoveJ", "Bin", BIN)
-    switch(page, "Off")
+    add_move(page, rig, "MoveL", "Back", ABOVE)
+    add_move(page, rig, "MoveJ", "Bin", BIN)
+    add_output(page, "Off")
 
 
-def played(rig: Rig, start: Callable[[], object]) -> tuple[list[tuple[float, ...]], float]:
+def record_run(rig: Rig, start: Callable[[], object]) -> tuple[list[tuple[float, ...]], float]:
     """Where the arm was on the way, and output 2, from the start to the end; how long that took [s]."""
     rig.control.set_joints(HOME)
-    way, times_s = list[tuple[float, ...]](), list[float]()
+    positions, times_s = list[tuple[float, ...]](), list[float]()
     with BlockingRTDEClient(rig.host, FIELDS) as watcher:
         start()
         eventually(lambda: watcher.latest()["runtime_state"] == RuntimeState.PLAYING)
         while (state := watcher.receive())["runtime_state"] == RuntimeState.PLAYING:
-            way.append((*state["actual_q"], float(state["actual_digital_output_bits"] >> 2 & 1)))
+            positions.append((*state["actual_q"], float(state["actual_digital_output_bits"] >> 2 & 1)))
             times_s.append(state["timestamp"])
-    return way, times_s[-1] - times_s[0]
+    return positions, times_s[-1] - times_s[0]
 
 
 @pytest.mark.long
-def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig, open_page: Open) -> None:
+def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig, open_page: OpenPage) -> None:
     page, other = open_page("program"), open_page("program")
     pick_and_place(page, other, rig)
     names = "Variables, Robot, MoveJ, Above, MoveL, Down, Set, Wait, MoveL, Back, MoveJ, Bin, Set"
@@ -232,15 +232,15 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
     assert "set_standard_digital_out(2,True)" in script.replace(" ", "")
     expect(other.get_by_test_id("program-title")).to_have_text("pick.urp")
     new_program(other)
-    leave(other, "program-open")
+    close_program(other, "program-open")
     other.get_by_test_id("program-choice").get_by_text("pick.urp").click()
     expect(page.get_by_test_id("program-title")).to_have_text("pick.urp")
     rig.control.set_speed(2.0)
-    here, here_s = played(rig, page.get_by_test_id("program-play").click)
-    by_hand, by_hand_s = played(rig, lambda: rig.control.send_script(BY_HAND))
-    for one, another in ((here, by_hand), (by_hand, here)):
-        assert max(min(dist(place, near) for near in another) for place in one[::10]) < 0.05
-    assert here_s == pytest.approx(by_hand_s, rel=0.1)
+    from_tree, from_tree_s = record_run(rig, page.get_by_test_id("program-play").click)
+    from_script, from_script_s = record_run(rig, lambda: rig.control.send_script(SCRIPT))
+    for path, other_path in ((from_tree, from_script), (from_script, from_tree)):
+        assert max(min(dist(place, other_place) for other_place in other_path) for place in path[::10]) < 0.05
+    assert from_tree_s == pytest.approx(from_script_s, rel=0.1)
     # undo is one for both, and what one selects is not what the other does
     select(page, "Wait")
     select(other, "Bin")
@@ -253,7 +253,7 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
 
 
 @pytest.mark.long
-def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_page: Open) -> None:
+def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_page: OpenPage) -> None:
     page = open_page("program")
     new_program(page)
     select(page, "Robot Program")
@@ -316,7 +316,7 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     expect(page.get_by_text("not part of the robot program")).to_be_visible()
 
 
-def kept(folder: Path, text: bytes) -> bool:
+def is_saved(folder: Path, text: bytes) -> bool:
     """Whether the program in a pendant's folder of drafts has it."""
     drafts = [json.loads(file.read_text())["urp"] for file in folder.glob("*.json")]
     return any(text in gzip.decompress(base64.b64decode(urp)) for urp in drafts)
@@ -325,8 +325,8 @@ def kept(folder: Path, text: bytes) -> bool:
 @pytest.mark.long
 def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser: Browser, tmp_path: Path) -> None:
     options = ("--port", "6081", "--modbus-port", str(rig.robot.ports["modbus"]), "--drafts", str(tmp_path))
-    context = browser.new_context(viewport=SIZE)
-    context.add_init_script(FEW_FRAMES)
+    context = browser.new_context(viewport=VIEWPORT)
+    context.add_init_script(SLOW_FRAMES)
     page = context.new_page()
     with pendant(rig.host, *options) as process:
         page.goto(f"http://{rig.host}:6081/program")
@@ -334,7 +334,7 @@ def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser:
         insert(page, "comment", "Comment")
         fill(page, "comment", "half done")
         expect(row(page, "'half done'")).to_be_visible()
-        eventually(lambda: kept(tmp_path, b"half done"))
+        eventually(lambda: is_saved(tmp_path, b"half done"))
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     page.close()
@@ -350,17 +350,17 @@ def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser:
 def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path, browser: Browser) -> None:
     """The same clicks on a UR5e; then both are killed and started anew, and the program is there, saved or not."""
     rig = Rig("ur5e", tmp_path)
-    context = browser.new_context(viewport=SIZE)
-    context.add_init_script(FEW_FRAMES)
+    context = browser.new_context(viewport=VIEWPORT)
+    context.add_init_script(SLOW_FRAMES)
     try:
         page = context.new_page()
         page.goto(f"{rig.url}/program")
         expect(page.locator(".robot-name")).to_contain_text("UR5e")
-        chapter_ten(page, rig)
+        external_control_program(page, rig)
         insert(page, "comment", "Comment")
         fill(page, "comment", "half done")
         expect(row(page, "'half done'")).to_be_visible()
-        eventually(lambda: kept(tmp_path / "drafts", b"half done"))
+        eventually(lambda: is_saved(tmp_path / "drafts", b"half done"))
         page.close()
         rig.robot.kill()
         os.kill(rig.pendant_pid, signal.SIGKILL)
@@ -369,7 +369,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
             page = context.new_page()
             page.goto(f"{rig.url}/program")
             expect(row(page, "'half done'")).to_be_visible()
-            leave(page, "program-open")
+            close_program(page, "program-open")
             page.get_by_test_id("program-choice").get_by_text("external_control.urp").click()
             expect(row(page, "'half done'")).to_have_count(0)
             expect(row(page, "Control by")).to_be_visible()
@@ -384,15 +384,15 @@ def test_in_simulation_a_program_moves_the_arm_on_the_screen_and_the_real_one_st
     (rig.programs / "far.script").write_text(text)
     page = open_page("move")
     before = rig.state("actual_q")
-    switch = page.get_by_test_id("simulation-switch")
-    expect(switch).to_have_text("Real robot")
-    switch.click()
-    expect(switch).to_have_attribute("aria-pressed", "true")
-    expect(switch).to_have_text("Simulation")
+    add_output = page.get_by_test_id("simulation-switch")
+    expect(add_output).to_have_text("Real robot")
+    add_output.click()
+    expect(add_output).to_have_attribute("aria-pressed", "true")
+    expect(add_output).to_have_text("Simulation")
     rig.control.dashboard("load far.script")
     rig.control.dashboard("play")
     expect(page.get_by_test_id("angle-0")).to_contain_text("22.9")  # 0.4 rad
     assert rig.control.simulation() == {"on": True, "real_q_rad": before}
-    switch.click()
-    expect(switch).to_have_text("Real robot")
+    add_output.click()
+    expect(add_output).to_have_text("Real robot")
     eventually(lambda: rig.state("actual_q") == before)

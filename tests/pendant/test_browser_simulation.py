@@ -17,7 +17,7 @@ _TRIES = 3
 
 
 @pytest.fixture
-def at(open_page) -> Callable[..., Page]:
+def open_tab(open_page) -> Callable[..., Page]:
     """Opens the screen, with one of its tabs in view."""
 
     def open_(tab: str = "") -> Page:
@@ -30,19 +30,19 @@ def at(open_page) -> Callable[..., Page]:
     return open_
 
 
-def choose(page: Page, mark: str, text: str) -> None:
+def choose(page: Page, test_id: str, text: str) -> None:
     """A busy machine's browser may miss a click on what it has just drawn."""
     option = page.get_by_role("option", name=text, exact=True)
     for _ in range(_TRIES):
         if not option.is_visible():
-            page.get_by_test_id(mark).click()
+            page.get_by_test_id(test_id).click()
         with suppress(NotInTime):
             option.wait_for(timeout=10_000)
             break
     option.click()
 
 
-def where(page: Page, name: str = "") -> tuple[float, float]:
+def pixel_position(page: Page, name: str = "") -> tuple[float, float]:
     """Of a thing or the ball at the tool, on the page; once nothing moves there any more."""
     page.wait_for_function(
         """name => {
@@ -58,8 +58,8 @@ def where(page: Page, name: str = "") -> tuple[float, float]:
     return x, y
 
 
-def test_a_fault_from_its_form_strikes_and_is_listed(rig, at):
-    page = at()
+def test_a_fault_from_its_form_strikes_and_is_listed(rig, open_tab):
+    page = open_tab()
     expect(page.get_by_test_id("fault-text")).to_contain_text("Connections are closed")
     choose(page, "fault-port", "dashboard")
     with socket.create_connection((rig.host, rig.robot.ports["dashboard"]), 20.0) as client:
@@ -71,8 +71,8 @@ def test_a_fault_from_its_form_strikes_and_is_listed(rig, at):
 
 
 @pytest.mark.long
-def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, at):
-    page = at()
+def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, open_tab):
+    page = open_tab()
     choose(page, "fault-kind", "Arm: Encoder jump")
     page.get_by_test_id("fault-inject").click()
     expect(page.locator(".q-notification")).to_contain_text("needs joint, by_rad")
@@ -99,9 +99,9 @@ def newest_fault(rig) -> tuple[str, dict[str, object], str] | None:
 
 
 @pytest.mark.long
-def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_release(rig, at):
-    page = at()
-    eventually(lambda: pulled(page, rig))
+def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_release(rig, open_tab):
+    page = open_tab()
+    eventually(lambda: pull_ball(page, rig))
     expect(page.get_by_test_id("measured-force")).not_to_contain_text("Measured 0.0 N")
     page.mouse.up()
     eventually(lambda: force(rig) == 0.0)
@@ -113,9 +113,9 @@ def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_re
     eventually(lambda: rig.control.world()["push"] is None)
 
 
-def pulled(page: Page, rig) -> bool:
+def pull_ball(page: Page, rig) -> bool:
     """Pull the ball; on a busy machine it may still have moved after it had been looked for, and is let go then."""
-    x, y = where(page)
+    x, y = pixel_position(page)
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 30, y, steps=3)
@@ -131,8 +131,8 @@ def force(rig) -> float:
     return sum(value * value for value in rig.state("actual_TCP_force")[:3]) ** 0.5
 
 
-def test_paused_time_is_stepped_and_loses_nobody(rig, at):
-    page = at()
+def test_paused_time_is_stepped_and_loses_nobody(rig, open_tab):
+    page = open_tab()
     try:
         page.get_by_test_id("time-pause").click()
         expect(page.get_by_test_id("pace")).to_have_text("time paused")
@@ -151,41 +151,41 @@ def test_paused_time_is_stepped_and_loses_nobody(rig, at):
 
 
 @pytest.mark.long
-def test_things_are_added_dragged_and_removed(rig, at):
-    page = at("world")
+def test_things_are_added_dragged_and_removed(rig, open_tab):
+    page = open_tab("world")
     add = page.get_by_test_id("object-add")
     add.click()
     expect(page.get_by_test_id("object")).to_have_count(1)
     before = rig.control.world()["objects"]["box"]
     assert before["box"] == [0.1, 0.1, 0.1]
-    eventually(lambda: dragged(page, rig, before["pose"]))
+    eventually(lambda: drag_box(page, rig, before["pose"]))
     page.get_by_label("Remove box").click()
     eventually(lambda: rig.control.objects() == [])
 
 
-def dragged(page: Page, rig, before: list[float]) -> bool:
+def drag_box(page: Page, rig, before: list[float]) -> bool:
     """Drag the box; on a busy machine the picture may still have turned after it had been looked for."""
-    x, y = where(page, "box")
+    x, y = pixel_position(page, "box")
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 25, y + 10, steps=3)
     page.mouse.up()
     with suppress(AssertionError):
-        eventually(lambda: moved(before, rig.control.world()["objects"]["box"]["pose"]), within_s=3.0)
+        eventually(lambda: moved_horizontally(before, rig.control.world()["objects"]["box"]["pose"]), within_s=3.0)
         return True
     return False
 
 
-def moved(before: list[float], now: list[float]) -> bool:
+def moved_horizontally(before: list[float], now: list[float]) -> bool:
     """Along the ground and no other way."""
     return now[:2] != before[:2] and now[2:] == before[2:]
 
 
 @pytest.mark.long
-def test_inputs_are_switched_and_driven(rig, at):
-    page = at("inputs")
-    for mark, bit in (("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)):
-        switch = page.get_by_test_id(mark)
+def test_inputs_are_switched_and_driven(rig, open_tab):
+    page = open_tab("inputs")
+    for test_id, bit in (("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)):
+        switch = page.get_by_test_id(test_id)
         switch.click()
         expect(switch).to_have_attribute("data-state", "on")
         assert rig.state("actual_digital_input_bits") & bit
@@ -197,8 +197,8 @@ def test_inputs_are_switched_and_driven(rig, at):
     rig.control.set_analog_input(1, 0.0)
 
 
-def test_a_gate_opens_and_any_cause_can_be_tripped(rig, at):
-    page = at("safety")
+def test_a_gate_opens_and_any_cause_can_be_tripped(rig, open_tab):
+    page = open_tab("safety")
     gate = page.get_by_test_id("device-safeguard")
     gate.click()
     expect(gate).to_have_attribute("data-state", "alarm")
@@ -212,8 +212,8 @@ def test_a_gate_opens_and_any_cause_can_be_tripped(rig, at):
 
 
 @pytest.mark.long
-def test_the_state_is_saved_and_restored(rig, at, tmp_path):
-    page = at("arm")
+def test_the_state_is_saved_and_restored(rig, open_tab, tmp_path):
+    page = open_tab("arm")
     with page.expect_download() as download:
         page.get_by_test_id("save-state").click()
     file = tmp_path / "state.json"
@@ -227,8 +227,8 @@ def test_the_state_is_saved_and_restored(rig, at, tmp_path):
 
 
 @pytest.mark.long
-def test_who_is_connected_is_told(rig, at):
-    page = at("connections")
+def test_who_is_connected_is_told(rig, open_tab):
+    page = open_tab("connections")
     with socket.create_connection((rig.host, rig.robot.ports["realtime"])) as client:
         host, port = client.getsockname()
         expect(page.get_by_test_id("connections")).to_contain_text(f"{host}:{port}")

@@ -19,8 +19,8 @@ def test_a_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
         rig.control.dashboard("play")
         page = open_page("initialize")
         rig.control.open_safeguard()
-        for mark in ("robot-mode", "safety-mode", "status"):
-            expect(page.get_by_test_id(mark)).to_contain_text("Safeguard stop")
+        for test_id in ("robot-mode", "safety-mode", "status"):
+            expect(page.get_by_test_id(test_id)).to_contain_text("Safeguard stop")
         expect(page.get_by_test_id("safeguard-state")).to_have_text("Open")
         expect(page.get_by_test_id("robot-hint")).to_have_text(
             "The safeguard is open: close it. The program then continues."
@@ -45,32 +45,32 @@ def test_a_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
 
 
 @pytest.fixture
-def gone(rig: Rig):
+def disconnect_robot(rig: Rig):
     """Lets the robot vanish from the network, and come back afterwards."""
 
-    def vanish() -> None:
+    def disconnect() -> None:
         for port in ("rtde", "primary", "dashboard"):
             rig.control.inject_fault("refuse_connections", port=port)
             rig.control.inject_fault("drop_connection", port=port)
 
-    yield vanish
+    yield disconnect
     rig.control.clear_faults()
 
 
-def test_of_a_lost_robot_no_screen_says_anything(rig: Rig, gone, open_page) -> None:
+def test_of_a_lost_robot_no_screen_says_anything(rig: Rig, disconnect_robot, open_page) -> None:
     page = open_page("initialize")
     expect(page.get_by_test_id("robot-mode")).to_have_text("Normal")
     expect(page.get_by_test_id("joint-mode-2")).to_have_text("Running")
-    gone()
+    disconnect_robot()
     expect(page.locator(".lost")).to_be_visible()
-    for mark in ("robot-mode", "status"):
-        expect(page.get_by_test_id(mark)).to_contain_text("Not connected")
+    for test_id in ("robot-mode", "status"):
+        expect(page.get_by_test_id(test_id)).to_contain_text("Not connected")
     expect(page.get_by_test_id("robot-hint")).to_have_text(
         "The robot does not answer. The pendant keeps trying to reach it."
     )
     expect(page.get_by_test_id("robot-lamp")).to_have_attribute("data-state", "unknown")
-    for mark in ("safety-mode", "safeguard-state", "limits-state", "joint-mode-2", "program-state"):
-        expect(page.get_by_test_id(mark)).to_have_text("–")
+    for test_id in ("safety-mode", "safeguard-state", "limits-state", "joint-mode-2", "program-state"):
+        expect(page.get_by_test_id(test_id)).to_have_text("–")
     expect(page.locator('[data-state="ready"]')).to_have_count(0)
     show(page, "move")
     expect(page.get_by_test_id("angle-0")).to_have_text("–")

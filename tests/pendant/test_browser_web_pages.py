@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, Playwright
 from tests.pendant.conftest import CHROMIUM, FLAGS, eventually
 from urproto.testing.process import EmulatorProcess
 
-EVIL, REBOUND = "evil.test", "rebound.test"  # names of the page, and of the robot after the name was changed
+FOREIGN, REBOUND = "evil.test", "rebound.test"  # names of the page, and of the robot after the name was changed
 BODY = """
 power off
 set_standard_digital_out(0, True)
@@ -22,7 +22,7 @@ end
 play
 SET ACT 1 GTO 1 POS 255
 """
-UNARMED = {"control"}  # speaks HTTP, and looks at what is asked
+HTTP_PORTS = {"control"}  # speaks HTTP, and looks at what is asked
 # every way a page has to open a connection; each gives up by itself
 ATTACK = """([host, ports, body]) => Promise.all(ports.map(async port => {
   const url = `http://${host}:${port}`;
@@ -78,29 +78,29 @@ def robot() -> Iterator[EmulatorProcess]:
 
 
 @pytest.fixture(scope="module")
-def evil() -> Iterator[str]:
+def foreign_page() -> Iterator[str]:
     """Where the page of somebody else is."""
     server = HTTPServer(("127.0.0.1", 0), EmptyPage)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()
-    yield f"http://{EVIL}:{server.server_port}/"
+    yield f"http://{FOREIGN}:{server.server_port}/"
     server.shutdown()
     thread.join()
     server.server_close()
 
 
 @pytest.fixture(scope="module")
-def browser_of_names(playwright: Playwright, robot: EmulatorProcess) -> Iterator[Browser]:
+def browser_with_names(playwright: Playwright, robot: EmulatorProcess) -> Iterator[Browser]:
     """To it, the page's name is this machine's, and the other one means the robot by now."""
-    rules = f"--host-resolver-rules=MAP {EVIL} 127.0.0.1, MAP {REBOUND} {robot.host}"
+    rules = f"--host-resolver-rules=MAP {FOREIGN} 127.0.0.1, MAP {REBOUND} {robot.host}"
     browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, rules])
     yield browser
     browser.close()
 
 
 @pytest.fixture
-def page(browser_of_names: Browser) -> Iterator[Page]:
-    context = browser_of_names.new_context()
+def page(browser_with_names: Browser) -> Iterator[Page]:
+    context = browser_with_names.new_context()
     yield context.new_page()
     context.close()
 
@@ -110,26 +110,26 @@ def untouched(robot: EmulatorProcess) -> Iterator[None]:
     """Nothing of the robot has changed in the end."""
     names = ["robot_mode", "safety_mode", "actual_q", "actual_digital_output_bits", "actual_digital_input_bits"]
     names += ["runtime_state", "speed_scaling"]
-    before, told = robot.state(names), robot.log(1000)
+    before, messages = robot.state(names), robot.log(1000)
     yield
     robot.run_until(f"timestamp > {robot.state(['timestamp'])['timestamp'] + 0.5}")  # a program would have begun
     assert robot.state(names) == before
-    assert robot.log(1000) == told
+    assert robot.log(1000) == messages
     with socket.create_connection((robot.host, robot.ports["gripper"]), timeout=10) as gripper:
         gripper.sendall(b"GET ACT\n")
         assert gripper.recv(100) == b"ACT 0\n"
 
 
 @pytest.mark.usefixtures("untouched")
-def test_a_page_tries_every_port(robot: EmulatorProcess, evil: str, page: Page) -> None:
-    page.goto(evil)
+def test_a_page_tries_every_port(robot: EmulatorProcess, foreign_page: str, page: Page) -> None:
+    page.goto(foreign_page)
     page.evaluate(ATTACK, [robot.host, list(robot.ports.values()), BODY])
-    for name in set(robot.ports) - UNARMED:
+    for name in set(robot.ports) - HTTP_PORTS:
         eventually(lambda name=name: robot.turned_away().get(name, {}).get("http", 0) >= 8)  # each but TLS
         eventually(lambda name=name: robot.turned_away()[name].get("tls", 0) >= 1)
-    assert set(robot.turned_away()) == set(robot.ports) - UNARMED
-    told = [line for line in robot.output.splitlines() if "HTTP request" in line or "TLS" in line]
-    assert len(told) == 2 * (len(robot.ports) - len(UNARMED)), "a line a minute for each port and reason"
+    assert set(robot.turned_away()) == set(robot.ports) - HTTP_PORTS
+    messages = [line for line in robot.output.splitlines() if "HTTP request" in line or "TLS" in line]
+    assert len(messages) == 2 * (len(robot.ports) - len(HTTP_PORTS)), "a line a minute for each port and reason"
 
 
 @pytest.mark.usefixtures("untouched")

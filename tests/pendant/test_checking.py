@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from client.pendant.checking import check, keep_checking, parsed
+from client.pendant.checking import check, check_forever, parse_output
 from client.pendant.draft import Draft
 from urproto.compat_asyncio import timeout
 from urproto.versions import PolyscopeVersion
@@ -21,13 +21,15 @@ async def test_the_editor_says_what_the_checker_says(tmp_path: Path) -> None:
     expected = ScriptFile("-", WRONG.encode()).problems(cli.LibrarySet(cli._libraries()), VERSION)
     found = await check(WRONG, VERSION)
     assert found
-    assert [(one.line, one.column, one.text) for one in found] == [(p.line, p.column, p.message) for p in expected]
+    assert [(problem.line, problem.column, problem.text) for problem in found] == [
+        (p.line, p.column, p.message) for p in expected
+    ]
     assert await check("def go():\n  sync()\nend\n", VERSION) == ()
 
 
 def test_errors_and_warnings_are_told_apart_and_drawings_are_left_out() -> None:
-    told = "<stdin>:3:5: b\n  3 | a = b\n      ^\n<stdin>:1:2: warning: a\n<stdin>: no problems\n"
-    assert [(one.line, one.column, one.severity, one.text) for one in parsed(told)] == [
+    output = "<stdin>:3:5: b\n  3 | a = b\n      ^\n<stdin>:1:2: warning: a\n<stdin>: no problems\n"
+    assert [(problem.line, problem.column, problem.severity, problem.text) for problem in parse_output(output)] == [
         (1, 2, "warning", "a"),
         (3, 5, "error", "b"),
     ]
@@ -35,7 +37,7 @@ def test_errors_and_warnings_are_told_apart_and_drawings_are_left_out() -> None:
 
 async def test_the_draft_is_checked_whenever_it_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
     draft, problems = Draft(), list[str]()
-    checking = asyncio.create_task(keep_checking(draft, lambda: VERSION, problems.append))
+    checking = asyncio.create_task(check_forever(draft, lambda: VERSION, problems.append))
     try:
         draft.write("def go():\n  nowhere()\nend\n")
         async with timeout(20):

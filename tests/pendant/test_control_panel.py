@@ -26,14 +26,14 @@ class Link:
 
     def __init__(self) -> None:
         self.controllers: tuple[dict[str, Any], ...] = (JTC,)
-        self.driver: ControlPanel | None = None
+        self.active_panel: ControlPanel | None = None
         self.sent: list[dict[str, Any]] = []
-        self.fails = ""
+        self.failure = ""
 
-    async def ask(self, do: str, /, **arguments: Any) -> None:
-        if self.fails:
-            raise ManagerError(self.fails)
-        assert do == "joint_trajectory"
+    async def request(self, operation: str, /, **arguments: Any) -> None:
+        if self.failure:
+            raise ManagerError(self.failure)
+        assert operation == "joint_trajectory"
         self.sent.append(arguments)
 
 
@@ -42,12 +42,12 @@ class Bench:
         self.link = Link()
         self.q: tuple[float, ...] | None = (0.0, -1.5, 0.0, -1.5, 0.0, 0.0)
         self.ended: list[str] = []
-        self.panel = self.another()
+        self.panel = self.another_panel()
         self.panel.on_end.append(self.ended.append)
 
-    def another(self) -> ControlPanel:
+    def another_panel(self) -> ControlPanel:
         panel = ControlPanel(cast(ManagerLink, self.link), lambda: None if self.q is None else (self.q, MODEL))
-        panel.choose(SCALED)
+        panel.select_controller(SCALED)
         return panel
 
 
@@ -57,7 +57,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench()
 
 
-async def _settle() -> None:
+async def settle() -> None:
     for _ in range(5):
         await asyncio.sleep(0.005)
 
@@ -66,10 +66,10 @@ async def test_trajectories_have_one_point_and_the_duration_of_rqt(bench: Bench)
     panel = bench.panel
     panel.enable()
     assert panel.targets == bench.q  # nothing jumps
-    await _settle()
+    await settle()
     target = [3.0, -1.5, 0.0, -1.5, 0.0, 0.0]
-    panel.hear(target)
-    await _settle()
+    panel.set_targets(target)
+    await settle()
     panel.disable()
     first, last = bench.link.sent[0]["trajectory"], bench.link.sent[-1]["trajectory"]
     assert first["joint_names"] == [f"left_{name}" for name in JOINT_NAMES]
@@ -79,33 +79,33 @@ async def test_trajectories_have_one_point_and_the_duration_of_rqt(bench: Bench)
     panel.targets = (0.0,) * 6
     assert panel.duration_s((0.0,) * 6, MODEL.qd_max) == pytest.approx(50.0)
     count = len(bench.link.sent)
-    await _settle()
+    await settle()
     assert (len(bench.link.sent), bench.ended) == (count, [""])
 
 
 async def test_what_ends_it(bench: Bench) -> None:
     panel, link = bench.panel, bench.link
-    for break_it, why in (
-        (lambda: setattr(link, "fails", "the manager has ended"), "the manager has ended"),
+    for end_it, reason in (
+        (lambda: setattr(link, "failure", "the manager has ended"), "the manager has ended"),
         (lambda: setattr(bench, "q", None), "the robot has stopped answering"),
         (lambda: setattr(link, "controllers", ()), "no longer controls the six joints"),
-        (lambda: panel.hear(None), ""),  # the browser is gone
-        (lambda: panel.choose("another"), ""),
+        (lambda: panel.set_targets(None), ""),  # the browser is gone
+        (lambda: panel.select_controller("another"), ""),
     ):
         panel.enable()
-        await _settle()
-        break_it()
-        await _settle()
+        await settle()
+        end_it()
+        await settle()
         assert not panel.enabled
-        assert link.driver is None
-        assert why in bench.ended.pop()
-        bench.q, link.controllers, link.fails = (0.0,) * 6, (JTC,), ""
-        panel.choose(SCALED)
+        assert link.active_panel is None
+        assert reason in bench.ended.pop()
+        bench.q, link.controllers, link.failure = (0.0,) * 6, (JTC,), ""
+        panel.select_controller(SCALED)
 
 
 async def test_one_browser_drives_and_only_by_an_active_controller(bench: Bench) -> None:
     bench.panel.enable()
-    other = bench.another()
+    other = bench.another_panel()
     with pytest.raises(RobotRefused, match="the sliders of another browser control the arm"):
         other.enable()
     bench.panel.disable()
@@ -114,12 +114,12 @@ async def test_one_browser_drives_and_only_by_an_active_controller(bench: Bench)
         other.enable()
 
 
-@pytest.mark.parametrize("said", ["x", [1.0] * 5, [float("nan")] * 6, [True] * 6, ["1"] * 6, {}])
-async def test_what_no_slider_says_is_nonsense(bench: Bench, said: Any) -> None:
+@pytest.mark.parametrize("message", ["x", [1.0] * 5, [float("nan")] * 6, [True] * 6, ["1"] * 6, {}])
+async def test_what_no_slider_says_is_nonsense(bench: Bench, message: Any) -> None:
     bench.panel.enable()
     with pytest.raises(ValueError, match="sliders send six numbers"):
-        bench.panel.hear(said)
-    bench.panel.hear([1e6, -1e6, 0.0, 0.0, 0.0, 0.0])  # beyond the joints' limits
+        bench.panel.set_targets(message)
+    bench.panel.set_targets([1e6, -1e6, 0.0, 0.0, 0.0, 0.0])  # beyond the joints' limits
     lows, highs = MODEL.position_limits
     assert bench.panel.targets[:2] == (highs[0], lows[1])
     bench.panel.disable()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from client.pendant.dialogues import Dialogues, typed_answer
+from client.pendant.dialogues import Dialogues, parse_answer
 from urproto.modes import RequestedType
 from urproto.primary.messages import PROGRAM_STOPPED, KeyMessage, PopupMessage, RequestValueMessage
 
@@ -16,8 +16,8 @@ def listed(number: int, kind: str = "NONE") -> dict[str, object]:
 
 def test_popups_and_questions_are_open_until_somebody_closes_them():
     dialogues = Dialogues()
-    dialogues.hear(POPUP)
-    dialogues.hear(ASK)
+    dialogues.handle_message(POPUP)
+    dialogues.handle_message(ASK)
     assert dialogues.oldest is not None
     assert (dialogues.oldest.title, dialogues.oldest.severity) == ("Attention", "warning")
     dialogues.close_popups()
@@ -28,22 +28,22 @@ def test_popups_and_questions_are_open_until_somebody_closes_them():
 
 def test_the_end_of_a_program_takes_its_questions_back():
     dialogues = Dialogues()
-    dialogues.hear(POPUP)
-    dialogues.hear(ASK)
-    dialogues.hear(KeyMessage(title=PROGRAM_STOPPED, text="go"))
+    dialogues.handle_message(POPUP)
+    dialogues.handle_message(ASK)
+    dialogues.handle_message(KeyMessage(title=PROGRAM_STOPPED, text="go"))
     assert list(dialogues.open) == [2]
 
 
 def test_an_older_list_does_not_open_what_was_answered_here():
     dialogues = Dialogues()
-    dialogues.are([listed(7, "INTEGER")])
+    dialogues.synchronise([listed(7, "INTEGER")])
     assert dialogues.oldest is not None
     assert (dialogues.oldest.title, dialogues.oldest.type) == ("Question", RequestedType.INTEGER)
     dialogues.close(7)
-    dialogues.are([listed(7, "INTEGER")])
+    dialogues.synchronise([listed(7, "INTEGER")])
     assert dialogues.oldest is None
-    dialogues.are([])
-    dialogues.are([listed(7, "STRING")])  # of an emulator that began anew
+    dialogues.synchronise([])
+    dialogues.synchronise([listed(7, "STRING")])  # of an emulator that began anew
     assert list(dialogues.open) == [7]
 
 
@@ -57,7 +57,7 @@ def test_an_older_list_does_not_open_what_was_answered_here():
     ],
 )
 def test_typed_answers_have_the_type_that_is_asked_for(kind: RequestedType, text: str, value: object):
-    assert typed_answer(kind, text) == value
+    assert parse_answer(kind, text) == value
 
 
 @pytest.mark.parametrize(
@@ -73,4 +73,4 @@ def test_typed_answers_have_the_type_that_is_asked_for(kind: RequestedType, text
 )
 def test_a_wrong_answer_says_what_is_wanted(kind: RequestedType, text: str, wanted: str):
     with pytest.raises(ValueError, match=wanted):
-        typed_answer(kind, text)
+        parse_answer(kind, text)

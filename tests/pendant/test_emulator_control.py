@@ -15,13 +15,13 @@ async def server(status: int, answers: dict[str, object]) -> AsyncIterator[int]:
     """Answers every request on a port: /verbs with the names, a verb with its result."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        head = await reader.readuntil(b"\r\n\r\n")
-        path = head.split()[1].decode()
-        lengths = [line.split(b":")[1] for line in head.split(b"\r\n") if line.lower().startswith(b"content-length")]
+        header = await reader.readuntil(b"\r\n\r\n")
+        path = header.split()[1].decode()
+        lengths = [line.split(b":")[1] for line in header.split(b"\r\n") if line.lower().startswith(b"content-length")]
         await reader.readexactly(int(lengths[0]) if lengths else 0)
         content = [{"name": verb} for verb in answers]
-        told = content if path == "/verbs" else {"result": answers.get(path.rpartition("/")[2])}
-        body = json.dumps(told if status == 200 else {"error": "no"}).encode()
+        response = content if path == "/verbs" else {"result": answers.get(path.rpartition("/")[2])}
+        body = json.dumps(response if status == 200 else {"error": "no"}).encode()
         lines = (f"HTTP/1.1 {status} X", "Connection: close", f"Content-Length: {len(body)}", "", "")
         writer.write("\r\n".join(lines).encode() + body)
         await writer.drain()
@@ -32,17 +32,17 @@ async def server(status: int, answers: dict[str, object]) -> AsyncIterator[int]:
         yield listening.sockets[0].getsockname()[1]
 
 
-async def found(status: int, answers: dict[str, object], **also: object) -> EmulatorControl:
+async def query_emulator(status: int, answers: dict[str, object], **also: object) -> EmulatorControl:
     """After it has looked."""
-    news = asyncio.Event()
+    changed = asyncio.Event()
     async with server(status, answers) as port, timeout(20.0):
-        emulator = EmulatorControl("127.0.0.1", port, "", news.set)
+        emulator = EmulatorControl("127.0.0.1", port, "", changed.set)
         following = asyncio.create_task(emulator.follow(Dialogues()))
         while not (emulator.locked or emulator.time):
             await asyncio.sleep(0)
         following.cancel()
         await asyncio.gather(following, return_exceptions=True)
-        emulator.still = await emulator.stands_still()  # type: ignore[attr-defined]
+        emulator.still = await emulator.is_time_paused()  # type: ignore[attr-defined]
         await emulator.close()
     return emulator
 
@@ -51,17 +51,17 @@ TIME = {"time_s": 1.0, "period_s": 0.008, "speed": 1.0, "paused": False}
 
 
 async def test_one_that_wants_a_token_is_told_from_none() -> None:
-    emulator = await found(401, {})
+    emulator = await query_emulator(401, {})
     assert (emulator.available, emulator.locked) == (False, True)
 
 
 async def test_what_stays_the_same_is_asked_for_once() -> None:
-    emulator = await found(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []})
+    emulator = await query_emulator(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []})
     assert (emulator.available, emulator.locked) == (True, False)
     assert emulator.catalogue == {"ports": {"rtde": 30004}, "fault_kinds": []}
     assert (emulator.pace, emulator.still) == ("", False)
 
 
 async def test_paused_time_is_known() -> None:
-    emulator = await found(200, {"popups": [], "time": {**TIME, "paused": True}})
+    emulator = await query_emulator(200, {"popups": [], "time": {**TIME, "paused": True}})
     assert (emulator.pace, emulator.still) == ("time paused", True)

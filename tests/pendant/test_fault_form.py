@@ -2,20 +2,20 @@
 
 import pytest
 
-from client.pendant.fault_form import FaultField, FaultKind, arguments_of, fault_kinds
+from client.pendant.fault_form import FaultField, FaultKind, fault_arguments, fault_kinds
 from client.pendant.screens.simulation_faults import SUBJECTS
 from emulator.faults.catalogue import kinds, make_fault
 
 PORTS = ["dashboard", "rtde", "control"]
-TOLD = {kind["kind"]: kind for kind in kinds()}
+KINDS = {kind["kind"]: kind for kind in kinds()}
 
 
 @pytest.fixture
 def forms() -> dict[str, FaultKind]:
-    return fault_kinds(list(TOLD.values()), PORTS)
+    return fault_kinds(list(KINDS.values()), PORTS)
 
 
-def as_shown(field: FaultField) -> object:
+def initial_value(field: FaultField) -> object:
     """What stands in a field that nobody has touched, or that somebody had to fill in."""
     if field.required:
         return next(iter(field.choices)) if field.choices else {"text": "word", "int": "3", "float": "0.25"}[field.type]
@@ -24,15 +24,15 @@ def as_shown(field: FaultField) -> object:
     return "" if field.default is None else str(field.default)
 
 
-@pytest.mark.parametrize("name", TOLD)
+@pytest.mark.parametrize("name", KINDS)
 def test_the_form_of_every_kind_makes_that_fault(forms, name) -> None:
     form = forms[name]
-    arguments = arguments_of(form, {field.name: as_shown(field) for field in form.fields})
+    arguments = fault_arguments(form, {field.name: initial_value(field) for field in form.fields})
     assert set(arguments) == {field.name for field in form.fields if field.required}
     assert make_fault(name, arguments).kind == name
 
 
-@pytest.mark.parametrize("name", TOLD)
+@pytest.mark.parametrize("name", KINDS)
 def test_every_default_of_a_field_with_choices_is_one_of_them(forms, name) -> None:
     for field in forms[name].fields:
         assert not field.choices or field.required or field.default in field.choices
@@ -40,7 +40,7 @@ def test_every_default_of_a_field_with_choices_is_one_of_them(forms, name) -> No
 
 def test_what_was_changed_is_told_in_its_type(forms) -> None:
     shown = {"port": "rtde", "direction": "both", "delay_s": "0.05", "lasting": "2", "seed": "7", "once": True}
-    arguments = arguments_of(forms["delay"], shown)
+    arguments = fault_arguments(forms["delay"], shown)
     assert arguments == {**shown, "delay_s": 0.05, "lasting": 2.0, "seed": 7}
     assert isinstance(arguments["seed"], int)
 
@@ -51,16 +51,16 @@ def test_the_default_port_is_all_of_them_and_the_control_api_is_none(forms) -> N
 
 
 @pytest.mark.parametrize(
-    ("kind", "shown", "complaint"),
+    ("kind", "shown", "message"),
     [
         ("encoder_jump", {}, "needs joint, by_rad"),
         ("encoder_jump", {"joint": 1, "by_rad": "much"}, "by_rad must be a number, not 'much'"),
         ("delay", {"delay_s": "0.1", "seed": "1.5"}, "seed must be a whole number"),
     ],
 )
-def test_what_is_missing_or_wrong_is_told(forms, kind, shown, complaint) -> None:
-    with pytest.raises(ValueError, match=complaint):
-        arguments_of(forms[kind], shown)
+def test_what_is_missing_or_wrong_is_told(forms, kind, shown, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        fault_arguments(forms[kind], shown)
 
 
 def test_every_fault_of_an_emulator_has_its_place_in_the_list():

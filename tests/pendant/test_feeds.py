@@ -16,10 +16,10 @@ def state(time_s: float, **values: Any) -> dict[str, Any]:
 
 
 def test_rows_are_the_states_that_came() -> None:
-    feed = Feed(("timestamp", "actual_q", "robot_mode"), keeps=True)
+    feed = Feed(("timestamp", "actual_q", "robot_mode"), keep_rows=True)
     states = [state(8.0 + i, actual_q=tuple(i + q for q in Q), robot_mode=7) for i in range(3)]
     for one in states:
-        feed.take(one)
+        feed.append_state(one)
     assert (feed.begin, feed.end, feed.width) == (0, 3, 8)
     assert list(feed.states()) == states
     assert list(feed.states(2)) == states[2:]
@@ -30,28 +30,28 @@ def test_rows_are_the_states_that_came() -> None:
 
 
 def test_what_a_robot_does_not_have_is_a_gap() -> None:
-    feed = Feed(("timestamp", "actual_q", "payload", "robot_mode"), keeps=True)
-    feed.take(state(1.0))
+    feed = Feed(("timestamp", "actual_q", "payload", "robot_mode"), keep_rows=True)
+    feed.append_state(state(1.0))
     assert next(feed.states()) == state(1.0, actual_q=(None,) * 6, payload=None, robot_mode=None)
 
 
 def test_an_heir_goes_on_with_what_both_have() -> None:
-    before = Feed(("timestamp", "actual_q"), keeps=True)
-    before.take(state(1.0, actual_q=Q))
-    heir = Feed(("timestamp", "speed_scaling", "actual_q"), keeps=True)
-    heir.inherit(before)
-    heir.take(state(2.0, actual_q=Q, speed_scaling=0.5))
-    assert list(heir.states()) == [
+    predecessor = Feed(("timestamp", "actual_q"), keep_rows=True)
+    predecessor.append_state(state(1.0, actual_q=Q))
+    successor = Feed(("timestamp", "speed_scaling", "actual_q"), keep_rows=True)
+    successor.inherit_rows(predecessor)
+    successor.append_state(state(2.0, actual_q=Q, speed_scaling=0.5))
+    assert list(successor.states()) == [
         state(1.0, actual_q=Q, speed_scaling=None),
         state(2.0, actual_q=Q, speed_scaling=0.5),
     ]
 
 
 def test_the_oldest_rows_go_when_there_are_too_many(monkeypatch) -> None:
-    monkeypatch.setattr("client.pendant.feeds._MOST_NUMBERS", 160)
-    feed = Feed(("timestamp", "speed_scaling"), keeps=True)
+    monkeypatch.setattr("client.pendant.feeds._MAX_NUMBERS", 160)
+    feed = Feed(("timestamp", "speed_scaling"), keep_rows=True)
     for i in range(1000):
-        feed.take(state(float(i), speed_scaling=1.0))
+        feed.append_state(state(float(i), speed_scaling=1.0))
         assert feed.end == i + 1
         assert feed.end - feed.begin <= 81
     times = [one["timestamp"] for one in feed.states()]
@@ -60,18 +60,18 @@ def test_the_oldest_rows_go_when_there_are_too_many(monkeypatch) -> None:
     assert next(feed.copy().states()) == next(feed.states())
 
 
-class Client:
+class FakeClient:
     """An RTDE connection that says what the test puts there."""
 
-    def __init__(self, names: Sequence[str], rate_hz: float, opened: list["Client"]) -> None:
+    def __init__(self, names: Sequence[str], rate_hz: float, opened: list["FakeClient"]) -> None:
         self.names, self.rate_hz = names, rate_hz
         self.core = self
         self.unavailable: frozenset[str] = frozenset()
-        self.said: asyncio.Queue[Any] = asyncio.Queue()
+        self.messages: asyncio.Queue[Any] = asyncio.Queue()
         self.open = False
         opened.append(self)
 
-    async def __aenter__(self) -> "Client":
+    async def __aenter__(self) -> "FakeClient":
         self.open = True
         return self
 
@@ -79,10 +79,10 @@ class Client:
         self.open = False
 
     async def receive(self) -> Any:
-        said = await self.said.get()
-        if isinstance(said, Exception):
-            raise said
-        return said
+        messages = await self.messages.get()
+        if isinstance(messages, Exception):
+            raise messages
+        return messages
 
 
 async def until(condition) -> None:
@@ -92,43 +92,43 @@ async def until(condition) -> None:
 
 
 async def test_who_looks_at_the_same_shares_a_connection_which_ends_with_the_last() -> None:
-    opened = list[Client]()
-    feeds = Feeds(lambda names, rate: Client(names, rate, opened))  # type: ignore[arg-type, return-value]
-    first = feeds.look(["actual_q", "timestamp"], 50.0)
-    second = feeds.look(["timestamp", "actual_q"], 50.0)
-    other = feeds.look(["timestamp"], 50.0)
+    opened = list[FakeClient]()
+    feeds = Feeds(lambda names, rate: FakeClient(names, rate, opened))  # type: ignore[arg-type, return-value]
+    first = feeds.subscribe(["actual_q", "timestamp"], 50.0)
+    second = feeds.subscribe(["timestamp", "actual_q"], 50.0)
+    other = feeds.subscribe(["timestamp"], 50.0)
     await until(lambda: len(opened) == 2)
     assert first is second
     assert len(feeds) == 2
-    opened[0].said.put_nowait(state(1.0, actual_q=Q))
+    opened[0].messages.put_nowait(state(1.0, actual_q=Q))
     await until(lambda: first.values)
-    feeds.leave(first)
+    feeds.unsubscribe(first)
     await asyncio.sleep(0)
     assert opened[0].open
-    feeds.leave(second)
+    feeds.unsubscribe(second)
     await until(lambda: not opened[0].open)
     assert len(feeds) == 1
-    feeds.leave(other, linger_s=60.0)
-    assert feeds.look(["timestamp"], 50.0) is other
-    feeds.leave(other, linger_s=0.001)
+    feeds.unsubscribe(other, linger_s=60.0)
+    assert feeds.subscribe(["timestamp"], 50.0) is other
+    feeds.unsubscribe(other, linger_s=0.001)
     await until(lambda: not opened[1].open)
     assert len(feeds) == 0
 
 
 async def test_a_lost_robot_is_told_and_tried_again(monkeypatch) -> None:
-    monkeypatch.setattr("client.pendant.polling._AGAIN_S", 0.0)
-    opened = list[Client]()
-    feeds = Feeds(lambda names, rate: Client(names, rate, opened))  # type: ignore[arg-type, return-value]
-    feed = feeds.look(["timestamp"], 10.0, keeps=True)
+    monkeypatch.setattr("client.pendant.polling._RETRY_PERIOD_S", 0.0)
+    opened = list[FakeClient]()
+    feeds = Feeds(lambda names, rate: FakeClient(names, rate, opened))  # type: ignore[arg-type, return-value]
+    feed = feeds.subscribe(["timestamp"], 10.0, keep_rows=True)
     await until(lambda: opened)
-    opened[0].said.put_nowait(state(1.0))
+    opened[0].messages.put_nowait(state(1.0))
     await until(lambda: feed.values)
     assert not feed.problem
-    opened[0].said.put_nowait(ConnectionLostError("robot", 30004))
+    opened[0].messages.put_nowait(ConnectionLostError("robot", 30004))
     await until(lambda: len(opened) == 2)
     assert "30004" in feed.problem
     assert not feed.values
-    opened[1].said.put_nowait(state(2.0))
+    opened[1].messages.put_nowait(state(2.0))
     await until(lambda: feed.end == 2)
     assert not feed.problem
     await feeds.close()

@@ -17,14 +17,14 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from client.pendant.web_security import Nonsense
+from client.pendant.web_security import InvalidMessages
 from tests.pendant.pendants import pendant
 from urproto.testing.process import claim_address
 
 websockets = pytest.importorskip("websockets.sync.client")
 from websockets.exceptions import WebSocketException  # noqa: E402
 
-MANY = int(os.environ.get("UR_GARBAGE", "60"))
+COUNT = int(os.environ.get("UR_GARBAGE", "60"))
 PORT = 6080
 BYTES = bytes(range(256))
 METHODS = (
@@ -53,16 +53,16 @@ PATHS = (
     ),
     *("/_nicegui_ws/socket.io/?EIO=x&transport=%00", "/live/1", "/favicon.ico/x", "/openapi.json", "/docs", "?"),
 )
-NAMES = (
+HEADER_NAMES = (
     *("Host", "Origin", "Content-Length", "Transfer-Encoding", "Upgrade", "Connection", "X-Forwarded-Prefix", "Range"),
     *("Sec-WebSocket-Key", "Sec-WebSocket-Version", "Accept", "If-Modified-Since", "Cookie", "\x00", "é", ""),
     *("Accept-Encoding", "NiceGUI-Check"),
 )
-VALUES = (
+HEADER_VALUES = (
     *("", "-1", "1e9", "99999999999999999999", "chunked", "websocket", "[", "http://[", "bytes=9-1,-", "\xff\xfe"),
     *("a" * 9000, "localhost", "127.0.0.1:x", '"><script>', "13", "0"),
 )
-WORDS: tuple[Any, ...] = (None, True, -1, 1e308, "", "x", "held", [], {}, [[]], {"held": {}}, "\ud800", 10**400)
+JSON_VALUES: tuple[Any, ...] = (None, True, -1, 1e308, "", "x", "held", [], {}, [[]], {"held": {}}, "\ud800", 10**400)
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wants an address of its own")
 
@@ -110,7 +110,7 @@ def target(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Target]:
 
 
 @pytest.fixture(autouse=True)
-def unshaken(request: pytest.FixtureRequest) -> Iterator[None]:
+def check_pendant(request: pytest.FixtureRequest) -> Iterator[None]:
     """After each test the pendant serves a page, and its log has a few lines and no traceback."""
     yield
     if "target" not in request.fixturenames:
@@ -127,17 +127,17 @@ def dice(request: pytest.FixtureRequest) -> random.Random:
     return random.Random(request.node.name)
 
 
-def noise(dice: random.Random, longest: int = 200) -> bytes:
-    return bytes(dice.choices(BYTES, k=dice.randrange(longest)))
+def random_bytes(dice: random.Random, max_length: int = 200) -> bytes:
+    return bytes(dice.choices(BYTES, k=dice.randrange(max_length)))
 
 
 def test_requests_that_make_no_sense(target: Target, dice: random.Random) -> None:
-    for _ in range(MANY):
+    for _ in range(COUNT):
         lines = [f"{dice.choice(METHODS)} {dice.choice(PATHS)} HTTP/{dice.choice(('1.1', '1.0', '9.9', ''))}"]
         if dice.random() < 0.8:
             lines.append("Host: localhost")
-        lines += [f"{dice.choice(NAMES)}: {dice.choice(VALUES)}" for _ in range(dice.randrange(6))]
-        data = "\r\n".join(lines).encode("latin-1") + b"\r\n\r\n" + (noise(dice) if dice.random() < 0.5 else b"")
+        lines += [f"{dice.choice(HEADER_NAMES)}: {dice.choice(HEADER_VALUES)}" for _ in range(dice.randrange(6))]
+        data = "\r\n".join(lines).encode("latin-1") + b"\r\n\r\n" + (random_bytes(dice) if dice.random() < 0.5 else b"")
         answer = target.request(data)
         status = re.match(rb"HTTP/1.1 (\d)", answer)
         assert status is None or status[1] in b"12345"
@@ -145,9 +145,9 @@ def test_requests_that_make_no_sense(target: Target, dice: random.Random) -> Non
 
 
 def test_bytes_that_are_no_request(target: Target, dice: random.Random) -> None:
-    for _ in range(MANY):
+    for _ in range(COUNT):
         target.request(
-            dice.choice((b"", b"GET ", b"\x16\x03\x01", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n")) + noise(dice, 2000)
+            dice.choice((b"", b"GET ", b"\x16\x03\x01", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n")) + random_bytes(dice, 2000)
         )
 
 
@@ -186,8 +186,8 @@ def test_a_page_says_what_it_may_do(target: Target) -> None:
 
 
 def test_web_sockets_that_hear_nonsense(target: Target, dice: random.Random) -> None:
-    page_id = known(target)
-    for _ in range(MANY):
+    page_id = page_id_of(target)
+    for _ in range(COUNT):
         path = (
             f"/live/{page_id}"
             if dice.random() < 0.8
@@ -195,13 +195,17 @@ def test_web_sockets_that_hear_nonsense(target: Target, dice: random.Random) -> 
         )
         with suppress(WebSocketException, OSError), target.web_socket(path) as web:
             for _ in range(dice.randrange(4)):
-                web.send(dice.choice((said(dice), noise(dice), "[" * 100_000, "", "{", '{"held": {"joint": 1e999}}')))
-            web.socket.sendall(noise(dice))  # no frame
+                web.send(
+                    dice.choice(
+                        (random_message(dice), random_bytes(dice), "[" * 100_000, "", "{", '{"held": {"joint": 1e999}}')
+                    )
+                )
+            web.socket.sendall(random_bytes(dice))  # no frame
 
 
 def test_events_that_make_no_sense(target: Target, dice: random.Random) -> None:
-    page_id = known(target)
-    for _ in range(MANY):
+    page_id = page_id_of(target)
+    for _ in range(COUNT):
         query = {
             "client_id": page_id,
             "tab_id": "t",
@@ -217,18 +221,18 @@ def test_events_that_make_no_sense(target: Target, dice: random.Random) -> None:
         with suppress(WebSocketException, OSError), target.web_socket(path) as web:
             web.send("40")
             for _ in range(dice.randrange(12)):
-                web.send(event(dice, page_id))
+                web.send(random_event(dice, page_id))
 
 
 def test_a_message_that_is_too_long(target: Target) -> None:
-    with suppress(WebSocketException, OSError), target.web_socket(f"/live/{known(target)}") as web:
+    with suppress(WebSocketException, OSError), target.web_socket(f"/live/{page_id_of(target)}") as web:
         web.send("x" * 2_000_000)
         web.recv(20)
         while True:
             web.recv(20)
 
 
-def known(target: Target) -> str:
+def page_id_of(target: Target) -> str:
     """The id of a page that is there."""
     body, _ = target.page()
     match = re.search(r"""["']client_id["']: ?["']([\w-]+)""", body)
@@ -236,12 +240,12 @@ def known(target: Target) -> str:
     return match[1]
 
 
-def said(dice: random.Random) -> str:
-    words = ("held", "other", "push", "place", "drag", "scroll", *(str(word) for word in WORDS[:6]))
-    return json.dumps(dice.choice([{dice.choice(words): dice.choice(WORDS)}, dice.choice(WORDS)]))
+def random_message(dice: random.Random) -> str:
+    words = ("held", "other", "push", "place", "drag", "scroll", *(str(word) for word in JSON_VALUES[:6]))
+    return json.dumps(dice.choice([{dice.choice(words): dice.choice(JSON_VALUES)}, dice.choice(JSON_VALUES)]))
 
 
-def event(dice: random.Random, page_id: str) -> str | bytes:
+def random_event(dice: random.Random, page_id: str) -> str | bytes:
     name = dice.choice(
         ("event", "log", "ack", "handshake", "javascript_response", "connect", "disconnect", "x", None, 3)
     )
@@ -249,15 +253,15 @@ def event(dice: random.Random, page_id: str) -> str | bytes:
         "client_id": dice.choice((page_id, page_id, "x", None, [])),
         "id": dice.choice((*range(40), "x", None)),
         "listener_id": dice.choice(("x", None, 1)),
-        "args": dice.choice(WORDS),
+        "args": dice.choice(JSON_VALUES),
         "level": dice.choice(("error", "x", None)),
-        "message": dice.choice(WORDS),
-        "next_message_id": dice.choice(WORDS),
-        "request_id": dice.choice(WORDS),
+        "message": dice.choice(JSON_VALUES),
+        "next_message_id": dice.choice(JSON_VALUES),
+        "request_id": dice.choice(JSON_VALUES),
     }
     for _ in range(dice.randrange(3)):
         del message[dice.choice([*message])]
-    body = json.dumps(dice.choice(([name, message], [name], [], [name, message, 1], dice.choice(WORDS))))
+    body = json.dumps(dice.choice(([name, message], [name], [], [name, message, 1], dice.choice(JSON_VALUES))))
     kinds = (
         "42",
         "420",
@@ -279,17 +283,17 @@ def event(dice: random.Random, page_id: str) -> str | bytes:
         "42/x,",
         "99",
     )
-    return dice.choice((f"42{body}", f"{dice.choice(kinds)}{body}", noise(dice)))
+    return dice.choice((f"42{body}", f"{dice.choice(kinds)}{body}", random_bytes(dice)))
 
 
 def test_nonsense_is_said_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:
     now = [0.0]
-    nonsense = Nonsense(lambda: now[0])
+    invalid_messages = InvalidMessages(lambda: now[0])
     for _ in range(1000):
-        nonsense.tell("a kind", "what it was")
-    nonsense.tell("another kind", "with\na line break")
+        invalid_messages.report("a kind", "what it was")
+    invalid_messages.report("another kind", "with\na line break")
     now[0] = 61.0
-    nonsense.tell("a kind", "what it was")
+    invalid_messages.report("a kind", "what it was")
     assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
         "what it was",
         "with a line break",
@@ -298,7 +302,7 @@ def test_nonsense_is_said_once_a_minute(caplog: pytest.LogCaptureFixture) -> Non
 
 
 def test_kinds_that_differ_each_time_are_said_together(caplog: pytest.LogCaptureFixture) -> None:
-    nonsense = Nonsense(time.monotonic)
+    invalid_messages = InvalidMessages(time.monotonic)
     for i in range(1000):
-        nonsense.tell(str(i), i)
+        invalid_messages.report(str(i), i)
     assert len(caplog.records) < 40

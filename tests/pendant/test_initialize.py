@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from client.pendant.dialogues import Stops
-from client.pendant.screens.initialize import cause, reset_text, safeguard
-from client.pendant.situation import Known, situation
+from client.pendant.screens.initialize import recovery_text, safeguard_text, stop_cause
+from client.pendant.situation import RobotStatus, situation
 from urproto.modes import ReportLevel, RobotMode, SafetyMode, SafetyStatusBits
 from urproto.primary.messages import ErrorCodeMessage
 
@@ -18,7 +18,7 @@ def station(robot: RobotMode = RobotMode.RUNNING, safety: SafetyMode = SafetyMod
     return SimpleNamespace(
         connected=connected,
         safety_mode=safety,
-        situation=situation(Known(connected, robot, safety, safeguard_open=is_open)),
+        situation=situation(RobotStatus(connected, robot, safety, safeguard_open=is_open)),
         safeguard_open=is_open,
         values={"safety_status_bits": also.pop("bits", 0)},
         stops=Stops(),
@@ -26,21 +26,21 @@ def station(robot: RobotMode = RobotMode.RUNNING, safety: SafetyMode = SafetyMod
     )
 
 
-def stopped(at_s: float, now_s: float, *reports: ErrorCodeMessage) -> Any:
+def stopped_station(at_s: float, now_s: float, *reports: ErrorCodeMessage) -> Any:
     robot = station(safety=SafetyMode.PROTECTIVE_STOP)
-    robot.stops.see({"timestamp": at_s, "safety_mode": SafetyMode.PROTECTIVE_STOP})
+    robot.stops.update({"timestamp": at_s, "safety_mode": SafetyMode.PROTECTIVE_STOP})
     for report in reports:
-        robot.stops.hear(report)
-    robot.stops.see({"timestamp": now_s, "safety_mode": SafetyMode.PROTECTIVE_STOP})
+        robot.stops.handle_message(report)
+    robot.stops.update({"timestamp": now_s, "safety_mode": SafetyMode.PROTECTIVE_STOP})
     return robot
 
 
 def test_a_protective_stop_tells_its_cause_and_counts_down() -> None:
     report = ErrorCodeMessage(timestamp_us=100_100_000, code=153, argument=2, level=ReportLevel.WARNING)
-    robot = stopped(100.0, 101.4, report)
-    assert cause(robot).startswith("C153A2: ")
-    assert reset_text(robot) == "Unlock in 4 s"
-    assert reset_text(stopped(100.0, 105.0)) == "Unlock protective stop"
+    robot = stopped_station(100.0, 101.4, report)
+    assert stop_cause(robot).startswith("C153A2: ")
+    assert recovery_text(robot) == "Unlock in 4 s"
+    assert recovery_text(stopped_station(100.0, 105.0)) == "Unlock protective stop"
 
 
 def test_a_violation_tells_the_last_grave_report() -> None:
@@ -49,13 +49,13 @@ def test_a_violation_tells_the_last_grave_report() -> None:
         ErrorCodeMessage(code=101, level=ReportLevel.INFO),
     ]
     robot = station(RobotMode.POWER_OFF, SafetyMode.VIOLATION, errors=errors)
-    assert cause(robot) == "C191A3: too fast"
-    assert reset_text(robot) == "Restart safety"
+    assert stop_cause(robot) == "C191A3: too fast"
+    assert recovery_text(robot) == "Restart safety"
 
 
 def test_nothing_stopped_nothing_told() -> None:
     robot = station(errors=[ErrorCodeMessage(code=191, level=ReportLevel.VIOLATION)])
-    assert (cause(robot), reset_text(robot)) == ("", "")
+    assert (stop_cause(robot), recovery_text(robot)) == ("", "")
 
 
 STOP = SafetyStatusBits.SAFEGUARD_STOPPED
@@ -73,8 +73,8 @@ STOP = SafetyStatusBits.SAFEGUARD_STOPPED
     ],
 )
 def test_the_safeguard_is_told_as_far_as_it_is_known(safety, bits, is_open, text) -> None:
-    assert safeguard(station(safety=safety, bits=bits, safeguard_open=is_open)) == text
+    assert safeguard_text(station(safety=safety, bits=bits, safeguard_open=is_open)) == text
 
 
 def test_of_a_lost_robot_nothing_is_told() -> None:
-    assert safeguard(station(connected=False, bits=STOP)) == "–"
+    assert safeguard_text(station(connected=False, bits=STOP)) == "–"

@@ -19,70 +19,70 @@ from urproto.robots.pose import pose_add, rotvec_to_matrix
 PERIOD_S = 0.02
 DELAY = 3  # periods between a speed and the angles that show it
 BENT = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
-NEAR_RAD = 0.05
+MAX_DISTANCE_RAD = 0.05
 
 
-class Arm:
+class SimulatedArm:
     """Follows speeds at once, and says where it is some periods later."""
 
-    def __init__(self, model: RobotModel, q_rad: Sequence[float], of: str) -> None:
+    def __init__(self, model: RobotModel, q_rad: Sequence[float], space: str) -> None:
         low, high = model.position_limits
         self.kinematics = kinematics_of(model)
-        self.ramp = Ramp(of, Bounds(low, high, model.qd_max, self.kinematics))  # type: ignore[arg-type]
-        self.of = of
+        self.ramp = Ramp(space, Bounds(low, high, model.qd_max, self.kinematics))  # type: ignore[arg-type]
+        self.space = space
         self.q = list(q_rad)
-        self.seen = deque([tuple(q_rad)] * DELAY)
+        self.reported = deque([tuple(q_rad)] * DELAY)
         self.speeds = list[tuple[float, ...]]()
         self.joint_speeds = list[list[float]]()
         self.slowed = set[str]()
 
-    def run(self, wanted: Sequence[float] | None, seconds: float) -> None:
+    def run(self, target: Sequence[float] | None, seconds: float) -> None:
         for _ in range(round(seconds / PERIOD_S)):
-            q = self.seen.popleft()
-            speeds = self.ramp.next(wanted, q, self.kinematics.forward(q), PERIOD_S)
+            q = self.reported.popleft()
+            speeds = self.ramp.next(target, q, self.kinematics.forward(q), PERIOD_S)
             self.speeds.append(speeds)
             self.slowed.add(self.ramp.slowed)
             before = list(self.q)
-            if self.of == "joints":
+            if self.space == "joints":
                 self.q = [angle + PERIOD_S * speed for angle, speed in zip(self.q, speeds, strict=True)]
             else:
                 goal = pose_add([PERIOD_S * speed for speed in speeds], self.kinematics.forward(self.q))
-                found = self.kinematics.inverse_near(goal, self.q, (-math.inf,) * 6, (math.inf,) * 6)
-                assert found is not None, "it was driven out of its reach"
-                self.q = list(found)
+                solution = self.kinematics.inverse_near(goal, self.q, (-math.inf,) * 6, (math.inf,) * 6)
+                assert solution is not None, "it was driven out of its reach"
+                self.q = list(solution)
             self.joint_speeds.append([(b - a) / PERIOD_S for a, b in zip(before, self.q, strict=True)])
-            self.seen.append(tuple(self.q))
+            self.reported.append(tuple(self.q))
 
 
-def only(axis: int, speed: float) -> tuple[float, ...]:
+def single_axis(axis: int, speed: float) -> tuple[float, ...]:
     return tuple(speed if i == axis else 0.0 for i in range(6))
 
 
-def changes(speeds: Sequence[Sequence[float]]) -> list[float]:
+def accelerations(speeds: Sequence[Sequence[float]]) -> list[float]:
     """The greatest of each period [1/s2]."""
     pairs = zip([(0.0,) * 6, *speeds], speeds, strict=False)
     return [max(abs(b - a) for a, b in zip(one, other, strict=True)) / PERIOD_S for one, other in pairs]
 
 
 def test_a_joint_is_ramped_up_to_its_speed_and_down_faster() -> None:
-    arm = Arm(load_model("ur5e"), BENT, "joints")
-    arm.run(only(0, 1.0), 2.0)
-    assert arm.speeds[-1] == only(0, 1.0)
-    assert max(changes(arm.speeds)) == pytest.approx(1.4)
+    arm = SimulatedArm(load_model("ur5e"), BENT, "joints")
+    arm.run(single_axis(0, 1.0), 2.0)
+    assert arm.speeds[-1] == single_axis(0, 1.0)
+    assert max(accelerations(arm.speeds)) == pytest.approx(1.4)
     up = len(arm.speeds)
     arm.run(None, 0.3)
     assert arm.ramp.at_rest
-    assert max(changes(arm.speeds)[up:]) == pytest.approx(4.0)
+    assert max(accelerations(arm.speeds)[up:]) == pytest.approx(4.0)
     assert arm.slowed == {""}
 
 
 def test_the_other_way_goes_through_rest() -> None:
-    arm = Arm(load_model("ur5e"), BENT, "joints")
-    arm.run(only(3, 1.0), 1.0)
-    arm.run(only(3, -1.0), 2.0)
-    assert arm.speeds[-1] == only(3, -1.0)
+    arm = SimulatedArm(load_model("ur5e"), BENT, "joints")
+    arm.run(single_axis(3, 1.0), 1.0)
+    arm.run(single_axis(3, -1.0), 2.0)
+    assert arm.speeds[-1] == single_axis(3, -1.0)
     assert 0.0 in [speeds[3] for speeds in arm.speeds[50:]]
-    assert max(changes(arm.speeds)) <= 4.0 + 1e-9
+    assert max(accelerations(arm.speeds)) <= 4.0 + 1e-9
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -93,25 +93,25 @@ def test_every_joint_stops_just_before_its_limit(name: str, sign: float) -> None
         limits = model.position_limits[1 if sign > 0 else 0]
         if math.isinf(limits[joint]):
             continue
-        start = only(joint, limits[joint] - sign * 1.0)
-        arm = Arm(model, start, "joints")
-        arm.run(only(joint, sign * model.qd_max[joint]), 8.0)
-        left = sign * (limits[joint] - arm.q[joint])
-        assert 0.0 < left < NEAR_RAD
-        assert max(changes(arm.speeds)) <= 4.0 + 1e-9
+        start = single_axis(joint, limits[joint] - sign * 1.0)
+        arm = SimulatedArm(model, start, "joints")
+        arm.run(single_axis(joint, sign * model.qd_max[joint]), 8.0)
+        remaining = sign * (limits[joint] - arm.q[joint])
+        assert 0.0 < remaining < MAX_DISTANCE_RAD
+        assert max(accelerations(arm.speeds)) <= 4.0 + 1e-9
         assert any("limit" in why for why in arm.slowed)
         arm.run(None, 0.5)
-        arm.run(only(joint, -sign), 1.0)
-        assert arm.speeds[-1] == only(joint, -sign), "it cannot get away from the limit"
+        arm.run(single_axis(joint, -sign), 1.0)
+        assert arm.speeds[-1] == single_axis(joint, -sign), "it cannot get away from the limit"
 
 
 def test_a_tool_stops_before_a_joint_is_at_its_limit() -> None:
     model = load_model("ur5e")
     high = model.position_limits[1][5]
-    arm = Arm(model, (*BENT[:5], high - 0.8), "tool")
+    arm = SimulatedArm(model, (*BENT[:5], high - 0.8), "tool")
     axis = rotvec_to_matrix(*arm.kinematics.forward(arm.q)[3:])[2::3]  # of the last joint
     arm.run((0.0, 0.0, 0.0, *axis), 4.0)
-    assert 0.0 < high - arm.q[5] < NEAR_RAD
+    assert 0.0 < high - arm.q[5] < MAX_DISTANCE_RAD
     assert "Wrist 3 nears its limit" in arm.slowed
     arm.run((0.0, 0.0, 0.0, *(-part for part in axis)), 2.0)
     assert arm.q[5] < high - 0.5
@@ -122,18 +122,18 @@ def test_a_tool_stops_before_a_joint_is_at_its_limit() -> None:
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_tool_at_the_end_of_its_reach_comes_to_rest_softly(name: str, axis: int, sign: float) -> None:
     model = load_model(name)
-    arm = Arm(model, BENT, "tool")
-    arm.run(only(axis, sign * 0.25), 11.0)
+    arm = SimulatedArm(model, BENT, "tool")
+    arm.run(single_axis(axis, sign * 0.25), 11.0)
     assert max(abs(speed) for speeds in arm.joint_speeds for speed in speeds) < 0.7 * max(model.qd_max)
-    assert max(changes([speeds[:3] + (0.0,) * 3 for speeds in arm.speeds])) <= 2.5 + 1e-9
+    assert max(accelerations([speeds[:3] + (0.0,) * 3 for speeds in arm.speeds])) <= 2.5 + 1e-9
     assert any(arm.slowed), "no way is endless"
     assert math.hypot(*arm.speeds[-1]) < 0.001
 
 
 def test_a_tool_that_can_go_its_way_keeps_to_it_at_full_speed() -> None:
-    arm = Arm(load_model("ur5e"), BENT, "tool")
+    arm = SimulatedArm(load_model("ur5e"), BENT, "tool")
     before = arm.kinematics.forward(arm.q)
-    arm.run(only(2, 0.1), 1.0)
+    arm.run(single_axis(2, 0.1), 1.0)
     arm.run(None, 0.3)
     after = arm.kinematics.forward(arm.q)
     assert arm.slowed == {""}
@@ -143,13 +143,13 @@ def test_a_tool_that_can_go_its_way_keeps_to_it_at_full_speed() -> None:
 
 def test_out_of_a_singularity_tools_do_not_move_but_joints_do() -> None:
     upright = (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0)
-    arm = Arm(load_model("ur5e"), upright, "tool")
-    arm.run(only(2, -0.1), 1.0)
+    arm = SimulatedArm(load_model("ur5e"), upright, "tool")
+    arm.run(single_axis(2, -0.1), 1.0)
     assert arm.q == pytest.approx(upright)
     assert set(arm.speeds) == {(0.0,) * 6}
     assert "singularity" in arm.ramp.slowed
-    arm = Arm(load_model("ur5e"), upright, "joints")
-    arm.run(only(2, 0.5), 1.0)
+    arm = SimulatedArm(load_model("ur5e"), upright, "joints")
+    arm.run(single_axis(2, 0.5), 1.0)
     assert arm.q[2] > 0.2
 
 
@@ -157,11 +157,11 @@ def test_an_arm_of_unknown_geometry_can_be_jogged_all_the_same() -> None:
     endless = ((-math.inf,) * 6, (math.inf,) * 6)
     ramp = Ramp("tool", Bounds(*endless, (math.inf,) * 6))
     for _ in range(50):
-        speeds = ramp.next(only(0, 0.1), BENT, (0.0,) * 6, PERIOD_S)
-    assert speeds == only(0, 0.1)
+        speeds = ramp.next(single_axis(0, 0.1), BENT, (0.0,) * 6, PERIOD_S)
+    assert speeds == single_axis(0, 0.1)
 
 
-class Hand:
+class FakeMover:
     """A mover of which freedrive is wanted."""
 
     def __init__(self) -> None:
@@ -179,28 +179,30 @@ class Hand:
 
 
 async def test_freedrive_ends_when_its_button_is_silent_and_begins_again_when_it_is_heard_of() -> None:
-    hand, complaints = Hand(), list[str]()
+    mover, errors = FakeMover(), list[str]()
 
     async def attempt(action: Any) -> None:
         await action()
 
-    station = SimpleNamespace(mover=hand, situation=SimpleNamespace(require=lambda action: None))
+    station = SimpleNamespace(mover=mover, situation=SimpleNamespace(require=lambda action: None))
     live = SimpleNamespace(on_held=[], screen="move")
-    page: Any = SimpleNamespace(station=station, live=live, agreed=True, attempt=attempt, complain=complaints.append)
+    page: Any = SimpleNamespace(
+        station=station, live=live, move_confirmed=True, attempt=attempt, show_error=errors.append
+    )
     JogPanels(page, SimpleNamespace())  # type: ignore[arg-type]
-    (say,) = live.on_held
+    (report_held,) = live.on_held
 
-    async def until(free: bool, *, said: bool) -> None:
+    async def until(freedrive: bool, *, report: bool) -> None:
         async with timeout(20.0):
-            while hand.freedrive != free:
-                if said:
-                    say({"freedrive": True})
+            while mover.freedrive != freedrive:
+                if report:
+                    report_held({"freedrive": True})
                 await asyncio.sleep(STALE_S / 20)
 
-    await until(True, said=True)
-    await until(False, said=False)
-    await until(True, said=True)
-    say(None)
-    assert not hand.freedrive
+    await until(True, report=True)
+    await until(False, report=False)
+    await until(True, report=True)
+    report_held(None)
+    assert not mover.freedrive
     await asyncio.sleep(0)
-    assert not complaints
+    assert not errors

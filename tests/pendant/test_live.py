@@ -7,10 +7,10 @@ from fastapi import WebSocketDisconnect
 
 from client.pendant.live import Live
 from client.pendant.station import Station
-from client.pendant.web_security import Nonsense
+from client.pendant.web_security import InvalidMessages
 
 
-class Socket:
+class FakeSocket:
     """A browser that says these texts and goes away."""
 
     def __init__(self, *texts: str) -> None:
@@ -39,11 +39,11 @@ def live() -> Live:
 
 
 async def test_what_is_held_is_told_and_let_go_when_the_browser_leaves(live: Live) -> None:
-    heard: list[Any] = []
-    live.on_held.append(heard.append)
-    socket = Socket('{"held": {"kind": "joint"}}', '{"held": 3}', '{"other": 1}', "[]")
-    await live.serve(socket, Nonsense())  # type: ignore[arg-type]
-    assert heard == [{"kind": "joint"}, None, None]
+    received: list[Any] = []
+    live.on_held.append(received.append)
+    socket = FakeSocket('{"held": {"kind": "joint"}}', '{"held": 3}', '{"other": 1}', "[]")
+    await live.serve(socket, InvalidMessages())  # type: ignore[arg-type]
+    assert received == [{"kind": "joint"}, None, None]
 
 
 async def test_a_browser_that_comes_back_is_sent_what_it_was_sent_before(live: Live) -> None:
@@ -54,23 +54,23 @@ async def test_a_browser_that_comes_back_is_sent_what_it_was_sent_before(live: L
 
     live.bind(Element(), "text", lambda station: "as ever")  # type: ignore[arg-type]
     for _ in range(2):
-        await live.serve(Socket(), Nonsense())  # type: ignore[arg-type]
+        await live.serve(FakeSocket(), InvalidMessages())  # type: ignore[arg-type]
         assert live.changes() == [(7, "text", "as ever")]
         assert live.changes() == []
 
 
 @pytest.mark.parametrize("text", ["", "{", "nonsense", '{"held": ', "\x00"])
 async def test_nonsense_ends_the_connection_and_lets_go(live: Live, text: str) -> None:
-    heard: list[Any] = []
-    live.on_held.append(heard.append)
-    socket = Socket('{"held": {}}', text, '{"held": {}}')
-    await live.serve(socket, Nonsense())  # type: ignore[arg-type]
+    received: list[Any] = []
+    live.on_held.append(received.append)
+    socket = FakeSocket('{"held": {}}', text, '{"held": {}}')
+    await live.serve(socket, InvalidMessages())  # type: ignore[arg-type]
     assert socket.closed == [1007]
-    assert heard == [{}, None]
+    assert received == [{}, None]
 
 
 async def test_a_handler_that_cannot_use_it_ends_the_connection_too(live: Live) -> None:
-    live.hear("camera", lambda value: value["azimuth"] if value is not None else None)
-    socket = Socket('{"camera": 3}')
-    await live.serve(socket, Nonsense())  # type: ignore[arg-type]
+    live.on_message("camera", lambda value: value["azimuth"] if value is not None else None)
+    socket = FakeSocket('{"camera": 3}')
+    await live.serve(socket, InvalidMessages())  # type: ignore[arg-type]
     assert socket.closed == [1007]

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from client.pendant.events import SHOWN, EventLog, LogView, as_csv, as_text
+from client.pendant.events import MAX_SHOWN, EventLog, LogView, as_csv, as_text
 from urproto.modes import ReportLevel, SafetyMode
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,
@@ -20,8 +20,8 @@ from urproto.primary.messages import (
 )
 
 
-def say(log: EventLog, text: str, level: ReportLevel | None = None) -> None:
-    log.hear(TextMessage(text=text) if level is None else ErrorCodeMessage(code=1, level=level, text=text))
+def log_message(log: EventLog, text: str, level: ReportLevel | None = None) -> None:
+    log.handle_message(TextMessage(text=text) if level is None else ErrorCodeMessage(code=1, level=level, text=text))
 
 
 def texts(change: list[Any] | None) -> list[str]:
@@ -47,7 +47,7 @@ def texts(change: list[Any] | None) -> list[str]:
 )
 def test_messages_have_severity_code_and_the_codes_text(message: object, severity: str, code: str, text: str):
     log = EventLog()
-    log.hear(message)
+    log.handle_message(message)
     (event,) = log.events
     assert (event.severity, event.code) == (severity, code)
     assert text in event.text
@@ -55,18 +55,18 @@ def test_messages_have_severity_code_and_the_codes_text(message: object, severit
 
 def test_what_nobody_wants_to_read_is_no_event_and_compile_errors_have_no_time():
     log = EventLog()
-    log.hear(ProgramThreadsMessage(threads=()))
-    log.hear(object())
+    log.handle_message(ProgramThreadsMessage(threads=()))
+    log.handle_message(object())
     assert log.count == 0
-    log.hear(RuntimeExceptionMessage(timestamp_us=NO_TIMESTAMP_US, line=1, column=1, text="x"))
-    log.hear(TextMessage(timestamp_us=2_500_000, text="x"))
+    log.handle_message(RuntimeExceptionMessage(timestamp_us=NO_TIMESTAMP_US, line=1, column=1, text="x"))
+    log.handle_message(TextMessage(timestamp_us=2_500_000, text="x"))
     assert [event.uptime_s for event in log.events] == [None, 2.5]
 
 
 def test_the_log_is_bounded_and_knows_what_came_since():
     log = EventLog()
     for number in range(12_000):
-        say(log, str(number))
+        log_message(log, str(number))
     assert (len(log.events), log.count) == (10_000, 12_000)
     assert [event.text for event in log.since(11_998)] == ["11998", "11999"]
     assert len(log.since(0)) == 10_000
@@ -76,71 +76,71 @@ def test_the_log_is_bounded_and_knows_what_came_since():
 def test_a_browser_gets_each_line_once():
     log = EventLog()
     view = LogView(log)
-    say(log, "one")
-    assert texts(view.take(True)) == ["one"]
-    assert view.take(False) is None
-    say(log, "two")
-    say(log, "three")
-    change = view.take(False)
+    log_message(log, "one")
+    assert texts(view.next_update(True)) == ["one"]
+    assert view.next_update(False) is None
+    log_message(log, "two")
+    log_message(log, "three")
+    change = view.next_update(False)
     assert change is not None
     assert change[0] is False
     assert texts(change) == ["two", "three"]
-    anew = view.take(True)
-    assert anew is not None
-    assert anew[0] is True
-    assert texts(anew) == ["one", "two", "three"]
+    refreshed = view.next_update(True)
+    assert refreshed is not None
+    assert refreshed[0] is True
+    assert texts(refreshed) == ["one", "two", "three"]
 
 
 def test_a_flood_is_cut_to_what_is_shown():
     log = EventLog()
     view = LogView(log)
-    view.take(True)
+    view.next_update(True)
     for number in range(5_000):
-        say(log, str(number))
-    change = view.take(False)
+        log_message(log, str(number))
+    change = view.next_update(False)
     assert change is not None
-    assert (change[0], len(change[1]), texts(change)[-1]) == (True, SHOWN, "4999")
+    assert (change[0], len(change[1]), texts(change)[-1]) == (True, MAX_SHOWN, "4999")
 
 
 def test_filters_apply_to_what_was_and_to_what_comes():
     log = EventLog()
     view = LogView(log)
-    say(log, "Gripper closed")
-    say(log, "gripper lost", ReportLevel.FAULT)
-    say(log, "hot", ReportLevel.WARNING)
+    log_message(log, "Gripper closed")
+    log_message(log, "gripper lost", ReportLevel.FAULT)
+    log_message(log, "hot", ReportLevel.WARNING)
     view.words = "GRIPPER"
-    assert texts(view.take(False)) == ["Gripper closed", "gripper lost"]
+    assert texts(view.next_update(False)) == ["Gripper closed", "gripper lost"]
     view.severities.discard("info")
-    assert texts(view.take(False)) == ["gripper lost"]
+    assert texts(view.next_update(False)) == ["gripper lost"]
     view.words = "c1a0 hot"
-    assert texts(view.take(False)) == ["hot"]
-    say(log, "cold", ReportLevel.WARNING)
-    say(log, "hot again", ReportLevel.WARNING)
-    assert texts(view.take(False)) == ["hot again"]
+    assert texts(view.next_update(False)) == ["hot"]
+    log_message(log, "cold", ReportLevel.WARNING)
+    log_message(log, "hot again", ReportLevel.WARNING)
+    assert texts(view.next_update(False)) == ["hot again"]
     assert [event.text for event in view.matching()] == ["hot", "hot again"]
 
 
 def test_pause_holds_back_and_clear_empties_the_view_only():
     log = EventLog()
     view = LogView(log)
-    say(log, "before")
-    view.take(True)
+    log_message(log, "before")
+    view.next_update(True)
     view.paused = True
-    say(log, "meanwhile")
-    assert view.take(False) is None
-    assert view.waiting == 1
+    log_message(log, "meanwhile")
+    assert view.next_update(False) is None
+    assert view.pending == 1
     view.paused = False
-    assert texts(view.take(False)) == ["meanwhile"]
+    assert texts(view.next_update(False)) == ["meanwhile"]
     view.clear()
-    assert texts(view.take(False)) == []
-    say(log, "after")
-    assert texts(view.take(False)) == ["after"]
+    assert texts(view.next_update(False)) == []
+    log_message(log, "after")
+    assert texts(view.next_update(False)) == ["after"]
     assert [event.text for event in view.matching()] == ["before", "meanwhile", "after"]
 
 
 def test_downloads_have_everything_a_line_each():
     log = EventLog()
-    say(log, 'quoted "text", with\na line', ReportLevel.WARNING)
+    log_message(log, 'quoted "text", with\na line', ReportLevel.WARNING)
     (row,) = csv.DictReader(io.StringIO(as_csv(log.events)))
     assert (row["severity"], row["code"], row["text"]) == ("warning", "C1A0", 'quoted "text", with\na line')
     assert row["time"].endswith("+00:00")

@@ -21,7 +21,7 @@ from urproto.robots import load_model
 
 HOST = "127.0.0.1"
 START = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 BASE_LEFT = Velocity("joints", (0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
 UP = Velocity("tool", (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
 WAITING = "def waiting():\n  while True:\n    sleep(0.1)\n  end\nend"
@@ -46,46 +46,46 @@ class Bench:
         return not any(self.robot.controller.snapshot.target_qd)
 
     @property
-    def free(self) -> bool:
+    def freedriving(self) -> bool:
         return self.robot.controller.motion.control_mode is ControlMode.TEACH
 
     @property
     def moving(self) -> bool:
         return not self.at_rest
 
-    async def until(self, condition: Callable[[], object]) -> None:
+    async def wait_until(self, condition: Callable[[], object]) -> None:
         """Look at every control period until it holds."""
-        met: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
-        def look(_: object) -> None:
-            if condition() and not met.done():
-                met.set_result(None)
+        def check(_: object) -> None:
+            if condition() and not done.done():
+                done.set_result(None)
 
-        forget = self.robot.controller.subscribe(look)
+        unsubscribe = self.robot.controller.subscribe(check)
         try:
-            async with timeout(PATIENCE_S):
-                await met
+            async with timeout(TIMEOUT_S):
+                await done
         finally:
-            forget()
+            unsubscribe()
 
-    async def held(self, velocity: Velocity, holder: object, condition: Callable[[], object]) -> None:
+    async def hold_until(self, velocity: Velocity, holder: object, condition: Callable[[], object]) -> None:
         """Somebody holds a button until this is so, and lets it go no more than that."""
 
-        async def say() -> None:
+        async def keep_holding() -> None:
             while True:
                 self.mover.hold(velocity, holder)
                 await asyncio.sleep(0.05)
 
-        saying = asyncio.create_task(say())
+        holding = asyncio.create_task(keep_holding())
         try:
-            await self.until(condition)
+            await self.wait_until(condition)
         finally:
-            saying.cancel()
+            holding.cancel()
 
-    async def idle(self) -> None:
+    async def wait_idle(self) -> None:
         """Nothing is under way any more."""
-        async with timeout(PATIENCE_S):
-            while self.mover.doing:
+        async with timeout(TIMEOUT_S):
+            while self.mover.activity:
                 await asyncio.sleep(0.01)
 
 
@@ -99,64 +99,64 @@ async def bench() -> AsyncIterator[Bench]:
 
 
 async def test_the_arm_moves_while_a_button_is_held_and_rests_when_it_is_let_go(bench: Bench) -> None:
-    await bench.held(BASE_LEFT, "me", lambda: bench.q[0] > START[0] + 0.1)
-    assert bench.mover.doing == "Jogging"
+    await bench.hold_until(BASE_LEFT, "me", lambda: bench.q[0] > START[0] + 0.1)
+    assert bench.mover.activity == "Jogging"
     bench.mover.release("me")
-    await bench.until(lambda: bench.at_rest)
-    await bench.idle()
+    await bench.wait_until(lambda: bench.at_rest)
+    await bench.wait_idle()
     assert bench.q[0] < START[0] + 0.6
     assert bench.q[1:] == pytest.approx(START[1:], abs=1e-3)
     assert bench.errors == []
 
 
 async def test_it_rests_too_when_nothing_more_is_heard_of_the_button(bench: Bench) -> None:
-    await bench.held(UP, "me", lambda: bench.moving)
-    await bench.until(lambda: bench.at_rest)
-    await bench.idle()
+    await bench.hold_until(UP, "me", lambda: bench.moving)
+    await bench.wait_until(lambda: bench.at_rest)
+    await bench.wait_idle()
     assert bench.errors == []
 
 
 async def test_a_machine_that_was_too_slow_for_a_moment_goes_on_for_who_still_holds_the_button(bench: Bench) -> None:
-    hung = list[bool]()
+    hangs = list[bool]()
 
-    def hangs_once_and_goes_on() -> bool:
-        if not hung and bench.q[0] > START[0] + 0.1:
-            hung.append(True)
+    def hang_once() -> bool:
+        if not hangs and bench.q[0] > START[0] + 0.1:
+            hangs.append(True)
             time.sleep(0.25)  # the robot waits for setpoints for 0.2 s, and the mover for a button for 0.4 s
         return bench.q[0] > START[0] + 0.4
 
-    await bench.held(BASE_LEFT, "me", hangs_once_and_goes_on)
-    assert hung
+    await bench.hold_until(BASE_LEFT, "me", hang_once)
+    assert hangs
     bench.mover.release("me")
-    await bench.idle()
+    await bench.wait_idle()
     assert bench.errors == []
 
 
 async def test_a_button_is_of_one_holder(bench: Bench) -> None:
-    await bench.held(BASE_LEFT, "me", lambda: bench.moving)
+    await bench.hold_until(BASE_LEFT, "me", lambda: bench.moving)
     with pytest.raises(RobotRefused, match="Jogging"):
         bench.mover.hold(UP, "somebody else")
     bench.mover.release("somebody else")
     bench.mover.hold(BASE_LEFT, "me")
-    assert bench.mover.doing == "Jogging"
+    assert bench.mover.activity == "Jogging"
     with pytest.raises(RobotRefused, match="Jogging"):
         await bench.mover.move_j(START)
     bench.mover.release("me")
-    await bench.idle()
+    await bench.wait_idle()
 
 
 async def test_another_kind_of_button_takes_over_without_letting_go(bench: Bench) -> None:
-    await bench.held(BASE_LEFT, "me", lambda: bench.moving)
-    await bench.held(UP, "me", lambda: bench.robot.controller.snapshot.actual_TCP_speed[2] > 0.05)
+    await bench.hold_until(BASE_LEFT, "me", lambda: bench.moving)
+    await bench.hold_until(UP, "me", lambda: bench.robot.controller.snapshot.actual_TCP_speed[2] > 0.05)
     bench.mover.release("me")
-    await bench.idle()
+    await bench.wait_idle()
     assert bench.errors == []
 
 
 async def test_a_move_to_angles_can_be_stopped_and_nothing_comes_between(bench: Bench) -> None:
     moving = asyncio.create_task(bench.mover.move_j((1.5, *START[1:]), "Moving to X"))
-    await bench.until(lambda: bench.moving)
-    assert bench.mover.doing == "Moving to X"
+    await bench.wait_until(lambda: bench.moving)
+    assert bench.mover.activity == "Moving to X"
     with pytest.raises(RobotRefused, match="Moving to X"):
         bench.mover.hold(UP, "me")
     with pytest.raises(RobotRefused, match="Moving to X"):
@@ -172,7 +172,7 @@ async def test_a_move_to_angles_can_be_stopped_and_nothing_comes_between(bench: 
 
 async def test_stop_comes_before_a_move_that_has_not_begun_yet(bench: Bench) -> None:
     moving = asyncio.create_task(bench.mover.move_j((1.5, *START[1:])))
-    while not bench.mover.doing:
+    while not bench.mover.activity:
         await asyncio.sleep(0)
     await bench.mover.stop()
     with pytest.raises(MotionStoppedError):
@@ -183,46 +183,46 @@ async def test_stop_comes_before_a_move_that_has_not_begun_yet(bench: Bench) -> 
 async def test_somebody_elses_program_is_not_replaced(bench: Bench) -> None:
     async with AsyncRobot(HOST, robot_ports=bench.robot.ports) as other:
         await other.driver.robot.send_script(WAITING)
-        await bench.until(lambda: bench.robot.controller.programs.state is RuntimeState.PLAYING)
+        await bench.wait_until(lambda: bench.robot.controller.programs.state is RuntimeState.PLAYING)
         with pytest.raises(RobotRefused, match="a program is running"):
             await bench.mover.move_j(START)
         bench.mover.hold(UP, "me")
-        await bench.idle()
+        await bench.wait_idle()
         bench.mover.hold(UP, "me")  # as a browser says ten times a second
-        assert bench.mover.doing == ""
+        assert bench.mover.activity == ""
         assert len(bench.errors) == 1
         assert bench.robot.controller.programs.state is RuntimeState.PLAYING
 
 
 async def test_freedrive_lasts_until_it_is_ended(bench: Bench) -> None:
-    free = asyncio.create_task(bench.mover.start_freedrive())
-    await bench.until(lambda: bench.free)
+    freedriving = asyncio.create_task(bench.mover.start_freedrive())
+    await bench.wait_until(lambda: bench.freedriving)
     assert bench.mover.freedrive
     bench.mover.end_freedrive()
-    await free
+    await freedriving
     assert not bench.mover.freedrive
-    assert not bench.free
+    assert not bench.freedriving
 
 
 async def test_a_protective_stop_ends_freedrive_and_says_what_to_do(bench: Bench) -> None:
-    free = asyncio.create_task(bench.mover.start_freedrive())
-    await bench.until(lambda: bench.free)
+    freedriving = asyncio.create_task(bench.mover.start_freedrive())
+    await bench.wait_until(lambda: bench.freedriving)
     bench.robot.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
     with pytest.raises(MotionError, match=r"protective stop.*see Initialize"):
-        await free
+        await freedriving
     assert not bench.mover.freedrive
 
 
 async def test_the_program_is_given_back(bench: Bench) -> None:
     await bench.mover.move_j((START[0] + 0.05, *START[1:]))
     assert bench.mover.has_slider
-    await bench.mover.give_back()
-    await bench.until(lambda: bench.robot.controller.programs.state is RuntimeState.STOPPED)
+    await bench.mover.release_control()
+    await bench.wait_until(lambda: bench.robot.controller.programs.state is RuntimeState.STOPPED)
     assert not bench.mover.has_slider
 
 
 async def test_without_brakes_released_nothing_moves(bench: Bench) -> None:
     bench.robot.controller.power_event(PowerEvent.POWER_OFF)
-    await bench.until(lambda: bench.robot.controller.snapshot.robot_mode is not RobotMode.RUNNING)
+    await bench.wait_until(lambda: bench.robot.controller.snapshot.robot_mode is not RobotMode.RUNNING)
     with pytest.raises(RobotRefused, match="release the brakes"):
         await bench.mover.move_j(START)

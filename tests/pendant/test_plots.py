@@ -16,29 +16,29 @@ from urproto.versions import PolyscopeVersion
 OLDEST = [PolyscopeVersion(3, 3), PolyscopeVersion(5, 0)]
 
 
-class Feeds:
+class FakeFeeds:
     """Feeds without robots."""
 
     def __init__(self) -> None:
-        self.looked_at = list[Feed]()
+        self.subscribed = list[Feed]()
 
-    def look(self, names: Any, rate_hz: float, keeps: bool = False, heir_of: Feed | None = None) -> Feed:
-        feed = Feed([name for name in OUTPUT_FIELDS if name in names], keeps)
-        if heir_of is not None:
-            feed.inherit(heir_of)
-        self.looked_at.append(feed)
+    def subscribe(self, names: Any, rate_hz: float, keep_rows: bool = False, predecessor: Feed | None = None) -> Feed:
+        feed = Feed([name for name in OUTPUT_FIELDS if name in names], keep_rows)
+        if predecessor is not None:
+            feed.inherit_rows(predecessor)
+        self.subscribed.append(feed)
         return feed
 
-    def leave(self, feed: Feed, linger_s: float = 0.0) -> None:
-        self.looked_at.remove(feed)
+    def unsubscribe(self, feed: Feed, linger_s: float = 0.0) -> None:
+        self.subscribed.remove(feed)
 
 
-def plots_of(*keys: str) -> tuple[Plots, Feeds]:
-    feeds = Feeds()
+def create_plots(*keys: str) -> tuple[Plots, FakeFeeds]:
+    feeds = FakeFeeds()
     plots = Plots(feeds)  # type: ignore[arg-type]
     plots.panes = plots.panes[:1]
     plots.choose(plots.panes[0], series(*keys))
-    plots.look()
+    plots.show()
     return plots, feeds
 
 
@@ -70,62 +70,64 @@ def test_names_and_units_on_the_screen(key: str, label: str, shown_unit: str, fa
 
 
 def test_the_browser_gets_each_row_once() -> None:
-    plots, feeds = plots_of("actual_q[1]", "actual_digital_output_bits>>3", "payload")
-    feed = feeds.looked_at[0]
+    plots, feeds = create_plots("actual_q[1]", "actual_digital_output_bits>>3", "payload")
+    feed = feeds.subscribed[0]
     head = ["timestamp", "actual_q[1]", "actual_digital_output_bits>>3", "payload"]
-    assert plots.take(True) == [head, []]
-    assert plots.take(False) is None
-    feed.take({"timestamp": 1.0, "actual_q": (0.0, 0.1, 0.0, 0.0, 0.0, 0.0), "actual_digital_output_bits": 8})
-    assert plots.take(False) == [None, [1.0, 0.1, 1, None]]
-    feed.take({"timestamp": 2.0, "actual_q": (0.0, math.inf, 0.0, 0.0, 0.0, 0.0), "actual_digital_output_bits": 7})
-    assert plots.take(False) == [None, [2.0, None, 0, None]]
-    assert plots.take(False) is None
-    assert plots.take(True) == [head, [1.0, 0.1, 1, None, 2.0, None, 0, None]]
+    assert plots.next_update(True) == [head, []]
+    assert plots.next_update(False) is None
+    feed.append_state({"timestamp": 1.0, "actual_q": (0.0, 0.1, 0.0, 0.0, 0.0, 0.0), "actual_digital_output_bits": 8})
+    assert plots.next_update(False) == [None, [1.0, 0.1, 1, None]]
+    feed.append_state(
+        {"timestamp": 2.0, "actual_q": (0.0, math.inf, 0.0, 0.0, 0.0, 0.0), "actual_digital_output_bits": 7}
+    )
+    assert plots.next_update(False) == [None, [2.0, None, 0, None]]
+    assert plots.next_update(False) is None
+    assert plots.next_update(True) == [head, [1.0, 0.1, 1, None, 2.0, None, 0, None]]
     plots.clear()
-    assert plots.take(False) == [head, []]
+    assert plots.next_update(False) == [head, []]
     assert plots.count == 0
 
 
 def test_a_long_past_comes_in_portions_and_not_farther_back_than_the_longest_window() -> None:
-    plots, feeds = plots_of("speed_scaling")
+    plots, feeds = create_plots("speed_scaling")
     for i in range(30_000):
-        feeds.looked_at[0].take({"timestamp": i * 0.008, "speed_scaling": 1.0})
-    got = plots.take(True)[1]
+        feeds.subscribed[0].append_state({"timestamp": i * 0.008, "speed_scaling": 1.0})
+    got = plots.next_update(True)[1]
     assert got[0] == pytest.approx(29_999 * 0.008 - 120.0, abs=0.01)
-    while (more := plots.take(False)) is not None:
+    while (more := plots.next_update(False)) is not None:
         assert len(more[1]) <= 20_000
         got += more[1]
     assert got[::2] == pytest.approx([i * 0.008 for i in range(30_000 - len(got) // 2, 30_000)])
 
 
 def test_another_choice_keeps_what_has_been_collected() -> None:
-    plots, feeds = plots_of("actual_q[1]")
-    feeds.looked_at[0].take({"timestamp": 1.0, "actual_q": (0.5,) * 6})
+    plots, feeds = create_plots("actual_q[1]")
+    feeds.subscribed[0].append_state({"timestamp": 1.0, "actual_q": (0.5,) * 6})
     plots.choose(plots.panes[0], series("actual_q[2]", "speed_scaling"))
-    assert len(feeds.looked_at) == 1
-    assert plots.take(False) == [["timestamp", "actual_q[2]", "speed_scaling"], [1.0, 0.5, None]]
+    assert len(feeds.subscribed) == 1
+    assert plots.next_update(False) == [["timestamp", "actual_q[2]", "speed_scaling"], [1.0, 0.5, None]]
     with pytest.raises(ValueError, match="choose 24 at most"):
         plots.choose(plots.panes[0], list(catalogue(None).values())[:25])
 
 
 def test_nothing_is_looked_at_after_leaving_and_the_past_is_there_when_coming_back() -> None:
-    plots, feeds = plots_of("speed_scaling")
-    feeds.looked_at[0].take({"timestamp": 1.0, "speed_scaling": 0.25})
-    plots.leave()
-    plots.leave()
-    assert not feeds.looked_at
-    assert plots.take(True) is None
-    plots.look()
-    assert plots.take(False) == [["timestamp", "speed_scaling"], [1.0, 0.25]]
+    plots, feeds = create_plots("speed_scaling")
+    feeds.subscribed[0].append_state({"timestamp": 1.0, "speed_scaling": 0.25})
+    plots.hide()
+    plots.hide()
+    assert not feeds.subscribed
+    assert plots.next_update(True) is None
+    plots.show()
+    assert plots.next_update(False) == [["timestamp", "speed_scaling"], [1.0, 0.25]]
 
 
 async def test_the_file_is_one_of_recordings_with_every_digit(tmp_path: Path) -> None:
-    plots, feeds = plots_of("actual_q[1]", "robot_mode")
+    plots, feeds = create_plots("actual_q[1]", "robot_mode")
     with pytest.raises(ValueError, match="no data has been collected"):
         await plots.csv()
     q = (1 / 3, 0.1 + 0.2, 1e-17, -2.0, 1e300, 5e-324)
-    feeds.looked_at[0].take({"timestamp": 0.008, "actual_q": q, "robot_mode": 7})
-    feeds.looked_at[0].take({"timestamp": 0.016, "actual_q": q, "robot_mode": 5})
+    feeds.subscribed[0].append_state({"timestamp": 0.008, "actual_q": q, "robot_mode": 7})
+    feeds.subscribed[0].append_state({"timestamp": 0.016, "actual_q": q, "robot_mode": 5})
     file = tmp_path / "plots.csv"
     file.write_bytes(await plots.csv())
     recording = read_csv(file)

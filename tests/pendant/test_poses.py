@@ -18,11 +18,11 @@ def path(tmp_path: Path) -> Path:
 
 def test_they_are_there_again_and_of_their_model_only(path: Path) -> None:
     poses = Poses(path)
-    assert poses.of("ur5e") == {}
+    assert poses.for_model("ur5e") == {}
     poses.save("ur5e", "  over   the box ", BOX)
     poses.save("ur5e", "a", BOX)
-    assert list(Poses(path).of("ur5e").items()) == [("a", BOX), ("over the box", BOX)]
-    assert Poses(path).of("ur3") == {}
+    assert list(Poses(path).for_model("ur5e").items()) == [("a", BOX), ("over the box", BOX)]
+    assert Poses(path).for_model("ur3") == {}
     assert poses.version == 2
 
 
@@ -30,10 +30,10 @@ def test_saving_again_replaces_and_deleting_twice_is_no_error(path: Path) -> Non
     poses = Poses(path)
     poses.save("ur5e", "box", BOX)
     poses.save("ur5e", "box", (0.0,) * 6)
-    assert poses.of("ur5e") == {"box": (0.0,) * 6}
+    assert poses.for_model("ur5e") == {"box": (0.0,) * 6}
     poses.delete("ur5e", "box")
     poses.delete("ur5e", "box")
-    assert Poses(path).of("ur5e") == {}
+    assert Poses(path).for_model("ur5e") == {}
 
 
 def test_renaming_loses_nothing(path: Path) -> None:
@@ -45,7 +45,7 @@ def test_renaming_loses_nothing(path: Path) -> None:
     with pytest.raises(ValueError, match="no longer exists"):
         poses.rename("ur5e", "gone", "new")
     poses.rename("ur5e", "box", "lid")
-    assert Poses(path).of("ur5e") == {"lid": BOX, "table": (0.0,) * 6}
+    assert Poses(path).for_model("ur5e") == {"lid": BOX, "table": (0.0,) * 6}
 
 
 @pytest.mark.parametrize("name", ["", "   ", "x" * 61, *BUILT_IN])
@@ -58,7 +58,7 @@ def test_names_that_cannot_be(path: Path, name: str) -> None:
 def test_without_a_file_they_last_as_long_as_the_pendant() -> None:
     poses = Poses(None)
     poses.save("ur5e", "box", BOX)
-    assert poses.of("ur5e") == {"box": BOX}
+    assert poses.for_model("ur5e") == {"box": BOX}
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_a_file_that_has_no_poses_is_told_and_not_overwritten(path: Path, conten
     path.write_bytes(content)
     poses = Poses(path)
     with pytest.raises(FileError, match="does not contain poses"):
-        poses.of("ur5e")
+        poses.for_model("ur5e")
     with pytest.raises(FileError):
         poses.save("ur5e", "box", BOX)
     assert path.read_bytes() == content

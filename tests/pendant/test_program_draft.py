@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from client.pendant.program_draft import ProgramDraft
-from client.pendant.program_file import KeptProgram, ProgramFile
+from client.pendant.program_file import ProgramFile, SavedDraft
 from client.pendant.program_view import palette
 from urproto.compat_asyncio import timeout
 from urproto.robots import load_model
@@ -20,15 +20,17 @@ POSE = (0.2, -0.3, 0.25, 0.0, 3.1, 0.0)
 NO_TCP = (0.0,) * 6
 
 
-def make(folder: Path | None = None, robot: tuple[PolyscopeVersion, object] = CB3) -> tuple[ProgramDraft, list[str]]:
-    notes = list[str]()
-    draft = ProgramDraft(ProgramFile(folder, "robot"), notes.append, lambda: None, lambda: robot)  # type: ignore[arg-type, return-value]
-    return draft, notes
+def create_draft(
+    folder: Path | None = None, robot: tuple[PolyscopeVersion, object] = CB3
+) -> tuple[ProgramDraft, list[str]]:
+    errors = list[str]()
+    draft = ProgramDraft(ProgramFile(folder, "robot"), errors.append, lambda: None, lambda: robot)  # type: ignore[arg-type, return-value]
+    return draft, errors
 
 
 @pytest.fixture(params=[CB3, E_SERIES], ids=["CB3", "e-Series"])
 def draft(request: pytest.FixtureRequest) -> ProgramDraft:
-    return make(robot=request.param)[0]
+    return create_draft(robot=request.param)[0]
 
 
 def titles(draft: ProgramDraft) -> list[str]:
@@ -101,9 +103,9 @@ def test_nodes_are_moved_within_their_level_and_out_of_it(draft: ProgramDraft) -
     second = draft.insert("comment", first)
     order = [(row.kind, row.depth) for row in draft.view.rows()][2:]
     assert order == [("folder", 1), ("halt", 2), ("comment", 2)]
-    draft.shift(second, -1)
+    draft.move_by(second, -1)
     assert [row.kind for row in draft.view.rows()][3:] == ["comment", "halt"]
-    draft.shift(second, -1)
+    draft.move_by(second, -1)
     assert [(row.kind, row.depth) for row in draft.view.rows()][2:] == [("comment", 1), ("folder", 1), ("halt", 2)]
     assert draft.view.neighbour(second) == folder
     assert draft.view.neighbour(first) == folder
@@ -130,9 +132,9 @@ def test_a_taught_waypoint_is_where_the_arm_was(draft: ProgramDraft) -> None:
     assert draft.view.waypoints() == ()
     draft.teach(node, "position", Q, POSE, NO_TCP)
     assert draft.view.joints(node, "position") == pytest.approx(Q)
-    ((where, place),) = draft.view.waypoints()
-    assert where == node
-    assert len(place) == 3
+    ((node_id, position),) = draft.view.waypoints()
+    assert node_id == node
+    assert len(position) == 3
 
 
 def test_every_kind_of_the_registry_can_be_chosen_and_has_a_form(draft: ProgramDraft) -> None:
@@ -157,7 +159,7 @@ def test_copies_are_pasted_into_this_program_and_the_next(draft: ProgramDraft) -
     draft.new()
     draft.paste(draft.view.first())
     assert titles(draft)[-1] == "'again'"
-    other, _ = make()
+    other, _ = create_draft()
     with pytest.raises(ValueError, match="copy a node first"):
         other.paste(other.view.first())
 
@@ -167,11 +169,11 @@ def test_saving_and_opening_make_the_program_unchanged(draft: ProgramDraft) -> N
     assert draft.changed
     version, files = draft.version, draft.files("job")
     assert sorted(files) == ["job.script", "job.txt", "job.urp"]
-    draft.saved("cell/job.urp", version)
+    draft.mark_saved("cell/job.urp", version)
     assert (draft.title, draft.changed) == ("cell/job.urp", False)
     version = draft.version
     draft.insert("halt", draft.view.first())  # while it was being saved
-    draft.saved("cell/job.urp", version)
+    draft.mark_saved("cell/job.urp", version)
     assert draft.changed
     draft.open(files["job.urp"] or b"", "cell/job.urp")
     assert not draft.changed
@@ -181,20 +183,20 @@ def test_saving_and_opening_make_the_program_unchanged(draft: ProgramDraft) -> N
 
 
 async def test_every_change_is_kept_within_a_second(tmp_path: Path) -> None:
-    draft, notes = make(tmp_path)
-    keeping = asyncio.create_task(draft.keep())
+    draft, errors = create_draft(tmp_path)
+    saving = asyncio.create_task(draft.keep_saving())
     draft.insert("halt", draft.view.first())
     async with timeout(1.0):
         while not (tmp_path / "robot.json").exists():
             await asyncio.sleep(0.01)
-    keeping.cancel()
-    again, _ = make(tmp_path)
-    assert titles(again)[-1] == "Halt"
-    assert (again.changed, again.path, notes) == (True, "", [])
+    saving.cancel()
+    restored, _ = create_draft(tmp_path)
+    assert titles(restored)[-1] == "Halt"
+    assert (restored.changed, restored.path, errors) == (True, "", [])
 
 
 def test_a_kept_file_that_is_no_program_is_moved_aside_with_a_note(tmp_path: Path) -> None:
-    ProgramFile(tmp_path, "robot").write(KeptProgram("x.urp", True, b"<a/>"))
-    draft, notes = make(tmp_path)
+    ProgramFile(tmp_path, "robot").write(SavedDraft("x.urp", True, b"<a/>"))
+    draft, errors = create_draft(tmp_path)
     assert titles(draft) == ["Variables Setup", "Robot Program", "<empty>"]
-    assert "robot.unreadable" in notes[0]
+    assert "robot.unreadable" in errors[0]

@@ -5,20 +5,20 @@ from pathlib import Path
 import pytest
 
 from client.errors import FileError
-from client.pendant.program_file import KeptProgram, ProgramFile
+from client.pendant.program_file import ProgramFile, SavedDraft
 
-KEPT = KeptProgram("cell/job.urp", True, b"\x1f\x8b\x00<URProgram/>")
+DRAFT = SavedDraft("cell/job.urp", True, b"\x1f\x8b\x00<URProgram/>")
 
 
 def test_it_is_kept_by_robot_address_and_read_again(tmp_path: Path) -> None:
-    ProgramFile(tmp_path / "drafts", "192.168.0.2_30001").write(KEPT)
-    assert ProgramFile(tmp_path / "drafts", "192.168.0.2_30001").read() == KEPT
+    ProgramFile(tmp_path / "drafts", "192.168.0.2_30001").write(DRAFT)
+    assert ProgramFile(tmp_path / "drafts", "192.168.0.2_30001").read() == DRAFT
     assert ProgramFile(tmp_path / "drafts", "192.168.0.3_30001").read() is None
     assert [path.name for path in (tmp_path / "drafts").iterdir()] == ["192.168.0.2_30001.json"]
 
 
 def test_an_address_leads_nowhere_else(tmp_path: Path) -> None:
-    ProgramFile(tmp_path, "../../fe80::1%eth0/x").write(KEPT)
+    ProgramFile(tmp_path, "../../fe80::1%eth0/x").write(DRAFT)
     assert len(list(tmp_path.iterdir())) == 1
 
 
@@ -34,11 +34,11 @@ def test_what_cannot_be_read_is_moved_aside_and_not_written_over(tmp_path: Path,
 
 def test_without_a_folder_nothing_is_kept() -> None:
     file = ProgramFile(None, "robot")
-    file.write(KEPT)
+    file.write(DRAFT)
     assert file.read() is None
 
 
 def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     (tmp_path / "drafts").write_text("a file")
     with pytest.raises(FileError):
-        ProgramFile(tmp_path / "drafts", "robot").write(KEPT)
+        ProgramFile(tmp_path / "drafts", "robot").write(DRAFT)

@@ -20,18 +20,18 @@ from urproto.versions import PolyscopeVersion
 ROBOT = (PolyscopeVersion(3, 15, 8), load_model("ur3"))
 
 
-class Arm(SimpleNamespace):
+class FakeStation(SimpleNamespace):
     """A robot of aluminium: it has no control API."""
 
     def __init__(self) -> None:
         draft = ProgramDraft(ProgramFile(None, ""), lambda _: None, lambda: None, lambda: ROBOT)
         emulator = SimpleNamespace(available=False, verbs=frozenset())
-        programs = SimpleNamespace(running="", loaded=None, look=lambda: None)
+        programs = SimpleNamespace(running="", loaded=None, refresh=lambda: None)
         super().__init__(program_draft=draft, emulator=emulator, programs=programs, runtime_state=RuntimeState.STOPPED)
-        self.mover = SimpleNamespace(give_back=self._nothing)
+        self.mover = SimpleNamespace(release_control=self._do_nothing)
         self.sent = list[str]()
 
-    async def _nothing(self) -> None:
+    async def _do_nothing(self) -> None:
         pass
 
     async def send_script(self, text: str) -> None:
@@ -40,7 +40,7 @@ class Arm(SimpleNamespace):
 
 @pytest.fixture
 def arm() -> Any:
-    return Arm()
+    return FakeStation()
 
 
 async def test_a_robot_gets_a_script_from_the_start_or_from_a_node(arm: Any) -> None:
@@ -94,10 +94,10 @@ async def test_what_the_installation_of_an_emulator_has_can_be_named(arm: Any, t
     arm.emulator = SimpleNamespace(available=True, verbs={"save_program", "installation"}, call=call)
     draft = arm.program_draft
     move = draft.insert("move", draft.view.first())
-    await playing.take_installation(arm)  # there is no file yet
+    await playing.load_installation(arm)  # there is no file yet
     before = draft.version
     assert "gripper" not in str(draft.editor.form(move))
     robot.add_to_installation("tcps", {"name": "gripper", "pose": [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]})
-    await playing.take_installation(arm)
+    await playing.load_installation(arm)
     assert "gripper" in str(draft.editor.form(move))
     assert draft.version == before  # nobody's edit

@@ -4,7 +4,7 @@ import pytest
 
 from client.pendant.draft import Draft, ScriptError
 from client.pendant.programs import Programs
-from client.pendant.variables import Variables, VariablesView, kind_of, shown
+from client.pendant.variables import Variables, VariablesView, format_value, type_name
 from urproto.primary.messages import (
     NO_TIMESTAMP_US,
     PROGRAM_STARTED,
@@ -17,7 +17,7 @@ from urproto.primary.messages import (
 from urproto.primary.program_state import GlobalVariableNames, GlobalVariableValues, MatrixValue, PoseValue, Value
 
 
-def happened(title: str, name: str, at_s: float = 1.0) -> KeyMessage:
+def key_message(title: str, name: str, at_s: float = 1.0) -> KeyMessage:
     return KeyMessage(timestamp_us=round(at_s * 1e6), title=title, text=name)
 
 
@@ -37,58 +37,58 @@ class TestDraft:
         return draft
 
     def test_a_program_is_followed_to_its_end(self, draft: Draft):
-        assert draft.prepared().text == "def go():\n  sync()\nend\n"
-        draft.sending(draft.prepared(), 0.0)
-        draft.hear(happened(PROGRAM_STOPPED, "go"))  # the one before, of the same name
+        assert draft.prepared_script().text == "def go():\n  sync()\nend\n"
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(key_message(PROGRAM_STOPPED, "go"))  # the one before, of the same name
         phases = [draft.phase]
-        for message in (happened(PROGRAM_STARTED, "other"), happened(PROGRAM_STARTED, "go")):
-            draft.hear(message)
+        for message in (key_message(PROGRAM_STARTED, "other"), key_message(PROGRAM_STARTED, "go")):
+            draft.handle_message(message)
             phases.append(draft.phase)
-        draft.look(100.0)
-        draft.hear(happened(PROGRAM_STOPPED, "go"))
+        draft.check_start(100.0)
+        draft.handle_message(key_message(PROGRAM_STOPPED, "go"))
         assert [*phases, draft.phase] == ["sent", "sent", "running", "ended"]
         assert draft.error is None
 
     def test_compile_errors_name_the_line_as_it_was_written(self):
         draft = Draft()
         draft.write("a = 1\nb = = 2\n")  # bare statements: they get a line before them
-        assert draft.prepared().text.startswith("def script_")
-        draft.sending(draft.prepared(), 0.0)
-        draft.hear(compile_error(3, "syntax_error_on_line:3:b = = 2:"))
+        assert draft.prepared_script().text.startswith("def script_")
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(compile_error(3, "syntax_error_on_line:3:b = = 2:"))
         assert draft.phase == "failed"
         assert draft.error is not None
         assert (draft.error.line, draft.error.text[:12]) == (2, "Syntax error")
-        draft.sending(draft.prepared(), 1.0)
+        draft.mark_sent(draft.prepared_script(), 1.0)
         assert draft.error is None
 
     def test_errors_of_others_are_not_marked_here(self, draft: Draft):
-        draft.hear(compile_error(1))
-        draft.sending(draft.prepared(), 0.0)
-        draft.hear(runtime_error(2))  # of what ran before
+        draft.handle_message(compile_error(1))
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(runtime_error(2))  # of what ran before
         assert draft.error is None
-        draft.hear(happened(PROGRAM_STARTED, "go"))
-        draft.hear(compile_error(2))  # of what another client sends meanwhile
+        draft.handle_message(key_message(PROGRAM_STARTED, "go"))
+        draft.handle_message(compile_error(2))  # of what another client sends meanwhile
         assert draft.error is None
-        draft.hear(runtime_error(2))
+        draft.handle_message(runtime_error(2))
         assert draft.phase == "failed"
-        draft.hear(happened(PROGRAM_STOPPED, "go"))
+        draft.handle_message(key_message(PROGRAM_STOPPED, "go"))
         assert draft.phase == "failed"
 
     def test_a_script_that_does_not_start_is_told(self, draft: Draft):
-        draft.sending(draft.prepared(), 10.0)
-        draft.look(14.0)
+        draft.mark_sent(draft.prepared_script(), 10.0)
+        draft.check_start(14.0)
         assert draft.phase == "sent"
-        draft.look(16.0)
+        draft.check_start(16.0)
         assert draft.phase == "silent"
 
     def test_secondary_programs_are_sent_as_they_are(self):
         draft = Draft()
         draft.write("sec out():\n  set_digital_out(1, True)\nend\n")
-        assert draft.prepared().text == draft.text
-        draft.sending(draft.prepared(), 0.0)
-        draft.hear(happened(PROGRAM_STARTED, ""))  # of bare statements that another client sent
+        assert draft.prepared_script().text == draft.text
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(key_message(PROGRAM_STARTED, ""))  # of bare statements that another client sent
         assert draft.phase == "sent"
-        draft.look(6.0)
+        draft.check_start(6.0)
         assert draft.phase == "ended"
 
     def test_nothing_is_not_sent_and_too_much_is_not_kept(self, draft: Draft):
@@ -97,11 +97,11 @@ class TestDraft:
         assert draft.text.startswith("def go")
         draft.write(" \n")
         with pytest.raises(ValueError, match="no script"):
-            draft.sending(draft.prepared(), 0.0)
+            draft.mark_sent(draft.prepared_script(), 0.0)
 
     def test_an_error_beyond_the_text_is_marked_at_its_end(self, draft: Draft):
-        draft.sending(draft.prepared(), 0.0)
-        draft.hear(compile_error(99))
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(compile_error(99))
         assert draft.error is not None
         assert draft.error.line == 4
 
@@ -109,36 +109,36 @@ class TestDraft:
 def test_a_programs_time_goes_from_its_start_to_its_end():
     programs = Programs()
     assert programs.run_time_s(50.0) is None
-    programs.hear(happened(PROGRAM_STARTED, "go", 10.0))
-    programs.hear(ProgramThreadsMessage(threads=(ProgramThread(3, "Wait", "go"),)))
+    programs.handle_message(key_message(PROGRAM_STARTED, "go", 10.0))
+    programs.handle_message(ProgramThreadsMessage(threads=(ProgramThread(3, "Wait", "go"),)))
     assert (programs.running, programs.run_time_s(12.5)) == ("go", 2.5)
     assert programs.threads[0].label == "Wait"
-    programs.hear(happened(PROGRAM_STOPPED, "go", 14.0))
+    programs.handle_message(key_message(PROGRAM_STOPPED, "go", 14.0))
     assert (programs.run_time_s(99.0), programs.threads) == (4.0, ())
 
 
-def told(variables: Variables, *values: Value, start: int = 0) -> None:
-    variables.hear(GlobalVariableValues(start_index=start, values=values))
+def report_values(variables: Variables, *values: Value, start: int = 0) -> None:
+    variables.handle_message(GlobalVariableValues(start_index=start, values=values))
 
     def test_the_checker_says_better_why_a_script_does_not_start(self, draft: Draft):
         diagnosis = ScriptError(2, 3, "function 'sinc' is not defined; did you mean 'sync'?")
-        draft.sending(draft.prepared(), 0.0)
-        draft.hear(compile_error(2, "compile_error_name_not_found:sinc:"))
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(compile_error(2, "compile_error_name_not_found:sinc:"))
         assert [problem.found_by for problem in draft.problems] == ["start"]
-        draft.checked(draft.revision, (diagnosis,))
+        draft.set_diagnoses(draft.revision, (diagnosis,))
         assert draft.problems == (diagnosis,)
         draft.write("def go():\n  sync()\n  a = [1][2]\nend\n")
-        draft.checked(draft.revision - 1, ())  # of a text that is another by now
+        draft.set_diagnoses(draft.revision - 1, ())  # of a text that is another by now
         assert draft.problems == (diagnosis,)
-        draft.checked(draft.revision, ())
+        draft.set_diagnoses(draft.revision, ())
         assert draft.problems == ()
 
     def test_what_a_running_script_did_wrong_is_told_beside_what_the_checker_says(self, draft: Draft):
         warning = ScriptError(1, 1, "shadows", severity="warning")
-        draft.checked(draft.revision, (warning,))
-        draft.sending(draft.prepared(), 0.0)
-        draft.hear(happened(PROGRAM_STARTED, "go"))
-        draft.hear(runtime_error(2))
+        draft.set_diagnoses(draft.revision, (warning,))
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(key_message(PROGRAM_STARTED, "go"))
+        draft.handle_message(runtime_error(2))
         assert [(problem.line, problem.found_by) for problem in draft.problems] == [(2, "run"), (1, "check")]
 
 
@@ -146,32 +146,32 @@ class TestVariables:
     @pytest.fixture
     def variables(self) -> Variables:
         variables = Variables()
-        variables.hear(GlobalVariableNames(names=("a", "b", "c")))
-        told(variables, 1, 2.5)
+        variables.handle_message(GlobalVariableNames(names=("a", "b", "c")))
+        report_values(variables, 1, 2.5)
         return variables
 
     def test_only_what_changed_travels(self, variables: Variables):
         view = VariablesView(variables)
-        assert view.take(True) == [["a", "b", "c"], {0: ("int", "1"), 1: ("float", "2.5")}]
-        told(variables, 1, 2.5)
-        assert view.take(False) is None
-        told(variables, 1, 3.5, None)
-        assert view.take(False) == [None, {1: ("float", "3.5"), 2: ("", "-")}]
-        told(variables, "late", start=2)
-        assert view.take(False) == [None, {2: ("string", '"late"')}]
+        assert view.next_update(True) == [["a", "b", "c"], {0: ("int", "1"), 1: ("float", "2.5")}]
+        report_values(variables, 1, 2.5)
+        assert view.next_update(False) is None
+        report_values(variables, 1, 3.5, None)
+        assert view.next_update(False) == [None, {1: ("float", "3.5"), 2: ("", "-")}]
+        report_values(variables, "late", start=2)
+        assert view.next_update(False) == [None, {2: ("string", '"late"')}]
 
     def test_a_new_browser_and_a_new_program_begin_anew(self, variables: Variables):
         view = VariablesView(variables)
-        view.take(True)
-        again = view.take(True)
+        view.next_update(True)
+        again = view.next_update(True)
         assert again is not None
         assert again[0] == ["a", "b", "c"]
-        variables.hear(GlobalVariableNames(names=("x",)))
-        assert view.take(False) == [["x"], {}]
-        told(variables)  # as of a program without variables
-        assert view.take(False) == [[], {}]
-        told(variables)
-        assert view.take(False) is None
+        variables.handle_message(GlobalVariableNames(names=("x",)))
+        assert view.next_update(False) == [["x"], {}]
+        report_values(variables)  # as of a program without variables
+        assert view.next_update(False) == [[], {}]
+        report_values(variables)
+        assert view.next_update(False) is None
 
     @pytest.mark.parametrize(
         ("value", "kind", "text"),
@@ -187,7 +187,7 @@ class TestVariables:
         ],
     )  # fmt: skip
     def test_values_are_shown_as_scripts_have_them(self, value: Value, kind: str, text: str):
-        assert (kind_of(value), shown(value)) == (kind, text)
+        assert (type_name(value), format_value(value)) == (kind, text)
 
     def test_a_long_value_is_cut(self):
-        assert len(shown("x" * 5000)) == 400
+        assert len(format_value("x" * 5000)) == 400

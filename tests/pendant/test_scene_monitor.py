@@ -38,15 +38,15 @@ def world(objects: Mapping[str, Any], tool: Mapping[str, Any] = POINT) -> dict[s
     return {"objects": objects, "tool": tool, "push": None, "payload": None}
 
 
-def made(of: Mapping[str, Any] | None = None, file: Path | None = None) -> MonitoredScene:
-    monitored = build_scene(SceneSources(ARM, KINEMATICS, TCP, of), file)
+def build(world_data: Mapping[str, Any] | None = None, file: Path | None = None) -> MonitoredScene:
+    monitored = build_scene(SceneSources(ARM, KINEMATICS, TCP, world_data), file)
     assert monitored is not None
     return monitored
 
 
 def test_an_emulator_world_is_a_scene_and_a_picture() -> None:
     plane = {"plane": {}, "pose": [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]}
-    monitored = made(world({"box": BOX, "floor": plane}))
+    monitored = build(world({"box": BOX, "floor": plane}))
     assert monitored.scene.objects["box"].shape == Box((0.1, 0.2, 0.3))
     assert [obj["name"] for obj in monitored.objects] == ["box", "floor"]
     assert monitored.objects[0]["box"] == [0.1, 0.2, 0.3]
@@ -56,7 +56,7 @@ def test_an_emulator_world_is_a_scene_and_a_picture() -> None:
 
 def test_a_tool_is_where_world_files_have_it_at_the_tcp() -> None:
     tool = {"sphere": 0.03, "pose": [0.0, 0.0, 0.02, 0.0, 0.0, 0.0]}
-    attached = made(world({}, tool)).scene.objects["tool"]
+    attached = build(world({}, tool)).scene.objects["tool"]
     assert attached.attached
     assert attached.shape == Sphere(0.03)
     assert attached.pose == pytest.approx((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
@@ -66,7 +66,7 @@ def test_a_file_is_taken_and_a_mesh_is_seen_as_what_is_kept_clear_of(tmp_path: P
     (tmp_path / "tip.obj").write_text(TETRAHEDRON)
     file = tmp_path / "cell.yaml"
     file.write_text("objects:\n  tip: {mesh: tip.obj, pose: [0.5, 0, 0]}\n  rod: {cylinder: [0.03, 0.5]}\n")
-    drawn = {obj["name"]: obj for obj in made(world({"box": BOX}), file).objects}
+    drawn = {obj["name"]: obj for obj in build(world({"box": BOX}), file).objects}
     assert set(drawn) == {"tip", "rod"}
     assert drawn["rod"]["cylinder"] == [0.03, 0.5]
     assert sorted(drawn["tip"]["mesh"]["points"]) == [[0, 0, 0], [0, 0, 1], [0, 1, 0], [1, 0, 0]]
@@ -75,8 +75,8 @@ def test_a_file_is_taken_and_a_mesh_is_seen_as_what_is_kept_clear_of(tmp_path: P
 
 def test_who_is_in_the_way_is_named_and_numbered() -> None:
     q = (0.0, -1.4, 1.5, -1.7, -1.5, 0.0)
-    flange = made().scene.kinematics.forward(q)
-    monitored = made(world({"ball": {"sphere": 0.03, "pose": list(flange)}}))
+    flange = build().scene.kinematics.forward(q)
+    monitored = build(world({"ball": {"sphere": 0.03, "pose": list(flange)}}))
     pairs = monitored.checker.collisions(q)
     assert {pair.other for pair in pairs} == {"ball"}
     assert 6 in links_in(pairs)
@@ -86,38 +86,38 @@ def test_who_is_in_the_way_is_named_and_numbered() -> None:
 def test_what_cannot_be_a_scene_says_why() -> None:
     assert build_scene(SceneSources(ARM, KINEMATICS), None) is None
     with pytest.raises(SceneError, match="wheel has an unknown shape"):
-        made(world({"wheel": {"torus": 0.1, "pose": [0.0] * 6}}))
+        build(world({"wheel": {"torus": 0.1, "pose": [0.0] * 6}}))
     with pytest.raises(PlanningError, match="not a known model"):
         build_scene(SceneSources(replace(ARM, robot_type=99), KINEMATICS, TCP), None)
 
 
 def test_a_scene_is_rebuilt_when_the_world_changes() -> None:
-    async def work() -> None:
-        news = asyncio.Event()
-        monitor = SceneMonitor(None, news.set)
+    async def run() -> None:
+        changed = asyncio.Event()
+        monitor = SceneMonitor(None, changed.set)
 
-        async def next_one(of: Mapping[str, Any]) -> MonitoredScene | None:
-            news.clear()
-            known = SceneSources(ARM, KINEMATICS, TCP, of)
-            monitor.update(known)
+        async def next_scene(world_data: Mapping[str, Any]) -> MonitoredScene | None:
+            changed.clear()
+            sources = SceneSources(ARM, KINEMATICS, TCP, world_data)
+            monitor.update(sources)
             async with timeout(20.0):
-                await news.wait()
-            return monitor.update(known)
+                await changed.wait()
+            return monitor.update(sources)
 
-        first = await next_one(world({"box": BOX}))
+        first = await next_scene(world({"box": BOX}))
         assert first is not None
         assert monitor.update(SceneSources(ARM, KINEMATICS, TCP, world({"box": BOX}))) is first
-        second = await next_one(world({}))
+        second = await next_scene(world({}))
         assert second is not None
         assert second is not first
         assert not second.objects
-        assert await next_one(world({"box": {"box": [0.0, 0.1, 0.1]}})) is None
+        assert await next_scene(world({"box": {"box": [0.0, 0.1, 0.1]}})) is None
         assert "sizes must be above 0" in monitor.problem
-        assert await next_one(world({})) is not None
+        assert await next_scene(world({})) is not None
         assert not monitor.problem
         await monitor.close()
 
-    asyncio.run(work())
+    asyncio.run(run())
 
 
 def test_a_missing_extra_is_named_with_its_installation(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,9 @@ from client.errors import FileError
 from client.pendant.events import EventLog
 from client.pendant.mounting import apply_gravity, apply_payload, apply_tcp, tilt_of
 from client.pendant.outputs import analog_range, set_analog, set_digital
-from client.pendant.page import NotTakenError
+from client.pendant.page import NotAcceptedError
 from client.pendant.saved import Tools
-from client.pendant.screens.io_registers import Bank, word_of
+from client.pendant.screens.io_registers import Bank, to_word
 from urproto.errors import RobotRefused
 from urproto.modes import AnalogDomain
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
@@ -28,9 +28,9 @@ E_5_26 = PolyscopeVersion(5, 26)
 class Robot:
     """Notes what it is told; ``busy``: another client holds its RTDE inputs. It takes over what scripts set."""
 
-    def __init__(self, busy: bool = False, obeys: bool = True, version: PolyscopeVersion = E_5_26):
-        self.busy, self.obeys, self.version = busy, obeys, version
-        self.said = list[str]()
+    def __init__(self, busy: bool = False, accepts: bool = True, version: PolyscopeVersion = E_5_26):
+        self.busy, self.accepts, self.version = busy, accepts, version
+        self.statements = list[str]()
         self.written = list[dict[str, Any]]()
         self.values: dict[str, Any] = {"payload": 0.0, "payload_cog": (0.0,) * 3, "tcp_offset": (0.0,) * 6}
         self.unavailable: frozenset[str] = frozenset()
@@ -43,9 +43,9 @@ class Robot:
             raise RobotRefused("RTDE recipe", "IN_USE")
         self.written.append(inputs)
 
-    async def say(self, *statements: str) -> None:
-        self.said += statements
-        if not self.obeys:
+    async def run_statements(self, *statements: str) -> None:
+        self.statements += statements
+        if not self.accepts:
             self.log.note("no such function", "error")
         elif "set_tcp" in statements[0]:
             self.values["tcp_offset"] = tuple(eval(statements[0][len("set_tcp(p") : -1]))
@@ -72,7 +72,7 @@ async def test_an_output_is_switched_over_rtde_with_a_mask() -> None:
         "standard_analog_output_type": 2,
         "standard_analog_output_1": 0.25,
     }
-    assert not robot.said
+    assert not robot.statements
     for package in robot.written:
         assert set(package) <= set(INPUT_FIELDS)
 
@@ -81,7 +81,7 @@ async def test_a_program_switches_it_where_another_client_holds_the_inputs() -> 
     robot = Robot(busy=True)
     await set_digital(robot, CONFIGURABLE, 3, True)
     await set_analog(robot, 0, AnalogDomain.CURRENT, 0.5)
-    assert robot.said == [
+    assert robot.statements == [
         "set_configurable_digital_out(3, True)",
         "set_analog_outputdomain(0, 0)",
         "set_standard_analog_out(0, 0.5)",
@@ -101,44 +101,44 @@ def test_ranges_of_analog_signals() -> None:
 @pytest.mark.parametrize("half", ["fieldbus", "clients"])
 def test_banks_of_registers_are_what_rtde_has(kind: str, half: str) -> None:
     bank = Bank(kind, half)
-    for way in ("input", "output"):
-        assert set(bank.fields(way)) <= set(OUTPUT_FIELDS)
-        shown = bank.levels(way, {}) if kind == "bit" else bank.texts(way, {})
+    for direction in ("input", "output"):
+        assert set(bank.fields(direction)) <= set(OUTPUT_FIELDS)
+        shown = bank.levels(direction, {}) if kind == "bit" else bank.texts(direction, {})
         assert len(shown) == bank.count
         assert set(shown) == {"-"}
     for index in (0, bank.count - 1):
-        assert set(bank.input_of(index, 1, {})) <= set(INPUT_FIELDS)
+        assert set(bank.input_values(index, 1, {})) <= set(INPUT_FIELDS)
 
 
 def test_a_boolean_of_the_lower_half_is_one_bit_of_a_word() -> None:
     bank = Bank("bit", "fieldbus")
     values = {"input_bit_registers0_to_31": 0b101, "input_bit_registers32_to_63": 1 << 31}
     assert bank.levels("input", values) == "101" + "0" * 60 + "1"
-    assert bank.input_of(1, True, values) == {"input_bit_registers0_to_31": 0b111}
-    assert bank.input_of(63, False, values) == {"input_bit_registers32_to_63": 0}
+    assert bank.input_values(1, True, values) == {"input_bit_registers0_to_31": 0b111}
+    assert bank.input_values(63, False, values) == {"input_bit_registers32_to_63": 0}
 
 
 def test_what_does_not_fit_a_register_is_refused() -> None:
     for value in (1.5, 2.0**31, -(2.0**31) - 1):
         with pytest.raises(ValueError, match="32 bits"):
-            Bank("int").input_of(0, value, {})
-    assert Bank("int").input_of(2, -5.0, {}) == {"input_int_register_26": -5}
-    assert [word_of(value) for value in (0, 65535, -1, -32768)] == [0, 65535, 65535, 32768]
+            Bank("int").input_values(0, value, {})
+    assert Bank("int").input_values(2, -5.0, {}) == {"input_int_register_26": -5}
+    assert [to_word(value) for value in (0, 65535, -1, -32768)] == [0, 65535, 65535, 32768]
     for value in (0.5, 65536, -32769):
         with pytest.raises(ValueError, match="whole numbers"):
-            word_of(value)
+            to_word(value)
 
 
 async def test_a_tcp_counts_when_the_robot_has_it() -> None:
     robot: Any = Robot()
     await apply_tcp(robot, (0.0, 0.0, 0.1525, 0.0, 0.0, 1.5))
-    assert robot.said == ["set_tcp(p[0.0, 0.0, 0.1525, 0.0, 0.0, 1.5])"]
+    assert robot.statements == ["set_tcp(p[0.0, 0.0, 0.1525, 0.0, 0.0, 1.5])"]
 
 
 async def test_a_robot_that_does_not_take_it_is_told_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("client.pendant.page._SOON_S", 0.01)
-    robot: Any = Robot(obeys=False)
-    with pytest.raises(NotTakenError, match="did not accept this TCP: it says: no such function"):
+    monkeypatch.setattr("client.pendant.page._ACCEPT_TIMEOUT_S", 0.01)
+    robot: Any = Robot(accepts=False)
+    with pytest.raises(NotAcceptedError, match="did not accept this TCP: it says: no such function"):
         await apply_tcp(robot, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
 
 
@@ -150,7 +150,7 @@ async def test_payload_in_the_words_of_the_version(version: tuple[int, int], fun
     assert await apply_payload(robot, 1.5, (0.0, 0.01, 0.04))
     robot.unavailable = frozenset({"payload", "payload_cog"})
     assert not await apply_payload(robot, 1.5, (0.0, 0.01, 0.04))
-    assert robot.said == [f"{function}(1.5, [0.0, 0.01, 0.04])"] * 2
+    assert robot.statements == [f"{function}(1.5, [0.0, 0.01, 0.04])"] * 2
 
 
 async def test_mounting_is_checked_where_the_version_tells_it() -> None:
@@ -158,7 +158,7 @@ async def test_mounting_is_checked_where_the_version_tells_it() -> None:
     assert await apply_gravity(robot, (0.0, 9.82, 0.0))
     robot.unavailable = frozenset({"target_gravity"})
     assert not await apply_gravity(robot, (0.0, 0.0, 9.82))
-    assert robot.said[-1] == "set_gravity([0.0, 0.0, 9.82])"
+    assert robot.statements[-1] == "set_gravity([0.0, 0.0, 9.82])"
 
 
 def test_gravity_of_usual_mountings() -> None:
@@ -189,7 +189,7 @@ def test_a_file_of_something_else_is_left_alone(tmp_path: Path, content: str) ->
     path = tmp_path / "tools.json"
     path.write_text(content)
     tools = Tools(path)
-    assert tools.known == {}
+    assert tools.loaded == {}
     with pytest.raises(FileError, match="does not contain TCPs"):
         tools.save("a", (0.0,) * 6)
     assert path.read_text() == content

@@ -8,7 +8,7 @@ import pytest
 
 from client.pendant.screens.simulation_arm import read_document
 from client.pendant.screens.simulation_scene import _Surroundings
-from client.pendant.screens.simulation_world import described
+from client.pendant.screens.simulation_world import object_description
 from emulator.world.file import read_thing
 
 
@@ -37,15 +37,17 @@ def test_things_are_drawn_where_they_are() -> None:
 )
 def test_the_form_makes_what_the_emulator_takes(shape, size_mm, size) -> None:
     pose = [100.0, 0.0, -50.0, 0.0, 180.0, 0.0]
-    description = described(shape, size_mm, pose, {"stiffness": 1e4, "damping": 10.0, "friction": 0.5})
+    description = object_description(shape, size_mm, pose, {"stiffness": 1e4, "damping": 10.0, "friction": 0.5})
     assert description[shape] == pytest.approx(size)
-    thing = read_thing("it", description)
-    assert thing.pose == pytest.approx((0.1, 0.0, -0.05, 0.0, pi, 0.0))
-    assert (thing.stiffness, thing.friction) == (1e4, 0.5)
+    obj = read_thing("it", description)
+    assert obj.pose == pytest.approx((0.1, 0.0, -0.05, 0.0, pi, 0.0))
+    assert (obj.stiffness, obj.friction) == (1e4, 0.5)
 
 
 def test_a_plane_has_no_size() -> None:
-    assert read_thing("it", described("plane", [], [0.0] * 6, {})).shape == read_thing("p", {"plane": {}}).shape
+    assert (
+        read_thing("it", object_description("plane", [], [0.0] * 6, {})).shape == read_thing("p", {"plane": {}}).shape
+    )
 
 
 def test_a_saved_state_is_read_and_nonsense_refused() -> None:

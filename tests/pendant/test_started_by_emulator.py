@@ -45,7 +45,7 @@ def emulator(*arguments: str) -> Iterator[tuple["subprocess.Popen[str]", str]]:
         address.release()
 
 
-def answers(url: str) -> bool:
+def responds(url: str) -> bool:
     try:
         with urllib.request.urlopen(url, timeout=5) as page:
             return page.status == 200
@@ -58,12 +58,12 @@ def test_a_pendant_comes_and_goes_with_the_emulator(number: signal.Signals) -> N
     with emulator() as (process, host):
         url = f"http://{host}:6080"
         assert url in read_until(process, "Teach pendant of")
-        assert answers(url)
+        assert responds(url)
         assert leads_behind_a_robot(host, 6080), "programs of robots have no business there"
         process.send_signal(number)
         process.wait(DEADLINE_S)
         deadline = time.monotonic() + DEADLINE_S
-        while answers(url):
+        while responds(url):
             assert time.monotonic() < deadline
             time.sleep(0.05)
         assert number == signal.SIGKILL or process.returncode == 0
@@ -71,9 +71,9 @@ def test_a_pendant_comes_and_goes_with_the_emulator(number: signal.Signals) -> N
 
 def test_a_taken_port_is_told_and_the_robot_stays(tmp_path: Path) -> None:
     with emulator("--pendant-port", "29999") as (process, host):
-        seen = read_until(process, "No teach pendant:")
-        assert f"ur-client: cannot listen on {host} port 29999: Address already in use; choose another --port" in seen
-        assert "Traceback" not in seen
+        output = read_until(process, "No teach pendant:")
+        assert f"ur-client: cannot listen on {host} port 29999: Address already in use; choose another --port" in output
+        assert "Traceback" not in output
         assert process.poll() is None
 
 
@@ -85,11 +85,11 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
             assert (first["state"], first["starts"], first["port"], first["problem"]) == ("running", 1, 6080, "")
             with BlockingRTDEClient(host, ("timestamp",)) as robot:
                 os.kill(first["pid"], signal.SIGKILL)
-                said = read_until(process, "(restarted: start 2)")
+                messages = read_until(process, "(restarted: start 2)")
                 assert robot.latest()["timestamp"] > 0.0
             again = control.pendant()
-        assert "The teach pendant was killed (SIGKILL) after" in said
-        assert answers(f"http://{host}:6080")
+        assert "The teach pendant was killed (SIGKILL) after" in messages
+        assert responds(f"http://{host}:6080")
         assert (again["state"], again["starts"]) == ("running", 2)
         assert again["pid"] != first["pid"]
         assert again["problem"].startswith("it was killed (SIGKILL)")
@@ -98,22 +98,22 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
 async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emulator.serve._BACKOFF_S", (0.0, 0.0))
     monkeypatch.setattr(Pendant, "_command", lambda _: ["sh", "-c", "kill -9 $$"])
-    said = list[str]()
+    messages = list[str]()
     given_up = asyncio.Event()
 
-    def tell(line: str) -> None:
-        said.append(line)
+    def report(line: str) -> None:
+        messages.append(line)
         if "given up" in line:
             given_up.set()
 
     config = EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")), ephemeral_ports=True)
-    async with Emulator(config) as robot, Pendant(robot, 6080, tell) as pendant:
+    async with Emulator(config) as robot, Pendant(robot, 6080, report) as pendant:
         async with timeout(DEADLINE_S):
             await given_up.wait()
         assert robot.control.pendant() == pendant.report()
-    assert [line.partition(" after ")[0] for line in said] == ["The teach pendant was killed (SIGKILL)"] * 3
-    assert "it has failed 3 times and is given up" in said[-1]
-    assert "ur-client pendant --robot-ip 127.0.0.1" in said[-1]
+    assert [line.partition(" after ")[0] for line in messages] == ["The teach pendant was killed (SIGKILL)"] * 3
+    assert "it has failed 3 times and is given up" in messages[-1]
+    assert "ur-client pendant --robot-ip 127.0.0.1" in messages[-1]
     assert pendant.report()["state"] == "given up"
     assert pendant.report()["starts"] == 3
 

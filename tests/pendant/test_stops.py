@@ -17,55 +17,55 @@ def report(code: int, at_s: float, level: ReportLevel = ReportLevel.WARNING) -> 
 
 def test_it_may_be_unlocked_five_seconds_later_by_the_robots_clock():
     stops = Stops()
-    stops.see(state(100.0, SafetyMode.NORMAL))
+    stops.update(state(100.0, SafetyMode.NORMAL))
     assert (stops.current, stops.unlock_in_s) == (None, 0.0)
-    stops.see(state(100.1))
+    stops.update(state(100.1))
     assert stops.unlock_in_s == pytest.approx(5.0)
-    stops.see(state(103.1))
+    stops.update(state(103.1))
     assert stops.unlock_in_s == pytest.approx(2.0)
-    stops.see(state(109.0))
+    stops.update(state(109.0))
     assert stops.unlock_in_s == 0.0
-    stops.see(state(109.1, SafetyMode.NORMAL))
+    stops.update(state(109.1, SafetyMode.NORMAL))
     assert stops.current is None
 
 
 @pytest.mark.parametrize("first", ["report", "state"])
 def test_the_report_that_comes_with_it_is_its_cause(first: str):
     stops = Stops()
-    stops.hear(report(100, 3.0, ReportLevel.INFO))
-    stops.hear(report(171, 40.0))
+    stops.handle_message(report(100, 3.0, ReportLevel.INFO))
+    stops.handle_message(report(171, 40.0))
     if first == "state":
-        stops.see(state(100.1))
-    stops.hear(report(153, 100.09))
-    stops.see(state(100.1))
-    stops.hear(report(204, 100.2))
+        stops.update(state(100.1))
+    stops.handle_message(report(153, 100.09))
+    stops.update(state(100.1))
+    stops.handle_message(report(204, 100.2))
     assert stops.current is not None
     assert stops.current.cause == report(153, 100.09)
 
 
 def test_old_reports_and_remarks_explain_no_stop():
     stops = Stops()
-    stops.hear(report(153, 90.0))
-    stops.hear(report(100, 100.1, ReportLevel.INFO))
-    stops.see(state(100.1))
+    stops.handle_message(report(153, 90.0))
+    stops.handle_message(report(100, 100.1, ReportLevel.INFO))
+    stops.update(state(100.1))
     assert stops.current is not None
     assert stops.current.cause is None
 
 
 def test_a_stop_that_was_put_away_is_not_shown_but_the_next_one_is():
     stops = Stops()
-    stops.see(state(1.0))
+    stops.update(state(1.0))
     stops.hide()
-    stops.see(state(2.0))
+    stops.update(state(2.0))
     assert stops.shown is None
     assert stops.unlock_in_s == pytest.approx(4.0)
-    stops.see(state(3.0, SafetyMode.NORMAL))
-    stops.see(state(4.0))
+    stops.update(state(3.0, SafetyMode.NORMAL))
+    stops.update(state(4.0))
     assert stops.shown is not None
 
 
 def test_a_controller_that_began_anew_has_another_stop():
     stops = Stops()
-    stops.see(state(1000.0))
-    stops.see(state(2.0))
+    stops.update(state(1000.0))
+    stops.update(state(2.0))
     assert stops.unlock_in_s == pytest.approx(5.0)

@@ -44,6 +44,6 @@ SCREENS: Final = (
     Screen("graph", "Graph", "show_chart", graph.build),
     Screen("controllers", "Controllers", "linear_scale", controllers.build),
     Screen("installation", "Installation", "tune", installation.build),
-    Screen("cameras", "Cameras", "videocam", cameras.build, lambda station: bool(station.cameras.found)),
-    Screen("simulation", "Simulation", "science", simulation.build, lambda station: station.emulator.expected),
+    Screen("cameras", "Cameras", "videocam", cameras.build, lambda station: bool(station.cameras.available)),
+    Screen("simulation", "Simulation", "science", simulation.build, lambda station: station.emulator.is_present),
 )

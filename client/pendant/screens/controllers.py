@@ -8,13 +8,13 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.controllers.controller import in_short
-from client.pendant.manager_link import Controllers, ControlPanel, choices
+from client.pendant.manager_link import Controllers, ControlPanel, trajectory_controllers
 from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 
-_WIDEST: Final = 2.0 * pi  # of a slider for a joint that has no limit [rad]
-_DEEDS: Final = {  # state -> what may become of a controller: title, icon, request
+_MAX_RANGE: Final = 2.0 * pi  # of a slider for a joint that has no limit [rad]
+_ACTIONS: Final = {  # state -> what may become of a controller: title, icon, request
     "unloaded": (("Load", "file_download", "load_controller"),),
     "unconfigured": (("Configure", "build", "configure_controller"), ("Unload", "delete", "unload_controller")),
     "inactive": (("Activate", "play_arrow", ""), ("Unload", "delete", "unload_controller")),
@@ -43,21 +43,21 @@ class _List:
             ):
                 pass
             with ui.row().classes("controllers-tools"):
-                switch = ui.button("Switch ticked", icon="swap_vert", on_click=page.doing(self._switch))
+                switch = ui.button("Switch ticked", icon="swap_vert", on_click=page.handler(self._switch))
                 switch.props("no-caps unelevated data-testid=controllers-switch")
                 switch.tooltip("Deactivate the active ones and activate the inactive ones, in one control cycle")
             page.show_if(switch, lambda station: bool(station.manager.controllers))
         page.live.effect(lambda station: station.manager.controllers, self._show)
 
     def _show(self, controllers: Controllers) -> None:
-        self._ticked &= {one["name"] for one in controllers}
+        self._ticked &= {controller["name"] for controller in controllers}
         self._rows.clear()
         with self._rows:
-            for one in controllers:
-                self._row(one)
+            for controller in controllers:
+                self._row(controller)
 
-    def _row(self, one: dict[str, Any]) -> None:
-        name, state = one["name"], one["state"]
+    def _row(self, controller: dict[str, Any]) -> None:
+        name, state = controller["name"], controller["state"]
         with ui.element("div").classes("controllers-row").props(f"role=listitem data-testid=controller-{name}"):
             if state in ("active", "inactive"):
                 tick = ui.checkbox(value=name in self._ticked, on_change=partial(self._tick, name))
@@ -66,28 +66,28 @@ class _List:
                 ui.element("span")
             with ui.element("div").classes("controllers-name"):
                 ui.label(name)
-                ui.label(one["type"]).classes("controllers-type")
-                if claims := one.get("claimed_interfaces"):
+                ui.label(controller["type"]).classes("controllers-type")
+                if claims := controller.get("claimed_interfaces"):
                     ui.label(f"claims {in_short(claims)}").classes("controllers-type").tooltip("\n".join(claims))
             ui.label(state).classes("chip").props(f"data-state={'good' if state == 'active' else 'off'}")
             with ui.element("div").classes("controllers-deeds"):
-                for title, icon, request in _DEEDS.get(state, ()):
-                    button = ui.button(title, icon=icon, color=None, on_click=self._deed(name, state, request))
+                for title, icon, request in _ACTIONS.get(state, ()):
+                    button = ui.button(title, icon=icon, color=None, on_click=self._action(name, state, request))
                     button.props(f'no-caps dense unelevated aria-label="{title} {name}"')
                     button.props(f"data-testid={title.lower()}-{name}")
 
-    def _deed(self, name: str, state: str, request: str) -> Callable[[], Any]:
+    def _action(self, name: str, state: str, request: str) -> Callable[[], Any]:
         link = self._page.station.manager
         if request:
-            return self._page.doing(lambda: link.change(request, name=name))
-        which = "deactivate" if state == "active" else "activate"
-        return self._page.doing(lambda: link.change("switch_controller", **{which: [name]}))
+            return self._page.handler(lambda: link.change(request, name=name))
+        action = "deactivate" if state == "active" else "activate"
+        return self._page.handler(lambda: link.change("switch_controller", **{action: [name]}))
 
     def _tick(self, name: str, change: Any) -> None:
         (self._ticked.add if change.value else self._ticked.discard)(name)
 
     async def _switch(self) -> None:
-        states = {one["name"]: one["state"] for one in self._page.station.manager.controllers}
+        states = {controller["name"]: controller["state"] for controller in self._page.station.manager.controllers}
         chosen = {
             state: [name for name in self._ticked if states.get(name) == state] for state in ("active", "inactive")
         }
@@ -105,13 +105,13 @@ class _Sliders:
         self._page = page
         station = page.station
         self._panel = panel = ControlPanel(station.manager, lambda: _arm(station))
-        panel.on_end.append(self._ended)
+        panel.on_end.append(self._on_end)
         page.on_close.append(panel.disable)
-        page.live.hear("sliders", self._hear)
+        page.live.on_message("sliders", self._set_targets)
         page.live.on_show.append(lambda screen: None if screen == "controllers" else panel.disable())
         with page.panel("Joint trajectory", "sliders-panel"):
             with ui.row().classes("sliders-head"):
-                self._choice = ui.select([], label="Controller", on_change=lambda change: self._choose(change.value))
+                self._choice = ui.select([], label="Controller", on_change=lambda change: self._select(change.value))
                 self._choice.props("dense outlined data-testid=sliders-controller").classes("sliders-choice")
                 self._switch = ui.switch("The arm follows").props("data-testid=sliders-enable")
                 self._switch.on("update:model-value", self._enable)
@@ -131,18 +131,18 @@ class _Sliders:
                 speed.props('dense aria-label="Speed scaling" data-testid=sliders-speed')
                 self._percent = ui.label(f"{100.0 * panel.scaling:.0f} %").classes("live")
             page.live.text(self._hint, "sliders-hint").props("role=status")
-        page.live.effect(lambda s: choices(s.manager.controllers), self._offer)
+        page.live.effect(lambda s: trajectory_controllers(s.manager.controllers), self._set_choices)
 
-    def _offer(self, names: list[str]) -> None:
+    def _set_choices(self, names: list[str]) -> None:
         chosen = self._panel.controller
         if chosen not in names:
             chosen = names[0] if names else ""
         self._choice.set_options(names, value=chosen or None)
-        self._choose(chosen)
+        self._select(chosen)
         self._switch.set_enabled(bool(names))
 
-    def _choose(self, name: str | None) -> None:
-        self._panel.choose(name or "")
+    def _select(self, name: str | None) -> None:
+        self._panel.select_controller(name or "")
 
     def _set_scaling(self, change: Any) -> None:
         self._panel.scaling = change.value / 100.0
@@ -153,43 +153,43 @@ class _Sliders:
             self._panel.disable()
             return
         enabled = False
-        if await self._page.may_move():
-            enabled = await self._page.attempt(self._begin)
+        if await self._page.confirm_move():
+            enabled = await self._page.attempt(self._start)
         self._switch.set_value(enabled)
 
-    async def _begin(self) -> None:
+    async def _start(self) -> None:
         self._panel.enable()
-        self._page.station.wake()
+        self._page.station.notify_pages()
 
-    def _ended(self, why: str) -> None:
+    def _on_end(self, reason: str) -> None:
         self._switch.set_value(False)
-        self._page.station.wake()
-        if why:
-            self._page.complain(f"The arm no longer follows the sliders: {why}")
+        self._page.station.notify_pages()
+        if reason:
+            self._page.show_error(f"The arm no longer follows the sliders: {reason}")
 
-    def _hear(self, angles: Any) -> None:
+    def _set_targets(self, angles: Any) -> None:
         """Degrees of a browser; what none says is nonsense, whose connection ends."""
         try:
-            self._panel.hear([radians(angle) for angle in angles] if isinstance(angles, list) else angles)
+            self._panel.set_targets([radians(angle) for angle in angles] if isinstance(angles, list) else angles)
         except (TypeError, OverflowError) as error:
             raise ValueError(str(error)) from None
 
     def _values(self, station: Station) -> Any:
         """Whether the arm follows; where sliders are to be, and how far they go [deg]."""
-        now = _arm(station)
-        if now is None:
+        arm = _arm(station)
+        if arm is None:
             return [False, [0.0] * len(JOINT_TITLES), None, None]
         lows, highs = (
-            [round(degrees(min(max(q, -_WIDEST), _WIDEST)), 2) for q in ends] for ends in now[1].position_limits
+            [round(degrees(min(max(q, -_MAX_RANGE), _MAX_RANGE)), 2) for q in ends] for ends in arm[1].position_limits
         )
         if self._panel.enabled:
             return [True, None, lows, highs]
-        return [False, [round(degrees(q), 2) for q in now[0]], lows, highs]
+        return [False, [round(degrees(q), 2) for q in arm[0]], lows, highs]
 
     def _hint(self, station: Station) -> str:
         if station.manager.problem:
             return ""
-        if not choices(station.manager.controllers):
+        if not trajectory_controllers(station.manager.controllers):
             return "Activate a joint trajectory controller to move the arm with the sliders."
         return "" if self._panel.enabled else "The sliders show the position of the arm."
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.pendant.page import Page
-from client.pendant.plots import MOST_PANES, RATES_HZ, WINDOWS_S, Pane, Plots
+from client.pendant.plots import MAX_PANES, RATES_HZ, WINDOWS_S, Pane, Plots
 from client.pendant.series import PRESETS, Series, catalogue
 from client.pendant.station import Station
 
@@ -20,19 +20,19 @@ _COLUMNS: Final[list[dict[str, Any]]] = [
 _CHECKBOX: Final = '<q-checkbox v-model="props.selected" :aria-label="{name}" />'
 
 
-class Picker:
+class SignalPicker:
     """A dialog over the page, in which signals are selected."""
 
     def __init__(self, page: Page, plots: Plots) -> None:
         self._page = page
         self._plots = plots
         self._pane = Pane()
-        self._known = dict[str, Series]()
+        self._catalogue = dict[str, Series]()
         with ui.dialog() as self._dialog, ui.card().classes("picker"):
             ui.label("Signals of this diagram").classes("text-subtitle1")
             with ui.row().classes("presets"):
                 for name in PRESETS:
-                    ui.button(name, on_click=lambda _, name=name: self._take(PRESETS[name])).props(
+                    ui.button(name, on_click=lambda _, name=name: self._select_preset(PRESETS[name])).props(
                         "outline no-caps dense"
                     ).props(f'data-testid="preset {name}"')
             search = ui.input(placeholder="Search, for example force, temperature, register_24").props(
@@ -50,27 +50,28 @@ class Picker:
                 ui.button("None", on_click=lambda: self._select([])).props("flat no-caps data-testid=signals-none")
                 ui.space()
                 ui.button("Cancel", on_click=self._dialog.close).props("flat no-caps")
-                ui.button("Show", on_click=self._done).props("no-caps data-testid=signals-show")
+                ui.button("Show", on_click=self._show_selected).props("no-caps data-testid=signals-show")
 
     def open(self, pane: Pane) -> None:
         """Let a person choose for a diagram."""
         self._pane = pane
-        self._known = catalogue(self._page.station.version)
+        self._catalogue = catalogue(self._page.station.version)
         self._table.rows = [
-            {"key": key, "label": one.label, "unit": one.shown_unit, "doc": one.doc} for key, one in self._known.items()
+            {"key": key, "label": signal.label, "unit": signal.shown_unit, "doc": signal.doc}
+            for key, signal in self._catalogue.items()
         ]
-        self._select([one.key for one in pane.series])
+        self._select([signal.key for signal in pane.series])
         self._dialog.open()
 
     def _select(self, keys: list[str]) -> None:
         self._table.selected = [row for row in self._table.rows if row["key"] in keys]
 
-    async def _take(self, keys: tuple[str, ...]) -> None:
-        await self._show([self._known[key] for key in keys if key in self._known])
+    async def _select_preset(self, keys: tuple[str, ...]) -> None:
+        await self._show([self._catalogue[key] for key in keys if key in self._catalogue])
 
-    async def _done(self) -> None:
-        wanted = {row["key"] for row in self._table.selected}
-        await self._show([one for key, one in self._known.items() if key in wanted])
+    async def _show_selected(self) -> None:
+        selected_keys = {row["key"] for row in self._table.selected}
+        await self._show([signal for key, signal in self._catalogue.items() if key in selected_keys])
 
     async def _show(self, chosen: list[Series]) -> None:
         async def choose() -> None:
@@ -83,40 +84,40 @@ class Picker:
 def build(page: Page) -> None:
     """Put it on the page."""
     screen = _Graph(page)
-    page.live.on_show.append(screen.shown)
-    page.on_close.append(lambda: screen.plots.leave(for_good=True))
+    page.live.on_show.append(screen.on_screen_change)
+    page.on_close.append(lambda: screen.plots.hide(closing=True))
 
 
 class _Graph:
     def __init__(self, page: Page) -> None:
         self.page = page
         self.plots = Plots(page.station.feeds)
-        self.picker = Picker(page, self.plots)
-        self._config: tuple[int, Any] = (-1, None)
+        self.picker = SignalPicker(page, self.plots)
+        self._cached_configuration: tuple[int, Any] = (-1, None)
         self._elements: list[tuple[Pane, int, int]] = []  # ids of legend and canvas
         with ui.column().classes("graph") as root:
             with ui.row().classes("graph-bar"):
-                self._bar()
+                self._build_toolbar()
             self._panes = ui.column().classes("panes")
         self._build_panes()
         self._root = root
         page.live.bind(root, "plot", self._configuration)
-        page.live.stream(root, "samples", self.plots.take)
+        page.live.stream(root, "samples", self.plots.next_update)
 
-    def shown(self, screen: str) -> None:
+    def on_screen_change(self, screen: str) -> None:
         """The screen came into view, or went."""
         if screen == "graph":
-            self.plots.look()
+            self.plots.show()
         else:
-            self.plots.leave()
+            self.plots.hide()
 
     # controls
 
-    def _bar(self) -> None:
+    def _build_toolbar(self) -> None:
         plots = self.plots
         for name, unit, choices in (("window_s", "s", WINDOWS_S), ("rate_hz", "Hz", RATES_HZ)):
-            texts = {value: f"{value} {unit}" if value == choices[-1] else str(value) for value in choices}
-            self._toggle(name, texts)
+            labels = {value: f"{value} {unit}" if value == choices[-1] else str(value) for value in choices}
+            self._toggle(name, labels)
         self._toggle("si", {False: "°, mm", True: "SI"})
         self._pause = ui.button("Pause", icon="pause", on_click=self._toggle_pause).props(
             "unelevated no-caps data-testid=graph-pause"
@@ -124,14 +125,14 @@ class _Graph:
         ui.button("Clear", icon="delete_sweep", on_click=plots.clear).props("flat no-caps data-testid=graph-clear")
         self._add = ui.button("Diagram", icon="add", on_click=self._add_pane).props("flat no-caps data-testid=add-pane")
         ui.space()
-        self.page.live.text(self._collected, "soft").props("data-testid=collected")
+        self.page.live.text(self._collected_text, "soft").props("data-testid=collected")
         ui.button("CSV", icon="download", on_click=self._save_csv).props("flat no-caps data-testid=csv")
         ui.button("PNG", icon="image").props("flat no-caps data-testid=png").on(
             "click", js_handler="() => pendant.savePlots()"
         )
 
-    def _toggle(self, name: str, texts: dict[Any, str]) -> None:
-        toggle = ui.toggle(texts, value=getattr(self.plots, name)).classes("graph-choice")
+    def _toggle(self, name: str, labels: dict[Any, str]) -> None:
+        toggle = ui.toggle(labels, value=getattr(self.plots, name)).classes("graph-choice")
         toggle.props(f"dense no-caps unelevated data-testid={name}")
         toggle.on_value_change(lambda change: self._set(name, change.value))
 
@@ -144,7 +145,7 @@ class _Graph:
         self._pause.set_text("Resume" if self.plots.paused else "Pause")
         self._pause.props(f"icon={'play_arrow' if self.plots.paused else 'pause'}")
 
-    def _collected(self, station: Station) -> str:
+    def _collected_text(self, station: Station) -> str:
         feed = self.plots.feed
         if feed is None:
             return ""
@@ -179,7 +180,7 @@ class _Graph:
         with self._panes:
             for number, pane in enumerate(self.plots.panes):
                 self._build_pane(number, pane)
-        self._add.set_enabled(len(self.plots.panes) < MOST_PANES)
+        self._add.set_enabled(len(self.plots.panes) < MAX_PANES)
         self.plots.changed()
 
     def _build_pane(self, number: int, pane: Pane) -> None:
@@ -189,7 +190,7 @@ class _Graph:
                 ui.button(icon="tune", on_click=lambda: self.picker.open(pane)).props(
                     f'flat dense round data-testid=choose-{number} aria-label="Choose signals of diagram {number + 1}"'
                 ).tooltip("Choose signals")
-                self._lock(pane, number)
+                self._range_button(pane, number)
                 if len(self.plots.panes) > 1:
                     ui.button(icon="close", on_click=lambda: self._remove(pane)).props(
                         f'flat dense round data-testid=remove-{number} aria-label="Remove diagram {number + 1}"'
@@ -197,7 +198,7 @@ class _Graph:
             canvas = ui.element("canvas").classes("plot")
         self._elements.append((pane, legend.id, canvas.id))
 
-    def _lock(self, pane: Pane, number: int) -> None:
+    def _range_button(self, pane: Pane, number: int) -> None:
         def toggle() -> None:
             pane.auto = not pane.auto
             button.props(f"icon={'height' if pane.auto else 'lock'}")
@@ -209,9 +210,9 @@ class _Graph:
 
     def _configuration(self, station: Station) -> Any:
         plots = self.plots
-        if self._config[0] != plots.version:
-            self._config = (plots.version, self._describe())
-        return self._config[1]
+        if self._cached_configuration[0] != plots.version:
+            self._cached_configuration = (plots.version, self._describe())
+        return self._cached_configuration[1]
 
     def _describe(self) -> dict[str, Any]:
         plots = self.plots
@@ -222,13 +223,13 @@ class _Graph:
                 "auto": pane.auto,
                 "series": [
                     {
-                        "key": one.key,
-                        "label": one.label,
-                        "unit": one.unit if plots.si else one.shown_unit,
-                        "factor": 1.0 if plots.si else one.factor,
-                        "steps": one.steps,
+                        "key": signal.key,
+                        "label": signal.label,
+                        "unit": signal.unit if plots.si else signal.shown_unit,
+                        "factor": 1.0 if plots.si else signal.factor,
+                        "steps": signal.steps,
                     }
-                    for one in pane.series
+                    for signal in pane.series
                 ],
             }
             for pane, legend, canvas in self._elements

@@ -31,74 +31,74 @@ def safety_panel(page: Page) -> None:
         with ui.element("div").classes("init-safety-row"):
             with ui.element("div").classes("init-safety-text"):
                 live.text(lambda station: station.situation.safety, "init-safety-mode").props("data-testid=safety-mode")
-                live.text(cause, "init-cause").props("data-testid=safety-cause")
+                live.text(stop_cause, "init-cause").props("data-testid=safety-cause")
                 live.text(lambda station: station.situation.advice, "init-hint").props("data-testid=safety-advice")
             _emergency_button(page)
-        _way_out_button(page)
+        _recovery_button(page)
         with ui.element("div").classes("init-facts"):
-            _safety_fact(page, "Emergency stop", _emergency, "estop-state")
-            _safety_fact(page, "Safeguard", safeguard, "safeguard-state")
-            _safety_fact(page, "Limits", _limits, "limits-state")
-            _control(page)
+            _safety_fact(page, "Emergency stop", _emergency_text, "estop-state")
+            _safety_fact(page, "Safeguard", safeguard_text, "safeguard-state")
+            _safety_fact(page, "Limits", _limits_text, "limits-state")
+            _control_fact(page)
 
 
-def cause(station: Station) -> str:
+def stop_cause(station: Station) -> str:
     """The report that explains the stop, "" when nothing stops the arm or nobody said why."""
     mode = station.safety_mode
     if mode is SafetyMode.PROTECTIVE_STOP:
         stop = station.stops.current
         report = None if stop is None else stop.cause
     else:
-        report = _last_grave(station) if station.situation.way_out is Action.RESTART_SAFETY else None
+        report = _last_serious_error(station) if station.situation.recovery_action is Action.RESTART_SAFETY else None
     if report is None:
         return ""
     return f"{report.label}: {report.text.strip() or error_text(report.code, report.argument)}"
 
 
-def _last_grave(station: Station) -> ErrorCodeMessage | None:
-    graves = (error for error in reversed(station.core.errors) if error.level % 128 >= ReportLevel.VIOLATION)
-    return next(graves, None)
+def _last_serious_error(station: Station) -> ErrorCodeMessage | None:
+    serious = (error for error in reversed(station.core.errors) if error.level % 128 >= ReportLevel.VIOLATION)
+    return next(serious, None)
 
 
 # the way out
 
 
-_WAYS_OUT: Final = {
+_RECOVERY_TEXTS: Final = {
     Action.UNLOCK: "Unlock protective stop",
     Action.RESET_SAFEGUARD: "Reset safeguard",
     Action.RESTART_SAFETY: "Restart safety",
 }
 
 
-def reset_text(station: Station) -> str:
+def recovery_text(station: Station) -> str:
     """What the button that leads on says."""
-    way_out, wait_s = station.situation.way_out, ceil(station.stops.unlock_in_s)
-    if way_out is Action.UNLOCK and wait_s:
+    recovery_action, wait_s = station.situation.recovery_action, ceil(station.stops.unlock_in_s)
+    if recovery_action is Action.UNLOCK and wait_s:
         return f"Unlock in {wait_s} s"
-    return "" if way_out is None else _WAYS_OUT[way_out]
+    return "" if recovery_action is None else _RECOVERY_TEXTS[recovery_action]
 
 
-def _way_out_button(page: Page) -> None:
-    button = ui.button(on_click=page.doing(lambda: _lead_out(page.station)))
+def _recovery_button(page: Page) -> None:
+    button = ui.button(on_click=page.handler(lambda: _recover(page.station)))
     button.props("unelevated icon=lock_reset data-testid=unlock").classes("init-way-out")
     with button:
-        page.live.text(reset_text)
-    page.live.bind(button, "title", _why_not_yet)
-    page.show_if(button, lambda station: station.situation.way_out is not None)
-    page.live.effect(lambda station: not _why_not_yet(station), button.set_enabled)
+        page.live.text(recovery_text)
+    page.live.bind(button, "title", _recovery_refusal)
+    page.show_if(button, lambda station: station.situation.recovery_action is not None)
+    page.live.effect(lambda station: not _recovery_refusal(station), button.set_enabled)
 
 
-def _why_not_yet(station: Station) -> str:
-    now = station.situation
-    return "" if now.way_out is None else now.why_not(now.way_out)
+def _recovery_refusal(station: Station) -> str:
+    situation = station.situation
+    return "" if situation.recovery_action is None else situation.refusal(situation.recovery_action)
 
 
-async def _lead_out(station: Station) -> None:
-    match station.situation.way_out:
+async def _recover(station: Station) -> None:
+    match station.situation.recovery_action:
         case Action.UNLOCK:
-            await station.ask(dashboard.UNLOCK_PROTECTIVE_STOP)
+            await station.request(dashboard.UNLOCK_PROTECTIVE_STOP)
         case Action.RESTART_SAFETY:
-            await station.ask(dashboard.RESTART_SAFETY)
+            await station.request(dashboard.RESTART_SAFETY)
         case Action.RESET_SAFEGUARD:
             await station.emulator.change("reset_safeguard")
 
@@ -111,41 +111,41 @@ def _emergency_button(page: Page) -> None:
     with ui.element("button").classes("estop").props("type=button data-testid=estop") as button:
         ui.label("Emergency").classes("estop-text")
         ui.label("stop").classes("estop-text")
-    button.on("click", page.doing(lambda: _press(page.station)))
-    page.live.bind(button, "state", lambda station: "pressed" if _pressed(station) else "released")
+    button.on("click", page.handler(lambda: _toggle_emergency_stop(page.station)))
+    page.live.bind(button, "state", lambda station: "pressed" if _is_emergency_pressed(station) else "released")
     page.show_if(button, lambda station: station.emulator.available)
 
 
-def _pressed(station: Station) -> bool:
+def _is_emergency_pressed(station: Station) -> bool:
     return bool(_bits(station) & SafetyStatusBits.ROBOT_EMERGENCY_STOPPED)
 
 
-async def _press(station: Station) -> None:
-    verb = "release_emergency_stop" if _pressed(station) else "press_emergency_stop"
+async def _toggle_emergency_stop(station: Station) -> None:
+    verb = "release_emergency_stop" if _is_emergency_pressed(station) else "press_emergency_stop"
     await station.emulator.change(verb, button="robot")
 
 
-def _safety_fact(page: Page, name: str, read: Callable[[Station], str], mark: str) -> None:
+def _safety_fact(page: Page, name: str, read: Callable[[Station], str], test_id: str) -> None:
     with ui.element("div").classes("init-fact"):
         ui.label(name).classes("init-th")
-        page.live.text(read).props(f"data-testid={mark}")
+        page.live.text(read).props(f"data-testid={test_id}")
 
 
 def _bits(station: Station) -> SafetyStatusBits:
     return SafetyStatusBits(int(station.values.get("safety_status_bits", 0)))
 
 
-def _emergency(station: Station) -> str:
+def _emergency_text(station: Station) -> str:
     if not station.connected:
-        return _NOT_TOLD
+        return _UNKNOWN
     bits = _bits(station)
     return next((text for bit, text in _EMERGENCY_BITS if bits & bit), "Released")
 
 
-def safeguard(station: Station) -> str:
+def safeguard_text(station: Station) -> str:
     """As it is where an emulator tells; a robot tells only whether its stop is in force."""
     if not station.connected:
-        return _NOT_TOLD
+        return _UNKNOWN
     stopped = bool(_bits(station) & SafetyStatusBits.SAFEGUARD_STOPPED)
     if station.safeguard_open is None:
         return "Open or not reset" if stopped else "Closed"
@@ -155,36 +155,36 @@ def safeguard(station: Station) -> str:
     return "Closed, not reset" if reset else "Closed"
 
 
-def _limits(station: Station) -> str:
+def _limits_text(station: Station) -> str:
     if not station.connected:
-        return _NOT_TOLD
+        return _UNKNOWN
     bits = _bits(station)
     if bits & SafetyStatusBits.RECOVERY:
         return "Recovery"
     return "Reduced" if bits & SafetyStatusBits.REDUCED else "Normal"
 
 
-def _control(page: Page) -> None:
+def _control_fact(page: Page) -> None:
     """Who may command: e-Series robots are switched between their own pendant and everybody else."""
     station = page.station
     with ui.element("div").classes("init-fact") as fact:
         ui.label("Control").classes("init-th")
-        page.live.text(_controlled, "").props("data-testid=control-state")
+        page.live.text(_control_text, "").props("data-testid=control-state")
     page.show_if(fact, lambda s: s.connected and s.remote_control.value is not None)
     with fact:
-        button = ui.button(icon="swap_horiz", on_click=page.doing(lambda: _swap(station)))
+        button = ui.button(icon="swap_horiz", on_click=page.handler(lambda: _toggle_remote_control(station)))
         button.props(
             "flat round dense size=sm data-testid=remote-control aria-label='Remote or local control'"
         ).tooltip("Remote or local control")
     page.show_if(button, lambda s: s.emulator.available)
 
 
-def _controlled(station: Station) -> str:
+def _control_text(station: Station) -> str:
     remote = station.remote_control.value
     return "" if remote is None else "Remote" if remote else "Local"
 
 
-async def _swap(station: Station) -> None:
+async def _toggle_remote_control(station: Station) -> None:
     await station.emulator.change("set_remote_control", on=not station.remote_control.value)
     station.remote_control.refresh()
 
@@ -198,40 +198,42 @@ def payload_panel(page: Page) -> None:
     """Mass and centre of gravity: fields that follow the robot when it has others, and a button that sets them."""
     with page.panel("Active payload", "init-payload"):
         with ui.element("div").classes("init-payload-fields"):
-            mass = _field("Mass", "kg", "payload-mass", "%.3f", least=0.0, step=0.1)
-            cog = [_field(axis, "mm", f"payload-{axis.lower()}", "%.1f") for axis in _AXES]
-            ui.button("Set", on_click=page.doing(lambda: _set(page.station, [mass, *cog]), "The payload is set")).props(
-                "unelevated data-testid=payload-set"
-            )
-        page.live.text(_most, "init-hint")
+            mass = _number_field("Mass", "kg", "payload-mass", "%.3f", minimum=0.0, step=0.1)
+            cog = [_number_field(axis, "mm", f"payload-{axis.lower()}", "%.1f") for axis in _AXES]
+            ui.button(
+                "Set", on_click=page.handler(lambda: _apply_payload(page.station, [mass, *cog]), "The payload is set")
+            ).props("unelevated data-testid=payload-set")
+        page.live.text(_rated_payload, "init-hint")
 
     def show(payload: Payload | None) -> None:
         for field, value in zip((mass, *cog), payload or (None,) * 4, strict=True):
             field.set_value(value)
 
-    page.live.effect(_active, show)
+    page.live.effect(_active_payload, show)
 
 
-def _field(name: str, unit: str, mark: str, form: str, least: float | None = None, step: float = 1.0) -> ui.number:
-    field = ui.number(name, format=form, min=least, step=step).props(
-        f"outlined dense hide-bottom-space suffix={unit} data-testid={mark}"
+def _number_field(
+    name: str, unit: str, test_id: str, format_: str, minimum: float | None = None, step: float = 1.0
+) -> ui.number:
+    field = ui.number(name, format=format_, min=minimum, step=step).props(
+        f"outlined dense hide-bottom-space suffix={unit} data-testid={test_id}"
     )
     return field.classes("number")
 
 
-def _active(station: Station) -> Payload | None:
+def _active_payload(station: Station) -> Payload | None:
     mass, cog = station.values.get("payload"), station.values.get("payload_cog")
     if mass is None or cog is None:
         return None
     return (round(mass, 3), *(round(_MM * value, 1) for value in cog))
 
 
-def _most(station: Station) -> str:
+def _rated_payload(station: Station) -> str:
     model = station.model
     return "" if model is None else f"Rated payload {model.payload_max_kg:g} kg. Centre of gravity from the flange."
 
 
-async def _set(station: Station, fields: list[ui.number]) -> None:
+async def _apply_payload(station: Station, fields: list[ui.number]) -> None:
     if any(field.value is None for field in fields):
         raise ValueError("The payload needs a mass and three coordinates of its centre of gravity.")
     mass, *cog = (float(field.value) for field in fields)
@@ -245,7 +247,7 @@ async def set_payload(station: Station, mass_kg: float, cog_m: list[float]) -> N
     if station.emulator.available and station.remote_control.value is False:
         await station.emulator.change("set_payload", mass_kg=mass_kg, cog_m=cog_m)
     else:
-        await station.say(f"set_payload({mass_kg!r}, {cog_m!r})")
+        await station.run_statements(f"set_payload({mass_kg!r}, {cog_m!r})")
 
 
 _HOT_C: Final = (60.0, 80.0)  # guess: warm, hot; joints switch off by themselves
@@ -256,9 +258,9 @@ _LAMPS: Final[dict[str, Tone]] = {
     "Violation": "stopped",
     "Fault": "stopped",
 }
-_NOT_TOLD: Final = "–"
-_MOST_C: Final = 100.0
-Text = Callable[[Station], str]
+_UNKNOWN: Final = "–"
+_MAX_C: Final = 100.0
+ReadText = Callable[[Station], str]
 
 
 def joints_panel(page: Page) -> None:
@@ -268,51 +270,56 @@ def joints_panel(page: Page) -> None:
             for title in ("", "Mode", "Position", "Speed", "Current", "Temperature"):
                 ui.label(title).classes("init-th")
             for number, name in enumerate(JOINT_TITLES):
-                _joint(page, number, name)
-            _tool(page)
+                _joint_row(page, number, name)
+            _tool_row(page)
         with ui.element("div").classes("init-box"):
-            for name, field, form in (
+            for name, field, format_ in (
                 ("Main voltage", "actual_main_voltage", "{:.1f} V"),
                 ("Robot voltage", "actual_robot_voltage", "{:.1f} V"),
                 ("Robot current", "actual_robot_current", "{:.2f} A"),
             ):
-                _fact(page, name, _scalar(field, form))
-            _fact(page, "Control box", _box_temperature)
-            _fact(page, "Controller up", _uptime)
+                _fact(page, name, _scalar_text(field, format_))
+            _fact(page, "Control box", _control_box_temperature)
+            _fact(page, "Controller up", _uptime_text)
 
 
-def _joint(page: Page, number: int, name: str) -> None:
-    _mode(page, name, f"joint-mode-{number}", lambda station: _name(JointMode, _of(station, "joint_mode", number)))
-    _cell(page, _item("actual_q", number, "{:.2f} °", degrees))
-    _cell(page, _item("actual_qd", number, "{:.1f} °/s", degrees))
-    _cell(page, _item("actual_current", number, "{:.2f} A"))
-    _temperature(page, lambda station: _of(station, "joint_temperatures", number))
+def _joint_row(page: Page, number: int, name: str) -> None:
+    _mode_cell(
+        page,
+        name,
+        f"joint-mode-{number}",
+        lambda station: _mode_name(JointMode, _element(station, "joint_mode", number)),
+    )
+    _text_cell(page, _joint_text("actual_q", number, "{:.2f} °", degrees))
+    _text_cell(page, _joint_text("actual_qd", number, "{:.1f} °/s", degrees))
+    _text_cell(page, _joint_text("actual_current", number, "{:.2f} A"))
+    _temperature_cell(page, lambda station: _element(station, "joint_temperatures", number))
 
 
-def _tool(page: Page) -> None:
-    _mode(page, "Tool", "tool-mode", lambda station: _name(ToolMode, station.values.get("tool_mode")))
-    _cell(page, _scalar("tool_output_voltage", "{:d} V"))
-    _cell(page, lambda station: "")
-    _cell(page, _scalar("tool_output_current", "{:.2f} A"))
-    _temperature(page, lambda station: station.values.get("tool_temperature"))
+def _tool_row(page: Page) -> None:
+    _mode_cell(page, "Tool", "tool-mode", lambda station: _mode_name(ToolMode, station.values.get("tool_mode")))
+    _text_cell(page, _scalar_text("tool_output_voltage", "{:d} V"))
+    _text_cell(page, lambda station: "")
+    _text_cell(page, _scalar_text("tool_output_current", "{:.2f} A"))
+    _temperature_cell(page, lambda station: station.values.get("tool_temperature"))
 
 
-def _mode(page: Page, name: str, mark: str, read: Text) -> None:
+def _mode_cell(page: Page, name: str, test_id: str, read: ReadText) -> None:
     ui.label(name).classes("init-joint")
     with ui.element("div").classes("init-cell init-joint-mode"):
         lamp = ui.element("span").classes("lamp")
         page.live.bind(lamp, "state", lambda station: _LAMPS.get(read(station), "unknown"))
-        page.live.text(read).props(f"data-testid={mark}")
+        page.live.text(read).props(f"data-testid={test_id}")
 
 
-def _cell(page: Page, read: Text) -> None:
+def _text_cell(page: Page, read: ReadText) -> None:
     page.live.text(read, "init-cell init-number")
 
 
-def _temperature(page: Page, read: Callable[[Station], Any]) -> None:
+def _temperature_cell(page: Page, read: Callable[[Station], Any]) -> None:
     def text(station: Station) -> str:
         value = read(station)
-        return _NOT_TOLD if value is None else f"{value:.1f} °C"
+        return _UNKNOWN if value is None else f"{value:.1f} °C"
 
     def state(station: Station) -> str:
         value = read(station) or 0.0
@@ -322,61 +329,61 @@ def _temperature(page: Page, read: Callable[[Station], Any]) -> None:
         page.live.text(text, "init-number")
         with ui.element("div").classes("init-bar"):
             bar = ui.element("div")
-            page.live.bind(bar, "width", lambda station: round(100 * min(1.0, (read(station) or 0.0) / _MOST_C)))
+            page.live.bind(bar, "width", lambda station: round(100 * min(1.0, (read(station) or 0.0) / _MAX_C)))
             page.live.bind(bar, "state", state)
 
 
-def _fact(page: Page, name: str, read: Text) -> None:
+def _fact(page: Page, name: str, read: ReadText) -> None:
     with ui.element("div").classes("init-fact"):
         ui.label(name).classes("init-th")
         page.live.text(read, "init-number")
 
 
-def _of(station: Station, field: str, number: int) -> Any:
+def _element(station: Station, field: str, number: int) -> Any:
     values = station.values.get(field)
     return None if values is None else values[number]
 
 
-def _item(field: str, number: int, form: str, convert: Callable[[float], float] = float) -> Text:
+def _joint_text(field: str, number: int, format_: str, convert: Callable[[float], float] = float) -> ReadText:
     def read(station: Station) -> str:
-        value = _of(station, field, number)
-        return _NOT_TOLD if value is None else _shown(form, convert(value))
+        value = _element(station, field, number)
+        return _UNKNOWN if value is None else _format_value(format_, convert(value))
 
     return read
 
 
-def _scalar(field: str, form: str) -> Text:
+def _scalar_text(field: str, format_: str) -> ReadText:
     def read(station: Station) -> str:
         value = station.values.get(field)
-        return _NOT_TOLD if value is None else _shown(form, value)
+        return _UNKNOWN if value is None else _format_value(format_, value)
 
     return read
 
 
-def _shown(form: str, value: float) -> str:
+def _format_value(format_: str, value: float) -> str:
     """Without a minus before what is shown as nothing."""
-    text = form.format(value)
+    text = format_.format(value)
     return text.removeprefix("-") if text.startswith("-0") and not text.strip("-0. °/sAVC") else text
 
 
-def _name(modes: type[JointMode] | type[ToolMode], value: Any) -> str:
+def _mode_name(modes: type[JointMode] | type[ToolMode], value: Any) -> str:
     if value is None:
-        return _NOT_TOLD
+        return _UNKNOWN
     try:
         return modes(value).name.replace("_", " ").capitalize()
     except ValueError:  # newer robots may have more
         return str(value)
 
 
-def _box_temperature(station: Station) -> str:
+def _control_box_temperature(station: Station) -> str:
     state = station.primary_state
     board = None if state is None else state.masterboard
-    return _NOT_TOLD if board is None else f"{board.board_temperature:.1f} °C"
+    return _UNKNOWN if board is None else f"{board.board_temperature:.1f} °C"
 
 
-def _uptime(station: Station) -> str:
+def _uptime_text(station: Station) -> str:
     if "timestamp" not in station.values:
-        return _NOT_TOLD
+        return _UNKNOWN
     seconds = int(station.values["timestamp"])
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
@@ -401,25 +408,25 @@ def _power_panel(page: Page) -> None:
                 live.text(lambda station: station.situation.hint, "init-hint").props("data-testid=robot-hint")
         with ui.element("div").classes("init-stages"):
             for number, name in enumerate(STAGES):
-                _stage(page, number, name)
+                _stage_box(page, number, name)
         with ui.element("div").classes("init-buttons"):
-            _button(page, "On", "power", dashboard.POWER_ON, "power-on", Action.POWER_ON)
-            _button(page, "Start", "lock_open", dashboard.BRAKE_RELEASE, "brake-release", Action.RELEASE_BRAKES)
-            _button(page, "Off", "power_settings_new", dashboard.POWER_OFF, "power-off", Action.POWER_OFF)
+            _power_button(page, "On", "power", dashboard.POWER_ON, "power-on", Action.POWER_ON)
+            _power_button(page, "Start", "lock_open", dashboard.BRAKE_RELEASE, "brake-release", Action.RELEASE_BRAKES)
+            _power_button(page, "Off", "power_settings_new", dashboard.POWER_OFF, "power-off", Action.POWER_OFF)
 
 
-def _stage(page: Page, number: int, name: str) -> None:
+def _stage_box(page: Page, number: int, name: str) -> None:
     with ui.element("div").classes("init-stage") as box:
         ui.element("span").classes("init-stage-dot")
         ui.label(name).classes("init-stage-name")
-    page.live.bind(box, "state", lambda station: _progress(station.situation.stage, number))
+    page.live.bind(box, "state", lambda station: _stage_state(station.situation.stage, number))
 
 
-def _progress(now: int, number: int) -> str:
-    return "now" if number == now else "done" if number < now else "next"
+def _stage_state(current: int, number: int) -> str:
+    return "now" if number == current else "done" if number < current else "next"
 
 
-def _button(page: Page, text: str, icon: str, operation: Operation[None], mark: str, action: Action) -> None:
+def _power_button(page: Page, text: str, icon: str, operation: Operation[None], test_id: str, action: Action) -> None:
     button = ui.button(text, icon=icon)
-    button.props(f"unelevated stack size=lg data-testid={mark}").classes(f"init-button {mark}")
-    page.button_for(action, lambda: page.station.ask(operation), button)
+    button.props(f"unelevated stack size=lg data-testid={test_id}").classes(f"init-button {test_id}")
+    page.bind_button(action, lambda: page.station.request(operation), button)

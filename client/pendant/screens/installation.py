@@ -13,32 +13,32 @@ from client.pendant.station import Station
 from urscript.polyscope.installation_file import gravity_of
 
 _MM: Final = 1000.0
-_PLACES: Final = {"Floor": (0, 0), "Wall": (90, 0), "Ceiling": (180, 0)}  # degrees
+_PRESETS: Final = {"Floor": (0, 0), "Wall": (90, 0), "Ceiling": (180, 0)}  # degrees
 
 
 def build_payload(page: Page) -> None:
     """Mass and centre of gravity that the robot reckons with."""
     station = page.station
     with page.panel("Payload", "installation-panel"):
-        page.live.text(_payload, "now-line").props("data-testid=payload-now")
+        page.live.text(_payload_text, "now-line").props("data-testid=payload-now")
         with ui.element("div").classes("six four"):
-            mass = _box("Mass [kg]", "payload-mass")
-            cog = [_box(f"C{axis} [mm]", f"payload-c{axis.lower()}") for axis in "XYZ"]
+            mass = _number_field("Mass [kg]", "payload-mass")
+            cog = [_number_field(f"C{axis} [mm]", f"payload-c{axis.lower()}") for axis in "XYZ"]
 
-        async def use() -> None:
+        async def apply() -> None:
             values = [box.value for box in (mass, *cog)]
             if any(value is None for value in values):
                 raise ValueError("a payload has four numbers: fill in all of them")
             if values[0] < 0:
                 raise ValueError(f"a payload of {values[0]:g} kg: a mass cannot be negative")
             if await apply_payload(station, values[0], [value / _MM for value in values[1:]]):
-                page.tell("Payload in use")
+                page.show_message("Payload in use")
             else:
-                page.tell("Payload sent; this version does not report which one it uses")
+                page.show_message("Payload sent; this version does not report which one it uses")
 
         with ui.row().classes("items-center"):
-            ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=payload-use")
-            page.live.text(_limit, "soft")
+            ui.button("Use it", on_click=page.handler(apply)).props("no-caps data-testid=payload-use")
+            page.live.text(_limit_text, "soft")
     page.live.effect(_payload_values, lambda values: _fill((mass, *cog), values))
 
 
@@ -46,40 +46,42 @@ def build_mounting(page: Page) -> None:
     """How the base stands: which way gravity pulls."""
     station = page.station
     with page.panel("Mounting", "installation-panel"):
-        page.live.text(_mounting, "now-line").props("data-testid=mounting-now")
+        page.live.text(_mounting_text, "now-line").props("data-testid=mounting-now")
         presets = ui.row().classes("items-center")
         with ui.element("div").classes("six two"):
-            tilt = _box("Tilt [°]", "mount-tilt")
-            turn = _box("Turn of the base [°]", "mount-turn")
+            tilt = _number_field("Tilt [°]", "mount-tilt")
+            turn = _number_field("Turn of the base [°]", "mount-turn")
         with presets:
-            for name, angles in _PLACES.items():
-                place = ui.button(name, on_click=lambda _, angles=angles: _fill((tilt, turn), angles))
-                place.props(f"outline no-caps data-testid=mount-{name}")
-        pull = ui.label().classes("soft").props("data-testid=mount-gravity")
+            for name, angles in _PRESETS.items():
+                preset = ui.button(name, on_click=lambda _, angles=angles: _fill((tilt, turn), angles))
+                preset.props(f"outline no-caps data-testid=mount-{name}")
+        gravity = ui.label().classes("soft").props("data-testid=mount-gravity")
 
-        def wanted() -> tuple[float, float, float]:
+        def entered_gravity() -> tuple[float, float, float]:
             return gravity_of(math.radians(tilt.value or 0.0), math.radians(turn.value or 0.0))
 
-        def tell() -> None:
-            pull.set_text("Gravity felt by the base: " + ", ".join(f"{value:.3f}" for value in wanted()) + " m/s²")
+        def show_gravity() -> None:
+            gravity.set_text(
+                "Gravity felt by the base: " + ", ".join(f"{value:.3f}" for value in entered_gravity()) + " m/s²"
+            )
 
-        async def use() -> None:
-            if await apply_gravity(station, wanted()):
-                page.tell("Mounting in use")
+        async def apply() -> None:
+            if await apply_gravity(station, entered_gravity()):
+                page.show_message("Mounting in use")
             else:
-                page.tell("Mounting sent; this version does not report which one it uses")
+                page.show_message("Mounting sent; this version does not report which one it uses")
 
         for box in (tilt, turn):
-            box.on_value_change(tell)
-        tell()
+            box.on_value_change(show_gravity)
+        show_gravity()
         with ui.row().classes("items-center"):
-            ui.button("Use it", on_click=page.doing(use)).props("no-caps data-testid=mount-use")
-            pull.move()
-    page.live.effect(_tilt, lambda angles: _fill((tilt, turn), angles))
+            ui.button("Use it", on_click=page.handler(apply)).props("no-caps data-testid=mount-use")
+            gravity.move()
+    page.live.effect(_current_tilt, lambda angles: _fill((tilt, turn), angles))
 
 
-def _box(label: str, mark: str) -> ui.number:
-    return ui.number(label, value=0.0).props(f"dense outlined hide-bottom-space data-testid={mark}")
+def _number_field(label: str, test_id: str) -> ui.number:
+    return ui.number(label, value=0.0).props(f"dense outlined hide-bottom-space data-testid={test_id}")
 
 
 def _fill(boxes: tuple[ui.number, ...], values: tuple[float, ...] | None) -> None:
@@ -92,7 +94,7 @@ def _payload_values(station: Station) -> tuple[float, ...] | None:
     return None if mass is None or cog is None else (round(mass, 4), *(round(_MM * value, 3) + 0.0 for value in cog))
 
 
-def _payload(station: Station) -> str:
+def _payload_text(station: Station) -> str:
     values = _payload_values(station)
     if values is None:
         return "This version does not report its payload" if station.connected else "-"
@@ -100,19 +102,19 @@ def _payload(station: Station) -> str:
     return f"In effect: {mass:.3f} kg at {x:.1f}, {y:.1f}, {z:.1f} mm"
 
 
-def _limit(station: Station) -> str:
+def _limit_text(station: Station) -> str:
     model = station.model
     return "" if model is None else f"{model.title} carries {model.payload_max_kg:g} kg"
 
 
-def _mounting(station: Station) -> str:
-    angles = _tilt(station)
+def _mounting_text(station: Station) -> str:
+    angles = _current_tilt(station)
     if angles is None:
         return "This version does not report its mounting" if station.connected else "-"
     return f"In effect: tilt {angles[0]:.1f}°, turn {angles[1]:.1f}°"
 
 
-def _tilt(station: Station) -> tuple[float, float] | None:
+def _current_tilt(station: Station) -> tuple[float, float] | None:
     gravity = station.values.get("target_gravity")
     if gravity is None:
         return None
@@ -124,21 +126,21 @@ def build_driver(page: Page, views: Views) -> None:
     """Put it on the page: to be filled in on an emulator, explained on a robot."""
     with page.panel("External Control", "installation-panel driver-panel"):
         with ui.column().classes("gap-2") as emulated:
-            _form(page, views)
+            _driver_form(page, views)
         with ui.column().classes("gap-2") as real:
-            _explanation(page)
+            _show_instructions(page)
         ui.label(
             "When a program with an External Control node is played, it requests its code from this driver."
         ).classes("soft")
-    page.live.effect(_can_be_set, emulated.set_visibility)
-    page.live.effect(lambda station: station.connected and not _can_be_set(station), real.set_visibility)
+    page.live.effect(_is_configurable, emulated.set_visibility)
+    page.live.effect(lambda station: station.connected and not _is_configurable(station), real.set_visibility)
 
 
-def _can_be_set(station: Station) -> bool:
+def _is_configurable(station: Station) -> bool:
     return station.emulator.available and "set_external_control" in station.emulator.verbs
 
 
-def _form(page: Page, views: Views) -> None:
+def _driver_form(page: Page, views: Views) -> None:
     emulator = page.station.emulator
     with ui.row().classes("items-center no-wrap"):
         host = ui.input("Host IP").props("dense outlined data-testid=driver-host")
@@ -155,23 +157,23 @@ def _form(page: Page, views: Views) -> None:
         address = {"host": host.value, "port": int(port.value)}
         if installation_settings.can_be_saved(page.station):
             await emulator.call("change_installation", section="external_control", values=address)
-            page.tell("Saved in the installation file")
+            page.show_message("Saved in the installation file")
         else:
             await emulator.call("set_external_control", **address)
-            page.tell("In use until the emulator ends: it has no installation files")
+            page.show_message("In use until the emulator ends: it has no installation files")
         await read()
 
     with ui.row().classes("items-center"):
-        ui.button("Save", on_click=page.doing(save)).props("no-caps data-testid=driver-save")
-        own = ui.button("This machine", on_click=lambda: host.set_value(page.station.own_address))
-        own.props("flat no-caps data-testid=driver-here")
+        ui.button("Save", on_click=page.handler(save)).props("no-caps data-testid=driver-save")
+        own_address_button = ui.button("This machine", on_click=lambda: host.set_value(page.station.own_address))
+        own_address_button.props("flat no-caps data-testid=driver-here")
     page.live.effect(
-        lambda station: _can_be_set(station) and views.looked_at == "settings",
-        lambda looking: page.soon(read) if looking else None,
+        lambda station: _is_configurable(station) and views.visible_view == "settings",
+        lambda visible: page.run_in_background(read) if visible else None,
     )
 
 
-def _explanation(page: Page) -> None:
+def _show_instructions(page: Page) -> None:
     ui.label("On a robot this is set on its own teach pendant, below Installation, URCaps, External Control:")
     with ui.element("div").classes("facts"):
         ui.label("Host IP")

@@ -20,7 +20,7 @@ from urproto.modes import ControllerBox, mode_name
 from urproto.primary.state import ConfigurationData, KinematicsInfo
 from urproto.robots import Calibration, CalibrationError
 
-_HEADS: Final = ("Joint", "From", "To", "Speed", "Acceleration")
+_HEADERS: Final = ("Joint", "From", "To", "Speed", "Acceleration")
 
 
 def build(page: Page, views: Views) -> None:
@@ -39,8 +39,8 @@ def build(page: Page, views: Views) -> None:
     with ui.column().classes("installation-column"):
         with page.panel("Joint limits", "installation-panel"):
             table = ui.element("div").classes("limits")
-            page.live.effect(lambda station: station.core.configuration, lambda arm: _limits(table, arm))
-        _calibration(page)
+            page.live.effect(lambda station: station.core.configuration, lambda arm: _show_limits(table, arm))
+        _calibration_panel(page)
     with page.panel("Safety", "installation-panel"):
         with ui.element("div").classes("facts"):
             _fact(page, "Safety mode", lambda s: s.situation.safety)
@@ -75,31 +75,31 @@ def _board(station: Station, read: Callable[[Any], str]) -> str:
 
 def _query(page: Page, views: Views, operation: Operation[Any], text: Callable[[Any], str]) -> Callable[[Station], str]:
     """What the dashboard answers, asked for whenever somebody begins to look."""
-    known = ["-"]
+    answer = ["-"]
 
-    async def ask() -> None:
+    async def query() -> None:
         try:
-            known[0] = text(await page.station.ask(operation))
+            answer[0] = text(await page.station.request(operation))
         except RobotRefused:
-            known[0] = "not reported by this version"
+            answer[0] = "not reported by this version"
 
     page.live.effect(
-        lambda station: station.connected and views.looked_at == "arm",
-        lambda looking: page.soon(ask) if looking else None,
+        lambda station: station.connected and views.visible_view == "arm",
+        lambda visible: page.run_in_background(query) if visible else None,
     )
-    return lambda station: known[0]
+    return lambda station: answer[0]
 
 
 # limits
 
 
-def _limits(table: ui.element, arm: ConfigurationData | None) -> None:
+def _show_limits(table: ui.element, arm: ConfigurationData | None) -> None:
     table.clear()
     if arm is None:
         return
     with table:
-        for head in _HEADS:
-            ui.label(head).classes("soft")
+        for header in _HEADERS:
+            ui.label(header).classes("soft")
         rows = zip(JOINT_TITLES, arm.q_min, arm.q_max, arm.qd_max, arm.qdd_max, strict=True)
         for name, low, high, speed, acceleration in rows:
             ui.label(name)
@@ -112,44 +112,44 @@ def _limits(table: ui.element, arm: ConfigurationData | None) -> None:
 # calibration
 
 
-def _calibration(page: Page) -> None:
+def _calibration_panel(page: Page) -> None:
     with page.panel("Calibration", "installation-panel"):
         with ui.element("div").classes("facts"):
-            _fact(page, "Kinematics", _remembered(_kind)).props("data-testid=calibration")
-            _fact(page, "Hash", _remembered(lambda calibration, arm: calibration.hash)).props("data-testid=hash")
+            _fact(page, "Kinematics", _cached(_calibration_kind)).props("data-testid=calibration")
+            _fact(page, "Hash", _cached(lambda calibration, arm: calibration.hash)).props("data-testid=hash")
 
         async def save() -> None:
             kinematics = page.station.core.kinematics
             if kinematics is None:
                 raise ValueError("this robot has not reported its calibration")
-            content = await asyncio.to_thread(_file, calibration_of(kinematics))
+            content = await asyncio.to_thread(_calibration_file, calibration_of(kinematics))
             ui.download.content(content, "my_robot_calibration.yaml")
 
-        ui.button("Download", icon="download", on_click=page.doing(save)).props(
+        ui.button("Download", icon="download", on_click=page.handler(save)).props(
             "flat no-caps data-testid=calibration-file"
         ).tooltip("In the format of ROS's ur_description: my_robot_calibration.yaml")
 
 
-def _kind(calibration: Calibration, arm: ConfigurationData) -> str:
+def _calibration_kind(calibration: Calibration, arm: ConfigurationData) -> str:
     return "nominal" if is_nominal(calibration, arm) else "calibrated"
 
 
-def _remembered(read: Callable[[Calibration, ConfigurationData], str]) -> Callable[[Station], str]:
+def _cached(read: Callable[[Calibration, ConfigurationData], str]) -> Callable[[Station], str]:
     """Worked out again only when the robot says something new."""
     last: list[tuple[KinematicsInfo | None, ConfigurationData | None]] = []
     text = ["-"]
 
-    def see(station: Station) -> str:
-        said = (station.core.kinematics, station.core.configuration)
-        if not last or last[0][0] is not said[0] or last[0][1] is not said[1]:
-            last[:] = [said]
-            text[0] = _answer_text(*said, read)
+    def read_text(station: Station) -> str:
+        inputs = (station.core.kinematics, station.core.configuration)
+        if not last or last[0][0] is not inputs[0] or last[0][1] is not inputs[1]:
+            last[:] = [inputs]
+            text[0] = _calibration_text(*inputs, read)
         return text[0]
 
-    return see
+    return read_text
 
 
-def _answer_text(
+def _calibration_text(
     kinematics: KinematicsInfo | None,
     arm: ConfigurationData | None,
     read: Callable[[Calibration, ConfigurationData], str],
@@ -162,7 +162,7 @@ def _answer_text(
         return str(error)
 
 
-def _file(calibration: Calibration) -> bytes:
+def _calibration_file(calibration: Calibration) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "calibration.yaml")
         write_calibration(path, calibration)

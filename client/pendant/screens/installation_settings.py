@@ -44,30 +44,30 @@ class _Form:
         with ui.element("div").classes("setting-choice"):
             choice = ui.select({name: section.title for name, section in SECTIONS.items()}, label="Setting")
             choice.props("outlined dense options-dense data-testid=setting").set_value(self._section.name)
-            choice.on_value_change(lambda change: self._turn(change.value))
-            self._names = ui.select({}, label="Which", with_input=True, on_change=self._chosen)
-            self._names.props("outlined dense options-dense data-testid=setting-row")
+            choice.on_value_change(lambda change: self._show_section(change.value))
+            self._row_select = ui.select({}, label="Which", with_input=True, on_change=self._show_row)
+            self._row_select.props("outlined dense options-dense data-testid=setting-row")
         self._note = ui.label().classes("soft").props("data-testid=setting-note")
         self._fields = ui.element("div").classes("setting-fields")
         with ui.row().classes("tcp-buttons"):
             self._save_button = _button(
-                "Save", page.doing(self._save, "Saved in the installation file"), "setting-save"
+                "Save", page.handler(self._save, "Saved in the installation file"), "setting-save"
             )
-            self._add_button = _button("Add as new", page.doing(self._add, "Added"), "setting-add", "outline")
-            self._remove_button = _button("Remove", page.doing(self._remove, "Removed"), "setting-remove", "flat")
+            self._add_button = _button("Add as new", page.handler(self._add, "Added"), "setting-add", "outline")
+            self._remove_button = _button("Remove", page.handler(self._remove, "Removed"), "setting-remove", "flat")
         self._file = ui.label().classes("soft").props("data-testid=setting-file")
-        page.live.effect(self._answer, self._take)
-        self._turn(self._section.name)
+        page.live.effect(self._read_installation, self._update)
+        self._show_section(self._section.name)
 
     # what the emulator says
 
-    def _answer(self, station: Station) -> Mapping[str, Any] | None:
-        if self._views.looked_at != _VIEW or not can_be_saved(station):
+    def _read_installation(self, station: Station) -> Mapping[str, Any] | None:
+        if self._views.visible_view != _VIEW or not can_be_saved(station):
             return None
         answer: Mapping[str, Any] | None = station.emulator.watch("installation", section=self._section.name).value
         return answer
 
-    def _take(self, answer: Mapping[str, Any] | None) -> None:
+    def _update(self, answer: Mapping[str, Any] | None) -> None:
         section = self._section
         if answer is None or section.name not in answer["sections"]:
             return
@@ -75,28 +75,30 @@ class _Form:
         self._file.set_text(f"File: {answer['file']}")
         if section.listed:
             names = [row[section.key] for row in self._rows]
-            shown = self._names.value if self._names.value in names else next(iter(names), None)
-            self._names.set_options({row[section.key]: _title(row) for row in self._rows}, value=shown)
-        self._chosen()
+            shown = self._row_select.value if self._row_select.value in names else next(iter(names), None)
+            self._row_select.set_options({row[section.key]: _row_title(row) for row in self._rows}, value=shown)
+        self._show_row()
 
     # what somebody chooses
 
-    def _turn(self, name: str) -> None:
+    def _show_section(self, name: str) -> None:
         section = self._section = SECTIONS[name]
         self._rows, self._row, self._inputs = [], None, {}
         self._fields.clear()
-        self._names.set_options({}, value=None)
-        self._names.set_visibility(section.listed)
+        self._row_select.set_options({}, value=None)
+        self._row_select.set_visibility(section.listed)
         self._add_button.set_visibility(section.grows)
         self._remove_button.set_visibility(section.grows)
         self._note.set_text(f"Takes effect {section.applied}.".replace("`", ""))
-        self._page.station.emulator.watch("installation", section=name).renew()
+        self._page.station.emulator.watch("installation", section=name).invalidate()
 
-    def _chosen(self) -> None:
+    def _show_row(self) -> None:
         section = self._section
-        row = next((row for row in self._rows if not section.listed or row[section.key] == self._names.value), None)
-        same = row is not None and self._row is not None and row[section.key] == self._row[section.key]
-        if same and self._inputs and any(field.changed for field in self._inputs.values()):
+        row = next(
+            (row for row in self._rows if not section.listed or row[section.key] == self._row_select.value), None
+        )
+        same_row = row is not None and self._row is not None and row[section.key] == self._row[section.key]
+        if same_row and self._inputs and any(field.changed for field in self._inputs.values()):
             self._row = row  # somebody is typing; what is saved is only what was typed
             return
         if row is None and self._inputs:
@@ -117,12 +119,12 @@ class _Form:
         section, name = self._section, str(self._row[self._section.key]) if self._section.listed else ""
         await self._change("change_installation", section=section.name, name=name, values=values)
         if section.listed:
-            self._settle(values.get(section.key, name))
+            self._select_row(values.get(section.key, name))
 
     async def _add(self) -> None:
         values = {name: field.value() for name, field in self._inputs.items()}
         await self._change("add_to_installation", section=self._section.name, values=values)
-        self._settle(values[self._section.key])
+        self._select_row(values[self._section.key])
 
     async def _remove(self) -> None:
         if self._row is not None:
@@ -133,9 +135,11 @@ class _Form:
         await self._page.station.emulator.change(verb, **arguments)
         self._row, self._inputs = None, {}
 
-    def _settle(self, name: str) -> None:
+    def _select_row(self, name: str) -> None:
         """Show the row of this name, once it has come."""
-        self._names.set_options({row[self._section.key]: _title(row) for row in self._rows} | {name: name}, value=name)
+        self._row_select.set_options(
+            {row[self._section.key]: _row_title(row) for row in self._rows} | {name: name}, value=name
+        )
 
 
 class _Input:
@@ -144,7 +148,7 @@ class _Input:
     def __init__(self, field: Field, row: Row | None) -> None:
         self._field = field
         value = None if row is None else row[field.name]
-        mark = f"outlined dense hide-bottom-space data-testid=setting-{field.name}"
+        props = f"outlined dense hide-bottom-space data-testid=setting-{field.name}"
         self._boxes: list[Any]
         if field.kind == "flag":
             box = ui.checkbox(field.title, value=bool(value)).props(f"dense data-testid=setting-{field.name}")
@@ -153,14 +157,14 @@ class _Input:
             options = field.choices or (Pins.actions_of(row) if row else ())
             label = f"{field.title} [{field.unit}]" if field.unit else field.title
             known = value if value in options else next(iter(options), None)
-            self._boxes = [ui.select(list(options), label=label, value=known).props(mark)]
+            self._boxes = [ui.select(list(options), label=label, value=known).props(props)]
         elif field.kind == "text":
-            self._boxes = [ui.input(field.title, value=value or "").props(mark)]
+            self._boxes = [ui.input(field.title, value=value or "").props(props)]
         else:
-            self._boxes = self._numbers(field, value, mark)
-        self._before = [box.value for box in self._boxes]
+            self._boxes = self._numbers(field, value, props)
+        self._initial = [box.value for box in self._boxes]
 
-    def _numbers(self, field: Field, value: Any, mark: str) -> list[Any]:
+    def _numbers(self, field: Field, value: Any, props: str) -> list[Any]:
         values: Sequence[Any] = value if isinstance(value, list) else [value]
         if field.kind in ("vector", "pose") and value is None:
             values = [0.0] * (3 if field.kind == "vector" else 6)
@@ -169,17 +173,17 @@ class _Input:
             ui.label(field.title).classes("soft")
         with ui.element("div").classes("six" if len(values) > 1 else "setting-one"):
             for index, number in enumerate(values):
-                unit, factor = _unit(field, index)
+                unit, factor = _unit_and_factor(field, index)
                 name = _AXES[index] if len(values) > 1 else field.title
                 box = ui.number(f"{name} [{unit}]" if unit else name)
                 box.set_value(None if number is None else round(number * factor, 9) + 0.0)
-                boxes.append(box.props(mark if len(values) == 1 else f"{mark}-{index}"))
-        self._exact = list(values)
+                boxes.append(box.props(props if len(values) == 1 else f"{props}-{index}"))
+        self._exact_values = list(values)
         return boxes
 
     @property
     def changed(self) -> bool:
-        return [box.value for box in self._boxes] != self._before
+        return [box.value for box in self._boxes] != self._initial
 
     def value(self) -> Any:
         """In SI units; a number that was not touched has all its digits. Raises ValueError."""
@@ -187,26 +191,26 @@ class _Input:
         if field.kind in ("flag", "text", "choice"):
             return self._boxes[0].value
         numbers = []
-        for index, (box, before) in enumerate(zip(self._boxes, self._before, strict=True)):
+        for index, (box, initial) in enumerate(zip(self._boxes, self._initial, strict=True)):
             if box.value is None:
                 raise ValueError(f"{field.title}: a number is missing")
-            factor = _unit(field, index)[1]
-            numbers.append(self._exact[index] if box.value == before else box.value / factor)
+            factor = _unit_and_factor(field, index)[1]
+            numbers.append(self._exact_values[index] if box.value == initial else box.value / factor)
         if field.kind in ("vector", "pose"):
             return numbers
         return int(numbers[0]) if field.kind == "whole" and float(numbers[0]).is_integer() else numbers[0]
 
 
-def _unit(field: Field, index: int) -> tuple[str, float]:
+def _unit_and_factor(field: Field, index: int) -> tuple[str, float]:
     if field.kind == "pose" and index > 2:
         return "rad", 1.0
     return UNITS.get(field.unit, (field.unit, 1.0))
 
 
-def _title(row: Row) -> str:
+def _row_title(row: Row) -> str:
     first, second = str(next(iter(row.values()))), str(row.get("name", ""))
     return first if first == second else f"{first} {second}".strip()
 
 
-def _button(text: str, act: Callable[[], Any], mark: str, look: str = "") -> ui.button:
-    return ui.button(text, on_click=act).props(f"no-caps {look} data-testid={mark}")
+def _button(text: str, on_click: Callable[[], Any], test_id: str, style: str = "") -> ui.button:
+    return ui.button(text, on_click=on_click).props(f"no-caps {style} data-testid={test_id}")

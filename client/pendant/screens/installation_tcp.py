@@ -6,7 +6,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.errors import FileError
-from client.pendant.mounting import apply_tcp, same_tcp, tcp_of
+from client.pendant.mounting import active_tcp, apply_tcp, same_tcp
 from client.pendant.page import Page
 from client.pendant.station import Station
 from urproto.robots.pose import Pose, rotvec_to_rpy, rpy_to_rotvec
@@ -29,36 +29,36 @@ class _Editor:
     def __init__(self, page: Page) -> None:
         self._page = page
         self._form = _VECTOR
-        self._in_effect()
+        self._active_tcp()
         ui.separator()
         with ui.row().classes("tcp-head"):
             self._name = ui.input("Name").props("dense outlined data-testid=tcp-name").classes("tcp-name")
             ui.toggle({_VECTOR: "Rotation vector [rad]", _RPY: "RPY [°]"}, value=_VECTOR).props(
                 "dense no-caps unelevated data-testid=tcp-form"
-            ).on_value_change(lambda change: self._turn(change.value))
+            ).on_value_change(lambda change: self._change_form(change.value))
         with ui.element("div").classes("six"):
             self._boxes = [_number(f"tcp-{index}") for index in range(6)]
-        self._label()
+        self._label_boxes()
         with ui.row().classes("tcp-buttons"):
-            ui.button("Use it", on_click=lambda: self._use(self._entered)).props("no-caps data-testid=tcp-use")
+            ui.button("Use it", on_click=lambda: self._apply(self._entered)).props("no-caps data-testid=tcp-use")
             ui.button("Save", on_click=self._save).props("outline no-caps data-testid=tcp-save")
-            ui.button("Copy the one in effect", on_click=self._take_over).props("flat no-caps")
+            ui.button("Copy the one in effect", on_click=self._copy_active).props("flat no-caps")
         self._list = ui.element("div").classes("tcp-list")
-        page.live.effect(lambda station: station.tools.version, lambda _: self._fill())
+        page.live.effect(lambda station: station.tools.version, lambda _: self._show_list())
         ui.label("In effect until a program or an installation sets another one.").classes("soft")
 
     # the one in effect
 
-    def _in_effect(self) -> None:
+    def _active_tcp(self) -> None:
         live = self._page.live
         with ui.element("div").classes("six now"):
             for index, name in enumerate(("X", "Y", "Z", "RX", "RY", "RZ")):
                 with ui.element("div").classes("now-value"):
                     ui.label(name)
-                    live.text(_element(index)).props(f"data-testid=tcp-now-{index}")
+                    live.text(_element_text(index)).props(f"data-testid=tcp-now-{index}")
         with ui.row().classes("items-center"):
             ui.label("In effect:").classes("soft")
-            live.text(_known_as, "tcp-known").props("data-testid=tcp-now")
+            live.text(_saved_name, "tcp-known").props("data-testid=tcp-now")
 
     # the form
 
@@ -78,32 +78,32 @@ class _Editor:
         for box, value in zip(self._boxes, (*(_MM * value for value in tcp[:3]), *rotation), strict=True):
             box.set_value(round(value, 6) + 0.0)
 
-    def _label(self) -> None:
+    def _label_boxes(self) -> None:
         for box, name in zip(self._boxes, ("X [mm]", "Y [mm]", "Z [mm]", *_NAMES[self._form]), strict=True):
             box.props(f'label="{name}"')
 
-    def _turn(self, form: str) -> None:
+    def _change_form(self, form: str) -> None:
         try:
             entered = self._entered()
         except ValueError:
             entered = None
         self._form = form
-        self._label()
+        self._label_boxes()
         if entered is not None:
             self._show(entered)
 
-    def _take_over(self) -> None:
-        tcp = tcp_of(self._page.station)
+    def _copy_active(self) -> None:
+        tcp = active_tcp(self._page.station)
         if tcp is not None:
             self._show(tcp)
 
     # what becomes of it
 
-    async def _use(self, tcp: Callable[[], Sequence[float]]) -> None:
-        async def use() -> None:
+    async def _apply(self, tcp: Callable[[], Sequence[float]]) -> None:
+        async def apply() -> None:
             await apply_tcp(self._page.station, tcp())
 
-        await self._page.attempt(use, "TCP in use")
+        await self._page.attempt(apply, "TCP in use")
 
     async def _save(self) -> None:
         async def save() -> None:
@@ -111,27 +111,27 @@ class _Editor:
 
         await self._page.attempt(save, "Saved")
 
-    def _fill(self) -> None:
+    def _show_list(self) -> None:
         self._list.clear()
         with self._list:
             for name, tcp in {_FLANGE: (0.0,) * 6, **self._saved()}.items():
-                self._row(name, tcp)
+                self._add_row(name, tcp)
 
     def _saved(self) -> dict[str, Pose]:
         try:
             return dict(self._page.station.tools.all)
         except FileError as error:
-            self._page.complain(str(error))
+            self._page.show_error(str(error))
             return {}
 
-    def _row(self, name: str, tcp: Sequence[float]) -> None:
+    def _add_row(self, name: str, tcp: Sequence[float]) -> None:
         with ui.element("div").classes("tcp-row") as row:
-            pick = ui.element("button").classes("tcp-pick").props("type=button")
-            pick.on("click", lambda: self._edit(name, tcp))
-            with pick:
+            button = ui.element("button").classes("tcp-pick").props("type=button")
+            button.on("click", lambda: self._edit(name, tcp))
+            with button:
                 ui.label(name)
                 ui.label(", ".join(f"{_MM * value:.1f}" for value in tcp[:3]) + " mm").classes("soft")
-            ui.button("Use", on_click=lambda: self._use(lambda: tcp)).props("flat dense no-caps")
+            ui.button("Use", on_click=lambda: self._apply(lambda: tcp)).props("flat dense no-caps")
             if name != _FLANGE:
                 delete = ui.button(icon="delete", on_click=lambda: self._delete(name)).props("flat dense round")
                 delete.props["aria-label"] = f"Delete {name}"
@@ -148,13 +148,13 @@ class _Editor:
         await self._page.attempt(delete)
 
 
-def _number(mark: str) -> ui.number:
-    return ui.number(value=0.0).props(f"dense outlined hide-bottom-space data-testid={mark}")
+def _number(test_id: str) -> ui.number:
+    return ui.number(value=0.0).props(f"dense outlined hide-bottom-space data-testid={test_id}")
 
 
-def _element(index: int) -> Callable[[Station], str]:
+def _element_text(index: int) -> Callable[[Station], str]:
     def read(station: Station) -> str:
-        tcp = tcp_of(station)
+        tcp = active_tcp(station)
         if tcp is None:
             return "-"
         return f"{_MM * tcp[index] + 0.0:.2f} mm" if index < 3 else f"{tcp[index] + 0.0:.4f} rad"
@@ -162,12 +162,12 @@ def _element(index: int) -> Callable[[Station], str]:
     return read
 
 
-def _known_as(station: Station) -> Any:
+def _saved_name(station: Station) -> Any:
     """The name under which it was saved."""
-    tcp = tcp_of(station)
+    tcp = active_tcp(station)
     if tcp is None:
         return "-"
     if same_tcp(tcp, (0.0,) * 6):
         return _FLANGE
-    known = station.tools.known
-    return next((name for name, saved in known.items() if same_tcp(tcp, saved)), "one that is not saved here")
+    loaded = station.tools.loaded
+    return next((name for name, saved in loaded.items() if same_tcp(tcp, saved)), "one that is not saved here")

@@ -6,7 +6,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from client.pendant.outputs import Range, analog_range, set_analog, set_digital
-from client.pendant.page import Page, Views, choice
+from client.pendant.page import Page, Views, bind_choice
 from client.pendant.screens import io_registers
 from client.pendant.station import Station
 from urproto.modes import AnalogDomain, ToolDigitalOutputMode, ToolMode, ToolOutputMode, mode_name
@@ -14,8 +14,11 @@ from urproto.signals import CONFIGURABLE, STANDARD, TOOL, DigitalGroup
 from urproto.versions import Series
 
 _VOLTAGES: Final = {0: "0 V", 12: "12 V", 24: "24 V"}
-_USES: Final = {int(ToolOutputMode.DIGITAL): "Digital outputs", int(ToolOutputMode.DUAL_PIN_POWER): "Dual pin power"}
-_DRIVES: Final = {
+_PIN_MODES: Final = {
+    int(ToolOutputMode.DIGITAL): "Digital outputs",
+    int(ToolOutputMode.DUAL_PIN_POWER): "Dual pin power",
+}
+_DRIVE_MODES: Final = {
     int(ToolDigitalOutputMode.SINKING_NPN): "Sinking (NPN)",
     int(ToolDigitalOutputMode.SOURCING_PNP): "Sourcing (PNP)",
     int(ToolDigitalOutputMode.PUSH_PULL): "Push / pull",
@@ -31,22 +34,22 @@ def build_tool(page: Page) -> None:
             inputs(page, TOOL)
             outputs(page, TOOL)
         for index in range(2):
-            _analog(page, index)
-        _voltage(page)
+            _tool_analog_input(page, index)
+        _tool_voltage(page)
         with ui.element("div").classes("facts"):
-            _fact(page, "Current", lambda s: _number(s, "tool_output_current", "A", 3))
-            _fact(page, "Temperature", lambda s: _number(s, "tool_temperature", "°C", 1))
-            _fact(page, "Mode", _mode)
-            _fact(page, "Serial line", _line)
-        _uses(page)
+            _fact(page, "Current", lambda s: _number_text(s, "tool_output_current", "A", 3))
+            _fact(page, "Temperature", lambda s: _number_text(s, "tool_temperature", "°C", 1))
+            _fact(page, "Mode", _mode_text)
+            _fact(page, "Serial line", _serial_line_text)
+        _pin_mode_row(page)
 
 
-def power(page: Page) -> None:
+def build_supply(page: Page) -> None:
     """What the control box and the arm draw."""
     with page.panel("Supply", "power-panel"), ui.element("div").classes("supply-facts"):
-        _fact(page, "Main", lambda s: _number(s, "actual_main_voltage", "V", 1))
-        _fact(page, "Arm", lambda s: _number(s, "actual_robot_voltage", "V", 1))
-        _fact(page, "Arm current", lambda s: _number(s, "actual_robot_current", "A", 2))
+        _fact(page, "Main", lambda s: _number_text(s, "actual_main_voltage", "V", 1))
+        _fact(page, "Arm", lambda s: _number_text(s, "actual_robot_voltage", "V", 1))
+        _fact(page, "Arm current", lambda s: _number_text(s, "actual_robot_current", "A", 2))
         _fact(page, "I/O current", _io_current)
 
 
@@ -55,63 +58,65 @@ def _io_current(station: Station) -> str:
     return "-" if state is None or state.masterboard is None else f"{1000 * state.masterboard.io_current:.0f} mA"
 
 
-def _analog(page: Page, index: int) -> None:
+def _tool_analog_input(page: Page, index: int) -> None:
     def domain(station: Station) -> int:
         return int(station.values.get("tool_analog_input_types", 0) >> index & 1)
 
     def value(station: Station) -> float | None:
         return station.values.get(f"tool_analog_input{index}")
 
-    def shown(station: Station) -> str:
-        amount, reach = value(station), analog_range(domain(station))
-        return "-" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
+    def value_text(station: Station) -> str:
+        amount, signal_range = value(station), analog_range(domain(station))
+        return "-" if amount is None else f"{amount * signal_range.factor:.3f} {signal_range.unit}"
 
     with ui.row().classes("analog"):
         ui.label(f"AI{index + 2}").classes("signal-name")
-        page.live.text(shown, "reading").props(f"data-testid=AI{index + 2}")
+        page.live.text(value_text, "reading").props(f"data-testid=AI{index + 2}")
         domain_choice(
             page,
             domain,
-            lambda wanted: page.station.say(f"set_tool_analog_input_domain({index}, {wanted})"),
+            lambda chosen: page.station.run_statements(f"set_tool_analog_input_domain({index}, {chosen})"),
             f"AI{index + 2}",
         )
         simulated_input(page, index, value, domain, tool=True)
 
 
-def _voltage(page: Page) -> None:
+def _tool_voltage(page: Page) -> None:
     with ui.row().classes("analog tool-supply"):
         ui.label("Supply").classes("signal-name")
         toggle = ui.toggle(_VOLTAGES).props("dense no-caps unelevated").props("data-testid=tool-voltage")
-    choice(
+    bind_choice(
         page,
         toggle,
         lambda station: station.values.get("tool_output_voltage"),
-        lambda wanted: page.station.say(f"set_tool_voltage({wanted})"),
+        lambda chosen: page.station.run_statements(f"set_tool_voltage({chosen})"),
         "tool voltage",
     )
 
 
-def _uses(page: Page) -> None:
+def _pin_mode_row(page: Page) -> None:
     """What the output pins are for; an e-Series has a choice."""
     with ui.row().classes("tool-uses") as row:
-        _use(page, _USES, "Output pins", "output_mode", "set_tool_output_mode({})").props("data-testid=tool-use")
+        _pin_mode_select(page, _PIN_MODES, "Output pins", "output_mode", "set_tool_output_mode({})").props(
+            "data-testid=tool-use"
+        )
         for index in range(2):
             call = f"set_tool_digital_output_mode({index}, {{}})"
-            _use(page, _DRIVES, f"TO{index}", f"digital_output{index}_mode", call)
+            _pin_mode_select(page, _DRIVE_MODES, f"TO{index}", f"digital_output{index}_mode", call)
     page.live.effect(lambda station: station.version is None or station.version.series is Series.E, row.set_visibility)
 
 
-def _use(page: Page, options: dict[int, str], label: str, name: str, call: str) -> ui.select:
+def _pin_mode_select(page: Page, options: dict[int, str], label: str, name: str, call: str) -> ui.select:
     select = ui.select(options, label=label).props("dense outlined options-dense")
 
-    async def choose(wanted: int) -> None:
-        await page.station.say(call.format(wanted))
+    async def choose(chosen: int) -> None:
+        await page.station.run_statements(call.format(chosen))
 
-    choice(page, select, lambda station: _pins(station, name), choose, label)
+    bind_choice(page, select, lambda station: _pin_mode(station, name), choose, label)
     return select
 
 
-def _pins(station: Station, name: str) -> int | None:
+def _pin_mode(station: Station, name: str) -> int | None:
     state = station.primary_state
     return None if state is None or state.tool_mode is None else getattr(state.tool_mode, name)
 
@@ -121,17 +126,17 @@ def _fact(page: Page, name: str, read: Callable[[Station], str]) -> None:
     page.live.text(read)
 
 
-def _number(station: Station, field: str, unit: str, digits: int) -> str:
+def _number_text(station: Station, field: str, unit: str, digits: int) -> str:
     value = station.values.get(field)
     return "-" if value is None else f"{value:.{digits}f} {unit}"
 
 
-def _mode(station: Station) -> str:
+def _mode_text(station: Station) -> str:
     value = station.values.get("tool_mode")
     return "-" if value is None else mode_name(ToolMode, value).replace("_", " ").capitalize()
 
 
-def _line(station: Station) -> str:
+def _serial_line_text(station: Station) -> str:
     state = station.primary_state
     line = None if state is None else state.tool_communication
     if line is None:
@@ -174,7 +179,7 @@ def inputs(page: Page, group: DigitalGroup) -> None:
                 lambda: station.emulator.call("set_digital_input", index=index, level=level, group=group.name)
             )
 
-    _lamps(page, group, "I", "actual_digital_input_bits", switch)
+    _signal_row(page, group, "I", "actual_digital_input_bits", switch)
 
 
 def outputs(page: Page, group: DigitalGroup) -> None:
@@ -185,22 +190,22 @@ def outputs(page: Page, group: DigitalGroup) -> None:
         level = not _level(station, "actual_digital_output_bits", group, index)
         await page.attempt(lambda: set_digital(station, group, index, level))
 
-    _lamps(page, group, "O", "actual_digital_output_bits", switch)
+    _signal_row(page, group, "O", "actual_digital_output_bits", switch)
 
 
-def _lamps(page: Page, group: DigitalGroup, way: str, field: str, switch: Callable[[int], object]) -> None:
-    with ui.element("div").classes(f"wires {'wires-in' if way == 'I' else 'wires-out'}") as row:
+def _signal_row(page: Page, group: DigitalGroup, direction: str, field: str, switch: Callable[[int], object]) -> None:
+    with ui.element("div").classes(f"wires {'wires-in' if direction == 'I' else 'wires-out'}") as row:
         for index in range(group.count):
-            name = f"{group.letter}{way}{index}"
+            name = f"{group.letter}{direction}{index}"
             lamp = ui.element("button").classes("wire").props(f"data-testid={name} type=button")
             lamp.on("click", lambda _, index=index: switch(index))
             with lamp:
                 ui.element("i")
                 ui.label(name)
-    page.live.bind(row, "bits", _reader(field, group))
+    page.live.bind(row, "bits", _bits_reader(field, group))
 
 
-def _reader(field: str, group: DigitalGroup) -> Callable[[Station], str]:
+def _bits_reader(field: str, group: DigitalGroup) -> Callable[[Station], str]:
     def read(station: Station) -> str:
         """A digit each, 0 or 1, in order; "" while they are not known."""
         if field not in station.values:
@@ -223,13 +228,13 @@ def build_analog(page: Page) -> None:
     with page.panel("Analog inputs", "analog-panel") as panel:
         simulated(page, panel)
         for index in range(2):
-            _input(page, index)
+            _analog_input(page, index)
     with page.panel("Analog outputs", "analog-panel"):
         for index in range(2):
-            _output(page, index)
+            _analog_output(page, index)
 
 
-def _input(page: Page, index: int) -> None:
+def _analog_input(page: Page, index: int) -> None:
     station = page.station
 
     def domain(station: Station) -> int:
@@ -240,17 +245,17 @@ def _input(page: Page, index: int) -> None:
 
     with ui.row().classes("analog"):
         ui.label(f"AI{index}").classes("signal-name")
-        page.live.text(_shown(value, domain), "reading").props(f"data-testid=AI{index}")
+        page.live.text(_value_text(value, domain), "reading").props(f"data-testid=AI{index}")
         domain_choice(
             page,
             domain,
-            lambda wanted: station.say(f"set_standard_analog_input_domain({index}, {wanted})"),
+            lambda chosen: station.run_statements(f"set_standard_analog_input_domain({index}, {chosen})"),
             f"AI{index}",
         ).props(f"data-testid=AI{index}-domain")
         simulated_input(page, index, value, domain)
 
 
-def _output(page: Page, index: int) -> None:
+def _analog_output(page: Page, index: int) -> None:
     station = page.station
 
     def domain(station: Station) -> int:
@@ -259,26 +264,26 @@ def _output(page: Page, index: int) -> None:
     def value(station: Station) -> float | None:
         return station.values.get(f"standard_analog_output{index}")
 
-    async def put(shown: float) -> None:
-        wanted = AnalogDomain(domain(station))
-        await page.attempt(lambda: set_analog(station, index, wanted, analog_range(wanted).ratio(shown)))
+    async def set_value(shown: float) -> None:
+        chosen = AnalogDomain(domain(station))
+        await page.attempt(lambda: set_analog(station, index, chosen, analog_range(chosen).ratio(shown)))
 
-    async def change(wanted: int) -> None:
+    async def change(chosen: int) -> None:
         ratio = _ratio(value(station), analog_range(domain(station)))
-        await set_analog(station, index, AnalogDomain(wanted), ratio)
+        await set_analog(station, index, AnalogDomain(chosen), ratio)
 
     with ui.row().classes("analog"):
         ui.label(f"AO{index}").classes("signal-name")
-        page.live.text(_shown(value, domain), "reading").props(f"data-testid=AO{index}")
+        page.live.text(_value_text(value, domain), "reading").props(f"data-testid=AO{index}")
         domain_choice(page, domain, change, f"AO{index}").props(f"data-testid=AO{index}-domain")
-        _setter(page, put, value, domain, f"AO{index}")
-        _typed(put, f"AO{index}").props(f"data-testid=AO{index}-value")
+        _slider(page, set_value, value, domain, f"AO{index}")
+        _number_field(set_value, f"AO{index}").props(f"data-testid=AO{index}-value")
 
 
 def domain_choice(page: Page, read: Callable[[Station], int], choose: Callable[[int], Any], name: str) -> ui.toggle:
     """mA or V; follows the robot."""
     toggle = ui.toggle(_DOMAINS).props("dense no-caps unelevated").classes("domain")
-    choice(page, toggle, lambda station: read(station) if station.connected else None, choose, f"domain of {name}")
+    bind_choice(page, toggle, lambda station: read(station) if station.connected else None, choose, f"domain of {name}")
     return toggle
 
 
@@ -292,17 +297,17 @@ def simulated_input(
     """A slider for an emulator's analog input."""
     station = page.station
 
-    async def put(shown: float) -> None:
+    async def set_value(shown: float) -> None:
         amount = shown / analog_range(domain(station)).factor
         await page.attempt(lambda: station.emulator.call("set_analog_input", index=index, value=amount, tool=tool))
 
     name = f"AI{index + 2 * tool}"
-    _setter(page, put, value, domain, name).classes("simulated-only")
+    _slider(page, set_value, value, domain, name).classes("simulated-only")
 
 
-def _setter(
+def _slider(
     page: Page,
-    put: Callable[[float], Any],
+    set_value: Callable[[float], Any],
     value: Callable[[Station], float | None],
     domain: Callable[[Station], int],
     name: str,
@@ -312,8 +317,8 @@ def _setter(
     slider.props(f"aria-label={name} data-testid={name}-slider")
 
     async def move() -> None:
-        reach = analog_range(domain(page.station))
-        await put(reach.low + (reach.high - reach.low) * slider.value / 1000)
+        signal_range = analog_range(domain(page.station))
+        await set_value(signal_range.low + (signal_range.high - signal_range.low) * slider.value / 1000)
 
     slider.on("change", move)
     page.live.effect(
@@ -322,29 +327,29 @@ def _setter(
     return slider
 
 
-def _typed(put: Callable[[float], Any], name: str) -> ui.number:
+def _number_field(set_value: Callable[[float], Any], name: str) -> ui.number:
     """Enter sets it."""
     box = ui.number(format="%.3f", placeholder="set").props("dense outlined hide-bottom-space").classes("analog-value")
     box.props(f"aria-label={name}")
 
-    async def enter() -> None:
+    async def submit() -> None:
         if box.value is not None:
-            await put(box.value)
+            await set_value(box.value)
 
-    box.on("keydown.enter", enter)
+    box.on("keydown.enter", submit)
     return box
 
 
-def _ratio(value: float | None, reach: Range) -> float:
+def _ratio(value: float | None, signal_range: Range) -> float:
     if value is None:
         return 0.0
-    return min(max((value * reach.factor - reach.low) / (reach.high - reach.low), 0.0), 1.0)
+    return min(max((value * signal_range.factor - signal_range.low) / (signal_range.high - signal_range.low), 0.0), 1.0)
 
 
-def _shown(value: Callable[[Station], float | None], domain: Callable[[Station], int]) -> Callable[[Station], str]:
+def _value_text(value: Callable[[Station], float | None], domain: Callable[[Station], int]) -> Callable[[Station], str]:
     def read(station: Station) -> str:
-        amount, reach = value(station), analog_range(domain(station))
-        return "-" if amount is None else f"{amount * reach.factor:.3f} {reach.unit}"
+        amount, signal_range = value(station), analog_range(domain(station))
+        return "-" if amount is None else f"{amount * signal_range.factor:.3f} {signal_range.unit}"
 
     return read
 
@@ -357,7 +362,7 @@ def build(page: Page) -> None:
             build_digital(page)
             build_analog(page)
             build_tool(page)
-            power(page)
+            build_supply(page)
         with views.view("registers"):
             io_registers.build(page, views)
         with views.view("modbus"):

@@ -11,7 +11,7 @@ from client.pendant.feeds import Feed
 from client.pendant.page import Page, Views
 from client.pendant.station import Station
 
-_FORMS: dict[str, Callable[[int], str]] = {
+_FORMATS: dict[str, Callable[[int], str]] = {
     "unsigned": str,
     "signed": lambda word: str(word - 0x10000 if word & 0x8000 else word),
     "hex": lambda word: f"{word:04X}",
@@ -20,47 +20,47 @@ _FORMS: dict[str, Callable[[int], str]] = {
 
 def build_modbus(page: Page, views: Views) -> None:
     """Put it on the page."""
-    registers = page.station.port_registers
-    form = ["unsigned"]
+    registers = page.station.general_registers
+    format_ = ["unsigned"]
 
     def words() -> tuple[int, ...]:
-        return registers.words if views.looked_at == "modbus" else ()
+        return registers.words if views.visible_view == "modbus" else ()
 
-    async def touch(index: int) -> None:
+    async def edit(index: int) -> None:
         address = GENERAL_REGISTERS[index]
-        now = dict(enumerate(words())).get(index)
-        value = await ask_number(page, f"Modbus register {address}", now, whole=True)
+        current = dict(enumerate(words())).get(index)
+        value = await request_number(page, f"Modbus register {address}", current, whole=True)
         if value is not None:
-            await page.attempt(lambda: registers.write(address, word_of(value)))
+            await page.attempt(lambda: registers.write(address, to_word(value)))
 
     with ui.row().classes("register-choice"):
         ui.toggle(
             {"unsigned": "Unsigned", "signed": "Signed", "hex": "Hexadecimal"},
-            value=form[0],
-            on_change=lambda change: form.__setitem__(0, change.value),
+            value=format_[0],
+            on_change=lambda change: format_.__setitem__(0, change.value),
         ).props("no-caps unelevated data-testid=modbus-form")
-        page.live.text(lambda station: station.port_registers.problem or _where(station), "soft")
+        page.live.text(lambda station: station.general_registers.problem or _server_address(station), "soft")
     title = "General purpose registers: touch one to write it"
     with page.panel(title, "register-panel"), ui.element("div").classes("cells modbus-cells") as grid:
         for index, address in enumerate(GENERAL_REGISTERS):
             cell = ui.element("button").classes("cell").props(f"data-testid=modbus-{address} type=button")
-            cell.on("click", lambda _, index=index: touch(index))
+            cell.on("click", lambda _, index=index: edit(index))
             with cell:
                 ui.element("i")
                 ui.label("")
-    page.live.bind(grid, "cells", lambda _: _modbus_cells(words(), form[0]))
+    page.live.bind(grid, "cells", lambda _: _modbus_cells(words(), format_[0]))
 
 
-def _where(station: Station) -> str:
+def _server_address(station: Station) -> str:
     return f"Modbus/TCP server at {station.robot_ip}:{station.ports['modbus']}"
 
 
-def _modbus_cells(words: Sequence[int], form: str) -> Any:
-    write = _FORMS[form]
+def _modbus_cells(words: Sequence[int], format_: str) -> Any:
+    write = _FORMATS[format_]
     return [GENERAL_REGISTERS[0], list(map(write, words)) or ["-"] * len(GENERAL_REGISTERS)]
 
 
-def word_of(value: float) -> int:
+def to_word(value: float) -> int:
     """A register's 16 bits for a number from -32768 to 65535. Raises ValueError."""
     if value != int(value) or not -0x8000 <= value <= 0xFFFF:
         raise ValueError(f"a Modbus register cannot hold {value:g}: it has whole numbers from -32768 to 65535")
@@ -70,8 +70,8 @@ def word_of(value: float) -> int:
 CELLS: Final = 24  # integers and doubles in view each way
 _BITS: Final = 64
 _RATE_HZ: Final = 10.0
-_LOW: Final = "fieldbus"  # the half that RTDE clients share with a fieldbus
-_HIGH: Final = "clients"  # the half that is theirs
+_LOWER: Final = "fieldbus"  # the half that RTDE clients share with a fieldbus
+_UPPER: Final = "clients"  # the half that is theirs
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,41 +79,41 @@ class Bank:
     """The visible registers: their type, and the lower or the upper half."""
 
     kind: str = "int"
-    half: str = _HIGH
+    half: str = _UPPER
 
     @property
     def first(self) -> int:
         """Index of the first."""
-        return 0 if self.half == _LOW else _BITS if self.kind == "bit" else CELLS
+        return 0 if self.half == _LOWER else _BITS if self.kind == "bit" else CELLS
 
     @property
     def count(self) -> int:
         """How many."""
         return _BITS if self.kind == "bit" else CELLS
 
-    def fields(self, way: str) -> tuple[str, ...]:
+    def fields(self, direction: str) -> tuple[str, ...]:
         """RTDE variables of ``input`` or ``output`` registers; the lower booleans are two words."""
-        if self.kind == "bit" and self.half == _LOW:
-            return f"{way}_bit_registers0_to_31", f"{way}_bit_registers32_to_63"
-        return tuple(f"{way}_{self.kind}_register_{self.first + index}" for index in range(self.count))
+        if self.kind == "bit" and self.half == _LOWER:
+            return f"{direction}_bit_registers0_to_31", f"{direction}_bit_registers32_to_63"
+        return tuple(f"{direction}_{self.kind}_register_{self.first + index}" for index in range(self.count))
 
-    def levels(self, way: str, values: Mapping[str, Any]) -> str:
+    def levels(self, direction: str, values: Mapping[str, Any]) -> str:
         """A digit for each boolean, 0 or 1, or a dash for what is not known."""
-        found = [values.get(field) for field in self.fields(way)]
-        if self.half == _LOW:
+        found = [values.get(field) for field in self.fields(direction)]
+        if self.half == _LOWER:
             bits = [None if word is None else word >> bit & 1 for word in found for bit in range(32)]
         else:
             bits = found
         return "".join("-" if bit is None else str(int(bit)) for bit in bits)
 
-    def texts(self, way: str, values: Mapping[str, Any]) -> list[str]:
+    def texts(self, direction: str, values: Mapping[str, Any]) -> list[str]:
         """Of each number."""
-        found = [values.get(field) for field in self.fields(way)]
+        found = [values.get(field) for field in self.fields(direction)]
         return ["-" if value is None else f"{value:.6g}" if self.kind == "double" else str(value) for value in found]
 
-    def input_of(self, index: int, value: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+    def input_values(self, index: int, value: Any, values: Mapping[str, Any]) -> dict[str, Any]:
         """What to write over RTDE for one input register. Raises ValueError for what does not fit."""
-        if self.kind == "bit" and self.half == _LOW:
+        if self.kind == "bit" and self.half == _LOWER:
             field, bit = self.fields("input")[index // 32], index % 32
             word = values.get(field, 0)
             return {field: word | 1 << bit if value else word & ~(1 << bit)}
@@ -135,27 +135,27 @@ class _Registers:
         self.bank = Bank()
         self.feed: Feed | None = None
         self._views = views
-        views.on_look.append(lambda view: self.look())
+        views.on_view_change.append(lambda view: self.update_feed())
 
-    def look(self) -> None:
+    def update_feed(self) -> None:
         """Have the states of what is in view, and of nothing else."""
-        feeds, before = self.page.station.feeds, self.feed
-        wanted = self._views.looked_at == "registers"
+        feeds, previous = self.page.station.feeds, self.feed
+        visible = self._views.visible_view == "registers"
         names = (*self.bank.fields("input"), *self.bank.fields("output"))
-        self.feed = feeds.look(names, _RATE_HZ) if wanted else None
-        if before is not None:
-            feeds.leave(before)
+        self.feed = feeds.subscribe(names, _RATE_HZ) if visible else None
+        if previous is not None:
+            feeds.unsubscribe(previous)
 
     def choose(self, **changes: Any) -> None:
         self.bank = Bank(**{"kind": self.bank.kind, "half": self.bank.half, **changes})
-        self.look()
+        self.update_feed()
 
     @property
     def values(self) -> Mapping[str, Any]:
         """The newest state of these registers."""
         return {} if self.feed is None else self.feed.values
 
-    async def touch(self, index: int) -> None:
+    async def edit(self, index: int) -> None:
         """Switch an input boolean, or ask for the number of an input register."""
         bank, values = self.bank, self.values
         if bank.kind == "bit":
@@ -163,13 +163,13 @@ class _Registers:
             await self._write(bank, index, level)
             return
         name = bank.fields("input")[index]
-        value = await ask_number(self.page, name, values.get(name), whole=bank.kind == "int")
+        value = await request_number(self.page, name, values.get(name), whole=bank.kind == "int")
         if value is not None:
             await self._write(bank, index, value)
 
     async def _write(self, bank: Bank, index: int, value: Any) -> None:
         async def write() -> None:
-            await self.page.station.write(**bank.input_of(index, value, self.values))
+            await self.page.station.write(**bank.input_values(index, value, self.values))
 
         await self.page.attempt(write)
 
@@ -182,19 +182,19 @@ def build(page: Page, views: Views) -> None:
         ui.toggle(kinds, value="int", on_change=lambda change: registers.choose(kind=change.value)).props(
             "no-caps unelevated data-testid=register-kind"
         )
-        halves = {_LOW: "Lower (fieldbus and clients)", _HIGH: "Upper (clients)"}
-        ui.toggle(halves, value=_HIGH, on_change=lambda change: registers.choose(half=change.value)).props(
+        halves = {_LOWER: "Lower (fieldbus and clients)", _UPPER: "Upper (clients)"}
+        ui.toggle(halves, value=_UPPER, on_change=lambda change: registers.choose(half=change.value)).props(
             "no-caps unelevated data-testid=register-half"
         )
-        page.live.text(lambda station: _problem(registers), "soft")
+        page.live.text(lambda station: _problem_text(registers), "soft")
     with ui.row().classes("register-banks"):
-        for way, title in (("input", "Input registers: touch one to write it"), ("output", "Output registers")):
+        for direction, title in (("input", "Input registers: touch one to write it"), ("output", "Output registers")):
             with page.panel(title, "register-panel"):
-                _numbers(registers, way)
-                _booleans(registers, way)
+                _number_grid(registers, direction)
+                _boolean_grid(registers, direction)
 
 
-def _problem(registers: _Registers) -> str:
+def _problem_text(registers: _Registers) -> str:
     feed = registers.feed
     if feed is None or not feed.problem:
         missing = feed is not None and feed.unavailable
@@ -202,45 +202,49 @@ def _problem(registers: _Registers) -> str:
     return feed.problem
 
 
-def _numbers(registers: _Registers, way: str) -> None:
+def _number_grid(registers: _Registers, direction: str) -> None:
     with ui.element("div").classes("cells") as grid:
-        _cells(registers, way, CELLS, "cell")
-    registers.page.live.bind(grid, "cells", _seen(registers, lambda bank, v: [bank.first, bank.texts(way, v)], False))
+        _cells(registers, direction, CELLS, "cell")
+    registers.page.live.bind(
+        grid, "cells", _cached(registers, lambda bank, v: [bank.first, bank.texts(direction, v)], False)
+    )
 
 
-def _booleans(registers: _Registers, way: str) -> None:
+def _boolean_grid(registers: _Registers, direction: str) -> None:
     with ui.element("div").classes("cells bit-cells") as grid:
-        _cells(registers, way, _BITS, "wire")
-    registers.page.live.bind(grid, "bits", _seen(registers, lambda bank, v: [bank.first, bank.levels(way, v)], True))
+        _cells(registers, direction, _BITS, "wire")
+    registers.page.live.bind(
+        grid, "bits", _cached(registers, lambda bank, v: [bank.first, bank.levels(direction, v)], True)
+    )
 
 
-def _cells(registers: _Registers, way: str, count: int, style: str) -> None:
+def _cells(registers: _Registers, direction: str, count: int, style: str) -> None:
     for index in range(count):
-        writable = way == "input"
+        writable = direction == "input"
         with ui.element("button" if writable else "div").classes(style if writable else f"{style} fixed") as cell:
             ui.element("i")
             ui.label("")
-        cell.props(f"data-testid={way}-{style}-{index}")
+        cell.props(f"data-testid={direction}-{style}-{index}")
         if writable:
-            cell.props("type=button").on("click", lambda _, index=index: registers.touch(index))
+            cell.props("type=button").on("click", lambda _, index=index: registers.edit(index))
 
 
-def _seen(
+def _cached(
     registers: _Registers, read: Callable[[Bank, Mapping[str, Any]], Any], bits: bool
 ) -> Callable[[Station], Any]:
     """What ``read`` gives, worked out once for each state; None hides the grid of the other kind."""
     last: list[Any] = [None, None, None]
 
-    def see(station: Station) -> Any:
+    def read_cached(station: Station) -> Any:
         bank, values = registers.bank, registers.values
         if bank is not last[0] or values is not last[1]:
             last[:] = bank, values, read(bank, values) if (bank.kind == "bit") is bits else None
         return last[2]
 
-    return see
+    return read_cached
 
 
-async def ask_number(page: Page, name: str, value: float | None, whole: bool) -> float | None:
+async def request_number(page: Page, name: str, value: float | None, whole: bool) -> float | None:
     """Ask a person for a number; None when there is none."""
     with page.content, ui.dialog() as dialog, ui.card():
         ui.label(name).classes("text-subtitle1")

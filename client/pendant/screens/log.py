@@ -6,12 +6,12 @@ from typing import Final
 
 from nicegui import ui
 
-from client.pendant.events import SEVERITIES, SHOWN, Event, LogView, Severity, as_csv, as_text
+from client.pendant.events import MAX_SHOWN, SEVERITIES, Event, LogView, Severity, as_csv, as_text
 from client.pendant.page import Page
 from urproto.text import to_bytes
 
 _ICONS: Final[dict[Severity, str]] = {"info": "info", "warning": "warning", "error": "error"}
-_HEAD: Final = ("Time", "Uptime [s]", "", "Source", "Code", "Text")
+_HEADERS: Final = ("Time", "Uptime [s]", "", "Source", "Code", "Text")
 
 
 def build(page: Page) -> None:
@@ -21,35 +21,35 @@ def build(page: Page) -> None:
         with ui.row().classes("log-tools"):
             for severity in SEVERITIES:
                 _severity_button(view, severity)
-            _words(view)
+            _filter_field(view)
             ui.space()
-            page.live.text(lambda station: f"{view.waiting} new" if view.waiting else "", "log-waiting")
+            page.live.text(lambda station: f"{view.pending} new" if view.pending else "", "log-waiting")
             _pause_button(view)
-            _tool("clear_all", "Clear view", view.clear, "log-clear")
-            _tool("description", "Download as text", lambda: _download(view, as_text, "txt"), "log-text")
-            _tool("table_view", "Download as CSV", lambda: _download(view, as_csv, "csv"), "log-csv")
+            _tool_button("clear_all", "Clear view", view.clear, "log-clear")
+            _tool_button("description", "Download as text", lambda: _download(view, as_text, "txt"), "log-text")
+            _tool_button("table_view", "Download as CSV", lambda: _download(view, as_csv, "csv"), "log-csv")
         _lines(page, view)
 
 
 def _lines(page: Page, view: LogView) -> None:
     with ui.element("div").classes("log-head log-line"):
-        for title in _HEAD:
+        for title in _HEADERS:
             ui.element("span").props(f'data-title="{title}"')
     box = ui.element("div").classes("log-lines").props("data-testid=log-lines tabindex=0")
-    page.live.stream(box, "lines", view.take)
-    ui.run_javascript(f"pendantLog.show({box.id}, {SHOWN})")
+    page.live.stream(box, "lines", view.next_update)
+    ui.run_javascript(f"pendantLog.show({box.id}, {MAX_SHOWN})")
 
 
 def _severity_button(view: LogView, severity: Severity) -> None:
-    def switch() -> None:
+    def toggle() -> None:
         view.severities ^= {severity}
         button.classes(toggle="log-off")
 
-    button = ui.button(severity.capitalize(), icon=_ICONS[severity], color=None, on_click=switch)
+    button = ui.button(severity.capitalize(), icon=_ICONS[severity], color=None, on_click=toggle)
     button.props(f"no-caps unelevated data-testid=log-{severity}").classes(f"log-filter {severity}")
 
 
-def _words(view: LogView) -> None:
+def _filter_field(view: LogView) -> None:
     box = ui.input(placeholder="Filter").props(
         "dense outlined clearable debounce=200 data-testid=log-words aria-label=Filter"
     )
@@ -64,21 +64,21 @@ def _words(view: LogView) -> None:
 
 
 def _pause_button(view: LogView) -> None:
-    def switch() -> None:
+    def toggle() -> None:
         view.paused = not view.paused
         button.props(f"icon={'play_arrow' if view.paused else 'pause'}")
         hint.set_text("Resume" if view.paused else "Pause")
 
-    button = ui.button(icon="pause", on_click=switch).props('flat round data-testid=log-pause aria-label="Pause"')
+    button = ui.button(icon="pause", on_click=toggle).props('flat round data-testid=log-pause aria-label="Pause"')
     with button:
         hint = ui.tooltip("Pause")
 
 
-def _tool(icon: str, hint: str, click: Callable[[], object], mark: str) -> None:
-    with ui.button(icon=icon, on_click=click).props(f'flat round data-testid={mark} aria-label="{hint}"'):
+def _tool_button(icon: str, hint: str, click: Callable[[], object], test_id: str) -> None:
+    with ui.button(icon=icon, on_click=click).props(f'flat round data-testid={test_id} aria-label="{hint}"'):
         ui.tooltip(hint)
 
 
-def _download(view: LogView, form: Callable[[Iterable[Event]], str], ending: str) -> None:
-    name = f"robot_log_{datetime.now():%Y-%m-%d_%H-%M-%S}.{ending}"
-    ui.download(to_bytes(form(view.matching())), name)
+def _download(view: LogView, format_events: Callable[[Iterable[Event]], str], extension: str) -> None:
+    name = f"robot_log_{datetime.now():%Y-%m-%d_%H-%M-%S}.{extension}"
+    ui.download(to_bytes(format_events(view.matching())), name)

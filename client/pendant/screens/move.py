@@ -19,18 +19,18 @@ def build(page: Page) -> None:
     with ui.element("div").classes("move") as screen:
         with ui.element("div").classes("move-side"):
             jog.tool()
-            jog.by_hand()
-            _stop(page)
+            jog.speed_and_freedrive()
+            _stop_button(page)
         with ui.element("div").classes("move-view panel"):
             scene = arm_scene(page)
             scene.preview = lambda: settings.preview
             planned.draw(scene)
             camera_buttons(page, scene)
-            _status(page)
+            _status_line(page)
         with ui.element("div").classes("move-side"):
             jog.joints()
             _targets(page, settings, planned)
-    page.live.bind(screen, "state", lambda station: "free" if station.situation.may(Action.MOVE) else "blocked")
+    page.live.bind(screen, "state", lambda station: "free" if station.situation.permits(Action.MOVE) else "blocked")
 
 
 def _targets(page: Page, settings: MoveSettings, planned: PlannedMove) -> None:
@@ -48,40 +48,40 @@ def _targets(page: Page, settings: MoveSettings, planned: PlannedMove) -> None:
                 saved_poses(page, settings)
             with ui.tab_panel("plan"):
                 planned.panel()
-        tabs.on_value_change(lambda change: planned.look(change.value == "plan"))
+        tabs.on_value_change(lambda change: planned.set_visible(change.value == "plan"))
 
 
-def _stop(page: Page) -> None:
+def _stop_button(page: Page) -> None:
     """Of whatever moves the arm: a motion from here, or a program."""
 
     async def stop() -> None:
         station = page.station
         await station.mover.stop()
-        if not station.mover.in_charge and station.situation.may(Action.STOP):
+        if not station.mover.in_control and station.situation.permits(Action.STOP):
             await page.stop()
 
-    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.doing(stop))
+    button = ui.button("Stop", icon="back_hand", color=None, on_click=page.handler(stop))
     button.classes("move-stop").props("unelevated no-caps data-testid=stop-moving")
-    page.live.bind(button, "state", lambda station: "moving" if _moves(station) else "rest")
+    page.live.bind(button, "state", lambda station: "moving" if _is_moving(station) else "rest")
 
 
-def _status(page: Page) -> None:
+def _status_line(page: Page) -> None:
     """What moves the arm, and why slowly, or why nothing may."""
     with ui.element("div").classes("move-status"):
-        chip = page.live.text(lambda station: station.mover.doing, "chip move-doing")
+        chip = page.live.text(lambda station: station.mover.activity, "chip move-doing")
         chip.props("data-testid=doing")
-        page.live.bind(chip, "state", _kind)
-        slowed = page.live.text(_obstacle, "move-slowed")
+        page.live.bind(chip, "state", _activity_state)
+        slowed = page.live.text(_status_text, "move-slowed")
         slowed.props("data-testid=slowed")
 
 
-def _moves(station: Station) -> bool:
-    return bool(station.mover.doing) or station.situation.may(Action.PAUSE)
+def _is_moving(station: Station) -> bool:
+    return bool(station.mover.activity) or station.situation.permits(Action.PAUSE)
 
 
-def _obstacle(station: Station) -> str:
-    return station.mover.slowed or station.situation.why_not(Action.MOVE)
+def _status_text(station: Station) -> str:
+    return station.mover.slowed or station.situation.refusal(Action.MOVE)
 
 
-def _kind(station: Station) -> str:
-    return "on" if station.mover.doing else "off"
+def _activity_state(station: Station) -> str:
+    return "on" if station.mover.activity else "off"

@@ -12,7 +12,7 @@ from nicegui import ui
 from client.errors import MotionStoppedError
 from client.pendant.jogging import Velocity
 from client.pendant.mover import STALE_S
-from client.pendant.page import MISTAKES, Page
+from client.pendant.page import EXPECTED_ERRORS, Page
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
@@ -21,10 +21,10 @@ from urproto.robots.pose import rotvec_to_matrix, rotvec_to_rpy
 from urproto.vectors import Matrix3
 
 FEATURES: Final = {"base": "Base", "tool": "Tool", "view": "View"}
-JOINT_TOP: Final = 1.0472  # rad/s, and rad/s of a tool: speeds at 100 %; 60 degrees a second is URScript's default
-LINE_TOP: Final = 0.25  # m/s: URScript's default, and what ISO 10218 lets an arm move at in manual mode
-_JOINT_RAMP: Final = 1.4  # rad/s2, m/s2
-_LINE_RAMP: Final = 1.2
+MAX_JOINT_SPEED: Final = 1.0472  # rad/s, of joints and of a tool's rotation; 60 degrees/s is URScript's default
+MAX_LINE_SPEED: Final = 0.25  # m/s: URScript's default, and what ISO 10218 lets an arm move at in manual mode
+_JOINT_ACCELERATION: Final = 1.4  # rad/s2, m/s2
+_LINE_ACCELERATION: Final = 1.2
 _IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -44,15 +44,15 @@ class MoveSettings:
         self.preview: tuple[float, ...] | None = None
         self.on_rotation: list[Callable[[bool], None]] = []
         self.on_target: list[Callable[[Joints], None]] = []
-        self._mine = False
-        page.live.on_lost.append(self._stop_what_i_began)
+        self._moving = False
+        page.live.on_lost.append(self._stop_own_motion)
 
-    def write_rotations(self, *, as_rpy: bool) -> None:
+    def set_rotation_format(self, *, as_rpy: bool) -> None:
         """So from now on."""
         if as_rpy != self.as_rpy:
             self.as_rpy = as_rpy
-            for tell in self.on_rotation:
-                tell(as_rpy)
+            for callback in self.on_rotation:
+                callback(as_rpy)
 
     def axes(self, azimuth_rad: float) -> Matrix3:
         """Of the feature, in the base frame. azimuth: how far what the camera calls right is from the base's x."""
@@ -72,12 +72,12 @@ class MoveSettings:
     @property
     def joint_speed(self) -> dict[str, float]:
         """For move_j."""
-        return {"speed_rad_s": self.speed * JOINT_TOP, "acceleration_rad_s2": _JOINT_RAMP}
+        return {"speed_rad_s": self.speed * MAX_JOINT_SPEED, "acceleration_rad_s2": _JOINT_ACCELERATION}
 
     @property
     def line_speed(self) -> dict[str, float]:
         """For move_l."""
-        return {"speed_m_s": self.speed * LINE_TOP, "acceleration_m_s2": _LINE_RAMP}
+        return {"speed_m_s": self.speed * MAX_LINE_SPEED, "acceleration_m_s2": _LINE_ACCELERATION}
 
     async def move(self, motion: Callable[[], Awaitable[None]]) -> None:
         """Begin a motion that ends by itself, if it may be; it ends too when this browser is gone.
@@ -85,28 +85,28 @@ class MoveSettings:
         Raises NotNowError.
         """
         self.page.station.situation.require(Action.MOVE)
-        if await self.page.may_move():
-            await self.page.attempt(lambda: self._moved(motion))
+        if await self.page.confirm_move():
+            await self.page.attempt(lambda: self._run_motion(motion))
 
-    async def _moved(self, motion: Callable[[], Awaitable[None]]) -> None:
-        mine, self._mine = self._mine, True
+    async def _run_motion(self, motion: Callable[[], Awaitable[None]]) -> None:
+        was_moving, self._moving = self._moving, True
         try:
             await motion()
         except MotionStoppedError:
-            self.page.tell("Stopped")
+            self.page.show_message("Stopped")
         finally:
-            self._mine = mine  # another motion of this browser may be the one that is under way
+            self._moving = was_moving  # another motion of this browser may be the one that is under way
 
-    def _stop_what_i_began(self) -> None:
-        if self._mine:
+    def _stop_own_motion(self) -> None:
+        if self._moving:
             self._stopping = asyncio.create_task(self.page.attempt(self.page.station.mover.stop))
 
 
 _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
-_SEEN: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the same in feature View
-_NEAR: Final = 0.09  # rad from a limit: where a bar turns amber
-_ASLEEP_S: Final = 3.0  # guess: longer than a busy browser is silent, shorter than a laptop sleeps or a network is gone
-_NOTHING: Final = "\N{EN DASH}"
+_VIEW_AXES: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the same in feature View
+_NEAR_LIMIT_RAD: Final = 0.09  # rad from a limit: where a bar turns amber
+_MAX_SILENCE_S: Final = 3.0  # guess: longer than a browser under load is silent, shorter than a laptop sleeps
+_UNKNOWN: Final = "\N{EN DASH}"
 
 
 class JogPanels:
@@ -115,13 +115,13 @@ class JogPanels:
     def __init__(self, page: Page, settings: MoveSettings) -> None:
         self._page = page
         self._settings = settings
-        self._down = False  # a button is, and what it was pressed for has begun
-        self._dead = False  # it is, but this press has failed
+        self._pressed = False  # a button is, and what it was pressed for has begun
+        self._press_failed = False  # it is, but this press has failed
         self._silent = False  # freedrive has ended because nothing was heard of its button
-        self._asking: asyncio.Task[Any] | None = None
-        self._freeing: asyncio.Task[Any] | None = None
-        self._heard_at = 0.0
-        page.live.on_held.append(self._held)
+        self._confirmation: asyncio.Task[Any] | None = None
+        self._freedrive_task: asyncio.Task[Any] | None = None
+        self._last_message_s = 0.0
+        page.live.on_held.append(self._on_held)
 
     # the panels
 
@@ -130,8 +130,8 @@ class JogPanels:
         settings = self._settings
         with self._page.panel("TCP", "move-jog"):
             with ui.row().classes("move-choices"):
-                _choice(FEATURES, settings, "feature")
-                _choice({"rv": "Rot. vector", "rpy": "RPY"}, settings, "rotation")
+                _choice_toggle(FEATURES, settings, "feature")
+                _choice_toggle({"rv": "Rot. vector", "rpy": "RPY"}, settings, "rotation")
             for i in range(6):
                 with ui.element("div").classes("jog-row"):
                     self._page.live.text(partial(self._axis_name, i), f"jog-name axis-{'xyz'[i % 3]}")
@@ -148,13 +148,13 @@ class JogPanels:
                     ui.label(title).classes("jog-name")
                     with ui.element("div").classes("joint-bar"):
                         bar = ui.element("div").classes("joint-at")
-                        live.bind(bar, "width", partial(_share, i))
-                        live.bind(bar, "state", partial(_nearness, i))
-                    live.text(partial(_angle, i), "jog-value").props(f"data-testid=angle-{i}")
+                        live.bind(bar, "width", partial(_joint_percent, i))
+                        live.bind(bar, "state", partial(_limit_state, i))
+                    live.text(partial(_angle_text, i), "jog-value").props(f"data-testid=angle-{i}")
                     ui.label("°").classes("jog-unit")
                     _hold_buttons("joint", i, str(i), title)
 
-    def by_hand(self) -> None:
+    def speed_and_freedrive(self) -> None:
         """How fast everything here goes; freedrive."""
         page, settings = self._page, self._settings
         with page.panel("Speed and freedrive"):
@@ -163,106 +163,106 @@ class JogPanels:
                 slider = ui.slider(min=1, max=100, value=100 * settings.speed).props(
                     'dense data-testid=jog-speed aria-label="Speed of motions from here"'
                 )
-                share = ui.label(f"{100 * settings.speed:.0f} %").classes("live")
+                percent = ui.label(f"{100 * settings.speed:.0f} %").classes("live")
 
             def set_speed(change: Any) -> None:
                 settings.speed = change.value / 100.0
-                share.set_text(f"{change.value:.0f} %")
+                percent.set_text(f"{change.value:.0f} %")
 
             slider.on_value_change(set_speed)
             with ui.row().classes("move-hand"):
-                hold = ui.button("Hold for freedrive", icon="pan_tool", color=None).props(
+                hold_button = ui.button("Hold for freedrive", icon="pan_tool", color=None).props(
                     "no-caps unelevated data-testid=freedrive"
                 )
-                hold.props["data-hold"] = json.dumps({"freedrive": True})
-                keep = ui.button(icon="lock_open", color=None, on_click=page.doing(self._toggle_freedrive)).props(
-                    "unelevated"
-                )
-                keep.props('data-testid=freedrive-keep aria-label="Freedrive until pressed again"')
-                keep.tooltip("Freedrive until pressed again")
-            for button in (hold, keep):
+                hold_button.props["data-hold"] = json.dumps({"freedrive": True})
+                toggle_button = ui.button(
+                    icon="lock_open", color=None, on_click=page.handler(self._toggle_freedrive)
+                ).props("unelevated")
+                toggle_button.props('data-testid=freedrive-keep aria-label="Freedrive until pressed again"')
+                toggle_button.tooltip("Freedrive until pressed again")
+            for button in (hold_button, toggle_button):
                 button.classes("hand")
                 page.live.bind(button, "state", lambda station: "on" if station.mover.freedrive else "off")
 
     # the numbers
 
     def _axis_name(self, axis: int, _: Station) -> str:
-        return (_SEEN if self._settings.feature == "view" else _AXES)[axis]
+        return (_VIEW_AXES if self._settings.feature == "view" else _AXES)[axis]
 
     def _coordinate(self, axis: int, station: Station) -> str:
         pose = station.values.get("actual_TCP_pose")
         if pose is None:
-            return _NOTHING
+            return _UNKNOWN
         if axis < 3:
-            return _rounded(1e3 * pose[axis], 2)
+            return _format_number(1e3 * pose[axis], 2)
         if self._settings.as_rpy:
-            return _rounded(degrees(rotvec_to_rpy(*pose[3:])[axis - 3]), 2)
-        return _rounded(pose[axis], 4)
+            return _format_number(degrees(rotvec_to_rpy(*pose[3:])[axis - 3]), 2)
+        return _format_number(pose[axis], 4)
 
     def _coordinate_unit(self, axis: int, _: Station) -> str:
         return "mm" if axis < 3 else "°" if self._settings.as_rpy else "rad"
 
     # what is held
 
-    def _held(self, held: Mapping[str, Any] | None) -> None:
+    def _on_held(self, held: Mapping[str, Any] | None) -> None:
         mover, now = self._page.station.mover, asyncio.get_running_loop().time()
-        silent_s, self._heard_at = now - self._heard_at, now
-        if held is not None and self._down and not self._dead and silent_s > _ASLEEP_S:
-            self._dead = True  # a browser that wakes up still holds what nobody may hold any more
-            self._page.complain(f"Nothing was heard of the button for {silent_s:.0f} s: press it again.")
+        silent_s, self._last_message_s = now - self._last_message_s, now
+        if held is not None and self._pressed and not self._press_failed and silent_s > _MAX_SILENCE_S:
+            self._press_failed = True  # a browser that wakes up still holds what nobody may hold any more
+            self._page.show_error(f"Nothing was heard of the button for {silent_s:.0f} s: press it again.")
         if held is None:
-            if self._freeing is not None:
+            if self._freedrive_task is not None:
                 mover.end_freedrive()
-            self._down = self._dead = self._silent = False
-        elif not self._dead and self._page.live.screen == "move":
+            self._pressed = self._press_failed = self._silent = False
+        elif not self._press_failed and self._page.live.screen == "move":
             try:
                 self._press(held)
-            except MISTAKES as error:
-                self._dead = True
-                self._page.complain(str(error))
+            except EXPECTED_ERRORS as error:
+                self._press_failed = True
+                self._page.show_error(str(error))
 
     def _press(self, held: Mapping[str, Any]) -> None:
-        if not self._down:
+        if not self._pressed:
             self._page.station.situation.require(Action.MOVE)
         self._settings.preview = None
-        if not self._page.agreed:
-            self._dead = True
-            self._asking = asyncio.create_task(self._page.may_move())
+        if not self._page.move_confirmed:
+            self._press_failed = True
+            self._confirmation = asyncio.create_task(self._page.confirm_move())
         elif held.get("freedrive") is True:
             # a button that was silent for a moment only is still held: as with a jog, its motion begins again
-            if not self._down or (self._silent and self._freeing is None):
+            if not self._pressed or (self._silent and self._freedrive_task is None):
                 self._silent = False
-                self._freeing = asyncio.create_task(self._free())
+                self._freedrive_task = asyncio.create_task(self._run_freedrive())
         else:
             self._page.station.mover.hold(self._velocity(held), self._page)
-        self._down = True
+        self._pressed = True
 
     def _velocity(self, held: Mapping[str, Any]) -> Velocity:
         """What a button means. Raises ValueError for what none says."""
         sign = 1.0 if held.get("sign", 0) > 0 else -1.0
         speeds = [0.0] * 6
         if "joint" in held:
-            speeds[_index(held["joint"])] = sign * JOINT_TOP * self._settings.speed
+            speeds[_checked_index(held["joint"])] = sign * MAX_JOINT_SPEED * self._settings.speed
             return Velocity("joints", tuple(speeds))
-        axis = _index(held.get("axis"))
-        top = sign * self._settings.speed * (LINE_TOP if axis < 3 else JOINT_TOP)
+        axis = _checked_index(held.get("axis"))
+        max_speed = sign * self._settings.speed * (MAX_LINE_SPEED if axis < 3 else MAX_JOINT_SPEED)
         azimuth = held.get("azimuth", 0.0)
         axes = self._settings.axes(float(azimuth) if isinstance(azimuth, int | float) and isfinite(azimuth) else 0.0)
-        part = axis // 3 * 3
-        speeds[part : part + 3] = [top * value for value in axes[axis % 3 :: 3]]
+        first = axis // 3 * 3
+        speeds[first : first + 3] = [max_speed * value for value in axes[axis % 3 :: 3]]
         return Velocity("tool", tuple(speeds))
 
-    async def _free(self) -> None:
-        watching = asyncio.create_task(self._end_when_silent())
+    async def _run_freedrive(self) -> None:
+        watchdog = asyncio.create_task(self._end_freedrive_when_silent())
         try:
             await self._page.attempt(self._page.station.mover.start_freedrive)
         finally:
-            watching.cancel()
-            self._freeing = None
+            watchdog.cancel()
+            self._freedrive_task = None
 
-    async def _end_when_silent(self) -> None:
+    async def _end_freedrive_when_silent(self) -> None:
         now = asyncio.get_running_loop().time
-        while now() - self._heard_at < STALE_S:
+        while now() - self._last_message_s < STALE_S:
             await asyncio.sleep(STALE_S / 8)
         self._silent = True
         self._page.station.mover.end_freedrive()
@@ -275,43 +275,43 @@ class JogPanels:
             await self._settings.move(mover.start_freedrive)
 
 
-def _choice(options: Mapping[str, str], settings: MoveSettings, what: str) -> None:
+def _choice_toggle(options: Mapping[str, str], settings: MoveSettings, setting: str) -> None:
     def choose(change: Any) -> None:
-        if what == "feature":
+        if setting == "feature":
             settings.feature = change.value
         else:
-            settings.write_rotations(as_rpy=change.value == "rpy")
+            settings.set_rotation_format(as_rpy=change.value == "rpy")
 
     toggle = ui.toggle(dict(options), value=next(iter(options)), on_change=choose)
-    toggle.props(f"no-caps dense unelevated data-testid={what}").classes("move-choice")
-    settings.page.live.bind(toggle, "state", lambda _: settings.feature if what == "feature" else settings.rotation)
+    toggle.props(f"no-caps dense unelevated data-testid={setting}").classes("move-choice")
+    settings.page.live.bind(toggle, "state", lambda _: settings.feature if setting == "feature" else settings.rotation)
 
 
-def _hold_buttons(kind: str, index: int, mark: str, title: str) -> None:
+def _hold_buttons(kind: str, index: int, test_id: str, title: str) -> None:
     for sign, icon, name in ((-1, "remove", "minus"), (1, "add", "plus")):
         button = (
             ui.button(icon=icon, color=None)
-            .props(f'unelevated dense data-testid={kind}-{mark}-{name} aria-label="{title} {name}, while held"')
+            .props(f'unelevated dense data-testid={kind}-{test_id}-{name} aria-label="{title} {name}, while held"')
             .classes("jog-button")
         )
         button.props["data-hold"] = json.dumps({kind: index, "sign": sign})
 
 
-def _index(value: Any) -> int:
+def _checked_index(value: Any) -> int:
     if type(value) is not int or not 0 <= value < 6:
         raise ValueError(f"there is no axis {value!r}")
     return value
 
 
-def _rounded(value: float, digits: int) -> str:
+def _format_number(value: float, digits: int) -> str:
     """With a minus as wide as the digits, and none before a zero."""
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if not text.strip("-0.") else text.replace("-", "\N{MINUS SIGN}")
 
 
-def _angle(joint: int, station: Station) -> str:
+def _angle_text(joint: int, station: Station) -> str:
     q = station.values.get("actual_q")
-    return _NOTHING if q is None else _rounded(degrees(q[joint]), 2)
+    return _UNKNOWN if q is None else _format_number(degrees(q[joint]), 2)
 
 
 def _limits(joint: int, station: Station) -> tuple[float, float]:
@@ -319,7 +319,7 @@ def _limits(joint: int, station: Station) -> tuple[float, float]:
     return (-1.0, 1.0) if model is None else (model.q_min[joint], model.q_max[joint])
 
 
-def _share(joint: int, station: Station) -> float:
+def _joint_percent(joint: int, station: Station) -> float:
     """Where a joint is between its limits [percent]; one without limits turns round and round."""
     q: Joints | None = station.values.get("actual_q")
     if q is None:
@@ -328,9 +328,9 @@ def _share(joint: int, station: Station) -> float:
     return round(100.0 * max(0.0, min(1.0, (q[joint] - low) / (high - low))), 1)
 
 
-def _nearness(joint: int, station: Station) -> str:
+def _limit_state(joint: int, station: Station) -> str:
     q, model = station.values.get("actual_q"), station.model
     if q is None or model is None:
         return "unknown"
     low, high = model.position_limits
-    return "near" if q[joint] - low[joint] < _NEAR or high[joint] - q[joint] < _NEAR else "far"
+    return "near" if q[joint] - low[joint] < _NEAR_LIMIT_RAD or high[joint] - q[joint] < _NEAR_LIMIT_RAD else "far"

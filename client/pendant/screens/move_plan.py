@@ -13,7 +13,7 @@ from client.errors import MotionStoppedError, PlanningError
 from client.pendant.arm_scene import ArmScene
 from client.pendant.page import Page
 from client.pendant.scene_monitor import MonitoredScene, links_in, missing_extra
-from client.pendant.screens.move_jog import JOINT_TOP, MoveSettings
+from client.pendant.screens.move_jog import MAX_JOINT_SPEED, MoveSettings
 from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.errors import RobotRefused
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from client.planning import PairDistance, Plan, PlanningScene
 
 _AT_GOAL_RAD: Final = 0.002  # targets closer than this need no path
-_RAMP: Final = 0.14  # share of the planner's accelerations: gives the 1.4 rad/s2 of the screen's other motions
-_MOST_SAMPLES: Final = 200  # of a path, for display
+_ACCELERATION_SCALING: Final = 0.14  # of the planner's: gives the 1.4 rad/s2 of the screen's other motions
+_MAX_SAMPLES: Final = 200  # of a path, for display
 _DIGITS: Final = 4
 _CHECK_PERIOD_S: Final = 0.1  # between checks whether the scene has changed
-_STILL_RAD_S: Final = 1e-3
+_AT_REST_RAD_S: Final = 1e-3
 _MAX_REPLANS: Final = 10  # to one goal (guess)
-_FARTHEST_M: Final = 10.0  # of a handle from the base
+_MAX_HANDLE_DISTANCE_M: Final = 10.0  # of a handle from the base
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +53,14 @@ class PlannedMove:
         self._page = page
         self._settings = settings
         self._visible = False
-        self._far = False  # the handle is out of reach
+        self._out_of_reach = False  # the handle is out of reach
         self._busy = False
         self._planned_path: _PlannedPath | None = None
-        self._failed: tuple[tuple[float, ...] | None, str] | None = None  # the goal, and why there is no path
-        self._pairs: tuple[MonitoredScene, tuple[float, ...], list[PairDistance]] | None = None
-        page.live.hear("goal", self._drag)
+        self._failure: tuple[tuple[float, ...] | None, str] | None = None  # the goal, and why there is no path
+        self._collision_cache: tuple[MonitoredScene, tuple[float, ...], list[PairDistance]] | None = None
+        page.live.on_message("goal", self._move_target)
 
-    def look(self, visible: bool) -> None:
+    def set_visible(self, visible: bool) -> None:
         """Whether the panel is visible: only then does the view have a handle."""
         self._visible = visible
 
@@ -80,19 +80,19 @@ class PlannedMove:
             text.props("role=status data-testid=plan-status")
             live.bind(text, "state", lambda station: self._status(station)[0])
             live.text(_source, "plan-note").props("data-testid=plan-source")
-            if lack := missing_extra():
-                ui.label(lack).classes("plan-note plan-missing_extra").props("data-testid=plan-missing_extra")
+            if missing := missing_extra():
+                ui.label(missing).classes("plan-note plan-missing_extra").props("data-testid=plan-missing_extra")
         with ui.row().classes("target-buttons"):
             present = ui.button("Present", icon="my_location", on_click=self._reset)
             present.props("flat no-caps data-testid=plan-present")
             ui.space()
-            plan = ui.button("Plan", icon="route", on_click=self._page.doing(self._plan))
+            plan = ui.button("Plan", icon="route", on_click=self._page.handler(self._plan))
             plan.props("outline no-caps data-testid=plan")
-            move = ui.button("Move", icon="near_me", on_click=self._page.doing(self._move))
+            move = ui.button("Move", icon="near_me", on_click=self._page.handler(self._move))
             move.props("unelevated no-caps data-testid=plan-move")
         live.effect(lambda station: not self._busy, plan.set_enabled)
-        live.effect(lambda station: not self._why_disabled(station), move.set_enabled)
-        live.bind(move, "title", self._why_disabled)
+        live.effect(lambda station: not self._move_refusal(station), move.set_enabled)
+        live.bind(move, "title", self._move_refusal)
 
     # what is known
 
@@ -108,20 +108,20 @@ class PlannedMove:
         monitored, q = self._scene(station), self._target(station)
         if monitored is None or q is None:
             return []
-        if self._pairs is None or self._pairs[0] is not monitored or self._pairs[1] != q:
-            self._pairs = (monitored, q, monitored.checker.collisions(q))
-        return self._pairs[2]
+        if self._collision_cache is None or self._collision_cache[0] is not monitored or self._collision_cache[1] != q:
+            self._collision_cache = (monitored, q, monitored.checker.collisions(q))
+        return self._collision_cache[2]
 
     def _valid_path(self, station: Station) -> _PlannedPath | None:
         """The planned path to this target, unless target or scene have changed since."""
-        found = self._planned_path
-        if found is None or found.goal != self._settings.preview or found.monitored is not station.planning_scene:
+        planned = self._planned_path
+        if planned is None or planned.goal != self._settings.preview or planned.monitored is not station.planning_scene:
             return None
-        return found
+        return planned
 
-    def _why_disabled(self, station: Station) -> str:
-        why = station.situation.why_not(Action.MOVE)
-        return why or ("" if self._valid_path(station) is not None else "There is no path yet: press Plan first.")
+    def _move_refusal(self, station: Station) -> str:
+        reason = station.situation.refusal(Action.MOVE)
+        return reason or ("" if self._valid_path(station) is not None else "There is no path yet: press Plan first.")
 
     def _status(self, station: Station) -> tuple[str, str]:
         """The kind of the status, and its text."""
@@ -132,12 +132,12 @@ class PlannedMove:
             return ("bad", problem) if problem else ("off", "The arm is not known yet.")
         if self._busy:
             return "off", "Planning a path \N{HORIZONTAL ELLIPSIS}"
-        if self._far:
+        if self._out_of_reach:
             return "warn", "The handle is out of reach: the ghost shows how far the arm can go."
-        if found := self._valid_path(station):
-            return "good", _summary(found.plan)
-        if self._failed is not None and self._failed[0] == self._settings.preview:
-            return "bad", self._failed[1]
+        if planned := self._valid_path(station):
+            return "good", _summary(planned.plan)
+        if self._failure is not None and self._failure[0] == self._settings.preview:
+            return "bad", self._failure[1]
         if near := self._collisions(station):
             padding_mm = 1000 * station.planning_scene.scene.padding_m
             return "bad", f"{'; '.join(map(str, near[:3]))}. The required clearance is {padding_mm:g} mm."
@@ -164,105 +164,105 @@ class PlannedMove:
             "quaternion": [round(value, _DIGITS) for value in rotvec_to_quaternion(*turn)],
             "turned": self._settings.feature == "tool",
             "red": links_in(self._collisions(station)) if self._settings.preview is not None else [],
-            "far": self._far,
+            "far": self._out_of_reach,
         }
 
     def _path(self, station: Station) -> dict[str, Any] | None:
-        found = self._valid_path(station)
-        if found is None:
+        planned = self._valid_path(station)
+        if planned is None:
             return None
-        return found.moving if station.mover.doing else found.playing
+        return planned.moving if station.mover.activity else planned.playing
 
     # what a person does
 
-    def _drag(self, said: Any) -> None:
+    def _move_target(self, message: Any) -> None:
         """Move the target with the handle, as far as the arm can reach. Raises ValueError for an invalid message."""
         station = self._page.station
         monitored, q = self._scene(station), self._target(station)
-        if said is None or monitored is None or q is None:
-            self._far = False
+        if message is None or monitored is None or q is None:
+            self._out_of_reach = False
             return
-        flange = pose_trans(_pose(said), pose_inv(monitored.tcp_offset))
+        flange = pose_trans(_pose(message), pose_inv(monitored.tcp_offset))
         reached = monitored.scene.kinematics.inverse_near(flange, q, *monitored.scene.model.position_limits)
-        self._far = reached is None
+        self._out_of_reach = reached is None
         if reached is not None:
             self._settings.preview = reached
-        if said.get("end"):
-            self._far = False
+        if message.get("end"):
+            self._out_of_reach = False
             if (target := self._settings.preview) is not None:
-                for tell in self._settings.on_target:
-                    tell(_six(target))
+                for callback in self._settings.on_target:
+                    callback(_joints(target))
 
     def _reset(self) -> None:
-        self._settings.preview = self._planned_path = self._failed = None
+        self._settings.preview = self._planned_path = self._failure = None
 
     async def _plan(self) -> None:
         station, goal = self._page.station, self._settings.preview
         monitored, start = station.planning_scene, station.values.get("actual_q")
         if monitored is None or start is None:
-            why = station.scene_monitor.problem or "the robot has not reported its model and position yet"
-            raise RobotRefused("planning", why, "wait until it is connected")
-        self._planned_path = self._failed = None
+            reason = station.scene_monitor.problem or "the robot has not reported its model and position yet"
+            raise RobotRefused("planning", reason, "wait until it is connected")
+        self._planned_path = self._failure = None
         if goal is None or dist(goal, start) < _AT_GOAL_RAD:
-            self._failed = (goal, "The arm is already there: drag the handle or type joint angles first.")
+            self._failure = (goal, "The arm is already there: drag the handle or type joint angles first.")
             return
         self._busy = True
         try:
             plan = await asyncio.to_thread(_plan_path, monitored.scene, start, goal, self._settings.speed)
         except PlanningError as error:
-            self._failed = (goal, str(error))
+            self._failure = (goal, str(error))
         else:
             self._planned_path = _planned_path(goal, monitored, plan)
         finally:
             self._busy = False
-            station.wake()
+            station.notify_pages()
 
     async def _move(self) -> None:
-        found = self._valid_path(self._page.station)
-        if found is None:
+        planned = self._valid_path(self._page.station)
+        if planned is None:
             raise RobotRefused("motion", "there is no path to this target", "press Plan first")
 
         async def follow() -> None:
-            await self._follow(found)
+            await self._follow(planned)
             self._settings.preview = self._planned_path = None
 
         await self._settings.move(follow)
 
-    async def _follow(self, found: _PlannedPath) -> None:
+    async def _follow(self, planned: _PlannedPath) -> None:
         """Follow a path to the goal; replan when an obstacle blocks it. Raises PlanningError, MotionStoppedError."""
         station = self._page.station
         for _ in range(_MAX_REPLANS):
-            blocked = await self._follow_monitored(found)
+            blocked = await self._follow_monitored(planned)
             if not blocked:
                 return
-            stops = station.mover.stops
-            self._page.tell(f"{blocked}. Planning another path.")
-            while any(abs(speed) > _STILL_RAD_S for speed in station.values.get("actual_qd", ())):
+            stop_count = station.mover.stop_count
+            self._page.show_message(f"{blocked}. Planning another path.")
+            while any(abs(speed) > _AT_REST_RAD_S for speed in station.values.get("actual_qd", ())):
                 await asyncio.sleep(_CHECK_PERIOD_S)
-            found = self._planned_path = await self._replan(found)
-            if station.mover.stops != stops:
+            planned = self._planned_path = await self._replan(planned)
+            if station.mover.stop_count != stop_count:
                 raise MotionStoppedError("Moving as planned", "it was stopped")
         raise PlanningError(
             f"{_MAX_REPLANS} paths were blocked one after the other: plan again when the scene no longer changes"
         )
 
-    async def _follow_monitored(self, found: _PlannedPath) -> str:
+    async def _follow_monitored(self, planned: _PlannedPath) -> str:
         """Have the arm follow a path. If an obstacle blocks it, stop the arm and return the reason."""
-        station, monitored = self._page.station, found.monitored
-        follow = asyncio.ensure_future(station.mover.follow(found.plan))
+        station, monitored = self._page.station, planned.monitored
+        follow = asyncio.ensure_future(station.mover.execute(planned.plan))
         try:
             while not (await asyncio.wait({follow}, timeout=_CHECK_PERIOD_S))[0]:
                 now, q = station.planning_scene, station.values.get("actual_q")
                 if now is None or now is monitored or q is None:
                     continue
                 monitored = now
-                blocked = await asyncio.to_thread(_blocking_reason, now, found.plan, q)
+                blocked = await asyncio.to_thread(_blocking_reason, now, planned.plan, q)
                 if blocked and not follow.done():
-                    stops = station.mover.stops
+                    stop_count = station.mover.stop_count
                     await station.mover.stop()
                     with suppress(MotionStoppedError):
                         await follow
-                    if station.mover.stops > stops + 1:  # Stop was pressed, too
+                    if station.mover.stop_count > stop_count + 1:  # Stop was pressed, too
                         raise MotionStoppedError("Moving as planned", "it was stopped")
                     return blocked
             await follow
@@ -270,13 +270,13 @@ class PlannedMove:
             follow.cancel()
         return ""
 
-    async def _replan(self, found: _PlannedPath) -> _PlannedPath:
+    async def _replan(self, planned: _PlannedPath) -> _PlannedPath:
         """Plan to the same goal from the current configuration, in the current scene. Raises PlanningError."""
         station = self._page.station
-        monitored = station.planning_scene or found.monitored
-        start = _six(station.values["actual_q"])
-        plan = await asyncio.to_thread(_plan_path, monitored.scene, start, found.goal, self._settings.speed)
-        return _planned_path(found.goal, monitored, plan)
+        monitored = station.planning_scene or planned.monitored
+        start = _joints(station.values["actual_q"])
+        plan = await asyncio.to_thread(_plan_path, monitored.scene, start, planned.goal, self._settings.speed)
+        return _planned_path(planned.goal, monitored, plan)
 
 
 def _blocking_reason(monitored: MonitoredScene, plan: "Plan", q_rad: Sequence[float]) -> str:
@@ -290,14 +290,14 @@ def _plan_path(scene: "PlanningScene", start: Joints, goal: tuple[float, ...], s
     from client.planning import JointGoal, Planner
 
     planner = Planner(scene)
-    velocity = min(1.0, speed * JOINT_TOP / max(planner.limits.velocity))
-    return planner.plan(start, JointGoal(goal), velocity_scaling=velocity, acceleration_scaling=_RAMP)
+    velocity = min(1.0, speed * MAX_JOINT_SPEED / max(planner.limits.velocity))
+    return planner.plan(start, JointGoal(goal), velocity_scaling=velocity, acceleration_scaling=_ACCELERATION_SCALING)
 
 
 def _planned_path(goal: tuple[float, ...], monitored: MonitoredScene, plan: "Plan") -> _PlannedPath:
-    every = ceil(len(plan.trajectory.q) / _MOST_SAMPLES)
+    step = ceil(len(plan.trajectory.q) / _MAX_SAMPLES)
     samples = [
-        [round(float(angle), _DIGITS) for angle in q] for q in (*plan.trajectory.q[:-1:every], plan.trajectory.q[-1])
+        [round(float(angle), _DIGITS) for angle in q] for q in (*plan.trajectory.q[:-1:step], plan.trajectory.q[-1])
     ]
     forward = monitored.scene.kinematics.forward
     points = [[round(value, _DIGITS) for value in forward(q, monitored.tcp_offset)[:3]] for q in samples]
@@ -307,9 +307,11 @@ def _planned_path(goal: tuple[float, ...], monitored: MonitoredScene, plan: "Pla
 
 def _summary(plan: "Plan") -> str:
     corners = len(plan.path) - 2
-    how = f"{corners} corner{'s' if corners > 1 else ''}, by {plan.planner}" if corners else "straight to the goal"
-    took = plan.search_s + plan.shortcutting_s + plan.parameterisation_s
-    return f"A path of {plan.duration_s:.1f} s, {how}; planning took {1000 * took:.0f} ms."
+    description = (
+        f"{corners} corner{'s' if corners > 1 else ''}, by {plan.planner}" if corners else "straight to the goal"
+    )
+    planning_s = plan.search_s + plan.shortcutting_s + plan.parameterisation_s
+    return f"A path of {plan.duration_s:.1f} s, {description}; planning took {1000 * planning_s:.0f} ms."
 
 
 def _source(station: Station) -> str:
@@ -324,27 +326,27 @@ def _source(station: Station) -> str:
     )
 
 
-def _pose(said: Any) -> Pose:
+def _pose(message: Any) -> Pose:
     """The pose of a handle, in the base frame."""
-    if not isinstance(said, dict):
+    if not isinstance(message, dict):
         raise ValueError("a handle must send its pose")
-    x, y, z = _numbers(said.get("position"), 3)
-    a, b, c, d = _numbers(said.get("quaternion"), 4)
+    x, y, z = _numbers(message.get("position"), 3)
+    a, b, c, d = _numbers(message.get("quaternion"), 4)
     size = hypot(a, b, c, d)
-    if size < 0.5 or max(abs(x), abs(y), abs(z)) > _FARTHEST_M:
+    if size < 0.5 or max(abs(x), abs(y), abs(z)) > _MAX_HANDLE_DISTANCE_M:
         raise ValueError("the pose is outside the range of a handle")
     return (x, y, z, *quaternion_to_rotvec(a / size, b / size, c / size, d / size))
 
 
-def _numbers(said: Any, count: int) -> list[float]:
-    if not isinstance(said, list) or len(said) != count:
+def _numbers(message: Any, count: int) -> list[float]:
+    if not isinstance(message, list) or len(message) != count:
         raise ValueError(f"{count} finite numbers are expected")
-    numbers = [float(value) for value in said if isinstance(value, int | float)]
+    numbers = [float(value) for value in message if isinstance(value, int | float)]
     if len(numbers) != count or not all(map(isfinite, numbers)):
         raise ValueError(f"{count} finite numbers are expected")
     return numbers
 
 
-def _six(q: Sequence[float]) -> Joints:
+def _joints(q: Sequence[float]) -> Joints:
     a, b, c, d, e, f = q
     return (a, b, c, d, e, f)

@@ -23,18 +23,18 @@ _ICONS: Final = {"Home": "home", "Zero": "exposure_zero"}
 
 def saved_poses(page: Page, settings: MoveSettings) -> None:
     """A list that all browsers share, and what adds to it."""
-    listed = ui.element("div").classes("pose-list")
+    pose_list = ui.element("div").classes("pose-list")
 
-    def show(known: tuple[str, int] | None) -> None:
-        listed.clear()
-        if known is not None:
-            with listed:
+    def show(version: tuple[str, int] | None) -> None:
+        pose_list.clear()
+        if version is not None:
+            with pose_list:
                 for name, q_rad in BUILT_IN.items():
-                    _row(page, settings, name, q_rad, own=False)
-                for name, q_rad in _read(page, known[0]).items():
-                    _row(page, settings, name, q_rad, own=True)
+                    _pose_row(page, settings, name, q_rad, is_user_pose=False)
+                for name, q_rad in _read_poses(page, version[0]).items():
+                    _pose_row(page, settings, name, q_rad, is_user_pose=True)
 
-    page.live.effect(_known, show)
+    page.live.effect(_list_version, show)
     with ui.row().classes("target-buttons"):
         box = ui.input(placeholder="Name of the present pose").props(
             'dense outlined data-testid=pose-name aria-label="Name of the present pose"'
@@ -48,69 +48,69 @@ def saved_poses(page: Page, settings: MoveSettings) -> None:
                 raise RobotRefused(
                     "saving a pose", "the robot has not reported where it is", "wait until it is connected"
                 )
-            station.poses.save(_model(station), box.value or "", q)
+            station.poses.save(_model_name(station), box.value or "", q)
             box.set_value("")
 
-        ui.button("Save", icon="add", on_click=page.doing(save)).props("unelevated no-caps data-testid=pose-save")
-        box.on("keydown.enter", page.doing(save))
+        ui.button("Save", icon="add", on_click=page.handler(save)).props("unelevated no-caps data-testid=pose-save")
+        box.on("keydown.enter", page.handler(save))
 
 
-def _known(station: Station) -> tuple[str, int] | None:
+def _list_version(station: Station) -> tuple[str, int] | None:
     """What the list depends on."""
     return None if station.model is None else (station.model.name, station.poses.version)
 
 
-def _model(station: Station) -> str:
+def _model_name(station: Station) -> str:
     if station.model is None:
         raise RobotRefused("saved poses", "it has not reported which arm it is", "wait until it is connected")
     return station.model.name
 
 
-def _read(page: Page, model: str) -> dict[str, Joints]:
+def _read_poses(page: Page, model: str) -> dict[str, Joints]:
     try:
-        return page.station.poses.of(model)
+        return page.station.poses.for_model(model)
     except FileError as error:
-        page.complain(str(error))
+        page.show_error(str(error))
         return {}
 
 
-def _row(page: Page, settings: MoveSettings, name: str, q_rad: Joints, *, own: bool) -> None:
-    async def go() -> None:
+def _pose_row(page: Page, settings: MoveSettings, name: str, q_rad: Joints, *, is_user_pose: bool) -> None:
+    async def move() -> None:
         await settings.move(lambda: page.station.mover.move_j(q_rad, f"Moving to {name}", **settings.joint_speed))
 
     with ui.element("div").classes("pose-row"):
-        ui.icon("place" if own else _ICONS.get(name, "place"))
+        ui.icon("place" if is_user_pose else _ICONS.get(name, "place"))
         ui.label(name).classes("pose-title")
-        if own:
-            _menu(page, name)
-        button = ui.button("Go", icon="near_me", on_click=page.doing(go)).props("flat no-caps dense")
+        if is_user_pose:
+            _pose_menu(page, name)
+        button = ui.button("Go", icon="near_me", on_click=page.handler(move)).props("flat no-caps dense")
         button.props["data-testid"] = f"go-{name}"
 
 
-def _menu(page: Page, name: str) -> None:
+def _pose_menu(page: Page, name: str) -> None:
     station = page.station
     with ui.button(icon="more_vert").props('flat dense round aria-label="Rename or delete"') as button, ui.menu():
         ui.menu_item("Rename…", lambda: _rename(page, name)).props("data-testid=pose-rename")
 
         async def delete() -> None:
-            station.poses.delete(_model(station), name)
+            station.poses.delete(_model_name(station), name)
 
-        ui.menu_item("Delete", page.doing(delete)).props("data-testid=pose-delete")
+        ui.menu_item("Delete", page.handler(delete)).props("data-testid=pose-delete")
     button.props["data-testid"] = f"menu-{name}"
 
 
 async def _rename(page: Page, name: str) -> None:
     station = page.station
-    new = await _ask("Rename pose", name)
-    if new is not None:
+    new_name = await _request_name("Rename pose", name)
+    if new_name is not None:
 
         async def rename() -> None:
-            station.poses.rename(_model(station), name, new)
+            station.poses.rename(_model_name(station), name, new_name)
 
         await page.attempt(rename)
 
 
-async def _ask(title: str, text: str) -> str | None:
+async def _request_name(title: str, text: str) -> str | None:
     """What somebody types instead of a text; None if nothing."""
     with ui.dialog() as dialog, ui.card():
         ui.label(title).classes("text-h6")
@@ -124,7 +124,7 @@ async def _ask(title: str, text: str) -> str | None:
     return answer
 
 
-_WIDEST: Final = 360.0  # degrees: of a slider for a joint that has no limit
+_MAX_RANGE_DEG: Final = 360.0  # degrees: of a slider for a joint that has no limit
 _POSITIONS: Final = ("X", "Y", "Z")
 
 
@@ -135,7 +135,7 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
     with ui.element("div").classes("target-grid"):
         for i, title in enumerate(JOINT_TITLES):
             ui.label(title).classes("jog-name")
-            slider = ui.slider(min=-_WIDEST, max=_WIDEST, step=0.1, value=0.0).props("dense")
+            slider = ui.slider(min=-_MAX_RANGE_DEG, max=_MAX_RANGE_DEG, step=0.1, value=0.0).props("dense")
             slider.props(f'aria-label="{title}"')
             number = ui.number(value=0.0, format="%.2f", step=1).props(f"dense outlined data-testid=target-joint-{i}")
             number.props(f'aria-label="{title} [°]"')
@@ -152,29 +152,31 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
         for number, angle in zip(numbers, q_rad, strict=True):
             number.set_value(round(degrees(angle), 2))
 
-    def take_present() -> None:
-        show(_present(page, "actual_q"))
+    def show_current() -> None:
+        show(_current_values(page, "actual_q"))
         settings.preview = None
 
-    def fit(model: RobotModel | None) -> None:
+    def set_limits(model: RobotModel | None) -> None:
         if model is not None:
             for slider, low, high in zip(sliders, *model.position_limits, strict=True):
-                slider.props(f"min={max(degrees(low), -_WIDEST):.1f} max={min(degrees(high), _WIDEST):.1f}")
-            take_present()
+                slider.props(
+                    f"min={max(degrees(low), -_MAX_RANGE_DEG):.1f} max={min(degrees(high), _MAX_RANGE_DEG):.1f}"
+                )
+            show_current()
 
     async def move() -> None:
-        q = _within(page.station.model, [radians(_number(number)) for number in numbers])
+        q = _require_within_limits(page.station.model, [radians(_number(number)) for number in numbers])
         await settings.move(lambda: page.station.mover.move_j(q, "Moving to joint angles", **settings.joint_speed))
         settings.preview = None
 
     for number in numbers:
         number.on_value_change(preview)
     settings.on_target.append(show)
-    page.live.effect(lambda station: station.model if "actual_q" in station.values else None, fit)
+    page.live.effect(lambda station: station.model if "actual_q" in station.values else None, set_limits)
     with ui.row().classes("target-buttons"):
-        _button(page, "Present", "my_location", take_present, "joints-present")
+        _button(page, "Present", "my_location", show_current, "joints-present")
         ui.space()
-        _go(page, "Move", move, "joints-move")
+        _move_button(page, "Move", move, "joints-move")
 
 
 def pose_target(page: Page, settings: MoveSettings) -> None:
@@ -198,24 +200,24 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
 
     async def move() -> None:
         pose, mover = read(settings.as_rpy), page.station.mover
-        doing = "Moving to a pose"
+        activity = "Moving to a pose"
         if kind.value == "l":
-            await settings.move(lambda: mover.move_l(pose, doing, **settings.line_speed))
+            await settings.move(lambda: mover.move_l(pose, activity, **settings.line_speed))
         else:
-            await settings.move(lambda: mover.move_to_pose(pose, doing, **settings.joint_speed))
+            await settings.move(lambda: mover.move_to_pose(pose, activity, **settings.joint_speed))
 
-    def rewrite(as_rpy: bool) -> None:
+    def convert_rotation(as_rpy: bool) -> None:
         """The same rotation in the other numbers."""
         if all(number.value is not None for number in numbers):
             show(read(not as_rpy))
 
-    settings.on_rotation.append(rewrite)
+    settings.on_rotation.append(convert_rotation)
 
-    def show_first(there: bool) -> None:
-        if there:
+    def show_initial(available: bool) -> None:
+        if available:
             show(_tcp_pose(page))
 
-    page.live.effect(lambda station: "actual_TCP_pose" in station.values, show_first)
+    page.live.effect(lambda station: "actual_TCP_pose" in station.values, show_initial)
     with ui.row().classes("target-buttons"):
         _button(page, "Present", "my_location", lambda: show(_tcp_pose(page)), "pose-present")
         ui.space()
@@ -223,7 +225,7 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
             "no-caps dense unelevated data-testid=pose-kind"
         )
         kind.classes("move-choice")
-        _go(page, "Move", move, "pose-move")
+        _move_button(page, "Move", move, "pose-move")
 
 
 def _pose_field(page: Page, settings: MoveSettings, i: int) -> ui.number:
@@ -233,17 +235,17 @@ def _pose_field(page: Page, settings: MoveSettings, i: int) -> ui.number:
         number = ui.number(value=0.0, format="%.2f", step=1)
         ui.label("mm").classes("jog-unit")
     else:
-        page.live.text(partial(_turn, settings, i - 3), f"jog-name axis-{'xyz'[i - 3]}")
+        page.live.text(partial(_rotation_label, settings, i - 3), f"jog-name axis-{'xyz'[i - 3]}")
         number = ui.number(value=0.0, format="%.4f", step=0.01)
         page.live.text(lambda _: "°" if settings.as_rpy else "rad", "jog-unit")
     return number.props(f'dense outlined data-testid=target-pose-{i} aria-label="{name}"')
 
 
-def _turn(settings: MoveSettings, axis: int, _: Station) -> str:
+def _rotation_label(settings: MoveSettings, axis: int, _: Station) -> str:
     return (("Roll", "Pitch", "Yaw") if settings.as_rpy else ("RX", "RY", "RZ"))[axis]
 
 
-def _present(page: Page, name: str) -> Joints:
+def _current_values(page: Page, name: str) -> Joints:
     values: Joints | None = page.station.values.get(name)
     if values is None:
         raise RobotRefused(name, "the robot has not reported it yet", "wait until it is connected")
@@ -251,7 +253,7 @@ def _present(page: Page, name: str) -> Joints:
 
 
 def _tcp_pose(page: Page) -> Pose:
-    return _present(page, "actual_TCP_pose")
+    return _current_values(page, "actual_TCP_pose")
 
 
 def _number(field: ui.number) -> float:
@@ -260,7 +262,7 @@ def _number(field: ui.number) -> float:
     return float(field.value)
 
 
-def _within(model: RobotModel | None, q_rad: list[float]) -> list[float]:
+def _require_within_limits(model: RobotModel | None, q_rad: list[float]) -> list[float]:
     """Raises ValueError with the limits, in degrees as they are on the screen."""
     lows, highs = ((-inf,) * 6, (inf,) * 6) if model is None else model.position_limits
     for title, low, angle, high in zip(JOINT_TITLES, lows, q_rad, highs, strict=True):
@@ -270,16 +272,16 @@ def _within(model: RobotModel | None, q_rad: list[float]) -> list[float]:
     return q_rad
 
 
-def _button(page: Page, text: str, icon: str, action: object, mark: str) -> None:
+def _button(page: Page, text: str, icon: str, action: object, test_id: str) -> None:
     async def click() -> None:
-        async def act() -> None:
+        async def run_action() -> None:
             action()  # type: ignore[operator]
 
-        await page.attempt(act)
+        await page.attempt(run_action)
 
-    ui.button(text, icon=icon, on_click=click).props(f"flat no-caps data-testid={mark}")
+    ui.button(text, icon=icon, on_click=click).props(f"flat no-caps data-testid={test_id}")
 
 
-def _go(page: Page, text: str, action: Callable[[], Awaitable[None]], mark: str) -> None:
-    button = ui.button(text, icon="near_me").props(f"unelevated no-caps data-testid={mark}")
-    page.button_for(Action.MOVE, action, button)
+def _move_button(page: Page, text: str, action: Callable[[], Awaitable[None]], test_id: str) -> None:
+    button = ui.button(text, icon="near_me").props(f"unelevated no-caps data-testid={test_id}")
+    page.bind_button(Action.MOVE, action, button)

@@ -17,64 +17,64 @@ from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.versions import PolyscopeVersion
 
-_PLACES: Final = ("before", "onto", "after")  # where a node is dropped at another one
+_DROP_PLACES: Final = ("before", "onto", "after")  # where a node is dropped at another one
 _BREAKPOINT: Final = "Breakpoint: the program pauses here (F9)"
 
 
 def build(page: Page) -> None:
     """Put it on the page."""
     selection = Selection(page.station.program_draft)
-    deeds = Deeds(page, selection)
+    commands = Commands(page, selection)
     with ui.element("div").classes("program-screen"):
-        _bar(page, deeds)
+        _toolbar(page, commands)
         _palette(page, selection)
-        tree = _tree()
+        tree = _tree_element()
         with ui.element("div").classes("program-side"):
             form = NodeForm(page, selection)
             program_scene(page, selection)
-        _follow(page, selection, deeds, tree, form)
-    page.live.hear("drop", deeds.drop)
+        _connect_tree(page, selection, commands, tree, form)
+    page.live.on_message("drop", commands.drop)
     page.live.effect(
-        lambda station: page.live.screen == "program" and playing.saves_here(station),
-        lambda seen: page.soon(lambda: playing.take_installation(page.station)) if seen else None,
+        lambda station: page.live.screen == "program" and playing.can_save_files(station),
+        lambda visible: page.run_in_background(lambda: playing.load_installation(page.station)) if visible else None,
     )
 
 
-class Deeds:
+class Commands:
     """The actions of buttons and keys on the selected node."""
 
     def __init__(self, page: Page, selection: Selection) -> None:
         self.page = page
         self._selection = selection
         self._draft: ProgramDraft = page.station.program_draft
-        self.save: Callable[[], Awaitable[object]] = _nothing
+        self.save: Callable[[], Awaitable[object]] = _do_nothing
 
-    def hear(self, said: Any, form: NodeForm) -> None:
+    def handle(self, message: Any, form: NodeForm) -> None:
         """What the browser says of its tree: [word, id of a node]."""
-        if not isinstance(said, list) or len(said) != 2 or not isinstance(said[0], str):
+        if not isinstance(message, list) or len(message) != 2 or not isinstance(message[0], str):
             return
-        word, node = said
+        name, node = message
         if isinstance(node, str):
             self._selection.choose(node)
-        if word == "edit":
+        if name == "edit":
             form.focus()
-        elif word == "save":
-            self.page.soon(self.save)
-        elif (deed := self.by_word.get(word)) is not None:
-            self.page.soon(deed)
+        elif name == "save":
+            self.page.run_in_background(self.save)
+        elif (command := self.by_name.get(name)) is not None:
+            self.page.run_in_background(command)
 
-    def drop(self, said: Any) -> None:
+    def drop(self, message: Any) -> None:
         """A node that was dragged: [its id, the other's, one of `_PLACES`]."""
-        match said:
-            case [str(node), str(at), str(place)] if place in _PLACES:
+        match message:
+            case [str(node), str(at), str(place)] if place in _DROP_PLACES:
                 self._selection.choose(node)
-                self.page.soon(lambda: self._drop(node, at, place))
+                self.page.run_in_background(lambda: self._drop(node, at, place))
 
     async def _drop(self, node: str, at: str, place: str) -> None:
         self._draft.drop(node, at, place)
 
     @property
-    def by_word(self) -> dict[str, Callable[[], Awaitable[None]]]:
+    def by_name(self) -> dict[str, Callable[[], Awaitable[None]]]:
         """By the words of static/screen_program.js."""
         return {
             "undo": self.undo,
@@ -113,17 +113,17 @@ class Deeds:
     async def delete(self) -> None:
         """With all below it; its neighbour is selected then."""
         node = self._selection.node
-        beside = self._draft.view.neighbour(node)
+        neighbour = self._draft.view.neighbour(node)
         self._draft.delete(node)
-        self._selection.choose(beside)
+        self._selection.choose(neighbour)
 
     async def up(self) -> None:
         """Before the node above it."""
-        self._draft.shift(self._selection.node, -1)
+        self._draft.move_by(self._selection.node, -1)
 
     async def down(self) -> None:
         """Behind the node below it."""
-        self._draft.shift(self._selection.node, 1)
+        self._draft.move_by(self._selection.node, 1)
 
     async def suppress(self) -> None:
         """Or not any more."""
@@ -132,61 +132,61 @@ class Deeds:
     async def breakpoint(self) -> None:
         """Or none any more."""
         self._draft.toggle_breakpoint(self._selection.node)
-        await playing.tell_breakpoints(self.page.station)
+        await playing.send_breakpoints(self.page.station)
 
     async def play(self) -> None:
         """From the start, or on from where it is paused."""
-        await self._start(lambda: playing.play(self.page.station))
+        await self._start_program(lambda: playing.play(self.page.station))
 
     async def play_from(self) -> None:
         """From the selected node."""
-        await self._start(lambda: playing.play(self.page.station, at=self._selection.node))
+        await self._start_program(lambda: playing.play(self.page.station, at=self._selection.node))
 
     async def step(self) -> None:
         """To the next node."""
-        await self._start(lambda: playing.step(self.page.station))
+        await self._start_program(lambda: playing.step(self.page.station))
 
-    async def _start(self, start: Callable[[], Awaitable[None]]) -> None:
+    async def _start_program(self, start: Callable[[], Awaitable[None]]) -> None:
         self.page.station.situation.require(Action.PLAY)
-        if not self._draft.path and playing.plays_files(self.page.station):
+        if not self._draft.path and playing.can_play_files(self.page.station):
             await self.save()
             if not self._draft.path:
                 return
-        if await self.page.may_move():
+        if await self.page.confirm_move():
             await start()
 
 
-async def _nothing() -> None:
+async def _do_nothing() -> None:
     """Before the toolbar is there."""
 
 
-def _bar(page: Page, deeds: Deeds) -> None:
+def _toolbar(page: Page, commands: Commands) -> None:
     """The toolbar: files, editing, playing."""
     draft = page.station.program_draft
 
     def button(
-        title: str, icon: str, deed: Callable[[], Awaitable[None]] | None, mark: str, hint: str = ""
+        title: str, icon: str, command: Callable[[], Awaitable[None]] | None, test_id: str, hint: str = ""
     ) -> ui.button:
-        made = ui.button(icon=icon, on_click=deed).props(f'flat aria-label="{title}" data-testid={mark}')
-        with made:
+        new_button = ui.button(icon=icon, on_click=command).props(f'flat aria-label="{title}" data-testid={test_id}')
+        with new_button:
             ui.tooltip(hint or title)
-        return made
+        return new_button
 
-    def gap() -> None:
+    def add_gap() -> None:
         ui.element("span").classes("program-gap")
 
     with ui.card().classes("panel program-bar").props('role=toolbar aria-label="Program"'):
         title = page.live.text(lambda _: draft.title, "program-title").props("data-testid=program-title")
         page.live.bind(title, "state", lambda _: "changed" if draft.changed else "saved")
         files = FileButtons(page, button)
-        deeds.save = files.save
-        gap()
-        undo = button("Undo", "undo", page.doing(deeds.undo), "program-undo", "Undo (Ctrl+Z)")
-        redo = button("Redo", "redo", page.doing(deeds.redo), "program-redo", "Redo (Ctrl+Y)")
+        commands.save = files.save
+        add_gap()
+        undo = button("Undo", "undo", page.handler(commands.undo), "program-undo", "Undo (Ctrl+Z)")
+        redo = button("Redo", "redo", page.handler(commands.redo), "program-redo", "Redo (Ctrl+Y)")
         page.live.effect(lambda _: draft.can_undo, undo.set_enabled)
         page.live.effect(lambda _: draft.can_redo, redo.set_enabled)
-        gap()
-        for word, text, icon, keys in (
+        add_gap()
+        for name, text, icon, keys in (
             ("cut", "Cut", "content_cut", "Ctrl+X"),
             ("copy", "Copy", "content_copy", "Ctrl+C"),
             ("paste", "Paste", "content_paste", "Ctrl+V"),
@@ -195,35 +195,41 @@ def _bar(page: Page, deeds: Deeds) -> None:
             ("up", "Move up", "arrow_upward", "Alt+Up"),
             ("down", "Move down", "arrow_downward", "Alt+Down"),
         ):
-            button(text, icon, page.doing(deeds.by_word[word]), f"program-{word}", f"{text} ({keys})")
-        gap()
-        _play_buttons(page, deeds, button)
+            button(text, icon, page.handler(commands.by_name[name]), f"program-{name}", f"{text} ({keys})")
+        add_gap()
+        _play_buttons(page, commands, button)
 
 
-def _play_buttons(page: Page, deeds: Deeds, button: Callable[..., ui.button]) -> None:
-    for text, icon, deed, mark, emulated in (
-        ("Save and play from the start", "play_arrow", deeds.play, "program-play", False),
-        ("Play from selection", "playlist_play", deeds.play_from, "program-play-from", False),
-        ("Step to the next node", "skip_next", deeds.step, "program-step", True),
+def _play_buttons(page: Page, commands: Commands, button: Callable[..., ui.button]) -> None:
+    for text, icon, command, test_id, emulated in (
+        ("Save and play from the start", "play_arrow", commands.play, "program-play", False),
+        ("Play from selection", "playlist_play", commands.play_from, "program-play-from", False),
+        ("Step to the next node", "skip_next", commands.step, "program-step", True),
     ):
-        made = button(text, icon, None, mark)
-        page.button_for(Action.PLAY, deed, made, text)
+        new_button = button(text, icon, None, test_id)
+        page.bind_button(Action.PLAY, command, new_button, text)
         if emulated:
-            page.live.effect(_may_step, made.set_enabled)
-            page.live.bind(made, "title", playing.why_not_by_node)
-    halt = button("Breakpoint", "stop_circle", page.doing(deeds.breakpoint), "program-breakpoint", _BREAKPOINT)
-    page.live.effect(playing.plays_files, halt.set_enabled)
-    page.live.bind(halt, "title", playing.why_not_by_node)
-    page.live.text(_why_not, "program-why").props("data-testid=program-why")
+            page.live.effect(_can_step, new_button.set_enabled)
+            page.live.bind(new_button, "title", playing.why_no_stepping)
+    breakpoint_button = button(
+        "Breakpoint", "stop_circle", page.handler(commands.breakpoint), "program-breakpoint", _BREAKPOINT
+    )
+    page.live.effect(playing.can_play_files, breakpoint_button.set_enabled)
+    page.live.bind(breakpoint_button, "title", playing.why_no_stepping)
+    page.live.text(_play_note, "program-why").props("data-testid=program-why")
 
 
-def _may_step(station: Station) -> bool:
-    return playing.plays_files(station) and station.situation.may(Action.PLAY)
+def _can_step(station: Station) -> bool:
+    return playing.can_play_files(station) and station.situation.permits(Action.PLAY)
 
 
-def _why_not(station: Station) -> str:
-    now = station.situation
-    return playing.note(station) if now.may(Action.PLAY) or now.may(Action.PAUSE) else now.why_not(Action.PLAY)
+def _play_note(station: Station) -> str:
+    situation = station.situation
+    return (
+        playing.play_hint(station)
+        if situation.permits(Action.PLAY) or situation.permits(Action.PAUSE)
+        else situation.refusal(Action.PLAY)
+    )
 
 
 def _palette(page: Page, selection: Selection) -> None:
@@ -231,10 +237,10 @@ def _palette(page: Page, selection: Selection) -> None:
     draft = page.station.program_draft
 
     async def insert(kind: str) -> None:
-        async def put() -> None:
+        async def insert_node() -> None:
             selection.choose(draft.insert(kind, selection.node))
 
-        await page.attempt(put)
+        await page.attempt(insert_node)
 
     with ui.card().classes("panel program-palette").props('role=group aria-label="Nodes to insert"') as box:
         pass
@@ -245,19 +251,19 @@ def _palette(page: Page, selection: Selection) -> None:
             for group, entries in palette(version).items():
                 ui.label(group).classes("program-group")
                 for entry in entries:
-                    made = ui.button(entry.title, icon=entry.icon, on_click=lambda name=entry.name: insert(name))
-                    made.props(f"flat dense no-caps data-testid=insert-{entry.name}").tooltip(entry.doc)
+                    new_button = ui.button(entry.title, icon=entry.icon, on_click=lambda name=entry.name: insert(name))
+                    new_button.props(f"flat dense no-caps data-testid=insert-{entry.name}").tooltip(entry.doc)
 
     page.live.effect(lambda s: s.version, fill)
 
 
-def _tree() -> ui.element:
+def _tree_element() -> ui.element:
     with ui.card().classes("panel program-tree-panel"):
         box = ui.element("div").classes("program-tree")
         return box.props('role=tree aria-label="Program tree" data-testid=program-tree')
 
 
-def _follow(page: Page, selection: Selection, deeds: Deeds, tree: ui.element, form: NodeForm) -> None:
+def _connect_tree(page: Page, selection: Selection, commands: Commands, tree: ui.element, form: NodeForm) -> None:
     """Let the tree show the program, and hear what is done in it.
 
     What the tree says comes over the connection of the form's fields, and so behind what was typed there before: the
@@ -265,15 +271,15 @@ def _follow(page: Page, selection: Selection, deeds: Deeds, tree: ui.element, fo
     """
     draft = page.station.program_draft
     page.live.bind(tree, "value", lambda _: draft.view.shown_rows())
-    marks, chosen = ui.element("span").classes("hidden"), ui.element("span").classes("hidden")
-    page.live.bind(marks, "value", _running)
-    page.live.bind(chosen, "value", lambda _: selection.node)
-    tree.on("said", lambda event: deeds.hear(event.args.get("detail"), form), ["detail"])
-    ids = [tree.id, marks.id, chosen.id, form.fields_id]
+    marks, selected = ui.element("span").classes("hidden"), ui.element("span").classes("hidden")
+    page.live.bind(marks, "value", _running_numbers)
+    page.live.bind(selected, "value", lambda _: selection.node)
+    tree.on("said", lambda event: commands.handle(event.args.get("detail"), form), ["detail"])
+    ids = [tree.id, marks.id, selected.id, form.fields_id]
     ui.run_javascript(f"pendantProgram.tree({json.dumps(ids)[1:-1]})")
 
 
-def _running(station: Station) -> list[int]:
+def _running_numbers(station: Station) -> list[int]:
     """Numbers of the nodes that are carried out, if it is this program that runs."""
     threads = station.programs.threads
     if not threads or not playing.is_on_robot(station):

@@ -9,7 +9,7 @@ from nicegui import events, ui
 from client.pendant import program_playing as playing
 from client.pendant.page import Page
 
-_LARGEST = 2_000_000  # bytes
+_MAX_BYTES = 2_000_000
 
 
 class FileButtons:
@@ -18,23 +18,27 @@ class FileButtons:
     def __init__(self, page: Page, button: Callable[..., ui.button]) -> None:
         self._page = page
         self._draft = page.station.program_draft
-        button("New", "note_add", page.doing(self.new), "program-new")
-        button("Open", "folder_open", page.doing(self.open), "program-open")
-        keep = button("Save", "save", page.doing(self.save), "program-save")
-        keep_as = button("Save as", "save_as", page.doing(self.save_as), "program-save-as")
-        for each in (keep, keep_as):
-            page.live.effect(playing.saves_here, each.set_enabled)
+        button("New", "note_add", page.handler(self.new), "program-new")
+        button("Open", "folder_open", page.handler(self.open), "program-open")
+        save = button("Save", "save", page.handler(self.save), "program-save")
+        save_as = button("Save as", "save_as", page.handler(self.save_as), "program-save-as")
+        for save_button in (save, save_as):
+            page.live.effect(playing.can_save_files, save_button.set_enabled)
             page.live.bind(
-                each,
+                save_button,
                 "title",
-                lambda s: "" if playing.saves_here(s) else "A robot saves no files for others: download the program",
+                lambda s: (
+                    "" if playing.can_save_files(s) else "A robot saves no files for others: download the program"
+                ),
             )
-        button("Download", "download", page.doing(self.download), "program-download")
-        self._picker = ui.upload(on_upload=self._uploaded, auto_upload=True, max_file_size=_LARGEST).classes("hidden")
-        self._picker.on("rejected", lambda: page.complain("a program has at most 2 MB"))
+        button("Download", "download", page.handler(self.download), "program-download")
+        self._picker = ui.upload(on_upload=self._on_upload, auto_upload=True, max_file_size=_MAX_BYTES).classes(
+            "hidden"
+        )
+        self._picker.on("rejected", lambda: page.show_error("a program has at most 2 MB"))
         self._picker.props('accept=".urp" data-testid=program-file')
 
-    async def _may_replace(self) -> bool:
+    async def _confirm_replacing(self) -> bool:
         """Whether the program may go: asked if something would be lost."""
         draft = self._draft
         if not draft.changed:
@@ -44,15 +48,15 @@ class FileButtons:
 
     async def new(self) -> None:
         """An empty program."""
-        if await self._may_replace():
+        if await self._confirm_replacing():
             self._draft.new()
 
     async def open(self) -> None:
         """A file of the programs folder, or of the browser's machine."""
         page = self._page
-        if not await self._may_replace():
+        if not await self._confirm_replacing():
             return
-        if not playing.saves_here(page.station):
+        if not playing.can_save_files(page.station):
             self._picker.run_method("pickFiles")
             return
         names = [name for name in await page.station.programs.files(page.station) if name.endswith(playing.EXTENSION)]
@@ -67,20 +71,20 @@ class FileButtons:
                 upload = ui.button("From this machine", icon="upload_file", on_click=lambda: dialog.submit(""))
                 upload.props("flat no-caps data-testid=program-upload")
                 ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")
-        chosen = await dialog
+        choice = await dialog
         dialog.delete()
-        if chosen:
-            await playing.open_file(page.station, chosen)
-        elif chosen == "":
+        if choice:
+            await playing.open_file(page.station, choice)
+        elif choice == "":
             self._picker.run_method("pickFiles")
 
-    async def _uploaded(self, upload: events.UploadEventArguments) -> None:
+    async def _on_upload(self, upload: events.UploadEventArguments) -> None:
         data, name = await upload.file.read(), PurePosixPath(upload.file.name).name
 
-        async def take() -> None:
+        async def open_upload() -> None:
             self._draft.open(data, name)
 
-        await self._page.attempt(take)
+        await self._page.attempt(open_upload)
         self._picker.reset()
 
     async def save(self) -> None:
@@ -89,7 +93,7 @@ class FileButtons:
             await self.save_as()
             return
         await playing.save(self._page.station, self._draft.path)
-        self._page.tell(f"{self._draft.path} is saved")
+        self._page.show_message(f"{self._draft.path} is saved")
 
     async def save_as(self) -> bool:
         """Under another name; whether that was done."""
@@ -113,7 +117,7 @@ class FileButtons:
             if not await page.confirm("Replace the program?", text, "Replace it"):
                 return False
         await playing.save(page.station, path)
-        page.tell(f"{path} is saved")
+        page.show_message(f"{path} is saved")
         return True
 
     async def download(self) -> None:

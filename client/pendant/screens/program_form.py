@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.pendant.page import MISTAKES, Page
+from client.pendant.page import EXPECTED_ERRORS, Page
 from client.pendant.program_draft import Selection
 from client.pendant.program_view import FormField
 from client.pendant.screens.move_jog import MoveSettings
@@ -15,9 +15,9 @@ from client.pendant.station import Station
 from urproto.errors import RobotRefused
 from urproto.text import readable
 
-_CHOSEN: Final = ("choice", "pin", "tcp", "feature", "subprogram")  # kinds of fields whose values are in a list
-_NUMBERS: Final = ("number", "integer")
-_POSITION: Final = "position"
+_SELECT_KINDS: Final = ("choice", "pin", "tcp", "feature", "subprogram")  # kinds of fields whose values are in a list
+_NUMBER_KINDS: Final = ("number", "integer")
+_POSITION_KIND: Final = "position"
 
 
 class NodeForm:
@@ -30,10 +30,10 @@ class NodeForm:
         self._page = page
         self._selection = selection
         self._draft = page.station.program_draft
-        self._shown = dict[str, Callable[[Any], object]]()  # lets a field show a value
-        self._known = dict[str, Any]()  # the values that were shown last
+        self._setters = dict[str, Callable[[Any], object]]()  # lets a field show a value
+        self._shown_values = dict[str, Any]()  # the values that were shown last
         self._node = ""  # whose fields there are
-        self._leave = list[Callable[[], None]]()  # takes what was typed in a field that goes, or says why not
+        self._on_leave = list[Callable[[], None]]()  # takes what was typed in a field that goes, or says why not
         self._settings = MoveSettings(page)
         with ui.card().classes("panel program-form").props('role=form aria-label="Selected node"') as self._panel:
             page.live.text(lambda _: self._draft.view.text(selection.node), "panel-title").props(
@@ -43,8 +43,8 @@ class NodeForm:
             problem = page.live.text(lambda _: self._draft.view.problem(selection.node), "program-form-problem")
             problem.props("role=status data-testid=form-problem")
             self._fields = ui.element("div").classes("program-fields")
-        page.live.effect(self._layout, lambda _: self._make())
-        page.live.effect(self._values, self._show)
+        page.live.effect(self._field_layout, lambda _: self._rebuild())
+        page.live.effect(self._field_values, self._show_changes)
 
     @property
     def fields_id(self) -> int:
@@ -57,127 +57,131 @@ class NodeForm:
 
     # what there is
 
-    def _form(self) -> tuple[FormField, ...]:
+    def _form_fields(self) -> tuple[FormField, ...]:
         return self._draft.view.form(self._selection.node)
 
-    def _layout(self, _: Station) -> tuple[object, ...]:
-        fields = self._form()
-        return (self._selection.node, *((each.key, each.kind, each.unit, each.choices) for each in fields))
+    def _field_layout(self, _: Station) -> tuple[object, ...]:
+        fields = self._form_fields()
+        return (self._selection.node, *((field.key, field.kind, field.unit, field.choices) for field in fields))
 
-    def _values(self, _: Station) -> tuple[object, ...]:
-        return tuple((each.key, each.value) for each in self._form())
+    def _field_values(self, _: Station) -> tuple[object, ...]:
+        return tuple((field.key, field.value) for field in self._form_fields())
 
-    def _show(self, values: tuple[tuple[str, Any], ...]) -> None:
+    def _show_changes(self, values: tuple[tuple[str, Any], ...]) -> None:
         """What another browser, or undoing, has changed; a text that somebody is typing elsewhere stays."""
-        before, self._known = self._known, dict(values)
+        previous, self._shown_values = self._shown_values, dict(values)
         for key, value in values:
-            if key in self._shown and not (key in before and before[key] == value):
-                self._shown[key](value)
+            if key in self._setters and not (key in previous and previous[key] == value):
+                self._setters[key](value)
 
-    def _make(self) -> None:
+    def _rebuild(self) -> None:
         node = self._selection.node
         if node != self._node and self._draft.view.has(self._node):
-            for leave in self._leave:
+            for leave in self._on_leave:
                 leave()
         self._fields.clear()
-        self._shown.clear()
-        self._leave.clear()
-        self._node, form = node, self._form()
-        self._known = {field.key: field.value for field in form}
+        self._setters.clear()
+        self._on_leave.clear()
+        self._node, form = node, self._form_fields()
+        self._shown_values = {field.key: field.value for field in form}
         self._fields.props(f'data-node="{node}"')
         with self._fields:
             for field in form:
-                if field.kind == _POSITION:
-                    self._position(node, field)
+                if field.kind == _POSITION_KIND:
+                    self._position_field(node, field)
                 elif field.kind == "boolean":
-                    self._checkbox(node, field)
-                elif field.kind in _CHOSEN:
-                    self._select(node, field)
+                    self._checkbox_field(node, field)
+                elif field.kind in _SELECT_KINDS:
+                    self._select_field(node, field)
                 else:
-                    self._box(node, field)
+                    self._text_field(node, field)
 
     # kinds of fields
 
-    def _set(self, node: str, field: FormField, value: Any) -> str:
+    def _set_value(self, node: str, field: FormField, value: Any) -> str:
         """Set it; what is wrong with the value, "" if nothing."""
         try:
             self._draft.set(node, field.key, value)
-        except MISTAKES as error:
+        except EXPECTED_ERRORS as error:
             return readable(str(error))
         return ""
 
-    def _box(self, node: str, field: FormField) -> None:
+    def _text_field(self, node: str, field: FormField) -> None:
         """A number, a text, an expression, a variable."""
-        words = [str(value) for value, _ in field.choices]
-        box = ui.input(field.title, value=_text(field.value), autocomplete=words or None)
-        box.props(f'dense outlined data-testid=field-{field.key} spellcheck=false aria-label="{_named(field)}"')
+        suggestions = [str(value) for value, _ in field.choices]
+        box = ui.input(field.title, value=_text(field.value), autocomplete=suggestions or None)
+        box.props(
+            f'dense outlined data-testid=field-{field.key} spellcheck=false aria-label="{_label_with_unit(field)}"'
+        )
         if field.unit:
             box.props(f'stack-label suffix="{field.unit}"')
-        if field.kind in _NUMBERS:
+        if field.kind in _NUMBER_KINDS:
             box.props("inputmode=decimal")
         if field.help:
             box.props(f'hint="{field.help}"')
 
-        taken = _text(field.value)  # what was typed and is either in the program or known to be wrong
+        committed = _text(field.value)  # what was typed and is either in the program or known to be wrong
 
         def commit() -> None:
-            nonlocal taken
-            if (text := box.value or "") == taken:
+            nonlocal committed
+            if (text := box.value or "") == committed:
                 return
-            taken = text
+            committed = text
             problem = ""
             if text != _text(self._draft.view.value(node, field.key)):
-                problem = self._set(node, field, None if text == "" and field.optional else text)
+                problem = self._set_value(node, field, None if text == "" and field.optional else text)
             box.error = problem or None
 
         def leave() -> None:
             commit()
             if box.error:
-                self._page.complain(f"{self._draft.view.text(node)}, {field.title}: {box.error}")
+                self._page.show_error(f"{self._draft.view.text(node)}, {field.title}: {box.error}")
 
         def show(value: Any) -> None:
-            nonlocal taken
-            taken = _text(value)
-            box.set_value(taken)
+            nonlocal committed
+            committed = _text(value)
+            box.set_value(committed)
             box.error = None
 
         box.on("blur", commit)
         box.on("keydown.enter", commit)
-        self._leave.append(leave)
-        self._shown[field.key] = show
+        self._on_leave.append(leave)
+        self._setters[field.key] = show
 
-    def _select(self, node: str, field: FormField) -> None:
+    def _select_field(self, node: str, field: FormField) -> None:
         options = dict(field.choices)
         if field.value not in (None, "") and field.value not in options:
             options[str(field.value)] = str(field.value)  # the installation has lost it: the node says so
         value = field.value if field.value in options else None
         select = ui.select(options, label=field.title, value=value, clearable=field.optional)
-        select.props(f'dense outlined options-dense data-testid=field-{field.key} aria-label="{_named(field)}"')
+        select.props(
+            f'dense outlined options-dense data-testid=field-{field.key} aria-label="{_label_with_unit(field)}"'
+        )
 
         def choose() -> None:
-            if problem := self._set(node, field, select.value):
-                self._page.complain(problem)
+            if problem := self._set_value(node, field, select.value):
+                self._page.show_error(problem)
                 select.set_value(self._draft.view.value(node, field.key))
 
         select.on("update:model-value", choose)
-        self._shown[field.key] = lambda value: select.set_value(value if value in select.options else None)
+        self._setters[field.key] = lambda value: select.set_value(value if value in select.options else None)
 
-    def _checkbox(self, node: str, field: FormField) -> None:
+    def _checkbox_field(self, node: str, field: FormField) -> None:
         box = ui.checkbox(field.title, value=bool(field.value)).props(f"data-testid=field-{field.key}")
 
         def choose() -> None:
-            if problem := self._set(node, field, box.value):
-                self._page.complain(problem)
+            if problem := self._set_value(node, field, box.value):
+                self._page.show_error(problem)
                 box.set_value(bool(self._draft.view.value(node, field.key)))
 
         box.on("update:model-value", choose)
-        self._shown[field.key] = lambda value: box.set_value(bool(value))
+        self._setters[field.key] = lambda value: box.set_value(bool(value))
 
-    def _position(self, node: str, field: FormField) -> None:
+    def _position_field(self, node: str, field: FormField) -> None:
         """Taught from the arm, which can be sent there."""
         page = self._page
-        shown = ui.label(_place(field.value)).classes("program-doc").props(f"data-testid=field-{field.key}")
-        self._shown[field.key] = lambda value: shown.set_text(_place(value))
+        shown = ui.label(_position_text(field.value)).classes("program-doc").props(f"data-testid=field-{field.key}")
+        self._setters[field.key] = lambda value: shown.set_text(_position_text(value))
 
         async def teach() -> None:
             values = page.station.values
@@ -190,17 +194,17 @@ class NodeForm:
             joints = self._draft.view.joints(node, field.key)
             if joints is None:
                 raise ValueError(f"{field.title} was never taught")
-            doing = f"Moving to {self._draft.view.text(node)}"
-            await self._settings.move(lambda: page.station.mover.move_j(joints, doing, **self._settings.joint_speed))
+            activity = f"Moving to {self._draft.view.text(node)}"
+            await self._settings.move(lambda: page.station.mover.move_j(joints, activity, **self._settings.joint_speed))
 
         with ui.row().classes("target-buttons"):
-            taught = ui.button(f"Teach {field.title.lower()}", icon="my_location", on_click=page.doing(teach))
-            taught.props(f"unelevated no-caps data-testid=teach-{field.key}")
-            go = ui.button("Move here", icon="near_me").props(f"flat no-caps data-testid=move-{field.key}")
-            page.button_for(Action.MOVE, move, go)
+            teach_button = ui.button(f"Teach {field.title.lower()}", icon="my_location", on_click=page.handler(teach))
+            teach_button.props(f"unelevated no-caps data-testid=teach-{field.key}")
+            move_button = ui.button("Move here", icon="near_me").props(f"flat no-caps data-testid=move-{field.key}")
+            page.bind_button(Action.MOVE, move, move_button)
 
 
-def _named(field: FormField) -> str:
+def _label_with_unit(field: FormField) -> str:
     return f"{field.title} in {field.unit}" if field.unit else field.title
 
 
@@ -210,7 +214,7 @@ def _text(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def _place(value: Any) -> str:
+def _position_text(value: Any) -> str:
     """Joint angles of a taught position, in words."""
     if not isinstance(value, Mapping) or not value.get("joints"):
         return "Not taught yet"

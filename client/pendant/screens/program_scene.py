@@ -11,8 +11,8 @@ from client.pendant.program_draft import Selection
 
 _RADIUS_M: Final = 0.012
 _COLOR: Final = "#e08a00"
-_CHOSEN: Final = "#2f7fb8"
-_MOST: Final = 300  # waypoints drawn; more are no picture any more
+_SELECTED_COLOR: Final = "#2f7fb8"
+_MAX_WAYPOINTS: Final = 300  # waypoints drawn; more are no picture any more
 
 
 def program_scene(page: Page, selection: Selection) -> None:
@@ -20,29 +20,29 @@ def program_scene(page: Page, selection: Selection) -> None:
     with ui.card().classes("panel program-scene").props("data-testid=program-scene"):
         scene = arm_scene(page)
         camera_buttons(page, scene)
-    balls, lines = dict[str, Object3D](), list[Object3D]()
+    spheres, lines = dict[str, Object3D](), list[Object3D]()
 
     def draw(waypoints: tuple[tuple[str, tuple[float, ...]], ...]) -> None:
-        for each in (*balls.values(), *lines):
-            each.delete()
-        balls.clear()
+        for drawn in (*spheres.values(), *lines):
+            drawn.delete()
+        spheres.clear()
         lines.clear()
         with scene:
-            before: tuple[float, ...] | None = None
-            for node, place in waypoints[:_MOST]:
-                x, y, z = place
-                balls[node] = scene.sphere(_RADIUS_M).material(_COLOR).move(x, y, z).with_name(f"waypoint {node}")
-                if before is not None:
-                    lines.append(scene.line(list(before), list(place)).material(_COLOR))
-                before = place
-        mark(selection.node)
+            previous: tuple[float, ...] | None = None
+            for node, position in waypoints[:_MAX_WAYPOINTS]:
+                x, y, z = position
+                spheres[node] = scene.sphere(_RADIUS_M).material(_COLOR).move(x, y, z).with_name(f"waypoint {node}")
+                if previous is not None:
+                    lines.append(scene.line(list(previous), list(position)).material(_COLOR))
+                previous = position
+        highlight(selection.node)
 
-    def mark(chosen: str) -> None:
-        for node, ball in balls.items():
-            color = _CHOSEN if node == chosen else _COLOR
-            if ball.color != color:
-                ball.material(color)
+    def highlight(selected: str) -> None:
+        for node, sphere in spheres.items():
+            color = _SELECTED_COLOR if node == selected else _COLOR
+            if sphere.color != color:
+                sphere.material(color)
 
     draft = page.station.program_draft
     page.live.effect(lambda _: draft.view.waypoints(), draw)
-    page.live.effect(lambda _: selection.node, mark)
+    page.live.effect(lambda _: selection.node, highlight)

@@ -15,9 +15,11 @@ from client.pendant.station import Station
 from client.pendant.variables import VariablesView
 from urproto.modes import RuntimeState
 
-_UNTOLD: Final = "Robots do not publish the text of their programs. A script sent from the editor is shown here."
-_NOTHING: Final = "No program is loaded or running."
-_NOT_PLAYED: Final = "The script of a program tree is available once the program has been played."
+_TEXT_UNAVAILABLE: Final = (
+    "Robots do not publish the text of their programs. A script sent from the editor is shown here."
+)
+_NO_PROGRAM: Final = "No program is loaded or running."
+_NOT_PLAYED_YET: Final = "The script of a program tree is available once the program has been played."
 
 
 def build_program(page: Page, edit: Callable[[], object]) -> None:
@@ -30,18 +32,18 @@ def build_program(page: Page, edit: Callable[[], object]) -> None:
 
     with ui.row().classes("program-head"):
         form.move(ui.context.slot.parent)
-        live.text(_where, "program-where").props("data-testid=program-where")
+        live.text(_thread_positions, "program-where").props("data-testid=program-where")
         ui.space()
         copy = ui.button("Edit a copy", icon="edit", on_click=lambda: _copy(page, edit))
         copy.props("flat no-caps data-testid=program-copy")
     live.effect(lambda s: bool(s.programs.shown.tree), form.set_visibility)
     live.effect(lambda s: bool(s.programs.shown.text) and not shows_tree(s.programs.shown), copy.set_visibility)
-    live.text(lambda s: _note(s, shows_tree(s.programs.shown)), "program-note").props("data-testid=program-note")
+    live.text(lambda s: _note_text(s, shows_tree(s.programs.shown)), "program-note").props("data-testid=program-note")
 
     box = ui.element("div").classes("program-text").props("data-testid=program-text tabindex=0")
     live.bind(box, "value", _Content(page, shows_tree).read)
     marks = ui.element("span").classes("hidden")
-    live.bind(marks, "value", lambda s: _marks(s, shows_tree(s.programs.shown)))
+    live.bind(marks, "value", lambda s: _marked_numbers(s, shows_tree(s.programs.shown)))
     ui.run_javascript(f"pendantRun.program({box.id}, {marks.id})")
 
 
@@ -51,42 +53,42 @@ class _Content:
     def __init__(self, page: Page, shows_tree: Callable[[ShownProgram], bool]) -> None:
         self._page = page
         self._shows_tree = shows_tree
-        self._of: object = None
+        self._source: object = None
         self._content: dict[str, Any] = {}
 
     def read(self, station: Station) -> dict[str, Any]:
         shown = station.programs.shown
         tree = self._shows_tree(shown)
-        if self._of != (shown, tree):
-            self._of = (shown, tree)
+        if self._source != (shown, tree):
+            self._source = (shown, tree)
             lines = [[node.number, node.depth, node.text, node.suppressed] for node in shown.tree] if tree else None
             self._content = {"tree": lines} if tree else {"text": shown.text}
         return self._content
 
 
-def _marks(station: Station, tree: bool) -> list[int]:
+def _marked_numbers(station: Station, tree: bool) -> list[int]:
     """Lines of the script, or numbers of nodes, that are carried out."""
     programs = station.programs
     if tree:
         return [thread.label_id for thread in programs.threads if thread.label_id] if programs.shown.running else []
-    line = programs.line(station)
+    line = programs.current_line(station)
     return [line] if line else []
 
 
-def _where(station: Station) -> str:
+def _thread_positions(station: Station) -> str:
     """What each thread does, as its labels say."""
     return "   ".join(f"{thread.name}: {thread.label}" for thread in station.programs.threads if thread.label)
 
 
-def _note(station: Station, tree: bool) -> str:
+def _note_text(station: Station, tree: bool) -> str:
     shown = station.programs.shown
     if not station.connected:
         return station.situation.hint
     if not shown.text and not tree:
         if shown.tree:
-            return _NOT_PLAYED
-        return _NOTHING if station.emulator.available else _UNTOLD
-    if shown.running and not tree and not station.programs.tells_line(station):
+            return _NOT_PLAYED_YET
+        return _NO_PROGRAM if station.emulator.available else _TEXT_UNAVAILABLE
+    if shown.running and not tree and not station.programs.reports_line(station):
         return f"PolyScope {station.version} does not report which line is being executed; 3.14, 5.9 and later do."
     return ""
 
@@ -100,8 +102,8 @@ def build(page: Page) -> None:
     """Put it on the page."""
     with ui.element("div").classes("run-screen"):
         with ui.column().classes("run-left"):
-            _control(page)
-            _variables(page)
+            _control_panel(page)
+            _variables_panel(page)
         with ui.card().classes("panel run-right"):
             with ui.tabs().props("dense no-caps align=left").classes("run-tabs") as tabs:
                 ui.tab("program", "Program").props("data-testid=run-tab-program")
@@ -116,12 +118,12 @@ def build(page: Page) -> None:
 # the loaded program
 
 
-def _control(page: Page) -> None:
+def _control_panel(page: Page) -> None:
     station = page.station
     with page.panel("Loaded program", "run-control"):
-        page.live.text(_loaded, "run-loaded").props("data-testid=run-loaded")
-        page.live.text(_run_time, "run-time").props("data-testid=run-time")
-        page.live.text(_why_not, "soft run-why-not").props("data-testid=run-why-not")
+        page.live.text(_loaded_text, "run-loaded").props("data-testid=run-loaded")
+        page.live.text(_run_time_text, "run-time").props("data-testid=run-time")
+        page.live.text(_play_refusal, "soft run-why-not").props("data-testid=run-why-not")
         with ui.row().classes("run-load"):
             box = ui.input(placeholder="Path below the programs folder").props("dense outlined data-testid=run-path")
             box.props('aria-label="Path of a program below the programs folder"')
@@ -145,19 +147,19 @@ def _control(page: Page) -> None:
 async def _load(station: Station, path: str) -> None:
     if not path:
         raise ValueError("give the path of a program below the robot's programs folder, for example job.urp")
-    await station.mover.give_back()
-    await station.ask(dashboard.load(path))
-    station.programs.look()
+    await station.mover.release_control()
+    await station.request(dashboard.load(path))
+    station.programs.refresh()
 
 
 async def _choose(page: Page, load: object) -> None:
     """A list of the emulator's programs; a click loads one."""
     found = list[str]()
 
-    async def ask() -> None:
+    async def list_files() -> None:
         found.extend(await page.station.programs.files(page.station))
 
-    if not await page.attempt(ask):
+    if not await page.attempt(list_files):
         return
     with ui.dialog(value=True) as dialog, ui.card().classes("run-files"):
         ui.label("Programs").classes("panel-title")
@@ -173,7 +175,7 @@ async def _choose(page: Page, load: object) -> None:
         await load(chosen)  # type: ignore[operator]
 
 
-def _loaded(station: Station) -> str:
+def _loaded_text(station: Station) -> str:
     if not station.connected:
         return "–"
     return station.programs.loaded or "No program is loaded"
@@ -186,28 +188,28 @@ def _state_color(station: Station) -> str:
     return _STATES.get(station.runtime_state, "wait")
 
 
-def _why_not(station: Station) -> str:
+def _play_refusal(station: Station) -> str:
     """What keeps programs from running, if it is not that one does."""
-    now = station.situation
-    return "" if now.may(Action.PLAY) or now.may(Action.PAUSE) else now.why_not(Action.PLAY)
+    situation = station.situation
+    return "" if situation.permits(Action.PLAY) or situation.permits(Action.PAUSE) else situation.refusal(Action.PLAY)
 
 
-def _run_time(station: Station) -> str:
+def _run_time_text(station: Station) -> str:
     seconds = station.programs.run_time_s(station.values.get("timestamp", 0.0))
     if seconds is None or not station.connected:
         return ""
-    whole = int(seconds)
+    whole_seconds = int(seconds)
     verb = "ran" if station.runtime_state is RuntimeState.STOPPED else "runs"
-    clock = f"{whole // 3600:02}:{whole // 60 % 60:02}:{whole % 60:02}"
+    clock = f"{whole_seconds // 3600:02}:{whole_seconds // 60 % 60:02}:{whole_seconds % 60:02}"
     return f"{station.programs.running or 'A program without a name'} {verb}, {clock}"
 
 
 # variables
 
 
-def _variables(page: Page) -> None:
+def _variables_panel(page: Page) -> None:
     view = VariablesView(page.station.variables)
     with page.panel("Variables", "run-variables"):
         box = ui.element("div").classes("variables").props("data-testid=variables tabindex=0")
-        page.live.stream(box, "lines", view.take)
+        page.live.stream(box, "lines", view.next_update)
         ui.run_javascript(f"pendantRun.variables({box.id})")

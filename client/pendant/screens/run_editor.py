@@ -21,7 +21,7 @@ _PHASES: Final = {
     "silent": "It has not started: the log may say why",
 }
 _COLORS: Final = {"running": "good", "failed": "bad", "silent": "bad", "": "none"}
-_MOST_SHOWN: Final = 50
+_MAX_SHOWN: Final = 50
 
 
 def build_editor(page: Page) -> None:
@@ -29,10 +29,10 @@ def build_editor(page: Page) -> None:
     draft = page.station.programs.draft
     author = page.live.page_id
     with ui.row().classes("program-head"):
-        ui.button("Send", icon="send", on_click=page.doing(lambda: _send(page))).props(
+        ui.button("Send", icon="send", on_click=page.handler(lambda: _send(page))).props(
             "no-caps unelevated data-testid=script-send"
         )
-        _opener(page)
+        _open_button(page)
         ui.button("Save", icon="save_alt", on_click=lambda: ui.download(to_bytes(draft.text), "pendant.script")).props(
             "flat no-caps data-testid=script-save"
         )
@@ -49,12 +49,12 @@ def build_editor(page: Page) -> None:
     def show(problems: tuple[ScriptError, ...]) -> None:
         rows.clear()
         rows.set_visibility(bool(problems))
-        _mark(editor, problems)
+        _mark_problems(editor, problems)
         with rows:
-            for problem in problems[:_MOST_SHOWN]:
-                _row(editor, problem)
-            if len(problems) > _MOST_SHOWN:
-                ui.label(f"and {len(problems) - _MOST_SHOWN} more").classes("soft")
+            for problem in problems[:_MAX_SHOWN]:
+                _problem_row(editor, problem)
+            if len(problems) > _MAX_SHOWN:
+                ui.label(f"and {len(problems) - _MAX_SHOWN} more").classes("soft")
 
     page.live.effect(lambda _: draft.problems, show)
     page.live.effect(lambda _: draft.error, lambda error: None if error is None else editor.reveal_line(error.line))
@@ -65,7 +65,7 @@ async def replace_draft(page: Page, text: str) -> bool:
     """Put another text into the editor, after asking if somebody's text would be lost; whether that was done."""
     draft = page.station.programs.draft
     if (
-        draft.is_somebodys
+        draft.has_user_text
         and draft.text != text
         and not await page.confirm(
             "Replace the script?",
@@ -80,25 +80,25 @@ async def replace_draft(page: Page, text: str) -> bool:
 
 async def _send(page: Page) -> None:
     station = page.station
-    draft, script = station.programs.draft, station.programs.draft.prepared()
+    draft, script = station.programs.draft, station.programs.draft.prepared_script()
     if script.name:  # it may move the arm, and takes the place of what does
         station.situation.require(Action.SEND)
-        if not await page.may_move():
+        if not await page.confirm_move():
             return
-        await station.mover.give_back()
-    draft.sending(script, asyncio.get_running_loop().time())
+        await station.mover.release_control()
+    draft.mark_sent(script, asyncio.get_running_loop().time())
     await station.send_script(script.text)
 
 
-def _opener(page: Page) -> None:
+def _open_button(page: Page) -> None:
     """A button that reads a file of the browser's machine."""
 
-    async def take(upload: events.UploadEventArguments) -> None:
+    async def open_upload(upload: events.UploadEventArguments) -> None:
         await page.attempt(lambda: _open(page, upload))
         picker.reset()
 
-    picker = ui.upload(on_upload=take, auto_upload=True, max_file_size=2_000_000).classes("hidden")
-    picker.on("rejected", lambda: page.complain("a script has at most 2 MB"))
+    picker = ui.upload(on_upload=open_upload, auto_upload=True, max_file_size=2_000_000).classes("hidden")
+    picker.on("rejected", lambda: page.show_error("a script has at most 2 MB"))
     picker.props('accept=".script,.txt,.py" data-testid=script-file')
     ui.button("Open", icon="folder_open", on_click=lambda: picker.run_method("pickFiles")).props("flat no-caps")
 
@@ -112,7 +112,7 @@ def _write(page: Page, draft: Draft, text: str, author: str) -> None:
     try:
         draft.write(text, author)
     except ValueError as error:
-        page.complain(str(error))
+        page.show_error(str(error))
 
 
 def _show(editor: ui.codemirror, draft: Draft, author: str) -> None:
@@ -121,21 +121,21 @@ def _show(editor: ui.codemirror, draft: Draft, author: str) -> None:
         editor.set_value(draft.text)
 
 
-def _mark(editor: ui.codemirror, problems: Sequence[ScriptError]) -> None:
+def _mark_problems(editor: ui.codemirror, problems: Sequence[ScriptError]) -> None:
     lines = (editor.value or "").splitlines(keepends=True)
     marks = list[dict[str, Any]]()
-    where = sorted((min(problem.line, max(1, len(lines))), problem.severity, problem.text) for problem in problems)
-    for line, found in groupby(where, lambda entry: entry[0]):
-        _, severity, text = next(found)  # an error, if there is one: it sorts first
-        before = lines[:line]
-        end = sum(map(len, before)) - (len(before[-1]) - len(before[-1].rstrip("\r\n")) if before else 0)
+    positions = sorted((min(problem.line, max(1, len(lines))), problem.severity, problem.text) for problem in problems)
+    for line, group in groupby(positions, lambda entry: entry[0]):
+        _, severity, text = next(group)  # an error, if there is one: it sorts first
+        preceding = lines[:line]
+        end = sum(map(len, preceding)) - (len(preceding[-1]) - len(preceding[-1].rstrip("\r\n")) if preceding else 0)
         text = f"  {' '.join(text.split())}"
         marks.append({"kind": "line", "line": line, "class": f"script-bad-line {severity}"})
         marks.append({"kind": "widget", "position": end, "text": text, "class": f"script-bad-text {severity}"})
     editor.decorations = marks
 
 
-def _row(editor: ui.codemirror, problem: ScriptError) -> None:
+def _problem_row(editor: ui.codemirror, problem: ScriptError) -> None:
     """A click shows the line."""
     with ui.element("button").classes(f"script-error {problem.severity}").props("type=button") as row:
         ui.icon(problem.severity)

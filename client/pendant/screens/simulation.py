@@ -33,22 +33,22 @@ def safety_tab(page: Page) -> None:
         ui.label("Devices").classes("panel-title")
         with ui.element("div").classes("sim-devices"):
             for name in _DEVICES:
-                _device(page, name)
+                _device_button(page, name)
         with ui.element("div").classes("sim-row"):
-            _action(page, "Reset safeguard", "reset_safeguard")
-            _action(page, "Restart safety", "restart_safety")
-            _action(page, "Unlock at once", "unlock_protective_stop")
+            _action_button(page, "Reset safeguard", "reset_safeguard")
+            _action_button(page, "Restart safety", "restart_safety")
+            _action_button(page, "Unlock at once", "unlock_protective_stop")
         ui.label("Causes").classes("panel-title")
-        _causes(page)
+        _cause_form(page)
         ui.label("Arm supply").classes("panel-title")
         with ui.element("div").classes("sim-row"):
-            _action(page, "Switch the 48 V off", "set_arm_supply", present=False)
-            _action(page, "Give them back", "set_arm_supply", present=True)
+            _action_button(page, "Switch the 48 V off", "set_arm_supply", present=False)
+            _action_button(page, "Give them back", "set_arm_supply", present=True)
         ui.label("Last stop").classes("panel-title")
         page.live.text(_last_stop, "sim-text").props("data-testid=last-stop")
 
 
-def _device(page: Page, name: str) -> None:
+def _device_button(page: Page, name: str) -> None:
     title, active_text = _DEVICES[name]
     emulator = page.station.emulator
 
@@ -57,28 +57,28 @@ def _device(page: Page, name: str) -> None:
         return bool((devices or {}).get(name, False))
 
     async def toggle() -> None:
-        wanted = not active(page.station)
+        activate = not active(page.station)
         if name in _BUTTONS:
-            verb = "press_emergency_stop" if wanted else "release_emergency_stop"
+            verb = "press_emergency_stop" if activate else "release_emergency_stop"
             await emulator.change(verb, button=_BUTTONS[name])
         else:
-            await emulator.change("set_safety_device", device=name, active=wanted)
+            await emulator.change("set_safety_device", device=name, active=activate)
 
     with ui.element("button").classes("sim-device").props(f"type=button data-testid=device-{name}") as button:
         ui.element("span").classes("sim-bit-lamp")
         with ui.element("span").classes("sim-device-text"):
             ui.label(title)
             ui.label(active_text).classes("init-hint")
-    button.on("click", page.doing(toggle))
+    button.on("click", page.handler(toggle))
     page.live.bind(button, "state", lambda station: "alarm" if active(station) else "off")
 
 
-def _action(page: Page, text: str, verb: str, **arguments: Any) -> None:
-    click = page.doing(partial(page.station.emulator.change, verb, **arguments))
+def _action_button(page: Page, text: str, verb: str, **arguments: Any) -> None:
+    click = page.handler(partial(page.station.emulator.change, verb, **arguments))
     ui.button(text, on_click=click).props(f"outline no-caps data-testid={verb}").classes("sim-button")
 
 
-def _causes(page: Page) -> None:
+def _cause_form(page: Page) -> None:
     with ui.element("div").classes("sim-row"):
         choice = ui.select({}, label="Cause", with_input=True)
         choice.props("outlined dense options-dense data-testid=cause").classes("sim-grow")
@@ -91,24 +91,24 @@ def _causes(page: Page) -> None:
             arguments = {} if joint.value is None else {"joint": joint.value}
             await page.station.emulator.change("trip_safety", cause=choice.value, **arguments)
 
-        button = ui.button("Trip", icon="report", on_click=page.doing(trip))
+        button = ui.button("Trip", icon="report", on_click=page.handler(trip))
         button.props("unelevated color=negative data-testid=trip").classes("sim-button")
 
-    def know(catalogue: Mapping[str, Any]) -> None:
+    def set_catalogue(catalogue: Mapping[str, Any]) -> None:
         causes = catalogue.get("safety_causes", {})
         options = {name: f"{name.replace('_', ' ')} – {text}" for name, text in causes.items()}
         choice.set_options(options, value=next(iter(options), None))
 
-    page.live.effect(lambda station: station.emulator.catalogue, know)
+    page.live.effect(lambda station: station.emulator.catalogue, set_catalogue)
 
 
 def _last_stop(station: Station) -> str:
     stop = station.emulator.watch("last_stop").value if station.emulator.available else None
     if stop is None:
         return "None since the emulator started."
-    how = "took" if stop["over"] else "has taken"
+    verb = "took" if stop["over"] else "has taken"
     return (
-        f"{stop['mode'].replace('_', ' ').capitalize()}, stop category {stop['category']}: {how} "
+        f"{stop['mode'].replace('_', ' ').capitalize()}, stop category {stop['category']}: {verb} "
         f"{stop['duration_s']:.3f} s, the tool travelled {1e3 * stop['distance_m']:.0f} mm."
     )
 
@@ -127,7 +127,7 @@ def connections_tab(page: Page) -> None:
             for title in ("Port", "", "Clients"):
                 ui.label(title).classes("init-th")
             for name, peers in (connections or {}).items():
-                _row(page, name, peers)
+                _connection_row(page, name, peers)
 
     page.live.effect(_connections, show)
 
@@ -136,7 +136,7 @@ def _connections(station: Station) -> Any:
     return station.emulator.watch("connections").value if station.emulator.available else None
 
 
-def _row(page: Page, name: str, peers: Sequence[str]) -> None:
+def _connection_row(page: Page, name: str, peers: Sequence[str]) -> None:
     emulator = page.station.emulator
     ui.label(name).classes("sim-port")
     ui.label(str(emulator.catalogue.get("ports", {}).get(name, ""))).classes("sim-port-number")
@@ -145,8 +145,10 @@ def _row(page: Page, name: str, peers: Sequence[str]) -> None:
             with ui.element("span").classes("sim-peer"):
                 ui.label(peer)
                 if name != "control":
-                    drop = partial(emulator.change, "inject_fault", kind="drop_connection", port=name, peer=peer)
-                    ui.button(icon="link_off", on_click=page.doing(drop)).props(
+                    drop_connection = partial(
+                        emulator.change, "inject_fault", kind="drop_connection", port=name, peer=peer
+                    )
+                    ui.button(icon="link_off", on_click=page.handler(drop_connection)).props(
                         f'flat round dense size=sm aria-label="Drop {peer}" title="End this connection"'
                     )
         if not peers:
@@ -163,10 +165,10 @@ def time_panel(page: Page) -> None:
     with ui.card().classes("panel sim-time"):
         ui.icon("schedule").classes("sim-time-icon")
         live.text(_clock, "sim-clock").props("data-testid=sim-clock")
-        live.bind(live.text(_pace, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
-        pause = ui.button("Pause", icon="pause", on_click=page.doing(lambda: emulator.change("pause_time")))
+        live.bind(live.text(_pace_text, "sim-pace").props("data-testid=sim-pace"), "state", _pace_state)
+        pause = ui.button("Pause", icon="pause", on_click=page.handler(lambda: emulator.change("pause_time")))
         pause.props("unelevated dense data-testid=time-pause").classes("sim-button")
-        resume = ui.button("Resume", icon="play_arrow", on_click=page.doing(lambda: emulator.change("resume_time")))
+        resume = ui.button("Resume", icon="play_arrow", on_click=page.handler(lambda: emulator.change("resume_time")))
         resume.props("unelevated dense color=positive data-testid=time-resume").classes("sim-button")
         page.show_if(pause, lambda station: not _paused(station))
         page.show_if(resume, _paused)
@@ -174,17 +176,17 @@ def time_panel(page: Page) -> None:
             for count in _STEPS:
                 _step_button(page, count)
         ui.space()
-        _speed(page)
+        _speed_slider(page)
 
 
 def _step_button(page: Page, count: int) -> None:
-    button = ui.button(f"+{count}", on_click=page.doing(lambda: page.station.emulator.change("step", periods=count)))
+    button = ui.button(f"+{count}", on_click=page.handler(lambda: page.station.emulator.change("step", periods=count)))
     button.props(f"outline dense data-testid=time-step-{count}").classes("sim-button")
     button.tooltip(f"{count} control period{'s' if count > 1 else ''}")
     page.live.effect(_paused, button.set_enabled)
 
 
-def _speed(page: Page) -> None:
+def _speed_slider(page: Page) -> None:
     emulator = page.station.emulator
     slider = ui.slider(min=log10(_SLOWEST), max=log10(_FASTEST), step=0.01).props("dense data-testid=time-speed")
     slider.classes("sim-speed").props('markers=1 aria-label="Speed of time"')
@@ -194,32 +196,39 @@ def _speed(page: Page) -> None:
 
     slider.on("change", set_speed)
     live = page.live
-    live.effect(_speed_of, lambda speed: slider.set_value(log10(min(_FASTEST, max(_SLOWEST, speed or _FASTEST)))))
-    for text, speed, mark in (("0.1×", 0.1, "slow"), ("1×", 1.0, "real"), ("10×", 10.0, "fast"), ("Max", 0.0, "max")):
-        button = ui.button(text, on_click=_setter(page, speed)).props(f"flat dense no-caps data-testid=time-{mark}")
+    live.effect(_current_speed, lambda speed: slider.set_value(log10(min(_FASTEST, max(_SLOWEST, speed or _FASTEST)))))
+    for text, speed, test_id in (
+        ("0.1×", 0.1, "slow"),
+        ("1×", 1.0, "real"),
+        ("10×", 10.0, "fast"),
+        ("Max", 0.0, "max"),
+    ):
+        button = ui.button(text, on_click=_set_speed_handler(page, speed)).props(
+            f"flat dense no-caps data-testid=time-{test_id}"
+        )
         button.classes("sim-button")
         if not speed:
             button.tooltip("As fast as possible")
 
 
-def _setter(page: Page, speed: float) -> Callable[[], Awaitable[None]]:
-    return page.doing(lambda: page.station.emulator.change("set_speed", speed=speed))
+def _set_speed_handler(page: Page, speed: float) -> Callable[[], Awaitable[None]]:
+    return page.handler(lambda: page.station.emulator.change("set_speed", speed=speed))
 
 
 def _paused(station: Station) -> bool:
     return bool(station.emulator.time.get("paused", False))
 
 
-def _speed_of(station: Station) -> float:
+def _current_speed(station: Station) -> float:
     return float(station.emulator.time.get("speed", 1.0))
 
 
-def _pace(station: Station) -> str:
+def _pace_text(station: Station) -> str:
     return station.emulator.pace or "real time"
 
 
 def _pace_state(station: Station) -> str:
-    return "paused" if _paused(station) else "real" if _speed_of(station) == 1.0 else "other"
+    return "paused" if _paused(station) else "real" if _current_speed(station) == 1.0 else "other"
 
 
 def _clock(station: Station) -> str:
@@ -241,15 +250,15 @@ _TABS: Final[tuple[tuple[str, str, Callable[[Page], None]], ...]] = (
 
 def build(page: Page) -> None:
     """Put it on the page."""
-    with ui.element("div").classes("simulation-absent") as absent:
-        page.live.text(_why_absent).props("data-testid=simulation-absent")
-    with ui.element("div").classes("simulation") as present:
+    with ui.element("div").classes("simulation-absent") as absent_panel:
+        page.live.text(_absence_reason).props("data-testid=simulation-absent")
+    with ui.element("div").classes("simulation") as present_panel:
         time_panel(page)
         scene_panel(page)
         with ui.card().classes("panel sim-tools"):
             _tools(page)
-    page.show_if(present, lambda station: station.emulator.available)
-    page.show_if(absent, lambda station: not station.emulator.available)
+    page.show_if(present_panel, lambda station: station.emulator.available)
+    page.show_if(absent_panel, lambda station: not station.emulator.available)
 
 
 def _tools(page: Page) -> None:
@@ -257,16 +266,16 @@ def _tools(page: Page) -> None:
         for name, title, _ in _TABS:
             ui.tab(name, title).props(f"data-testid=sim-{name}")
     with ui.tab_panels(tabs, value=_TABS[0][0], animated=False).classes("sim-panels") as panels:
-        unbuilt = {name: (put, ui.tab_panel(name).classes("sim-panel")) for name, _, put in _TABS}
+        unbuilt = {name: (build_tab, ui.tab_panel(name).classes("sim-panel")) for name, _, build_tab in _TABS}
     screen = page.live.building
 
     def show(name: str) -> None:
         """A tab is built when somebody wants to see it first."""
         if name in unbuilt:
-            put, panel = unbuilt.pop(name)
+            build_tab, panel = unbuilt.pop(name)
             page.live.building = screen
             with panel:
-                put(page)
+                build_tab(page)
             page.live.building = None
 
     show(_TABS[0][0])
@@ -274,7 +283,7 @@ def _tools(page: Page) -> None:
     panels.on_value_change(lambda change: show(change.value))
 
 
-def _why_absent(station: Station) -> str:
+def _absence_reason(station: Station) -> str:
     if station.emulator.available:
         return ""
     if not station.connected:

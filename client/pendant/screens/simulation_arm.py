@@ -14,72 +14,72 @@ from urproto.robots import START_Q
 from urproto.text import json_document
 
 _MM: Final = 1e3
-_MOST_BYTES: Final = 4_000_000  # what the control API takes
+_MAX_BYTES: Final = 4_000_000  # what the control API takes
 
 
 def arm_tab(page: Page) -> None:
     """Put it there."""
     with ui.element("div").classes("sim-stack"):
-        _pose(page)
-        _payload(page)
-        _state(page)
+        _pose_form(page)
+        _payload_form(page)
+        _state_form(page)
 
 
-def numbers(fields: Sequence[ui.number], what: str) -> list[float]:
+def read_numbers(fields: Sequence[ui.number], subject: str) -> list[float]:
     """What is in number fields. Raises ValueError when one is empty."""
     if any(field.value is None for field in fields):
-        raise ValueError(f"{what}: fill in every field.")
+        raise ValueError(f"{subject}: fill in every field.")
     return [float(field.value) for field in fields]
 
 
-def number(label: str, unit: str, mark: str, value: float = 0.0, form: str = "%.1f") -> ui.number:
+def number_field(label: str, unit: str, test_id: str, value: float = 0.0, format_: str = "%.1f") -> ui.number:
     """A field for a number, its unit behind it."""
-    field = ui.number(label, value=value, format=form)
-    return field.props(f'outlined dense hide-bottom-space suffix="{unit}" data-testid={mark}').classes("number")
+    field = ui.number(label, value=value, format=format_)
+    return field.props(f'outlined dense hide-bottom-space suffix="{unit}" data-testid={test_id}').classes("number")
 
 
-def _pose(page: Page) -> None:
+def _pose_form(page: Page) -> None:
     station = page.station
     ui.label("Pose of the arm").classes("panel-title")
     with ui.element("div").classes("sim-six"):
-        fields = [number(name, "°", f"q{i}", form="%.2f") for i, name in enumerate(JOINT_TITLES)]
+        fields = [number_field(name, "°", f"q{i}", format_="%.2f") for i, name in enumerate(JOINT_TITLES)]
 
     def fill(q: Sequence[float] | None) -> None:
         for field, value in zip(fields, q or [0.0] * 6, strict=True):
             field.set_value(round(degrees(value), 2))
 
-    async def put() -> None:
-        q = [radians(value) for value in numbers(fields, "The pose")]
+    async def teleport() -> None:
+        q = [radians(value) for value in read_numbers(fields, "The pose")]
         await station.emulator.change("set_joints", q_rad=q)
 
     with ui.element("div").classes("sim-row"):
-        ui.button("Put the arm there", on_click=page.doing(put)).props("unelevated no-caps data-testid=put-arm")
+        ui.button("Put the arm there", on_click=page.handler(teleport)).props("unelevated no-caps data-testid=put-arm")
         ui.button("As it is", on_click=lambda: fill(station.values.get("actual_q"))).props("outline no-caps")
         ui.button("Start pose", on_click=lambda: fill(START_Q)).props("outline no-caps data-testid=fill-start")
         ui.button("Zero", on_click=lambda: fill(None)).props("outline no-caps")
     fill(START_Q)
 
 
-def _payload(page: Page) -> None:
+def _payload_form(page: Page) -> None:
     station = page.station
     ui.label("Payload on the flange").classes("panel-title")
-    page.live.text(_mounted, "sim-text").props("data-testid=mounted")
+    page.live.text(_mounted_text, "sim-text").props("data-testid=mounted")
     with ui.element("div").classes("sim-four"):
-        mass = number("Mass", "kg", "mount-mass", form="%.3f")
-        cog = [number(f"C{axis}", "mm", f"mount-c{axis.lower()}") for axis in "XYZ"]
+        mass = number_field("Mass", "kg", "mount-mass", format_="%.3f")
+        cog = [number_field(f"C{axis}", "mm", f"mount-c{axis.lower()}") for axis in "XYZ"]
 
     async def mount() -> None:
-        mass_kg, *place = numbers([mass, *cog], "The payload")
-        await station.emulator.change("mount_payload", mass_kg=mass_kg, cog_m=[value / _MM for value in place])
+        mass_kg, *cog_mm = read_numbers([mass, *cog], "The payload")
+        await station.emulator.change("mount_payload", mass_kg=mass_kg, cog_m=[value / _MM for value in cog_mm])
 
     with ui.element("div").classes("sim-row"):
-        ui.button("Mount", on_click=page.doing(mount)).props("unelevated no-caps data-testid=mount")
-        ui.button("As programs say", on_click=page.doing(lambda: station.emulator.change("mount_payload"))).props(
+        ui.button("Mount", on_click=page.handler(mount)).props("unelevated no-caps data-testid=mount")
+        ui.button("As programs say", on_click=page.handler(lambda: station.emulator.change("mount_payload"))).props(
             "outline no-caps data-testid=unmount"
         )
 
 
-def _mounted(station: Station) -> str:
+def _mounted_text(station: Station) -> str:
     world = station.emulator.watch("world").value if station.emulator.available else None
     payload = None if world is None else world["payload"]
     if payload is None:
@@ -88,7 +88,7 @@ def _mounted(station: Station) -> str:
     return f"{payload['mass_kg']:.3f} kg at {cog} mm are mounted, whatever payload programs set."
 
 
-def _state(page: Page) -> None:
+def _state_form(page: Page) -> None:
     station = page.station
     ui.label("State").classes("panel-title")
     ui.label("Everything that outlives a program, for an arm at rest, as a JSON file.").classes("init-hint")
@@ -99,15 +99,17 @@ def _state(page: Page) -> None:
         ui.download.content(json.dumps(document, indent=1), name, "application/json")
 
     async def restore(event: events.UploadEventArguments) -> None:
-        async def take() -> None:
+        async def restore_upload() -> None:
             await station.emulator.change("restore", document=read_document(await event.file.read()))
 
-        await page.attempt(take, "The state is restored")
+        await page.attempt(restore_upload, "The state is restored")
         upload.reset()
 
     with ui.element("div").classes("sim-row"):
-        ui.button("Save", icon="download", on_click=page.doing(save)).props("unelevated no-caps data-testid=save-state")
-        upload = ui.upload(on_upload=restore, auto_upload=True, max_file_size=_MOST_BYTES, max_files=1)
+        ui.button("Save", icon="download", on_click=page.handler(save)).props(
+            "unelevated no-caps data-testid=save-state"
+        )
+        upload = ui.upload(on_upload=restore, auto_upload=True, max_file_size=_MAX_BYTES, max_files=1)
         upload.props("accept=.json,application/json data-testid=restore-upload").classes("sim-upload")
         ui.button("Restore", icon="upload", on_click=lambda: upload.run_method("pickFiles")).props(
             "outline no-caps data-testid=restore-state"

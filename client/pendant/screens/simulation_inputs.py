@@ -13,14 +13,14 @@ from urproto.modes import AnalogDomain
 class _Group(NamedTuple):
     name: str
     title: str
-    short: str
-    number: int
+    prefix: str
+    size: int
     first_bit: int
 
 
 class _Analog(NamedTuple):
     title: str
-    at: int
+    number: int
     tool: bool
     field: str
     domains: str
@@ -37,7 +37,7 @@ _ANALOG: Final = (
     _Analog("Tool AI0", 0, True, "tool_analog_input0", "tool_analog_input_types"),
     _Analog("Tool AI1", 1, True, "tool_analog_input1", "tool_analog_input_types"),
 )
-_MOST: Final = {AnalogDomain.VOLTAGE: 10.0, AnalogDomain.CURRENT: 20.0}  # V, mA
+_MAX_VALUES: Final = {AnalogDomain.VOLTAGE: 10.0, AnalogDomain.CURRENT: 20.0}  # V, mA
 _MA: Final = 1e3
 
 
@@ -47,55 +47,57 @@ def inputs_tab(page: Page) -> None:
         for group in _GROUPS:
             ui.label(group.title).classes("panel-title")
             with ui.element("div").classes("sim-bits"):
-                for index in range(group.number):
-                    _bit(page, group, index)
+                for index in range(group.size):
+                    _bit_button(page, group, index)
         ui.label("Analog inputs").classes("panel-title")
         for analog in _ANALOG:
-            _analog(page, analog)
+            _analog_slider(page, analog)
 
 
-def _bit(page: Page, group: _Group, index: int) -> None:
+def _bit_button(page: Page, group: _Group, index: int) -> None:
     bit = 1 << (group.first_bit + index)
 
     def level(station: Station) -> bool:
         return bool(int(station.values.get("actual_digital_input_bits", 0)) & bit)
 
     async def toggle() -> None:
-        wanted = not level(page.station)
-        await page.station.emulator.change("set_digital_input", index=index, level=wanted, group=group.name)
+        level_wanted = not level(page.station)
+        await page.station.emulator.change("set_digital_input", index=index, level=level_wanted, group=group.name)
 
     with (
-        ui.element("button").classes("sim-bit").props(f"type=button data-testid={group.short.lower()}{index}") as button
+        ui.element("button")
+        .classes("sim-bit")
+        .props(f"type=button data-testid={group.prefix.lower()}{index}") as button
     ):
         ui.element("span").classes("sim-bit-lamp")
-        ui.label(f"{group.short}{index}")
-    button.on("click", page.doing(toggle))
+        ui.label(f"{group.prefix}{index}")
+    button.on("click", page.handler(toggle))
     page.live.bind(button, "state", lambda station: "on" if level(station) else "off")
 
 
-def _analog(page: Page, analog: _Analog) -> None:
+def _analog_slider(page: Page, analog: _Analog) -> None:
     emulator = page.station.emulator
 
-    async def set_(value: float, domain: AnalogDomain, *, also_domain: bool = False) -> None:
+    async def set_input(value: float, domain: AnalogDomain, *, also_domain: bool = False) -> None:
         arguments: dict[str, Any] = {"domain": domain.name.lower()} if also_domain else {}
         si = value / _MA if domain is AnalogDomain.CURRENT else value
-        await emulator.change("set_analog_input", index=analog.at, value=si, tool=analog.tool, **arguments)
+        await emulator.change("set_analog_input", index=analog.number, value=si, tool=analog.tool, **arguments)
 
     with ui.element("div").classes("sim-analog"):
         ui.label(analog.title).classes("sim-analog-name")
         slider = ui.slider(min=0.0, max=10.0, step=0.01).props(
-            f'data-testid=analog-{_mark(analog)} aria-label="{analog.title}"'
+            f'data-testid=analog-{_test_id(analog)} aria-label="{analog.title}"'
         )
-        page.live.text(_shown(analog), "sim-analog-value").props(f"data-testid=analog-text-{_mark(analog)}")
+        page.live.text(_value_text(analog), "sim-analog-value").props(f"data-testid=analog-text-{_test_id(analog)}")
         choice = ui.toggle({1: "V", 0: "mA"}, value=1).props("dense unelevated no-caps toggle-color=primary")
-    slider.on("change", lambda: page.attempt(lambda: set_(slider.value, _domain(page.station, analog))))
+    slider.on("change", lambda: page.attempt(lambda: set_input(slider.value, _domain(page.station, analog))))
     choice.on(
-        "update:model-value", lambda: page.attempt(lambda: set_(0.0, AnalogDomain(choice.value), also_domain=True))
+        "update:model-value", lambda: page.attempt(lambda: set_input(0.0, AnalogDomain(choice.value), also_domain=True))
     )
 
-    def show(now: tuple[float, AnalogDomain]) -> None:
-        value, domain = now
-        slider._props["max"] = _MOST[domain]
+    def show(state: tuple[float, AnalogDomain]) -> None:
+        value, domain = state
+        slider._props["max"] = _MAX_VALUES[domain]
         slider.update()
         slider.set_value(value)
         choice.set_value(int(domain))
@@ -103,12 +105,12 @@ def _analog(page: Page, analog: _Analog) -> None:
     page.live.effect(lambda station: (_value(station, analog), _domain(station, analog)), show)
 
 
-def _mark(analog: _Analog) -> str:
+def _test_id(analog: _Analog) -> str:
     return analog.title.lower().replace(" ", "-")
 
 
 def _domain(station: Station, analog: _Analog) -> AnalogDomain:
-    return AnalogDomain(int(station.values.get(analog.domains, 0b11)) >> analog.at & 1)
+    return AnalogDomain(int(station.values.get(analog.domains, 0b11)) >> analog.number & 1)
 
 
 def _value(station: Station, analog: _Analog) -> float:
@@ -117,7 +119,7 @@ def _value(station: Station, analog: _Analog) -> float:
     return round(_MA * value if _domain(station, analog) is AnalogDomain.CURRENT else value, 2)
 
 
-def _shown(analog: _Analog) -> Callable[[Station], str]:
+def _value_text(analog: _Analog) -> Callable[[Station], str]:
     def read(station: Station) -> str:
         unit = "mA" if _domain(station, analog) is AnalogDomain.CURRENT else "V"
         return f"{_value(station, analog):.2f} {unit}"

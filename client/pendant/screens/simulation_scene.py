@@ -8,15 +8,15 @@ from nicegui import ui
 
 from client.pendant.arm_scene import arm_scene, camera_buttons
 from client.pendant.page import Page
-from client.pendant.polling import Newest
-from client.pendant.screens.simulation_arm import number, numbers
+from client.pendant.polling import LatestRequest
+from client.pendant.screens.simulation_arm import number_field, read_numbers
 from client.pendant.station import Station
 from urproto.robots.pose import rotvec_to_matrix
 from urproto.vectors import ZERO3
 
 _NAMES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _UNITS: Final = ("N",) * 3 + ("Nm",) * 3
-_STEP_M: Final = 4  # digits: a tenth of a millimetre
+_POSITION_DIGITS: Final = 4  # digits: a tenth of a millimetre
 
 
 def scene_panel(page: Page) -> None:
@@ -27,65 +27,73 @@ def scene_panel(page: Page) -> None:
             camera_buttons(page, scene)
             with ui.element("div").classes("sim-overlay"):
                 ui.label("Drag the ball to push the tool, or objects to move them (Shift: vertically)")
-                page.live.text(_measured, "sim-force").props("data-testid=measured-force")
-            holder = ui.element("div").classes("hidden").props("data-testid=surroundings")
-        keep = _wrench(page)
-    page.live.bind(holder, "value", _Surroundings().read)
-    ui.run_javascript(f"pendant.surroundings({holder.id}, {scene.id})")
-    pushing = Newest[Sequence[float] | None](lambda force: _push_or_release(page.station, force), page.complain)
-    moving = Newest[dict[str, Any]](lambda moved: page.station.emulator.change("move_object", **moved), page.complain)
+                page.live.text(_measured_text, "sim-force").props("data-testid=measured-force")
+            data_element = ui.element("div").classes("hidden").props("data-testid=surroundings")
+        keep_pushing = _wrench_form(page)
+    page.live.bind(data_element, "value", _Surroundings().read)
+    ui.run_javascript(f"pendant.surroundings({data_element.id}, {scene.id})")
+    push_requests = LatestRequest[Sequence[float] | None](
+        lambda force: _push_or_release(page.station, force), page.show_error
+    )
+    move_requests = LatestRequest[dict[str, Any]](
+        lambda moved: page.station.emulator.change("move_object", **moved), page.show_error
+    )
     dragging = [False]
 
     def push(force: Any) -> None:
         force = force if _is_vector(force) else None
-        if force is not None or (dragging[0] and not keep.value):
-            pushing.want(force)
+        if force is not None or (dragging[0] and not keep_pushing.value):
+            push_requests.submit(force)
         dragging[0] = force is not None
 
-    def move(said: Any) -> None:
-        if not isinstance(said, dict) or not _is_vector(said.get("position")):
+    def move(message: Any) -> None:
+        if not isinstance(message, dict) or not _is_vector(message.get("position")):
             return
-        thing = (_things(page.station) or {}).get(said.get("name"))
-        if thing is not None:
-            moving.want({"name": said["name"], "pose": [*said["position"], *thing["pose"][3:]]})
+        obj = (_objects(page.station) or {}).get(message.get("name"))
+        if obj is not None:
+            move_requests.submit({"name": message["name"], "pose": [*message["position"], *obj["pose"][3:]]})
 
-    page.live.hear("push", push)
-    page.live.hear("move_thing", move)
-
-
-def _is_vector(said: Any) -> bool:
-    return isinstance(said, list) and len(said) == len(ZERO3) and all(isinstance(value, int | float) for value in said)
+    page.live.on_message("push", push)
+    page.live.on_message("move_thing", move)
 
 
-def _wrench(page: Page) -> ui.checkbox:
+def _is_vector(message: Any) -> bool:
+    return (
+        isinstance(message, list)
+        and len(message) == len(ZERO3)
+        and all(isinstance(value, int | float) for value in message)
+    )
+
+
+def _wrench_form(page: Page) -> ui.checkbox:
     """Numbers for those who want to push exactly so."""
     emulator = page.station.emulator
     with ui.element("div").classes("sim-six"):
-        fields = [number(name, unit, f"wrench-{name.lower()}") for name, unit in zip(_NAMES, _UNITS, strict=True)]
+        fields = [number_field(name, unit, f"wrench-{name.lower()}") for name, unit in zip(_NAMES, _UNITS, strict=True)]
     with ui.element("div").classes("sim-row"):
         frame = ui.toggle({"base": "Base", "tool": "Tool"}, value="base").props("unelevated no-caps")
         frame.props("data-testid=wrench-frame").tooltip("Frame in which the numbers are given")
 
         async def push() -> None:
-            await emulator.change("push_tool", wrench=numbers(fields, "The wrench"), frame=frame.value)
+            await emulator.change("push_tool", wrench=read_numbers(fields, "The wrench"), frame=frame.value)
 
-        ui.button("Push", icon="front_hand", on_click=page.doing(push)).props(
+        ui.button("Push", icon="front_hand", on_click=page.handler(push)).props(
             "unelevated no-caps data-testid=wrench-push"
         ).classes("sim-button")
-        release = ui.button("Release", on_click=page.doing(lambda: emulator.change("release_tool")))
+        release = ui.button("Release", on_click=page.handler(lambda: emulator.change("release_tool")))
         release.props("outline no-caps data-testid=wrench-release").classes("sim-button")
-        keep = ui.checkbox("Keep pushing").props("dense data-testid=wrench-keep")
-        keep.tooltip("Keep pushing when the ball is let go, until Release")
+        keep_pushing = ui.checkbox("Keep pushing").props("dense data-testid=wrench-keep")
+        keep_pushing.tooltip("Keep pushing when the ball is let go, until Release")
 
-    def show(pushed: Mapping[str, Any] | None) -> None:
-        release.set_enabled(pushed is not None)
-        if pushed is not None:
-            frame.set_value(pushed["frame"])
-            for field, value in zip(fields, pushed["wrench"], strict=True):
+    def show(push_state: Mapping[str, Any] | None) -> None:
+        release.set_enabled(push_state is not None)
+        if push_state is not None:
+            frame.set_value(push_state["frame"])
+            for field, value in zip(fields, push_state["wrench"], strict=True):
                 field.set_value(round(value, 1))
 
-    page.live.effect(_pushed, show)
-    return keep
+    page.live.effect(_current_push, show)
+    return keep_pushing
 
 
 async def _push_or_release(station: Station, force: Sequence[float] | None) -> None:
@@ -99,12 +107,12 @@ def _world(station: Station) -> Any:
     return station.emulator.watch("world").value if station.emulator.available else None
 
 
-def _pushed(station: Station) -> Any:
+def _current_push(station: Station) -> Any:
     world = _world(station)
     return None if world is None else world["push"]
 
 
-def _things(station: Station) -> Any:
+def _objects(station: Station) -> Any:
     world = _world(station)
     return None if world is None else world["objects"]
 
@@ -113,40 +121,44 @@ class _Surroundings:
     """The data for the browser: position of the tool, force that pushes it (base frame), objects around it."""
 
     def __init__(self) -> None:
-        self._things: Any = None
-        self._drawn: list[dict[str, Any]] = []
+        self._objects: Any = None
+        self._descriptions: list[dict[str, Any]] = []
 
     def read(self, station: Station) -> dict[str, Any] | None:
         """None before the first state."""
         pose = station.values.get("actual_TCP_pose")
         if pose is None:
             return None
-        tool = [round(value, _STEP_M) for value in pose[:3]]
-        return {"tool": tool, "force": _force(_pushed(station), pose), "things": self._draw(_things(station))}
+        tool = [round(value, _POSITION_DIGITS) for value in pose[:3]]
+        return {
+            "tool": tool,
+            "force": _base_force(_current_push(station), pose),
+            "things": self._describe_objects(_objects(station)),
+        }
 
-    def _draw(self, things: Any) -> list[dict[str, Any]]:
+    def _describe_objects(self, objects: Any) -> list[dict[str, Any]]:
         """With rotations as matrices; made again only when there are others."""
-        if things is not self._things:
-            self._things = things
-            self._drawn = [
-                {"name": name, **thing, "rotation": list(rotvec_to_matrix(*thing["pose"][3:]))}
-                for name, thing in (things or {}).items()
+        if objects is not self._objects:
+            self._objects = objects
+            self._descriptions = [
+                {"name": name, **obj, "rotation": list(rotvec_to_matrix(*obj["pose"][3:]))}
+                for name, obj in (objects or {}).items()
             ]
-        return self._drawn
+        return self._descriptions
 
 
-def _force(push: Mapping[str, Any] | None, pose: Sequence[float]) -> list[float]:
+def _base_force(push: Mapping[str, Any] | None, pose: Sequence[float]) -> list[float]:
     """In the base frame."""
     if push is None:
         return [*ZERO3]
     force = push["wrench"][:3]
     if push["frame"] == "base":
         return list(force)
-    turned = rotvec_to_matrix(pose[3], pose[4], pose[5])
-    return [sum(turned[3 * row + column] * force[column] for column in range(3)) for row in range(3)]
+    rotation = rotvec_to_matrix(pose[3], pose[4], pose[5])
+    return [sum(rotation[3 * row + column] * force[column] for column in range(3)) for row in range(3)]
 
 
-def _measured(station: Station) -> str:
+def _measured_text(station: Station) -> str:
     wrench = station.values.get("actual_TCP_force")
     if wrench is None:
         return ""
