@@ -1,1 +1,1 @@
-"""Packages, with those of its folders whose tests share robots, so that fixtures may have the scope package."""
+"""A package, like the folders whose tests share robots, so that fixtures can have the scope "package"."""

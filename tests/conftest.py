@@ -1,7 +1,7 @@
-"""What every test is held to: it leaves no thread and no listening port behind, and no emulator in it fails.
+"""Requirements on every test: it leaves no thread and no listening port behind, and no emulator in it fails.
 
-A test has one try. What runs in real time waits for events with a patience that a busy machine does not use up, or
-slows the robot's time down; one that cannot is marked ``flaky(reruns=...)`` at its place, and says there why.
+A test has one attempt. Tests in real time wait for events with timeouts that suffice under load, or slow the robot's
+time down. A test that cannot is marked ``flaky(reruns=...)`` with the reason.
 """
 
 import logging
@@ -16,15 +16,15 @@ from hypothesis import settings
 from tests.budget import examples
 from urproto.testing.leaks import Belongings
 
-# Examples are not timed: a busy machine is no bug. In CI they are the same every time; elsewhere new ones are tried.
+# Examples have no deadline, since load is not a bug. In CI they are the same every time, elsewhere they are random.
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=examples(25))
 settings.load_profile("project")
 
-CHUNK = 16  # tests that a worker gets at a time; a share of all that are left, pytest-xdist's own, leaves one idle
-# for minutes while the other has most of those in real time
-IN_REAL_TIME = "in real time"  # the group of those that have a worker to themselves
+CHUNK = 16  # tests that a worker gets at a time; pytest-xdist's default, a share of all remaining tests, leaves one
+# worker idle for minutes while the other one runs most of those in real time
+IN_REAL_TIME = "in real time"  # the group of tests that share one worker
 
-RUNTIME: list[str] = []  # where controller managers of these tests are found, and no others
+RUNTIME: list[str] = []  # the runtime folder, so that tests find only their own controller managers
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -36,10 +36,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Several workers begin with what takes long, so that none has it to do while the others are done.
+    """Workers begin with the longest tests, so that none is left with them when the others are done.
 
-    What a person does, with robots in real time, is done by one worker, one thing after the other: two browsers, or
-    a browser beside a page's programs, are more than two cores carry.
+    Tests of documentation pages with robots in real time run one after the other on a single worker: two browsers, or a
+    browser and a page's programs at the same time, are too much for two cores.
     """
     for item in items:
         if item.get_closest_marker("page") is not None:
@@ -54,9 +54,9 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Options of tests/conformance; they are here because pytest reads them before it looks into folders."""
-    group = parser.getgroup("conformance", "which robot tests/conformance talks to")
-    group.addoption("--robot-ip", help="address of a real robot or simulator; an emulator is started without it")
+    """Options of tests/conformance; they are here because pytest reads them before it collects folders."""
+    group = parser.getgroup("conformance", "the robot that tests/conformance connects to")
+    group.addoption("--robot-ip", help="address of a real robot or simulator; without it, an emulator is started")
     group.addoption("--robot-program", help="program file on that robot, below its programs folder, to load and play")
     group.addoption(
         "--i-know-it-moves", action="store_true", help="let the tests move that robot, switch outputs, end programs"
@@ -74,7 +74,7 @@ def leaves_nothing_behind() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def no_emulator_fails(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Fail a test in which an emulator of this process failed: its guard makes a fault of the robot of that."""
+    """Fail a test in which an emulator of this process failed, which its guard turns into a fault of the robot."""
     failures = _Failures()
     logger = logging.getLogger("emulator.guard")
     logger.addHandler(failures)

@@ -1,4 +1,4 @@
-"""A robot that does harm: a real stream of every port, spoilt on its way to the client. For tests and `make chaos`."""
+"""A hostile robot: real streams of every port, corrupted on their way to the client. For tests and `make chaos`."""
 
 import asyncio
 import socket
@@ -21,9 +21,9 @@ __all__ = ["KINDS", "HostileRobot"]
 
 SPOILT: Final = ("dashboard", "primary", "secondary", "realtime", "rtde", "tool line", "modbus")
 _PATIENCE_S: Final = 30.0
-_MOST: Final = 4_000_000  # bytes of an endless answer: a client is to give up before
+_MOST: Final = 4_000_000  # bytes of an endless answer; a client has to give up earlier
 _LENGTH: Final = struct.Struct(">i")
-_FRAMES: Final = {  # how long a frame is, and the bytes before what it says
+_FRAMES: Final = {  # length field of a frame, and the size of its header
     "rtde": (struct.Struct(">H"), 3),
     "primary": (_LENGTH, 5),
     "secondary": (_LENGTH, 5),
@@ -36,7 +36,7 @@ _ABSURD: Final = (
 
 
 class Spoiler:
-    """What becomes of the bytes of one connection. after: how many are left alone."""
+    """Corrupts the bytes of one connection. after: number of bytes passed on unchanged."""
 
     def __init__(self, kind: str, port: str, random: Random) -> None:
         self.kind = kind
@@ -49,7 +49,7 @@ class Spoiler:
     async def pass_on(
         self, data: bytes, write: Callable[[bytes], Awaitable[None]], end: Callable[[bool], None]
     ) -> None:
-        """Hand on what the robot says; end(True) resets the connection, end(False) says that no more comes."""
+        """Pass on data of the robot; end(True) resets the connection, end(False) half-closes it."""
         honest, data = data[: self.after], data[self.after :]
         self.after -= len(honest)
         if honest:
@@ -108,7 +108,7 @@ class Spoiler:
         await write(data + self.random.choice(self._before))
 
     async def _absurd(self, data: bytes, write: Any, end: Any) -> None:
-        """Sound frames with numbers in them that no robot sends."""
+        """Valid frames that contain numbers which no robot sends."""
         if self.port not in _FRAMES:
             return await self._flip(data, write, end)
         length, head = _FRAMES[self.port]
@@ -129,9 +129,9 @@ KINDS: Final = tuple(name[1:] for name, member in vars(Spoiler).items() if name.
 
 
 class HostileRobot:
-    """An emulator behind something that spoils what it says, on the usual ports of an own loopback address.
+    """An emulator behind a proxy that corrupts its output, on the usual ports of a separate loopback address.
 
-    host: of the spoilt ports. begin: how the connections from here on are spoilt, by kind and seed.
+    host: address of the corrupted ports. begin: sets how later connections are corrupted, by kind and seed.
     """
 
     def __init__(self, model: str = "ur5e") -> None:
@@ -159,7 +159,7 @@ class HostileRobot:
         self._loop.close()
 
     def begin(self, kinds: tuple[str, ...], seed: int) -> None:
-        """Spoil the connections that come from now on in these ways, the first in the first way."""
+        """Corrupt new connections in these ways, the first one in the first way."""
         random = Random(seed)
         first = [kinds[0]]
 

@@ -1,4 +1,4 @@
-"""A server of cameras without a scene: what clients of pictures are tested with."""
+"""A camera server without a scene, for tests of its clients."""
 
 import io
 import json
@@ -23,7 +23,8 @@ POSE = (0.1, 0.2, 0.3, 0.0, 0.0, 1.0)
 
 
 class Served:
-    """What it answers. time_s: the robot's; asked: paths; answers: other answers than pictures, by path."""
+    """The server's answers. time_s: robot time; asked: requested paths; answers: answers other than pictures, by
+    path."""
 
     def __init__(self) -> None:
         self.port = 0

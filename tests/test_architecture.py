@@ -187,7 +187,7 @@ def within(name: str, parts: tuple[str, ...]) -> bool:
 
 
 def none(problems: Iterable[str]) -> None:
-    """Fail with all that was found at once: one rule is one test, however many modules there are."""
+    """Fail with all findings together: each rule is one test, regardless of the number of modules."""
     found = sorted(problems)
     assert not found, "\n".join(found)
 
@@ -202,7 +202,7 @@ def test_dependency_table() -> None:
 
 
 def _not_allowed(name: str, imported: str) -> str | None:
-    """Why a module may not import another; None when it may."""
+    """The reason why a module may not import another; None if it may."""
     package, top = name.split(".")[0], imported.split(".")[0]
     if top not in PACKAGES:
         known = top in sys.stdlib_module_names or within(name, THIRD_PARTY.get(top, ()))
@@ -227,7 +227,7 @@ def test_emulator_levels() -> None:
 
 
 def _level_violations(package: str, levels: Sequence[tuple[str, ...]]) -> Iterator[str]:
-    """Imports of a package's parts (its modules and folders) that do not lead downwards."""
+    """Imports between a package's parts (its modules and folders) that do not lead to a lower level."""
     level = {part: number for number, parts in enumerate(levels) for part in parts}
     for name in modules():
         if name == package or name.split(".")[0] != package:
@@ -275,7 +275,7 @@ def test_importing_the_language_or_protocols_does_not_load_pinocchio() -> None:
 
 
 def test_no_import_cycles() -> None:
-    """No module needs itself, however late: imports for type checkers and inside functions count."""
+    """No module imports itself indirectly; imports for type checkers and inside functions count."""
     graph = {name: {i for i in imports(name) if i in _known() and i != name} for name in modules()}
     try:
         TopologicalSorter(graph).prepare()
@@ -301,7 +301,7 @@ def test_exactly_four_packages() -> None:
 
 
 def test_every_module_is_imported() -> None:
-    """A controller type, a fault, a node or a screen in a module that nobody imports would not exist, unnoticed."""
+    """A controller type, fault, node or screen in a module that is never imported would silently be missing."""
     used = {imported for name in modules() for imported in imports(name) if imported != name}
     texts = [(ROOT / "pyproject.toml").read_text(), *(module_path(name).read_text() for name in modules())]
     named = {match for text in texts for match in re.findall(r'"([a-z_.0-9]+)(?::\w+)?"', text)}  # imported when needed
@@ -321,7 +321,7 @@ def _is_package_of(name: str, used: set[str]) -> bool:
 
 
 def layers(package: str, table: Mapping[str, Any]) -> Iterator[str]:
-    """What in a package is not as its table says, every import counted: inside functions and for type checkers too."""
+    """Violations of a package's table; imports inside functions and for type checkers count as well."""
     used: set[tuple[str, str]] = set()
     for name in (name for name in modules() if within(name, (package,))):
         part = _layer_of(name, table)
@@ -338,13 +338,13 @@ def layers(package: str, table: Mapping[str, Any]) -> Iterator[str]:
     for index, (part, layer) in enumerate(table.items()):
         for other in layer.may_import:
             if other not in list(table)[:index]:
-                yield f"`{part}` may import `{other}`, which does not stand above it in the table: that makes circles"
+                yield f"`{part}` may import `{other}`, which is not above it in the table: imports would be circular"
             elif (part, other) not in used:
                 yield f"`{part}` may import `{other}` and does not: take it out of the table"
 
 
 def _layer_of(name: str, table: Mapping[str, Any]) -> str | None:
-    """The part with the longest prefix of a module's name; that of the bare package is its ``__init__`` alone."""
+    """The part with the longest prefix of a module's name; the bare package matches only its ``__init__``."""
     prefixes = {prefix: part for part, layer in table.items() for prefix in layer.modules}
     found = [prefix for prefix in prefixes if name == prefix or ("." in prefix and name.startswith(f"{prefix}."))]
     return prefixes[max(found, key=len)] if found else None
@@ -355,7 +355,7 @@ def test_layers_of_client() -> None:
 
 
 def test_an_import_that_violates_the_layers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Inside functions and for type checkers alike, told with both modules and the rule."""
+    """Also inside functions and for type checkers; the message has both modules and the rule."""
     source = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from client.robot import Robot\n"
     source += "def later():\n    from client.pendant import server\n"
     trees = {"client.driver.points": ast.parse(source)}

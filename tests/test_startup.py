@@ -1,4 +1,4 @@
-"""What a command loads before it does anything: a shell loop over the everyday ones shall not wait for numpy."""
+"""Modules that a command imports at startup: a shell loop over common commands must not wait for numpy."""
 
 import subprocess
 import sys
@@ -24,7 +24,7 @@ finally:
 
 
 def loaded(module: str, *words: str) -> str:
-    """The last line that the command line of a module leaves on standard error."""
+    """The last line on standard error of a module's command line."""
     code = CALL.format(module=module, words=list(words), heavy=set(HEAVY))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert "Traceback" not in done.stderr, done.stderr

@@ -1,4 +1,4 @@
-"""How the tests are shared out to several workers."""
+"""The distribution of tests over several workers."""
 
 import os
 

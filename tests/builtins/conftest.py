@@ -1,4 +1,4 @@
-"""A running robot without a network: programs are submitted as text, time is ticked by hand."""
+"""A running robot without a network: programs are submitted as text, time is ticked manually."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +17,7 @@ HOME = (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)
 
 
 class Rig:
-    """A controller, everything it said, and how long programs took."""
+    """A controller, its messages, and the duration of programs."""
 
     def __init__(self, model: str, version: str | None, running: bool = True) -> None:
         self.controller = Controller(
@@ -73,7 +73,7 @@ class Rig:
         raise AssertionError(f"not reached within {limit_s} s; state {self.state.name}, said {self.messages}")
 
     def start(self, body: str, name: str = "prog") -> None:
-        """Submit the body as a program and tick until it runs (or did)."""
+        """Submit the body as a program and tick until it runs or has ended."""
         lines = "".join(f"  {line}\n" for line in body.strip().splitlines())
         self.submit(f"def {name}():\n{lines}end\n")
 
@@ -101,7 +101,8 @@ class Rig:
         return self.exceptions[-1].text
 
     def value(self, expression: str, *, meanwhile: Callable[[], None] = lambda: None) -> Any:
-        """What an expression of the language is worth. meanwhile: called when the program has begun, before it asks."""
+        """The value of an expression. meanwhile: called once the program has started, before the expression is
+        evaluated."""
         before = len(self.exceptions)
         self.start(f"sync()\nsync()\nsync()\nglobal result = {expression}\nsync()\nsync()")
         meanwhile()

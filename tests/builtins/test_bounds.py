@@ -1,4 +1,4 @@
-"""What a program can pile up has bounds."""
+"""Limits on the resources that a program can accumulate."""
 
 from collections.abc import Callable, Iterator
 
@@ -115,7 +115,7 @@ def test_arguments_beyond_the_limits_of_an_arm_are_refused(rig: Rig, call: str, 
 
 
 _LARGE = "1e308"
-_ODD: dict[str, tuple[str, ...]] = {  # by what a parameter takes, what few think of
+_ODD: dict[str, tuple[str, ...]] = {  # rarely considered values, by the type of a parameter
     "Num": (_LARGE, f"-{_LARGE}", "0"),
     "Int": (_LARGE, "2147483647", "-1"),
     "Const String": ('"\udce9\x85"', '""'),

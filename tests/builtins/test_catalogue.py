@@ -12,8 +12,8 @@ from urproto.versions import PolyscopeVersion
 from urscript.builtins import LibrarySet
 
 SET = LibrarySet(LIBRARIES)
-# Names, first versions and signatures as in public function tables and client sources. In a version a number is sure,
-# "?" a guess, "x" any digit, "-" never. In a signature a word as a default says what stands in when it is omitted.
+# Names, first versions and signatures as in public function tables and client sources. In a version, a number
+# is certain, "?" a guess, "x" any digit, "-" never. In a signature, a word as a default describes the value if omitted.
 ROWS = list(csv.DictReader((Path(__file__).parent / "names.csv").read_text().splitlines()))
 
 
@@ -21,7 +21,7 @@ def words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-# What the script that ur_rtde 1.6 uploads calls on every version (its lines without a version tag and those of 3.x).
+# Functions that ur_rtde 1.6's script calls on every version (its lines without a version tag and those of 3.x).
 UR_RTDE = words(
     """
     enable_external_ft_sensor end_force_mode end_teach_mode force_mode force_mode_set_damping get_actual_tcp_pose
@@ -46,7 +46,7 @@ UR_RTDE_523 = words(
     """
 )
 
-# What the External Control program of the official client library calls; one text serves 3.14.3 to 5.9.
+# Functions that the External Control program of the official client library calls; one text serves 3.14.3 to 5.9.
 EXTERNAL_CONTROL = words(
     """
     socket_open socket_close socket_read_binary_integer socket_send_int servoj speedj speedl movej movel movep
@@ -59,7 +59,7 @@ EXTERNAL_CONTROL = words(
     """
 )
 
-# What PolyScope writes at the head of programs, documented or not (counted in public programs).
+# Functions in the preamble that PolyScope writes, documented or not (counted in public programs).
 PREAMBLE = words(
     """
     set_gravity set_analog_outputdomain set_tool_voltage set_tcp set_standard_analog_input_domain
@@ -123,7 +123,7 @@ def test_first_versions_match_the_tables(row):
             assert re.fullmatch(minor, str(first.minor)), f"{first}, not {row[series]}"
 
 
-# (parameter, default of the tables): what stands here instead
+# (parameter, default of the tables): default here
 OTHER_DEFAULTS = {
     ("servoj", "t"): None,  # one control period, which is 0.008 s on CB3 only
     ("reset_revolution_counter", "qNear"): None,  # the same: angles near 0
@@ -156,12 +156,12 @@ def test_parameter_names_and_defaults_match_the_tables(row):
 
 
 def _value(default: str) -> object:
-    """A default of the tables; None for a word that says what stands in."""
+    """A default of the tables; None for a word that describes it."""
     try:
         value = ast.literal_eval(default.removeprefix("p"))
     except (ValueError, SyntaxError):
         return None
-    if value == "a":  # speedl, stopl: that of another parameter
+    if value == "a":  # speedl, stopl: the default of another parameter
         return None
     return tuple(value) if isinstance(value, list) else value
 
@@ -193,7 +193,7 @@ def test_every_partial_built_in_says_what_is_missing():
 
 
 def test_every_supported_built_in_is_called_by_a_test():
-    """Scripts of tests are text: a name in it, or one that a test puts together (`get_{group}_digital_out`)."""
+    """Scripts in tests are text: a name occurs in it, or a test composes it (`get_{group}_digital_out`)."""
     files = (path for path in Path(__file__).parents[1].rglob("*.py") if path != Path(__file__))
     tokens = {token for path in files for token in re.findall(r"[\w{}]+", path.read_text())}
     templates = [

@@ -17,7 +17,7 @@ def long_script(name: str, head: str = "  a = 1\n", blocks: int = 250) -> str:
 
 
 def counting(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The work that is done from now on, piece by piece."""
+    """The cost of each piece of work from now on."""
     prices: list[int] = []
     original = compiling.compile_steps
 
@@ -141,7 +141,7 @@ def test_a_long_thread_is_compiled_in_a_separate_period(rig):
 
 
 def test_a_body_compiled_in_pieces_runs_as_one(rig):
-    """Lines of errors, returns and loops are those of the text, whatever piece they are in."""
+    """Lines of errors, returns and loops refer to the whole text, regardless of the piece they are in."""
     loop = "  while a < 40:\n    a = a + 1\n    if a == 30:\n      break\n    end\n  end\n"
     text = long_script("divided", head="  global a = 1\n" + loop, blocks=60)
     text = text.replace("  sync()\nend\n", "  sync()\n  if a > 5:\n    return nothing\n  end\n  b = [1][4]\nend\n")

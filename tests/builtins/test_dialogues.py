@@ -1,4 +1,4 @@
-"""What programs tell people and ask them: questions and answers, variables, the length of texts."""
+"""Interaction of programs with users: questions and answers, variables, the length of texts."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What unmodified drivers demand of a controller in timing and order, where no other test asks for it.
+"""Requirements of unmodified drivers on a controller's timing and order that no other test covers.
 
 Times and orders are those of the official C++ library and its integration tests.
 """
@@ -52,7 +52,7 @@ def test_a_script_the_size_of_the_official_one_connects_within_half_a_second(mak
     script += "#" * (48_000 - len(script)) + "\n" if len(script) < 48_000 else ""
     assert script.count("\n") > 1100
     rig.submit(script)
-    assert rig.until(lambda: rig.sockets.opened, 1.0) < 0.35  # what is left is for the network and a busy machine
+    assert rig.until(lambda: rig.sockets.opened, 1.0) < 0.35  # the rest is for the network and load
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_a_path_of_500_points_is_cancelled_and_drained_within_half_a_second(rig)
     assert rig.controller.snapshot.target_qd == (0.0,) * 6
 
 
-# what is said, and how often
+# messages and their number
 
 
 def test_an_undisturbed_program_sends_only_its_start_and_stop_messages(rig):
@@ -158,7 +158,7 @@ def test_power_cycles_send_no_messages(make_rig, model):
     assert of_kind(rig.messages, SafetyModeMessage) == []
 
 
-# movements that cannot be
+# impossible moves
 
 
 def test_a_joint_target_far_outside_ends_the_program(rig):
@@ -218,13 +218,13 @@ def _first(controller: Controller, mode: RobotMode, within_s: float) -> bool:
 
 @SERIES
 def test_rtde_clients_need_not_wait_for_the_uptime(model):
-    """They read for up to 2 s while the timestamp is below 40 s."""
+    """Clients read for up to 2 s while the timestamp is below 40 s."""
     controller = Controller(ControllerConfig(model=load_model(model)))
     assert controller.tick().timestamp > 40.0
 
 
 def test_commands_are_accepted_in_local_control():
-    """As a simulator: not in remote control, and every command is carried out."""
+    """As in a simulator: not in remote control, and every command is executed."""
     controller = Controller(ControllerConfig(model=load_model("ur5e")))
     assert ask(controller, "is in remote control") == "false"
     assert ask(controller, "power on") == "Powering on"

@@ -7,7 +7,7 @@ from urproto.modes import RuntimeState, SafetyMode
 
 PART = 'add_frame("part", p[0.4, -0.2, 0.1, 0, 0, 0])\n'
 TRACK = PART + 'frame_tracking_enable("part")\n'
-# 0.05 m/s along base y, told in each period of 2 ms
+# 0.05 m/s along base y, set in each period of 2 ms
 DRIFT = """thread drift():
   while True:
     move_frame("part", p[0, 0.0001, 0, 0, 0, 0], "part")

@@ -1,4 +1,4 @@
-"""Freedrive by inputs and in frames, and how near the arm is to a singularity."""
+"""Freedrive by inputs and in frames, and the arm's distance to singularities."""
 
 import numpy as np
 import pytest

@@ -43,7 +43,7 @@ class Talk:
         return int(number)
 
     def discard(self, line: str) -> str:
-        answer = self.say(line, 3)  # a known name may have to be looked for
+        answer = self.say(line, 3)  # resolving a known name may take a period
         kind, reason, echo = answer.split(": ", 2)
         assert (kind, echo) == ("discard", line), answer
         return reason
@@ -246,7 +246,7 @@ def test_a_variable_without_a_value(begun: Talk) -> None:
     assert [error.text for error in begun.rig.exceptions] == ["Variable 'x' is used before it has a value"]
 
 
-# where it may be called
+# where interpreter_mode() may be called
 
 
 @pytest.mark.parametrize(
@@ -437,7 +437,7 @@ def test_skipbuffer_and_abort_together(begun: Talk) -> None:
     assert begun.rig.texts == ["2"]
 
 
-# what happens to the program
+# effects on the program
 
 
 def test_interpreter_mode_while_paused(begun: Talk) -> None:
@@ -503,7 +503,7 @@ def test_long_lines_are_compiled_in_pieces(begun: Talk) -> None:
 
 
 def test_cleared_statements_use_no_memory(begun: Talk) -> None:
-    """Statements that were cleared take no memory: a program can be in interpreter mode for days."""
+    """Cleared statements use no memory, since a program can be in interpreter mode for days."""
     namespace: dict[str, object] = begun.rig.controller.programs.host.runtime._namespace
     begun.ack("def f(a): return textmsg(a) end y = 1 f(2)")
     begun.ack("clear_interpreter()")
@@ -531,7 +531,7 @@ LINES = st.lists(st.lists(PIECES, max_size=8).map(" ".join) | st.text(max_size=3
 @settings(max_examples=examples(26), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lines=LINES, ticks=st.integers(0, 3))
 def test_garbage(make_rig: Callable[..., Any], lines: list[str], ticks: int, caplog: pytest.LogCaptureFixture) -> None:
-    """Every line is answered once, in the end, and nothing else breaks."""
+    """Every line is eventually answered exactly once, and nothing else breaks."""
     caplog.clear()
     talk = Talk(make_rig("ur5e", None))
     talk.begin("global g = 1\nwhile True:\n  interpreter_mode()\nend")

@@ -1,4 +1,4 @@
-"""Programs whose movements are interrupted, replaced or mixed: what must survive, and what must not happen."""
+"""Programs with interrupted, replaced or mixed moves."""
 
 import pytest
 
@@ -12,7 +12,7 @@ PUSH_DOWN = "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,-20,0,0,0], 2, [0.1,
 
 @pytest.mark.parametrize("event", [SafetyEvent.PROTECTIVE_STOP, SafetyEvent.ROBOT_EMERGENCY_STOP])
 def test_a_stop_between_two_programs_keeps_the_second_from_starting(rig, event):
-    """The second waits for the first one's sockets to be gone; the stop comes in that gap."""
+    """The second waits until the sockets of the first are closed; the stop comes in this gap."""
     rig.start('socket_open("10.0.0.1", 50001)\nsleep(5)', "first")
     rig.seconds(0.1)
     rig.start("movej([1, -1.5, 1.5, -1.6, -1.57, 0])", "second")
@@ -134,7 +134,7 @@ def test_servoc_uses_the_tcp_at_the_time_of_the_call(rig):
 
 @pytest.mark.parametrize("leave", ["end_force_mode()", "halt"])
 def test_entering_and_leaving_force_mode_in_motion_never_jerks_the_arm(rig, leave):
-    """A direction that becomes compliant keeps its speed at first, and so does one that ends to be."""
+    """A direction initially keeps its speed when it becomes compliant, and when it stops being compliant."""
     rig.start(
         f"""
         p0 = get_actual_tcp_pose()

@@ -16,7 +16,7 @@ def axes(turn):
 
 
 def weights(mass, cog, turns, gravity=GRAVITY, offset=(0.0,) * 6, noise=0.0, seed=1):
-    """What a payload exerts on the flange, base axes, with an offset of the sensor in flange axes."""
+    """Wrench of a payload on the flange in base axes, with an offset of the sensor in flange axes."""
     rng = np.random.default_rng(seed)
     wrenches = []
     for turn in turns:
@@ -111,7 +111,7 @@ def test_invalid_pose_lists_are_refused(rig, arguments):
 
 
 def test_a_program_sets_the_estimate_as_payload(rig):
-    """The example of the vendor's support page, with a wrench that the world exerts in each pose."""
+    """The example of the vendor's support page, with an external wrench in each pose."""
     wrenches = weights(1.2, np.array([0.01, 0.0, 0.06]), TURNS)
     rig.run(f"payload = {call(TURNS, wrenches)}\nset_target_payload(payload.mass, payload.cog)")
     assert rig.value("get_target_payload()") == pytest.approx(1.2)
@@ -148,7 +148,7 @@ def test_a_base_acceleration_must_be_three_numbers(rig):
 
 
 def test_the_wrench_refers_to_the_flange_on_e_series_and_to_the_tcp_on_cb3(rig, cb3):
-    """Script Manual, get_tcp_force; the official ROS drivers reckon with it."""
+    """Script Manual, get_tcp_force; the official ROS drivers rely on it."""
     wrench = np.array([3.0, -5.0, 7.0, 0.1, 0.2, -0.3])
 
     def push():
@@ -176,7 +176,7 @@ def test_an_external_sensor_gives_the_wrench_at_the_tcp(rig):
 
 
 def test_an_unset_payload_is_estimated_from_sensor_readings(rig):
-    """The procedure of the vendor's manual, with a tool the controller knows nothing of hanging on the flange."""
+    """The procedure of the vendor's manual, with a mounted tool that is unknown to the controller."""
     mass, cog = 1.7, np.array([0.01, -0.02, 0.09])
     rig.run("set_tcp(p[0.02, 0, 0.15, 0.3, 0, 0])\nzero_ftsensor()")
     poses, wrenches = [], []

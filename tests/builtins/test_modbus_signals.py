@@ -1,4 +1,4 @@
-"""Modbus signals of programs, on units made of memory."""
+"""Modbus signals of programs, on simulated units."""
 
 import errno
 
@@ -275,7 +275,7 @@ def test_an_answer_in_flight_does_not_overwrite_a_set_value(rig, modbus):
 
 
 def test_signals_outlive_their_program_and_can_come_from_secondary_programs(rig, modbus):
-    """URCaps add signals from a secondary program of their own; the next main program uses them."""
+    """URCaps add signals from a separate secondary program; the next main program uses them."""
     rig.submit('sec install():\n  modbus_add_signal("10.0.0.5", 255, 1, 2, "s")\nend\n')
     rig.seconds(0.2)
     rig.run('textmsg(modbus_get_signal_status("s"))')

@@ -1,4 +1,4 @@
-"""Movements from scripts: where the arm ends and how long it takes."""
+"""Moves of scripts: their final positions and durations."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Programs that compute on and on, and what secondary programs may do."""
+"""Endless computations, and restrictions on secondary programs."""
 
 import pytest
 

@@ -173,7 +173,7 @@ def test_a_protective_stop_pauses_and_resuming_continues_after_the_call(rig):
 
 
 def test_a_program_consisting_of_a_protective_stop_ends(rig):
-    """The official client library waits for the message that it did."""
+    """The official client library waits for the message that it ended."""
     rig.start("protective_stop()")
     rig.tick(5)
     assert rig.state is RuntimeState.STOPPED
@@ -380,7 +380,8 @@ KINDS = {
     ],
 )
 def test_each_run_state_action(rig, kind, action, before, running, ended, failed):
-    """Levels: as the program left it before the action was set; while it runs; after it ended well, and by an error."""
+    """Levels: as left by the program before the action was set; while it runs; after it ended normally, and by an
+    error."""
     call, read = KINDS[kind]
     level = bool(before)
     rig.run(

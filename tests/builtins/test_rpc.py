@@ -1,4 +1,4 @@
-"""XML-RPC of scripts, in virtual time: the server is written by hand, byte by byte."""
+"""XML-RPC of scripts, in virtual time: the tests write the server's bytes."""
 
 import math
 import xmlrpc.client
@@ -45,14 +45,14 @@ def requested(sent: bytes) -> tuple[str, dict[str, str], tuple, str]:
 
 
 def start_call(rig, call: str):
-    """Run a program that makes a call, up to where the call was sent; the socket."""
+    """Run a program until it has sent a call; returns the socket."""
     rig.start(f"{FACTORY}global result = {call}\nsync()\nsync()")
     rig.until(lambda: bool(rig.sockets.opened and rig.sockets.opened[-1].sent), 1.0)
     return rig.sockets.opened[-1]
 
 
 def call(rig, expression: str, *reply: bytes):
-    """What a call gives when the server sends these bytes, some frames apart."""
+    """The result of a call when the server sends these bytes, some frames apart."""
     socket = start_call(rig, expression)
     for data in reply:
         socket.feed(data)
@@ -80,7 +80,7 @@ def fails(rig, *reply: bytes, close: bool = False) -> str:
     return text.removeprefix(f"RPC get at {URL}: ")
 
 
-# what goes out
+# requests
 
 
 def test_the_request(rig):
@@ -164,7 +164,7 @@ def test_values_that_xml_cannot_carry_are_errors(rig, argument, named):
     assert named in rig.exceptions[0].text
 
 
-# what comes back
+# replies
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Sockets of scripts, against a network made of memory."""
+"""Sockets of scripts, on a simulated network."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Signals, registers and their set-up from scripts."""
+"""Scripts that use and configure signals and registers."""
 
 import pytest
 
@@ -49,7 +49,7 @@ def test_outputs_in_a_list_are_high_while_a_program_runs(rig, call, bits):
 
 
 def test_an_element_of_digital_out_is_an_output(rig):
-    # python-urx sends this old form as a line of its own
+    # python-urx sends this old form as a separate line
     rig.run("digital_out[2]=True\ntextmsg(get_digital_out(2))\ndigital_out[2] = False\ntextmsg(get_digital_out(2))")
     assert rig.texts == ["True", "False"]
 

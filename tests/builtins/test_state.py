@@ -1,4 +1,4 @@
-"""What programs can ask about arm and controller, and what they can set up."""
+"""Queries and settings of arm and controller in programs."""
 
 import math
 
@@ -218,7 +218,7 @@ def test_external_force_is_measured_and_can_be_zeroed(cb3):
 
 
 def test_starting_a_program_zeroes_the_sensor_of_an_e_series_arm(rig):
-    """The vendor's word, in two issues of the ROS driver (512 and 643)."""
+    """Stated by the vendor in two issues of the ROS driver (512 and 643)."""
     wrench = (3.0, 0.0, 4.0, 0.0, 0.0, 0.0)
 
     def push():
@@ -227,7 +227,7 @@ def test_starting_a_program_zeroes_the_sensor_of_an_e_series_arm(rig):
     assert rig.value("force()", meanwhile=push) == pytest.approx(5.0)
     assert rig.controller.snapshot.actual_TCP_force == pytest.approx(wrench)
     assert rig.value("force()") == pytest.approx(0.0)
-    assert rig.controller.snapshot.ft_raw_wrench != pytest.approx((0.0,) * 6)  # the sensor itself still feels it
+    assert rig.controller.snapshot.ft_raw_wrench != pytest.approx((0.0,) * 6)  # the sensor itself still measures it
 
 
 def test_secondary_programs_and_resumed_programs_do_not_zero_the_sensor(rig):

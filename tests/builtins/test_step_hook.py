@@ -1,4 +1,4 @@
-"""The hook a debugger or a tracer uses: asked before each statement, may hold a thread."""
+"""The hook for debuggers and tracers: called before each statement, can hold a thread."""
 
 PROGRAM = """
 def f():

@@ -1,4 +1,4 @@
-"""How the motion controller goes about its work: judged by what the arm then does."""
+"""Settings of the motion controller, checked by their effect on the arm."""
 
 import math
 
@@ -131,7 +131,7 @@ MASS, COG, INERTIA = 2.0, np.array([0.03, -0.02, 0.08]), np.diag([0.01, 0.012, 0
 
 
 def wrenches(rig, body):
-    """What accelerates the payload in FRAME, from the published flange poses; one row a period."""
+    """Wrenches that accelerate the payload in FRAME, from the published flange poses; one row per period."""
     rig.start(body)
     poses = []
     rig.until(lambda: rig.state is RuntimeState.PLAYING)
@@ -184,7 +184,7 @@ def test_a_wrench_limit_must_be_positive(rig):
     assert "greater than 0" in rig.fault("tool_wrench_limit_set(p[0, 0, 0, 0, 0, 0], Fx=0)")
 
 
-# settings that are kept
+# settings that are stored only
 
 
 def test_jerk_gain(rig):

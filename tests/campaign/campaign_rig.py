@@ -1,4 +1,4 @@
-"""Campaigns for tests: a folder with a program, and workers that carry out a job where and when it is submitted."""
+"""Campaigns for tests: a folder with a program, and workers that run a job immediately in this process."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -31,7 +31,7 @@ def write(folder: Path, text: str = CAMPAIGN, program: str = PROGRAM) -> Path:
 
 
 class Here:
-    """Workers that are this process. loses: whether the process of a job dies, by what the job is called with."""
+    """Workers in this process. loses: whether the process of a job dies, given the arguments of the job."""
 
     def __init__(self, folder: str, loses: Callable[..., bool] = lambda *_: False) -> None:
         self.folder = folder

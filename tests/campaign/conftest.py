@@ -1,4 +1,4 @@
-"""The helpers beside this file; importlib mode does not add their folder."""
+"""Adds the folder of the helpers next to this file, which importlib mode does not."""
 
 import sys
 from pathlib import Path

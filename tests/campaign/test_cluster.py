@@ -1,4 +1,4 @@
-"""Campaigns on a Ray cluster of two nodes of this machine. Ray is in an extra of its own: `make cluster` runs this."""
+"""Campaigns on a Ray cluster of two nodes of this machine. Ray is in a separate extra: `make cluster` runs this."""
 
 import socket
 from contextlib import ExitStack
@@ -29,8 +29,8 @@ limit_s: 60
 matrix:
   seed: {{count: {RUNS}}}
 """
-STORE_BYTES = 80_000_000  # the least that Ray takes
-# Ray ends a node whose agents take 15 s to say which ports they chose (ray-project/ray#65983): they are told
+STORE_BYTES = 80_000_000  # the minimum for Ray
+# Ray ends a node whose agents take 15 s to report the ports they chose (ray-project/ray#65983): so they are given
 PORTS = ("metrics_agent_port", "metrics_export_port", "dashboard_agent_listen_port", "runtime_env_agent_port")
 PROGRAM = """def work():
   movej([0.1, -1.2, 0.3, -1.5, 0.2, 0.4], a=4, v=3)
@@ -80,6 +80,6 @@ def test_a_node_that_dies_midway_loses_and_duplicates_no_results(
             workers.close()
     finally:
         cluster.shutdown()
-    assert cores == [2, -1, 1]  # the node was killed before the end, and was not there at the end
+    assert cores == [2, -1, 1]  # the node was killed before the end, and stayed away
     assert sorted(result.run for result in results) == list(range(RUNS))
     assert {(result.status, result.robot_s) for result in results} == {("passed", results[0].robot_s)}

@@ -1,4 +1,4 @@
-"""``ur-emulator campaign`` as people have it."""
+"""``ur-emulator campaign`` on the command line."""
 
 import subprocess
 import sys

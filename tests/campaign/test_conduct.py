@@ -1,4 +1,4 @@
-"""Every run has one result, whatever dies; what is there is not done again; failing runs become simpler."""
+"""Every run has exactly one result, even if processes die; existing results are reused; failing runs are reduced."""
 
 import itertools
 import os
@@ -23,14 +23,14 @@ VERSION = installed_version()
 
 @pytest.fixture(autouse=True)
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Carrying runs out in this process changes the folder it is in."""
+    """Executing runs in this process changes its current folder."""
     monkeypatch.chdir(tmp_path)
 
 
 def conducted(
     plan: Plan, folder: Path, workers: object | None = None, on_results: Callable[[list[Result]], None] = lambda _: None
 ) -> list[Result]:
-    """What the journal has when the campaign is over."""
+    """The contents of the journal after the campaign."""
     with Journal(folder, plan, VERSION) as journal:
         Conductor(plan, workers or Here(plan.folder), journal, VERSION, on_results).run()
         return list(journal.results())
@@ -51,7 +51,7 @@ def test_rerunning_the_command_of_a_run_gives_the_same_result(
     with Journal(tmp_path / "out", plan, VERSION) as journal:
         write_parquet(journal, plan, tmp_path / "results.parquet")
     rows = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
-    assert {row["status"] for row in rows} == {"passed", "failed"}  # chance decides, by the seed
+    assert {row["status"] for row in rows} == {"passed", "failed"}  # random, by the seed
     assert {row["status"] for row in rows if not row["fault"]} == {"passed"}
     for row in (next(row for row in rows if row["status"] == status) for status in ("passed", "failed")):
         _, _, *words = row["command"].split()
@@ -72,7 +72,7 @@ def test_an_interrupted_campaign_resumes(tmp_path: Path) -> None:
     journal = tmp_path / "out" / "journal.jsonl"
     done = journal.read_bytes().count(b"\n") - 1
     assert 0 < done < len(plan)
-    journal.write_bytes(journal.read_bytes() + b'{"run":11,"status":"pas')  # a last line that did not come to its end
+    journal.write_bytes(journal.read_bytes() + b'{"run":11,"status":"pas')  # an incomplete last line
     workers = Here(plan.folder)
     assert complete(plan, conducted(plan, tmp_path / "out", workers))
     assert sum(len(numbers) for _, numbers, *_ in workers.jobs) == len(plan) - done
@@ -93,7 +93,7 @@ def test_a_run_that_kills_its_process_is_the_only_one_lost(tmp_path: Path) -> No
     results = conducted(plan, tmp_path / "out", workers)
     assert complete(plan, results)
     assert [result.run for result in results if result.status is not Status.PASSED] == [17]
-    assert max(len(numbers) for _, numbers, *_ in workers.jobs) > 1  # it was one of a portion
+    assert max(len(numbers) for _, numbers, *_ in workers.jobs) > 1  # it was part of a job with several runs
 
 
 def test_a_killed_process_loses_and_duplicates_no_results(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_machine_with_another_version_is_refused(tmp_path: Path) -> None:
 
 
 class RaisingWorkers(Here):
-    """As the others, what a function raises is told."""
+    """Returns the exception of a function, like the other workers."""
 
     def submit(self, function: Callable[..., object], *arguments: object) -> int:
         def told(*given: object) -> object:

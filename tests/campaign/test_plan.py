@@ -1,4 +1,4 @@
-"""Which runs a campaign file means, and what it cannot mean."""
+"""The runs of a campaign file, and errors in it."""
 
 from pathlib import Path
 

@@ -13,7 +13,7 @@ GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 
 @pytest.fixture
 def golden() -> Callable[[str], bytes]:
-    """Read ``tests/golden/<name>.hex``: comment lines tell the origin, the rest is hexadecimal."""
+    """Read ``tests/golden/<name>.hex``: comment lines state the origin, the rest is hexadecimal."""
 
     def read(name: str) -> bytes:
         lines = (GOLDEN / f"{name}.hex").read_text().splitlines()

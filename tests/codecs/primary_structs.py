@@ -1,8 +1,7 @@
 """The primary interface as construct declares it, written from the reference tables.
 
-The declarations know nothing of the code under test: names here are those of the client
-interface manual, layouts by version are spelt out where they differ. Everything has its
-exact length: a byte too many or too few anywhere is an error.
+The declarations are independent of the code under test: names are those of the client interface manual, layouts that
+differ by version are written out. Everything has its exact length: a byte too many or too few anywhere is an error.
 """
 
 import construct as c
@@ -22,7 +21,7 @@ D, F, U8, I8, U16, U32, I32, U64 = (
 
 
 def since(version: str, cb3: str, *fields):
-    """The fields where the version has them; every 5.x does."""
+    """The fields if the version has them; every 5.x does."""
     return fields if PolyscopeVersion.parse(version) >= PolyscopeVersion.parse(cb3) else ()
 
 
@@ -110,7 +109,7 @@ FIRST_STATE_ONLY = {5, 6}
 
 
 def parts_of(version: str) -> set[int]:
-    """The sub-packages a first state of this version has."""
+    """The sub-packages of a first state of this version."""
     if version.startswith("5"):
         return set(PARTS)
     late = since(version, "3.5", 10) + since(version, "3.6", 5) + since(version, "3.2", 8)
@@ -131,7 +130,7 @@ MESSAGES = {
     6: c.Struct("code" / I32, "argument" / I32, "level" / I32, "data_type" / U32, "data" / U32, "text" / TEXT),
     7: c.Struct("code" / I32, "argument" / I32, "title" / TITLE, "text" / TEXT),
     10: c.Struct("line" / I32, "column" / I32, "text" / TEXT),
-    12: c.Struct("undocumented" / c.Bytes(9)),  # behind the version message: 24 bytes in all in every capture
+    12: c.Struct("undocumented" / c.Bytes(9)),  # after the version message: 24 bytes in total in every capture
     14: c.Struct("threads" / c.GreedyRange(THREAD)),
 }
 OLD_POPUP = c.Struct("warning" / c.Flag, "error" / c.Flag, "title" / TITLE, "text" / TEXT)

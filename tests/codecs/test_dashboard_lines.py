@@ -1,4 +1,4 @@
-"""Dashboard lines and what the replies say. Reply texts: captures and manuals, see the module."""
+"""Dashboard lines and the meaning of replies. Reply texts: captures and manuals, see the module."""
 
 import contextlib
 

@@ -18,7 +18,7 @@ DECODERS = [RTDEDecoder, PrimaryDecoder, RealtimeDecoder, LineDecoder, FrameDeco
 
 
 def framed(header: str) -> st.SearchStrategy[bytes]:
-    """Chunks with a sound size in front, so that the garbage gets past the framing."""
+    """Chunks with a valid size in front, so that the garbage passes the framing."""
 
     def build(kind: int, body: bytes) -> bytes:
         values = {"h": (len(body) + 3, kind), "i": (len(body) + 5, kind)}[header[1].lower()]
@@ -51,12 +51,12 @@ def drain(decoder, chunks):
 def test_results_do_not_depend_on_the_split(kind, data):
     whole = drain(kind(), [data])
     bytewise = drain(kind(), [bytes([byte]) for byte in data])
-    assert repr(whole) == repr(bytewise)  # repr: NaN equals itself there
+    assert repr(whole) == repr(bytewise)  # repr, in which NaN equals itself
 
 
 @pytest.mark.parametrize("kind", DECODERS)
 def test_memory_is_bounded(kind):
-    """Feed the start of the longest message each would wait for, then far more than that."""
+    """Feed the start of the longest message that each decoder waits for, then far more than that."""
     decoder = kind()
     sizes = {
         RTDEDecoder: struct.pack(">H", 65535),

@@ -1,8 +1,8 @@
 """The wire formats of External Control.
 
-The expected words are laid out by hand after the write functions and the control program of
-Universal_Robots_Client_Library 2.14; the script commands from 100 on and their answers, which are
-our own extension, after client/driver/control_program.script.
+The expected words are written manually after the write functions and the control program of
+Universal_Robots_Client_Library 2.14; the script commands from 100 and their answers, which are our extension, after
+client/driver/control_program.script.
 """
 
 import struct
@@ -39,7 +39,7 @@ def test_words_are_rounded_to_the_nearest_millionth_on_both_sides_of_zero() -> N
 
 
 Q_WORDS = [100000, -1570000, 1200000, 0, 3141593, -500000]
-# millionths, rounded down, and the billionths of one that are left: 2**-21 is 0.476837158203125 millionths
+# millionths, rounded down, and the remaining billionths of one: 2**-21 is 0.476837158203125 millionths
 PRECISE = (0.5, -0.25, 2**-21, -(2**-21), 0.0, 3.0)
 PRECISE_WORDS = [500000, 0, -250000, 0, 0, 476837158, -1, 523162841, 0, 0, 3000000, 0]
 

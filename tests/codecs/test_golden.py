@@ -1,10 +1,10 @@
-"""Every kind of message of every port has a golden case: bytes or texts from elsewhere, with their origin.
+"""Every kind of message of every port has a golden case: bytes or texts from external sources, with their origin.
 
-Our own extensions of External Control are spoken nowhere else: their cases are written by hand after the URScript of
-our control program, and say so.
+Our extensions of External Control exist nowhere else: their cases are written manually after the URScript of our
+control program, and say so.
 
-``tests/golden/wire.tsv`` is the list. Each case is read by the port's codec, which tells its kinds, and must come out
-of the codec again as it was. A kind without a case fails; the table of all is ``tests/golden/README.md``, which
+``tests/golden/wire.tsv`` is the list. Each case is decoded by the port's codec, which determines its kinds, and must be
+encoded to the same bytes. A kind without a case fails; the table of all is ``tests/golden/README.md``, which
 
     PYTHONPATH=. python tests/codecs/test_golden.py
 
@@ -44,14 +44,14 @@ LINES = (GOLDEN / "wire.tsv").read_text().splitlines()
 ROWS = [tuple(line.split("\t")) for line in LINES if not line.startswith("#")]
 EXECUTED = [row for row in ROWS if not row[2].startswith("test:")]
 
-# the only forms of what does not depend on the protocol are those of protocol 2
+# messages that do not depend on the protocol have only the form of protocol 2
 BOTH_PROTOCOLS = {"SetupOutputs", "SetupOutputsReply", "OutputData", "TextMessage"}
 CODES = {"3.2": program_state._OLDEST_TYPES, "3.13": program_state._OLD_TYPES, "5.9": program_state._NEW_TYPES}
 REALTIME = dict.fromkeys(str(column.since.cb3 or column.since.e).removesuffix(".0.0") for column in COLUMNS)
 
 
 def data_of(case: str) -> bytes:
-    """The bytes a case stands for."""
+    """The bytes of a case."""
     if case.startswith("@"):
         lines = (GOLDEN / case[1:]).read_text().splitlines()
         assert lines[0].startswith("#"), f"{case} does not state its origin"
@@ -65,7 +65,7 @@ def data_of(case: str) -> bytes:
     return bytes.fromhex(case)
 
 
-# one function a port: the kinds in the bytes; the codec has to give the bytes back
+# one function per port: the kinds in the bytes; the codec must encode the same bytes again
 
 
 def primary(version: str, case: str) -> set[str]:
@@ -167,7 +167,7 @@ def modbus_exchange(_: str, case: str) -> set[str]:
 
 def reverse(_: str, case: str) -> set[str]:
     message = ec.ReverseMessage.decode(data_of(case))
-    if message.mode is not ec.ControlMode.IDLE:  # whose payload means nothing
+    if message.mode is not ec.ControlMode.IDLE:  # its payload has no meaning
         assert message.encode() == data_of(case)
     return {f"reverse: {message.mode.name}"}
 
@@ -218,7 +218,7 @@ READERS: dict[str, Callable[[str, str], set[str]]] = {
 
 
 def wanted() -> Iterator[tuple[str, str]]:
-    """Port and kind of everything that can be said, out of the code."""
+    """Port and kind of every message that exists, from the code."""
     for part in (kind for _, kind in state._PARTS.values()):
         yield "primary", part_kind(part)
     for message in (*messages._KINDS.values(), messages.UnknownMessage):
@@ -261,7 +261,7 @@ def wanted() -> Iterator[tuple[str, str]]:
 
 
 def origins() -> dict[tuple[str, str], list[str]]:
-    """Where the cases of each kind are from; a test that is named stands for all kinds of its port."""
+    """The origins of the cases of each kind; a referenced test covers all kinds of its port."""
     found: dict[tuple[str, str], list[str]] = {kind: [] for kind in wanted()}
     for port, version, case, origin in ROWS:
         kinds = {kind for its_port, kind in found if its_port == port}
@@ -314,7 +314,7 @@ def test_referenced_tests_exist() -> None:
 
 def test_every_recording_is_used() -> None:
     named = {row[2][1:] for row in ROWS if row[2].startswith("@")}
-    older = {"robot_state_cb2.hex"}  # of a series that is not emulated
+    older = {"robot_state_cb2.hex"}  # for a series that is not emulated
     assert {path.name for path in GOLDEN.glob("*.hex")} == named | older
 
 

@@ -1,4 +1,4 @@
-"""Modbus/TCP messages against those of pymodbus, which we did not write."""
+"""Modbus/TCP messages against those of pymodbus."""
 
 import pytest
 from hypothesis import given
@@ -25,7 +25,7 @@ from urproto.modbus import (
 
 COILS = (1, 0, 1, 1, 0, 0, 1, 1, 1, 0)
 CASES = [
-    # ours, what is read, pymodbus's request, pymodbus's response
+    # our request, the values read, pymodbus's request, pymodbus's response
     (
         ModbusRequest(1, 19, 10),
         COILS,

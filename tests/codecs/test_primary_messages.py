@@ -1,4 +1,4 @@
-"""Robot messages: recorded bytes, and one row a kind for both directions."""
+"""Robot messages: recorded bytes, and one row per kind for both directions."""
 
 import pytest
 from hypothesis import given

@@ -69,7 +69,7 @@ def test_byte_by_byte(golden, name, version, full):
 
 
 def test_recorded_simulator_values(golden):
-    """Values others read out of the same bytes, with their own parsers."""
+    """Values that other parsers read from the same bytes."""
     state = decode(golden("robot_state_full_5.24"))
     assert state.mode.timestamp_us == 25_643_784_000
     assert state.mode.robot_mode is not None
@@ -214,7 +214,7 @@ def test_values_that_do_not_fit_are_refused(golden):
 
 
 def test_configuration_against_construct():
-    """The interleaved limits are the easiest to get wrong."""
+    """The interleaved limits are the most error-prone."""
     double = construct.Float64b
     oracle = construct.Struct(
         "position" / construct.Array(6, construct.Struct("low" / double, "high" / double)),

@@ -30,7 +30,7 @@ OFFSETS = {
 
 
 def values():
-    """Every column with numbers that tell it apart."""
+    """Every column with distinct numbers."""
     return {
         column.name: 100 * number + 1
         if column.count == 1

@@ -1,6 +1,6 @@
-"""RTDE packages: one row a package tests encoding, decoding and byte-by-byte feeding.
+"""RTDE packages: one row per package tests encoding, decoding and byte-by-byte feeding.
 
-Bytes marked C++ stand in the tests of the official C++ client (tests/test_rtde_*.cpp), those
+Bytes marked C++ are from the tests of the official C++ client (tests/test_rtde_*.cpp), those
 marked Python were read back with the official Python client's serializer; the rest is
 written out from the RTDE guide.
 """

@@ -30,7 +30,7 @@ SCALARS = {
     "VECTOR6INT32": construct.Array(6, construct.Int32sb),
     "VECTOR6UINT32": construct.Array(6, construct.Int32ub),
 }
-# what RTDEReceiveInterface of ur_rtde asks of a 5.22 controller by default
+# the default recipe that RTDEReceiveInterface of ur_rtde requests from a 5.22 controller
 UR_RTDE_DEFAULT = """
     timestamp target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current
     joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force target_TCP_pose target_TCP_speed
@@ -57,7 +57,7 @@ def values_of(field_type):
 
 
 def snapshot(**changes):
-    """An object with every output attribute, numbers counting up so that no two are alike."""
+    """An object with every output attribute, with consecutive numbers so that no two are the same."""
     attributes = {}
     for number, field in enumerate(OUTPUT_FIELDS.values()):
         if field.is_bits:
@@ -112,7 +112,7 @@ def test_reply_types_are_spelled_as_documented():
 
 
 def test_default_receive_recipe_of_ur_rtde_has_1180_bytes():
-    """Counted by others on the wire: 58 variables at 5.22, the package has 1180 bytes."""
+    """Measured by others on a connection: 58 variables at 5.22, the package has 1180 bytes."""
     names = UR_RTDE_DEFAULT.split()
     names += [f"output_{kind}_register_{number}" for kind in ("int", "double") for number in range(12, 20)]
     recipe = Recipe.of(names, available_fields(OUTPUT_FIELDS, E_5_22))

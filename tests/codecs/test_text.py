@@ -1,4 +1,4 @@
-"""Text of any bytes: held without loss, shown to everybody, and read as protocols mean it."""
+"""Text of any bytes: stored without loss, displayed safely, and parsed as protocols define it."""
 
 import json
 from dataclasses import dataclass

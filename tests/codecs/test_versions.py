@@ -1,4 +1,4 @@
-"""Which of the three lines of software has a feature."""
+"""Availability of features in the three software lines."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""YAML of strangers is plain data or one error, whatever the loader thinks of it."""
+"""Untrusted YAML is plain data or one type of error, regardless of the loader's exceptions."""
 
 import pytest
 

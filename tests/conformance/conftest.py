@@ -1,7 +1,7 @@
-"""One suite for every robot: what the manuals promise, seen through the client library only.
+"""One suite for every robot: behaviour documented in the manuals, tested through the client library only.
 
     pytest tests/conformance                                             emulators, started here
-    pytest tests/conformance --robot-ip 192.168.1.10                     a robot: looks, does not touch
+    pytest tests/conformance --robot-ip 192.168.1.10                     a robot: reads only
     pytest tests/conformance --robot-ip 192.168.1.10 --i-know-it-moves   a robot: everything
 
 Cases marked ``moves`` change something: they switch the arm on, turn the last joint by at
@@ -25,7 +25,7 @@ from urproto.modes import RobotMode, SafetyMode
 from urproto.versions import PolyscopeVersion
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "real_clients")]  # waiting; an emulator in a process of its own
+sys.path[:0] = [str(HERE), str(HERE.parent / "real_clients")]  # waiting; an emulator in a separate process
 
 from emulator_process import EmulatorProcess  # noqa: E402 - found by the line above
 
@@ -33,7 +33,7 @@ if sys.platform != "linux":  # several emulators at once need the loopback addre
     collect_ignore_glob = ["test_*"]
 
 PATIENCE_S = 60.0
-EMULATED = {  # their time goes faster than ours: most of these cases wait for brakes and for stops to be unlocked
+EMULATED = {  # faster than real time, as most of these cases wait for brakes and for stops to be unlocked
     "ur3": ["--model", "ur3", "--speed", "4"],
     "ur5e": ["--model", "ur5e", "--polyscope", "5.22", "--remote-control", "--speed", "2"],
 }
@@ -43,7 +43,7 @@ PROGRAM_SCRIPT = "def conformance():\n  while True:\n    sync()\n  end\nend\n"
 
 @dataclass(frozen=True)
 class Robot:
-    """Where the robot is, and what is known about it. program: a file it can load and play."""
+    """Address and properties of the robot. program: a file it can load and play."""
 
     host: str
     version: PolyscopeVersion
@@ -84,7 +84,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(scope="package")
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
-    """The robot under test; an emulator lives as long as its tests."""
+    """The robot under test; an emulator runs as long as its tests."""
     with ExitStack() as ending:
         if request.config.getoption("--robot-ip"):
             host, program = request.param, request.config.getoption("--robot-program")
@@ -124,7 +124,7 @@ def running(robot: Robot, request: pytest.FixtureRequest) -> Robot:
 
 @pytest.fixture
 def has(robot: Robot):
-    """Skip a test of something the robot's version does not have."""
+    """Skip a test of a feature that the robot's version lacks."""
 
     def check(operation: dashboard.Operation) -> dashboard.Operation:
         try:

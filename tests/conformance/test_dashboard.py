@@ -1,4 +1,4 @@
-"""Dashboard manuals of both series: what each command answers and does."""
+"""Dashboard manuals of both series: answers and effects of each command."""
 
 import pytest
 from waiting import wait_until

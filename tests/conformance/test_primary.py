@@ -1,4 +1,4 @@
-"""Primary interface: version first, full state once, ten states a second; commands seen through."""
+"""Primary interface: version first, full state once, ten states per second; effects of commands."""
 
 import math
 from itertools import pairwise
@@ -12,7 +12,7 @@ from urproto.primary.messages import VersionMessage
 from urproto.primary.state import RobotStateData
 from urproto.versions import Series
 
-AT_REST_RAD = 1e-3  # between two looks at an arm that stands still
+AT_REST_RAD = 1e-3  # between two readings of an arm at rest
 NEAR_M = 1e-3
 
 
@@ -30,7 +30,7 @@ def test_the_first_state_is_full(robot):
         configuration = primary.run(primary.core.configuration_data())
     assert state.configuration is not None
     assert 0.05 < kinematics.dh_d[0] < 0.3  # m, the shoulder's height of every arm sold
-    assert kinematics.dh_a == pytest.approx(configuration.dh_a, abs=0.01)  # calibration moves by millimetres
+    assert kinematics.dh_a == pytest.approx(configuration.dh_a, abs=0.01)  # calibration shifts it by millimetres
     assert all(low < high for low, high in zip(configuration.q_min, configuration.q_max, strict=True))
     assert all(math.pi / 2 < speed < 3 * math.pi for speed in configuration.qd_max)  # rad/s
     generation = RobotSubType.CB3 if robot.version.series is Series.CB3 else RobotSubType.E_SERIES

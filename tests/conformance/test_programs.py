@@ -1,4 +1,4 @@
-"""Program files and the dashboard commands about them; the file given has to run until it is stopped."""
+"""Program files and their dashboard commands; the given file has to run until it is stopped."""
 
 import pytest
 

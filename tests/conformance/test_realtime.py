@@ -18,6 +18,6 @@ def test_the_state_agrees_with_rtde(robot):
     with robot.realtime() as realtime, robot.rtde(["timestamp", "actual_q", "robot_mode", "safety_mode"]) as rtde:
         seen = realtime.receive()
         state = rtde.latest()
-    assert seen["timestamp"] == pytest.approx(state["timestamp"], abs=1.0)  # connections begin one after the other
+    assert seen["timestamp"] == pytest.approx(state["timestamp"], abs=1.0)  # connections open one after the other
     assert seen["actual_q"] == pytest.approx(state["actual_q"], abs=AT_REST_RAD)
     assert (seen["robot_mode"], seen["safety_mode"]) == (state["robot_mode"], state["safety_mode"])

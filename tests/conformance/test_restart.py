@@ -1,4 +1,4 @@
-"""A robot that is switched off and on again. Only emulators are treated like that: it is not in the manuals."""
+"""A robot that is switched off and on again. This runs only with emulators, since the manuals do not describe it."""
 
 from emulator_process import EmulatorProcess
 from waiting import wait_until
@@ -23,7 +23,7 @@ def test_rtde_reconnects_with_its_recipes():
             assert set(state) == set(OUTPUTS)
             assert (
                 state["input_int_register_24"] == 0
-            )  # the controller forgot; the client does not decide for its caller
+            )  # the controller lost them; the client leaves the decision to its caller
             rtde.write(input_int_register_24=6)
             wait_until(rtde, lambda state: state["input_int_register_24"] == 6)
             assert rtde.core.rate_hz == 25

@@ -1,4 +1,4 @@
-"""RTDE guide: negotiation, recipes, rates, one writer a variable, pause and start."""
+"""RTDE guide: negotiation, recipes, rates, one writer per variable, pause and start."""
 
 from itertools import pairwise
 
@@ -38,7 +38,7 @@ def test_states_arrive_at_the_requested_interval(robot, divisor):
 
 
 def test_every_output_of_the_version(robot):
-    """Those whose first version is known for certain; a robot may know more."""
+    """Those whose first version is certain; a robot may have more."""
     names = list(available_fields(OUTPUT_FIELDS, robot.version))
     for start in range(0, len(names), 60):  # the guide supports 2048 bytes of names
         with robot.rtde(names[start : start + 60], ignore_unavailable=True) as rtde:

@@ -1,4 +1,4 @@
-"""A protective stop: who is told, what is refused meanwhile, and how the robot comes out of it."""
+"""A protective stop: how it is reported, what is refused meanwhile, and how the robot recovers."""
 
 import pytest
 from waiting import pass_time, wait_until
@@ -57,7 +57,7 @@ def test_unlocking_when_nothing_is_locked(running):
 
 
 def test_a_stop_ends_a_move_immediately(running):
-    """The arm stands within a second, long before the move would end."""
+    """The arm is at rest within a second, long before the move would end."""
     with running.rtde([*FIELDS, "actual_q", "actual_qd"]) as rtde, running.primary() as primary:
         start = list(rtde.latest()["actual_q"])
         there = [*start[:5], start[5] + 0.1]

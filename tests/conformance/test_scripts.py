@@ -11,7 +11,7 @@ pytestmark = pytest.mark.moves
 
 TURN_RAD = 0.05  # of the last joint only
 SPEED_RAD_S = 0.2
-ARRIVED_RAD = 1e-3  # a robot at rest is nearer to its target
+ARRIVED_RAD = 1e-3  # a robot at rest is closer to its target
 POSE_TOLERANCE = 1e-3  # m and rad: an arm's calibration is the same on both sides
 
 

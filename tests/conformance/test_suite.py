@@ -1,4 +1,4 @@
-"""The suite itself: it sees a robot through the client only."""
+"""The suite itself: it accesses a robot only through the client."""
 
 import ast
 import asyncio
@@ -20,7 +20,7 @@ def test_no_case_imports_the_emulator():
 
 
 def test_without_the_flag_nothing_moves():
-    """Every case that moves is skipped before it talks to anybody: nobody lives at this address (RFC 5737)."""
+    """Every case that moves is skipped before it connects: this address is unused (RFC 5737)."""
     folder = Path(__file__).parent
     options = ["--robot-ip", "192.0.2.1", "-m", "moves", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
     command = [sys.executable, "-m", "pytest", str(folder), *options]
@@ -33,7 +33,7 @@ def test_without_the_flag_nothing_moves():
 
 @pytest.mark.moves
 async def test_all_clients_in_one_event_loop(robot):
-    """The same flows in the other shell."""
+    """The same sequences with the asynchronous clients."""
     async with (
         DashboardClient(robot.host) as asked,
         PrimaryClient(robot.host) as primary,

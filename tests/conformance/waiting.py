@@ -1,4 +1,4 @@
-"""Waiting for a robot: on its own states and its own time, never by sleeping."""
+"""Waiting for a robot by its states and robot time, never by sleeping."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Faults through the other two forms of the control API, and a client that copes with them."""
+"""Faults over HTTP and on the command line, and a client that copes with them."""
 
 import asyncio
 import json
@@ -29,7 +29,7 @@ async def emulator() -> AsyncIterator[Emulator]:
 
 
 async def beside(work: Callable[[], Any]) -> Any:
-    """Do blocking work while the emulator goes on."""
+    """Do blocking work while the emulator continues."""
     return await asyncio.to_thread(work)
 
 

@@ -37,7 +37,7 @@ async def emulator() -> AsyncIterator[Emulator]:
 
 
 async def beside(work: Callable[[], Any]) -> Any:
-    """Do blocking work while the emulator goes on."""
+    """Do blocking work while the emulator continues."""
     return await asyncio.to_thread(work)
 
 
@@ -110,7 +110,7 @@ async def test_time_stops_and_continues_step_by_step(emulator: Emulator) -> None
         times.append(robot.run_until("timestamp > 0"))
         assert robot.time()["paused"]
         robot.resume_time()
-        robot.set_speed(0)  # as fast as it goes
+        robot.set_speed(0)  # as fast as possible
         robot.run_until("timestamp > 100")
         robot.close()
         return times

@@ -1,4 +1,4 @@
-"""Verbs that say which programs there are, and what runs."""
+"""Verbs that list, show, save, step and play programs."""
 
 import base64
 import gzip
@@ -198,7 +198,7 @@ def ways(robot: VirtualRobot, tmp_path: Path) -> VirtualRobot:
 
 
 def paused_at(robot: VirtualRobot) -> str:
-    robot.step(50)  # a pause may come in the very period in which the program goes on
+    robot.step(50)  # a pause can occur in the same period in which the program continues
     assert robot.state(["runtime_state"])["runtime_state"] == "PAUSED"
     return robot.variables()["n"]
 
@@ -210,7 +210,7 @@ def test_a_breakpoint_pauses_before_its_node_and_after_a_waypoint(ways: VirtualR
     for _ in range(4):
         reached.append(paused_at(ways))
         ways.dashboard("play")
-    assert reached == ["0", "11", "111", "122"]  # 3 is no place to pause
+    assert reached == ["0", "11", "111", "122"]  # 3 is not a node to pause at
     assert ways.breakpoints() == [1, 2, 3]
     paused_at(ways)
     ways.set_breakpoints([])
@@ -223,7 +223,7 @@ def test_steps_go_from_node_to_node_of_the_main_program(ways: VirtualRobot) -> N
     for _ in range(5):
         assert ways.step_program()
         reached.append(paused_at(ways))
-    assert reached == ["0", "1", "11", "111", "112"]  # and never in the thread beside
+    assert reached == ["0", "1", "11", "111", "112"]  # and never in the other thread
     ways.set_breakpoints([1])
     ways.dashboard("load count.script")
     assert ways.breakpoints() == []
@@ -241,7 +241,7 @@ def test_a_step_that_cannot_begin_is_discarded(ways: VirtualRobot) -> None:
     ways.run_until("robot_mode == RUNNING")
     ways.dashboard("play")
     ways.step(50)
-    assert ways.variables() == {}  # it went to its end
+    assert ways.variables() == {}  # it ran to its end
 
 
 # play from a node
@@ -299,7 +299,7 @@ def test_a_program_played_from_a_node_loops_back_to_earlier_nodes(ordered: Virtu
         assert ordered.play_from(node)
         ordered.step(50)
         went[node] = ordered.variables()["s"]
-        assert ordered.variables()["threadId_T"] == "1"  # threads run, variables have their first values
+        assert ordered.variables()["threadId_T"] == "1"  # threads run, variables have their initial values
         ordered.dashboard("stop")
         ordered.run_until("runtime_state == STOPPED")
     assert went == {

@@ -235,7 +235,7 @@ def test_every_verb_is_a_method_of_the_robot_and_no_two_subjects_share_a_name(ro
 
 
 def test_type_checkers_see_all_subjects() -> None:
-    """The classes that stand for the verbs exist for type checkers only: no call would notice a missing one."""
+    """The classes with the verbs exist only for type checkers, so a missing one would not affect any call."""
     seen = {
         node.name: {base.id for base in node.bases if isinstance(base, ast.Name)}
         for node in ast.walk(ast.parse(inspect.getsource(control)))
@@ -247,7 +247,7 @@ def test_type_checkers_see_all_subjects() -> None:
 
 
 def test_every_verb_returns_its_steps() -> None:
-    """Steps that are not returned are never taken where many clients are served, and the verb ends at once."""
+    """Steps that are not returned are never executed where many clients are served, and the verb ends immediately."""
     forgotten = list[str]()
     waits = 0
     for path in Path(control.__file__).parent.glob("*.py"):

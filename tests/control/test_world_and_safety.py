@@ -1,4 +1,4 @@
-"""The verbs about what surrounds the arm, and about the safety system."""
+"""The verbs of the world around the arm, and of the safety system."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""A controller, and what it takes to drive it by ticks."""
+"""A controller, and helpers to drive it by ticks."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +18,7 @@ QUICK = PowerTimings(joint_boot_s=0.08, power_on_s=0.04, brake_release_s=0.08)
 
 
 class Rig:
-    """A controller with shorthands; ``messages`` holds everything it said so far."""
+    """A controller with shorthands; ``messages`` contains all its messages so far."""
 
     def __init__(self, model: str | RobotModel = "ur3", version: str | None = None, **config: Any) -> None:
         config.setdefault("timings", QUICK)

@@ -1,4 +1,4 @@
-"""Numbers that no arm has are refused where they come in, by every door."""
+"""Numbers that are impossible for an arm are refused at every interface."""
 
 import math
 from functools import partial

@@ -1,4 +1,4 @@
-"""What an arm at rest reports, against recordings of simulators and of arms at rest: facts, each with its source."""
+"""Reported values of an arm at rest against recordings of simulators and arms, each with its source."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The body of a dynamic arm: physics that needs no servo loop."""
+"""The body of a dynamic arm: physics without the servo loop."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""A controller whose arm has a calibration: what it reports and where it goes."""
+"""A controller with a calibrated arm: reported values and positions it reaches."""
 
 import math
 from pathlib import Path
@@ -58,7 +58,7 @@ def test_a_linear_move_is_straight(calibrated) -> None:
 
 
 def test_inverse_kinematics_of_scripts(calibrated) -> None:
-    """Joint angles of a pose lead to that pose, by what the controller itself reports."""
+    """Joint angles for a pose lead to that pose, as reported by the controller."""
     calibrated.script("movej(get_inverse_kin(p[0.35, 0.15, 0.3, 0, 3.1, 0.1]), a=3, v=3)")
     calibrated.until(lambda now: any(now.target_qd))
     calibrated.until(lambda now: not any(now.target_qd))

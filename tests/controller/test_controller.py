@@ -194,7 +194,7 @@ def test_power_off_stops_arm_and_program_immediately(ready):
     assert ready.now.target_qd != ZERO6
     ready.ask("power off")
     assert ready.now.robot_mode is RobotMode.POWER_OFF
-    ready.until(lambda s: s.target_qd == ZERO6, 0.1)  # the brakes take that long
+    ready.until(lambda s: s.target_qd == ZERO6, 0.1)  # time to release the brakes
     standing = ready.now.actual_q
     ready.until(is_state(RuntimeState.STOPPED), 1.0)
     ready.ask("brake release")
@@ -482,7 +482,7 @@ def test_at_rest_everything_but_time_energy_and_temperature_is_bit_stable(ready)
 
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
 def test_every_interface_can_see_that_a_program_resumes(make, model):
-    """Also one that looks ten times a second; the program goes on only then, and the arm at once."""
+    """Also one that reports ten states per second: the program continues only then, the arm immediately."""
     rig = make(model, running=True)
     rig.script(LONG_MOVE)
     rig.until(is_state(RuntimeState.PLAYING))

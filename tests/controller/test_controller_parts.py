@@ -1,4 +1,4 @@
-"""Registers, signals, speed, installation, popups and the message log on their own."""
+"""Registers, signals, speed, installation, popups and the message log in isolation."""
 
 import gzip
 import math

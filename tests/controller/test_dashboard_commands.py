@@ -33,7 +33,7 @@ def programs(tmp_path):
     return tmp_path
 
 
-# replies that need nothing else: command, reply pattern on a CB3 that is off
+# replies without preparation: command, reply pattern on a CB3 that is off
 SIMPLE = [
     ("running", "Program running: false"),
     ("robotmode", "Robotmode: POWER_OFF"),
@@ -154,7 +154,7 @@ GATES = [
 def test_version_gates(make, line, without, having):
     model = "ur3" if without.startswith("3") else "ur3e"
     refused = make(model, without).ask(line)
-    if line == "load installation x":  # older software takes it for a program's name
+    if line == "load installation x":  # older software interprets it as a program's name
         assert refused == "File not found: installation x"
     else:
         assert refused == f"could not understand: '{line}'"
@@ -186,7 +186,7 @@ def test_load_play_pause_stop(make, programs):
     [
         ("sub/inner.script", "/programs/sub/inner.script"),
         ("/programs/sub/inner.script", "/programs/sub/inner.script"),
-        ("/ursim/programs/sub/inner.script", "/ursim/programs/sub/inner.script"),  # the official client looks for it
+        ("/ursim/programs/sub/inner.script", "/ursim/programs/sub/inner.script"),  # the official client searches for it
     ],
 )
 def test_programs_are_found_by_any_name_clients_use(make, programs, name, shown):
@@ -296,7 +296,7 @@ def test_load_is_answered_once_the_program_is_loaded(make, programs):
 
 @pytest.mark.parametrize(("model", "version"), [("ur5", "3.14"), ("ur5e", "5.9")])
 def test_a_script_sent_0_7_s_after_brake_release_runs(make, programs, model, version):
-    """What the official C++ library's suite does, and simulators let it."""
+    """The official C++ library's tests do this, and simulators allow it."""
     rig = make(model, version, programs_dir=programs, timings=PowerTimings())
     rig.ask("brake release")
     rig.seconds(0.7)

@@ -1,4 +1,4 @@
-"""The dashboard's answers, row by row as manuals, captures and clients have them: tests/golden/dashboard.tsv."""
+"""The dashboard's answers against manuals, captures and clients, row by row: tests/golden/dashboard.tsv."""
 
 import gzip
 import inspect
@@ -17,7 +17,7 @@ from urproto.versions import DEFAULT_VERSION, PolyscopeVersion, Series
 
 TABLE = Path(__file__).parents[1] / "golden" / "dashboard.tsv"
 ROWS = [line.split("\t") for line in TABLE.read_text().splitlines() if not line.startswith("#")]
-ORIGINS = {"arm", "e", "cb", "urcl", "3.15.8", "5.11.9", "ur_rtde", "local"}  # as the file's head tells
+ORIGINS = {"arm", "e", "cb", "urcl", "3.15.8", "5.11.9", "ur_rtde", "local"}  # as the header of the file explains
 SERIES = {"cb3": [Series.CB3], "e": [Series.E], "both": [Series.CB3, Series.E]}
 MODELS = {Series.CB3: "ur3", Series.E: "ur3e"}
 FIRST = {Series.CB3: PolyscopeVersion(3, 0), Series.E: PolyscopeVersion(5, 0)}
@@ -128,7 +128,7 @@ def test_every_protocol_command_is_carried_out_with_its_confirmation():
 
 
 def before(version):
-    """A version that is older and of the same series, None where there is none."""
+    """An older version of the same series, None if there is none."""
     oldest = FIRST[version.series]
     minor = replace(version, minor=version.minor - 1, bugfix=0) if version.bugfix == 0 else oldest
     return max(oldest, minor) if version > oldest else None
@@ -141,12 +141,12 @@ def test_older_controllers_do_not_understand_newer_commands(make, row):
         if version is not None:
             line = f"{row.words} x" if row.takes_argument else row.words
             answer = make(MODELS[series], str(version)).ask(line)
-            # before 3.2 there was no program called "installation ..." either
+            # before 3.2 there was no program with the name "installation ..." either
             assert answer in (not_understood(line), "File not found: installation x"), str(version)
 
 
 def test_every_confirmation_in_the_table_is_a_real_answer(make, programs):
-    """What the client takes for success: the success rows of the golden table begin so."""
+    """Replies that the client takes for success are prefixes of the success rows of the golden table."""
     confirmed = {
         row.words
         for _, _, line, reply in CASES

@@ -1,4 +1,4 @@
-"""The dynamic arm: torques move it, and it follows its targets as well as its servo loops can."""
+"""The dynamic arm: torques move it, and its servo loops follow the targets."""
 
 import itertools
 import math
@@ -77,7 +77,7 @@ def test_an_arm_at_rest_stays_in_place(still):
 
 
 def test_a_push_deflects_the_arm_at_first_and_is_then_held(still):
-    """kkufieta/ur5_modeling_force_estimate, Movement_No10: pushed by hand, a real UR5 is back within milliseconds."""
+    """kkufieta/ur5_modeling_force_estimate, Movement_No10: pushed manually, a real UR5 returns within milliseconds."""
     still.seconds(0.1)
     sags = []
     for newton in (15.0, 30.0):
@@ -106,7 +106,7 @@ def test_an_unannounced_payload_shows_in_force_and_current_and_is_held(still):
     assert still.now.actual_TCP_force[2] == pytest.approx(-3.0 * 9.82, abs=1.0)
     assert abs(still.now.actual_current[1] - before.actual_current[1]) > 0.3
     assert still.now.target_current[1] == pytest.approx(before.target_current[1], abs=1e-3)
-    still.controller.installation.set_payload(Payload.of(3.0, (0.0, 0.0, 0.05)))  # now it is told
+    still.controller.installation.set_payload(Payload.of(3.0, (0.0, 0.0, 0.05)))  # now it is announced
     still.seconds(3.0)
     assert still.now.actual_q == pytest.approx(BENT, abs=2 * STEP)
     assert still.now.actual_TCP_force == pytest.approx(ZERO6, abs=1.0)
@@ -167,7 +167,7 @@ def test_an_ideal_arm_measures_an_unannounced_payload_without_moving(make):
 
 
 def switch_off_safety_checks(rig):
-    """Switch off the safety checks of the arm: they would end the motions that these tests examine."""
+    """Switch off the safety checks of the arm, which would end the motions that these tests examine."""
     rig.controller.safety_board.check_arm = lambda *, changed: None
     rig.controller.motion.govern(lambda *step: 0.0)
 
@@ -192,7 +192,7 @@ def test_a_program_is_followed_to_its_end(make, name, load):
 @pytest.mark.parametrize("load", [0.0, 1.0], ids=["empty", "loaded"])
 @pytest.mark.parametrize("joint", [0, 1, 2, 5])
 def test_the_arm_is_stable_at_top_speed_and_in_the_hardest_stop(make, name, load, joint):
-    """Stretched out, at 40 rad/s2: more than the joints can do. They come to rest at their targets all the same."""
+    """Stretched out, at 40 rad/s2: more than the joints can do. They still come to rest at their targets."""
     rig = make(name, running=True, dynamic=True, initial_q=(0.0, -2.2 if joint == 1 else -0.3, 0.0, 0.0, 0.0, 0.0))
     switch_off_safety_checks(rig)
     model = rig.controller.model
@@ -210,7 +210,7 @@ def test_the_arm_is_stable_at_top_speed_and_in_the_hardest_stop(make, name, load
 
 
 def test_measured_torque_agrees_with_the_measured_motion(make):
-    """RNEA of what the arm did, rotors and friction added, gives the motors' torques."""
+    """RNEA of the measured motion plus rotors and friction gives the motors' torques."""
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     rig.script("movej([1.0, -1.5, 1.6, -1.2, 0.2, 1.0], a=5, v=2)")
     model, body = rig.controller.model, rig.controller.arm.drives.body
@@ -281,7 +281,7 @@ def test_a_sine_is_followed_with_a_bounded_lag(make, name):
 
 
 def test_a_step_settles_without_oscillation(make):
-    """A target that jumps by 5 mrad is overshot by no more than a fourth: a recorded UR5's base does by a third."""
+    """A target that jumps by 5 mrad is overshot by at most a quarter; a recorded UR5's base overshoots by a third."""
     rig = make("ur5e", running=True, dynamic=True, initial_q=BENT)
     rig.seconds(0.1)
     rig.controller.motion.set_position((BENT[0] + 0.005, *BENT[1:]))
@@ -330,7 +330,7 @@ def test_programs_read_the_joint_torques_of_a_push(still):
     still.script("def read():\n  write_output_float_register(0, get_joint_torques()[1])\nend\n")
     still.seconds(0.3)
     lever = still.controller.arm.kinematics.jacobian(BENT)[2][1]
-    held = 0.8 * drivetrain_of(still.controller.model).coulomb_Nm[1]  # by static friction, at the most
+    held = 0.8 * drivetrain_of(still.controller.model).coulomb_Nm[1]  # at most by static friction
     assert still.now.output_double_registers[0] == pytest.approx(30.0 * lever, abs=1.5 + held)
 
 
@@ -408,7 +408,7 @@ def test_brakes_stop_an_arm_that_loses_power_and_it_resumes_from_there(make):
     assert error_rad(rig) < 2 * STEP
 
 
-# abuse
+# extreme conditions
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur20"])
@@ -453,7 +453,7 @@ def torque_rig(make, **config):
 
 
 def torque_program(*phases, more="", end="stopj(10)"):
-    """Torques of joint 1 [Nm], each for a number of control periods, and what follows."""
+    """A program with torques of joint 1 [Nm], each for a number of control periods, and its end."""
     loops = "".join(
         f"""
       i = 0
@@ -467,7 +467,7 @@ def torque_program(*phases, more="", end="stopj(10)"):
 
 
 def test_torque_accelerates_the_true_body(make):
-    """Joint 1 about the vertical: torque less friction, over the inertia with the rotor, as pinocchio's ABA has it."""
+    """Joint 1 about the vertical: torque less friction, over the inertia with the rotor, as in pinocchio's ABA."""
     rig = torque_rig(make, dynamic=True)
     rig.script(torque_program((20, 1000), more=", friction_comp=False"))
     rig.until(lambda _: rig.controller.motion.torque is not None)

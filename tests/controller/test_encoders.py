@@ -1,4 +1,4 @@
-"""Conveyor encoders: what they count, what is made of it, and how ranges wrap."""
+"""Conveyor encoders: counting, interpolation, and ranges that wrap around."""
 
 import pytest
 from hypothesis import given
@@ -84,7 +84,7 @@ def test_a_simulated_conveyor_is_interpolated_without_lag(speed):
         encoder.advance(0)
     assert encoder.raw == pytest.approx(3.0 * speed, abs=1)
     assert encoder.speed == pytest.approx(speed, rel=0.01)
-    for count in range(1, 500):  # smooth although the count goes in whole ticks
+    for count in range(1, 500):  # smooth although the count is in whole ticks
         before = encoder.travel
         encoder.advance(0)
         assert encoder.travel - before == pytest.approx(speed * PERIOD, rel=0.2)

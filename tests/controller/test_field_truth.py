@@ -1,7 +1,7 @@
-"""Every RTDE output tells the truth: it follows a described situation, or is constant for a reason.
+"""Every RTDE output is truthful: it follows a described situation, or is constant for a reason.
 
 A situation changes the controller and gives the snapshots before and after; a row says which
-fields it must change, and how. ``test_every_field_is_in_a_table`` holds the table against the
+fields it must change, and how. ``test_every_field_is_in_a_table`` checks the table against the
 registry, ``test_constant_fields_are_constant`` the reasons against every situation.
 """
 

@@ -1,4 +1,4 @@
-"""The guard under the tick: an exception anywhere in a control period is a fault of the robot, not its end."""
+"""The guard of the tick: an exception anywhere in a control period is a fault of the robot, not its end."""
 
 import logging
 import struct
@@ -23,7 +23,7 @@ MOVING = """def moving():
 end
 """
 
-# where it breaks: an attribute of the controller's parts, and whether it is called in every period
+# where it fails: an attribute of the controller's parts, and whether it is called in every period
 STAGES = {
     "a hook": lambda c: (c, "_call_hooks"),
     "commands": lambda c: (c._mailbox, "carry_out"),
@@ -55,7 +55,7 @@ STAGES = {
 
 
 def break_once(monkeypatch, target, name):
-    """The next call raises, and those after it do what they did."""
+    """The next call raises, and later calls work as before."""
     own = getattr(target, name)
     broken = []
 
@@ -79,7 +79,7 @@ def moving_rig(make, tmp_path, **config):
     rig = make(running=True, programs_dir=tmp_path, **config)
     rig.script(MOVING)
     rig.until(lambda s: any(s.actual_qd))
-    # the stages' methods are bound when the controller is made: look them up again, so that a test can replace them
+    # the stages' methods are bound when the controller is created: bind them again, so that a test can replace them
     controller = rig.controller
     controller._stages = tuple(
         (name, lambda stage=stage: getattr(stage.__self__, stage.__name__)()) for name, stage in controller._stages
@@ -190,7 +190,7 @@ def test_an_unwritable_report_folder_is_tolerated(make, tmp_path, monkeypatch, c
 
 
 def test_the_guard_survives_its_own_failure(make, tmp_path, monkeypatch):
-    """Also when the safety board cannot carry out the fault, the arm is off and clients read it."""
+    """Even when the safety board cannot execute the fault, the arm is off and clients see it."""
     rig = moving_rig(make, tmp_path)
     break_for_good(monkeypatch, rig.controller.safety_board, "trip")
     break_for_good(monkeypatch, rig.controller.programs, "step")
@@ -235,7 +235,7 @@ def test_a_server_that_cannot_publish_is_a_fault_shown_on_the_other_ports(make, 
 
 
 def test_waiting_clients_are_answered(make, tmp_path, monkeypatch):
-    """A client that waits for the answer to play or to its script is not left waiting."""
+    """A client that waits for the answer to play or to its script gets an answer."""
     rig = moving_rig(make, tmp_path)
     submission = rig.controller.programs.submit("def other():\n" + "  sleep(1)\n" * 5000 + "end\n")
     break_once(monkeypatch, rig.controller.programs, "step")

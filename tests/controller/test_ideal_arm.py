@@ -1,4 +1,4 @@
-"""The ideal arm: torques, forces and speeds that physics demands, and nothing else."""
+"""The ideal arm: torques, forces and speeds exactly as physics requires."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A dynamic arm shows what was recorded of real ones; an ideal arm does not."""
+"""A dynamic arm reproduces recordings of real arms; an ideal arm does not."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ from urproto.robots.measured import drivetrain_of
 HERE = (0.3490658504, -1.9198621772, 1.0471975512, -2.0943951024, 0.6981317008, 1.0471975512)
 MOVE = "def p():\n  movel(pose_add(get_target_tcp_pose(), p[0, 0, -0.1, 0, 0, 0]), a=0.1, v=0.05)\nend\n"
 # el-Lennard/Robotik, Modularbeit/Aufgabe4/Aufnahme_Lennard_Messung.csv: speeds of a real UR3's target in periods 5 to
-# 22 of a movel that begins a program [mm/s, by differences of its places]
+# 22 of a movel that begins a program [mm/s, by differences of its positions]
 SPEEDS_MM_S = (
     0.13,
     0.22,
@@ -36,7 +36,7 @@ SPEEDS_MM_S = (
 
 
 def speeds(rig, count):
-    """What the target's tool does in the periods after the first in which it moves [mm/s]."""
+    """Speeds of the target's tool in the periods after the first one in which it moves [mm/s]."""
     rig.script(MOVE)
     places = [rig.now.target_TCP_pose[2]]
     while len(places) <= count:
@@ -74,7 +74,7 @@ def test_currents_at_rest_include_static_friction(make):
     constants, coulomb = drives.torque_constants_Nm_A, drives.coulomb_Nm
 
     def shares():
-        """Of Coulomb friction, by which the currents are off the target's: the mean of 200 periods."""
+        """Deviation of actual from target currents as shares of Coulomb friction: the mean of 200 periods."""
         rows = [(now.actual_current, now.target_current) for now in (rig.tick() for _ in range(200))]
         return [
             sum(actual[j] - target[j] for actual, target in rows) / len(rows) * constants[j] / coulomb[j]
@@ -89,7 +89,7 @@ def test_currents_at_rest_include_static_friction(make):
     after = shares()
     assert max(map(abs, (*before, *after))) < 0.83
     assert min(abs(a - b) for a, b in zip(before, after, strict=True)) > 1e-3
-    assert sum(after) > 0.0  # all joints came from below
+    assert sum(after) > 0.0  # all joints arrived from below
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_currents_at_rest_include_static_friction(make):
     ],
 )
 def test_delay_and_noise_of_angles_match_recordings(make, name, wrist_lag_ms, angle_urad, speed_mrad_s):
-    """Lags of base and wrist 1; noise of wrist 1 at about 0.8 rad/s. Noise next to none at rest."""
+    """Lags of base and wrist 1; noise of wrist 1 at about 0.8 rad/s. Almost no noise at rest."""
     rig = make(name, running=True, dynamic=True, initial_q=HERE)
     rig.script("def p():\n  movej([1.7, -1.5, 0.7, -0.5, 1.2, 1.9], a=1.4, v=0.8)\nend\n")
     rig.seconds(0.3)

@@ -1,7 +1,7 @@
 """Every state against every event, for the tables of power, safety and program state.
 
-The matrices below are written from the transition table of the reference notes, not from
-the code: one row a state, one column an event, a dot where nothing changes.
+The matrices below are written from the transition table of the reference notes, not from the code: one row per state,
+one column per event, a dot where nothing changes.
 """
 
 import pytest

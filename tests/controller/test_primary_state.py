@@ -1,4 +1,4 @@
-"""The robot state of the primary interface, built from snapshots."""
+"""The robot state of the primary interface, created from snapshots."""
 
 from pathlib import Path
 

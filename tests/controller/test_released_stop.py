@@ -1,4 +1,4 @@
-"""A stop that is released before the arm stands."""
+"""A stop that is released before the arm is at rest."""
 
 from emulator.controller import Controller
 from emulator.lifecycle.safety import SafetyEvent

@@ -11,7 +11,7 @@ from urproto.primary.messages import ErrorCodeMessage
 from urproto.robots import load_model
 from urproto.versions import PolyscopeVersion
 
-# what the dashboard manual of the e-Series (2022) marks as available in remote control only, and three more
+# commands that the dashboard manual of the e-Series (2022) marks as remote control only, and three more
 REMOTE_ONLY = {
     "load", "play", "stop", "pause", "power on", "power off", "brake release", "unlock protective stop",
     "close safety popup", "load installation", "restart safety",

@@ -1,4 +1,4 @@
-"""Every row of the table of causes on both series: what dashboard, primary and RTDE say, and the way back."""
+"""Every row of the table of causes on both series: reports by dashboard, primary and RTDE, and recovery."""
 
 import math
 from dataclasses import replace
@@ -56,14 +56,14 @@ ROWS = [
 
 
 def configured(model):
-    """The factory's, with an input for each reset."""
+    """The factory configuration, with an input for each reset."""
     configuration = factory_configuration(load_model(model))
     pins = {**configuration.inputs, SafetyInput.AUTOMATIC_SAFEGUARD_RESET: (2, 3)}
     return replace(configuration, inputs=pins)
 
 
 class Robot:
-    """One controller and its three interfaces, seen through their codecs."""
+    """One controller and its three interfaces, accessed through their codecs."""
 
     def __init__(self, make, model, **config):
         config.setdefault("safety", configured(model))
@@ -75,7 +75,7 @@ class Robot:
         self.rig.tick()
 
     def words(self):
-        """Robot mode, safety mode, safety status and program state as the dashboard says them."""
+        """Robot mode, safety mode, safety status and program state as reported by the dashboard."""
         lines = [self.rig.ask(line) for line in ("robotmode", "safetymode", "safetystatus", "programstate")]
         return [line.split(": ")[-1].split(" ")[0] for line in lines]
 
@@ -88,7 +88,7 @@ class Robot:
         return decode_robot_state(encode_robot_state(state, self.controller.version, full=True)[5:])
 
     def said(self, kind):
-        """Messages of this kind, as they are on the wire."""
+        """Messages of this kind after encoding and decoding."""
         version = self.controller.version
         decoded = (
             decode_robot_message(m.encode(version)[5:], version) for m in self.rig.messages if hasattr(m, "kind")
@@ -173,7 +173,7 @@ def test_every_cause_is_consistent_on_all_ports_and_can_be_recovered_from(make, 
     rig.seconds(0.1)
     assert robot.words()[:3] == ["RUNNING", "NORMAL", "NORMAL"]
     assert rig.now.joint_mode == (JointMode.RUNNING,) * 6
-    if row.program is not RuntimeState.STOPPED:  # it goes on where it was
+    if row.program is not RuntimeState.STOPPED:  # it continues from there
         rig.until(lambda s: s.runtime_state is RuntimeState.STOPPED)
         assert rig.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
 
@@ -184,7 +184,7 @@ def test_an_arm_outside_its_limits_recovers_by_being_moved_back(make, model):
     high = (0.5, *configuration.normal.joint_max[1:])
     narrow = replace(configuration, normal=replace(configuration.normal, joint_max=high))
     rig = make(model, initial_q=(0.6, *START[1:]), safety=narrow)
-    assert rig.now.safety_mode is SafetyMode.NORMAL  # off: nobody looks
+    assert rig.now.safety_mode is SafetyMode.NORMAL  # off: not supervised
     rig.ask("brake release")
     rig.until(lambda s: s.robot_mode is RobotMode.RUNNING)
     assert rig.ask("safetymode") == "Safetymode: RECOVERY"
@@ -266,7 +266,7 @@ def test_protective_stops_are_counted_for_eight_hours(make, hours, mode):
 def test_fifty_stops_of_one_joint_are_allowed_and_one_more_is_a_fault(make):
     rig = make("ur5e", running=True)
     stop_fifty_times(rig, 3)
-    rig.controller.post(TripSafety(Cause.COLLISION, 4))  # another joint counts for itself
+    rig.controller.post(TripSafety(Cause.COLLISION, 4))  # each joint is counted separately
     rig.tick()
     rig.script("set unlock protective stop")
     rig.tick()

@@ -1,4 +1,4 @@
-"""Safety configurations from files: YAML, and the text that PolyScope keeps in installations."""
+"""Safety configurations from files: YAML, and the text that PolyScope stores in installations."""
 
 import gzip
 import math

@@ -1,4 +1,4 @@
-"""Limits: motion stays below them, what exceeds them is found out in time, and boundaries stop the arm before them."""
+"""Limits: motion stays below them, excess is detected in time, and the arm stops before boundaries."""
 
 import math
 from dataclasses import replace
@@ -53,7 +53,7 @@ def codes(rig):
 
 
 def to_the_end(rig, watch=tool_speed):
-    """What ``watch`` sees, until the program is over or the safety system stops it."""
+    """Values of ``watch`` until the program ends or the safety system stops it."""
     seen = []
     while rig.now.runtime_state is RuntimeState.PLAYING and len(seen) < 20_000:
         seen.append(watch(rig.tick()))
@@ -104,7 +104,7 @@ def test_stricter_limits_slow_a_move_without_leaving_its_path(make):
         assert before - rig.now.actual_qd[0] <= 1.05 * 40.0 * 0.002
         before = rig.now.actual_qd[0]
         assert rig.now.actual_q[1:] == pytest.approx(STRETCHED[1:], abs=1e-9)
-    assert rig.now.timestamp - begin < 0.5  # hardware manual: for so long both sets of limits are accepted
+    assert rig.now.timestamp - begin < 0.5  # hardware manual: duration for which both sets of limits are accepted
     assert max(to_the_end(rig)) <= 0.615
     assert codes(rig) == []
 
@@ -162,7 +162,7 @@ def test_streamed_targets_that_are_too_fast_violate_the_speed_limit(make):
     rig.until(lambda s: s.safety_mode is SafetyMode.VIOLATION)
     assert rig.now.timestamp - begin == pytest.approx(0.25, abs=0.01)  # hardware manual: detection
     assert codes(rig) == [(191, 3)]
-    assert rig.now.robot_mode is RobotMode.POWER_OFF  # power goes at once, the brakes stop the arm
+    assert rig.now.robot_mode is RobotMode.POWER_OFF  # power is removed immediately, the brakes stop the arm
     q, qd = rig.now.actual_q[0], rig.now.actual_qd[0]
     assert qd > 1.0
     rig.until(lambda s: not any(s.actual_qd), 0.5)
@@ -282,7 +282,7 @@ def test_a_tool_sphere_reaches_a_plane_before_the_tool_centre(make):
 
 
 def test_the_elbow_stops_before_a_plane_that_restricts_it(make):
-    """The tool stays far inside; the elbow's sphere of 0.13 m does not pass."""
+    """The tool stays far inside; the elbow's sphere of 0.13 m must not pass the plane."""
     q, there = (math.pi, -1.57, 2.6, -1.6, -1.57, 0.0), [math.pi, -2.7, 2.6, -1.6, -1.57, 0.0]
     body = f"def lean():\n  movej({there}, a=1, v=0.5)\nend\n"
     for elbow, expected in ((True, [(400, 0)]), (False, [])):
@@ -349,7 +349,7 @@ def test_the_flange_does_not_clamp_the_lower_arm_on_e_series(make, model, expect
     assert codes(rig) == expected
 
 
-# the arm against itself
+# self-collision
 
 
 @pytest.mark.parametrize("model", ["ur3e", "ur5", "ur5e", "ur10e"])
@@ -369,7 +369,7 @@ def test_self_collision_is_detected_if_enabled(make, asked, expected):
 
 
 def test_speeds_of_restricted_points_match_their_motion():
-    """Tool centre, elbow and tool spheres against where they are a moment later, all joints turning."""
+    """Tool centre, elbow and tool spheres against their positions a moment later, with all joints moving."""
     model, dt = load_model("ur5e"), 1e-6
     arm, qd = Arm(model), (0.4, -0.3, 0.5, 0.7, -0.6, 0.9)
     spheres = (ToolSphere((0.1, -0.05, 0.2), 0.05), ToolSphere((-0.1, 0.0, 0.0), 0.02))
@@ -388,7 +388,7 @@ def test_speeds_of_restricted_points_match_their_motion():
 
 
 def test_both_sets_of_limits_are_accepted_for_half_a_second_after_a_mode_change(make):
-    """Hardware manuals. A stream is not slowed down by the controller, so it is a violation once the time is over."""
+    """Hardware manuals. A stream is not slowed down by the controller, so it is a violation after this time."""
     stream = (
         "def stream():\n  x = 0\n  while True:\n    servoj([x, -0.3, 0.2, 0, 0, 0])\n    x = x + 0.0026\n  end\nend\n"
     )
@@ -421,7 +421,7 @@ WIDE = LimitSet(tcp_speed=99.0, force=99.0, power=99.0, momentum=999.0, elbow_sp
     ids=lambda limit: next(iter(limit)),
 )
 def test_the_used_share_of_a_limit_is_proportional_to_speed(limit):
-    """So that the pacer knows at once by how much to slow down."""
+    """This tells the pacer directly by how much to slow down."""
     model = load_model("ur5e")
     arm = Arm(model)
     arm._tool.update(STRETCHED, ZERO6, ZERO6, model.series.period_s, started=True)
@@ -481,9 +481,9 @@ def test_stopping_distance_and_deceleration_of_each_stop(make, model, event, cat
     [
         (StopCategory.CONTROLLED, SafetyMode.SAFEGUARD_STOP, True, True),
         (StopCategory.CONTROLLED, SafetyMode.SAFEGUARD_STOP, False, False),  # slows down as for a pause
-        (StopCategory.CONTROLLED, SafetyMode.PROTECTIVE_STOP, False, True),  # is never soft
+        (StopCategory.CONTROLLED, SafetyMode.PROTECTIVE_STOP, False, True),  # is never gentle
         (StopCategory.CONTROLLED_THEN_OFF, SafetyMode.ROBOT_EMERGENCY_STOP, False, True),
-        (StopCategory.POWER_REMOVED, SafetyMode.FAULT, True, False),  # the brakes do what they can
+        (StopCategory.POWER_REMOVED, SafetyMode.FAULT, True, False),  # as well as the brakes can
     ],
 )
 def test_which_stops_have_a_time_limit(category, mode, hard, too_slow):

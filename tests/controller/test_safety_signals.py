@@ -1,4 +1,4 @@
-"""Safety inputs, devices and outputs, the pendant's buttons, and what the interfaces show of the configuration."""
+"""Safety inputs, devices and outputs, the pendant's buttons, and the configuration shown by the interfaces."""
 
 import math
 from dataclasses import replace
@@ -251,7 +251,7 @@ def test_the_dialogue_of_a_stop_closes_with_the_stop_or_earlier(make):
     assert board.safety_popup == ""
 
 
-# what shows of the configuration
+# the configuration on the interfaces
 
 
 @pytest.mark.parametrize(("model", "checksum", "radius"), [("ur5", 2588156642, 0.0), ("ur5e", 1475618907, 0.13)])

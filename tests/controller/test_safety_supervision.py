@@ -1,4 +1,4 @@
-"""What counts as a violation, limit by limit, and any order of events leads back to normal operation."""
+"""Violations, limit by limit, and recovery to normal operation after any sequence of events."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ OF_THE_TOOL = {
 
 
 def placed(model, **state):
-    """An arm at rest whose state is as told."""
+    """An arm at rest with the given state."""
     arm = Arm(load_model(model))
     for name, value in state.items():
         holder, attribute = (arm._tool, OF_THE_TOOL[name]) if name in OF_THE_TOOL else (arm, name)
@@ -43,7 +43,7 @@ def vector(first, length=6):
     return (first, *(0.0,) * (length - 1))
 
 
-# what is looked at -> attribute, its limit in Default, tolerance on CB3 and on e-Series, detection time, cause
+# supervised quantity -> attribute, its limit in Default, tolerance on CB3 and on e-Series, detection time, cause
 DEGREES = math.radians(1.0)
 LIMITS = {
     "joint position": ("q", 363 * DEGREES, (1.15 * DEGREES, 5 * DEGREES), 0.1, Cause.JOINT_POSITION_VIOLATION),

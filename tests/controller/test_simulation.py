@@ -1,4 +1,4 @@
-"""The pendant's switch between Simulation and Real Robot: programs run, the shown arm moves, the real one stands."""
+"""The pendant's switch between Simulation and Real Robot: in simulation, programs move only the simulated arm."""
 
 import pytest
 
@@ -36,7 +36,7 @@ def test_a_program_moves_the_simulated_arm_and_not_the_real_one(make, model, dyn
     rig.tick()
     assert not enabled(rig)
     shown = play(rig).actual_q
-    assert shown == pytest.approx(TARGET, abs=1e-9)  # a simulated arm is exactly where it is told to be
+    assert shown == pytest.approx(TARGET, abs=1e-9)  # a simulated arm is exactly at its target
     assert rig.controller.simulation.real.q == pytest.approx(before, abs=1e-4)
     rig.script("set real")
     assert rig.tick(2).actual_q == pytest.approx(before, abs=1e-4)

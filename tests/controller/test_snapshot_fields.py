@@ -1,4 +1,4 @@
-"""A snapshot has every RTDE output field, in a form that field can carry."""
+"""A snapshot has every RTDE output field, in a form that can be encoded."""
 
 from collections.abc import Callable, Iterator
 from enum import Enum
@@ -38,7 +38,7 @@ def test_a_successor_is_a_copy(ready):
 
 
 def other(value: Any) -> Any:
-    """What is not that, and of its kind."""
+    """A different value of the same type."""
     match value:
         case Enum():
             return next(member for member in type(value) if member is not value)
@@ -66,7 +66,7 @@ def changes(part: Any) -> Iterator[tuple[str, Callable[[], None]]]:
 
 @pytest.mark.parametrize("part", [Signals, Registers, Installation], ids=lambda part: part.__name__)
 def test_any_change_is_in_the_next_snapshot(part):
-    """What is written only when it was changed shows all that writing it anew shows."""
+    """Writing only changed values gives the same snapshot as writing all values."""
     part = part()
     pieces = part.banks if isinstance(part, Registers) else (part,)
     snapshot, shown = Snapshot(), set()
@@ -85,11 +85,11 @@ def test_any_change_is_in_the_next_snapshot(part):
         piece.mark()
     vars(written).clear()
     part.publish(written)
-    assert shown == vars(written).keys()  # so each field was changed by something
+    assert shown == vars(written).keys()  # so each field was changed at least once
 
 
 def test_changes_by_a_hook_end_with_the_hook(ready):
-    """It changes what is published, never what the next period begins with."""
+    """A hook changes the published values, never the state at the start of the next period."""
     before = ready.now
 
     def hook(snapshot):

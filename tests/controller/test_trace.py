@@ -1,4 +1,4 @@
-"""What ``--log-level debug`` tells: why something happened, one line each with robot time."""
+"""Output of ``--log-level debug``: reasons for events, one line each with robot time."""
 
 import logging
 

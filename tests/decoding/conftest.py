@@ -2,4 +2,4 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "real_clients")]  # decoding_rig; an emulator in a process of its own
+sys.path[:0] = [str(HERE), str(HERE.parent / "real_clients")]  # decoding_rig; an emulator in a separate process

@@ -1,4 +1,4 @@
-"""Captures made by hand, and what a session tells of them."""
+"""Captures created manually, and the output of a session for them."""
 
 import struct
 from collections.abc import Iterable
@@ -20,12 +20,12 @@ def golden(name: str) -> bytes:
 
 
 def told(data: bytes, chunk: int = 0, **choice) -> list[str]:
-    """The lines about raw bytes."""
+    """The output lines for raw bytes."""
     return session(data, chunk, **{"form": InputForm.RAW, **choice})[0]
 
 
 def session(data: bytes, chunk: int = 0, **choice) -> tuple[list[str], int]:
-    """The lines about any input, and the number of problems."""
+    """The output lines for any input, and the number of problems."""
     one = Session(Choice(**choice))
     lines = []
     for start in range(0, len(data), chunk or max(1, len(data))):
@@ -35,7 +35,7 @@ def session(data: bytes, chunk: int = 0, **choice) -> tuple[list[str], int]:
 
 @dataclass(frozen=True)
 class Sent:
-    """What one side of a connection sends: a segment."""
+    """A segment sent by one side of a connection."""
 
     from_robot: bool
     flags: int
@@ -45,7 +45,7 @@ class Sent:
 
 
 class Conversation:
-    """Segments of one connection, as two ends that lose nothing would send them."""
+    """Segments of one connection between two ends without packet loss."""
 
     def __init__(self, robot_isn: int = 0xFFFFFFF0, client_isn: int = 1000) -> None:
         self.next = {True: robot_isn, False: client_isn}

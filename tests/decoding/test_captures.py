@@ -1,4 +1,4 @@
-"""Capture files: formats, link layers, segments in any order, what is missing."""
+"""Capture files: formats, link layers, segments in any order, missing data."""
 
 import random
 import struct

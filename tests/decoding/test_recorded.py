@@ -1,4 +1,4 @@
-"""What a running emulator sends, recorded and told; and the two commands as a user calls them."""
+"""Recorded output of a running emulator, decoded; and the two commands as a user calls them."""
 
 import select
 import signal
@@ -65,11 +65,11 @@ def test_broadcast_ports(emulator, port, name, size, line):
     assert lines[1].startswith(line)
     assert sum(text.startswith("state") for text in lines) > 1
     assert all("robot_mode=RUNNING" in text for text in lines if text.startswith("state"))
-    assert [text for text in lines if text.startswith("!")][1:] == []  # the recording may end within a message
+    assert [text for text in lines if text.startswith("!")][1:] == []  # the recording may end mid-message
     assert problems <= 1
     ports = (port,)
     assert session(data, form=InputForm.RAW, ports=ports)[0] == lines[1:]
-    assert session(data[100:], form=InputForm.RAW, ports=ports)[0][-3:] == lines[-3:]  # found its step again
+    assert session(data[100:], form=InputForm.RAW, ports=ports)[0][-3:] == lines[-3:]  # resynchronised
 
 
 def test_a_dashboard_conversation(emulator):
@@ -142,7 +142,7 @@ def command(*arguments: str) -> list[str]:
 
 @contextmanager
 def running(*arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
-    """The command with unbuffered pipes, so that select() tells whether a line is there."""
+    """The command with unbuffered pipes, so that select() shows whether a line is available."""
     pipe = subprocess.PIPE
     process = subprocess.Popen(command(*arguments), stdin=pipe, stdout=pipe, stderr=pipe, bufsize=0)
     try:

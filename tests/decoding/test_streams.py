@@ -47,7 +47,7 @@ EVENTS = {
         "message of unknown kind: timestamp_us=none source=ROBOT_INTERFACE message_kind=12 body=000000000000000001",
     ],
 }
-STATES = {  # what their origin says of them
+STATES = {  # contents according to their origin
     "robot_state_steady_5.x": ["q_actual=0.123212505", "pose_base_tcp=[0.317327001", "robot_mode=RUNNING"],
     "robot_state_full_5.24": ["target_speed_fraction=0.97", "kinematics=(checksum=[4294967295", "robot_type=UR5"],
     "robot_state_steady_cb3": ["mode=(timestamp_us=9640736000", "safety_mode=NORMAL"],
@@ -90,7 +90,7 @@ def test_the_input_format_is_detected():
 def test_invalid_hexadecimal_text_is_reported_with_its_line():
     lines, problems = session(b"00 01\nnothing\n", form=InputForm.HEX, codec=CODECS["modbus"])
     assert lines[0] == "! line 2 is not hexadecimal text: the rest is left out"
-    assert problems == 2  # the two bytes before are no whole message
+    assert problems == 2  # the two bytes before are not a complete message
 
 
 def test_rtde_values_are_named_only_if_the_request_was_seen():
@@ -225,9 +225,9 @@ def test_any_bytes_in_any_split(data, codec_, side, chunk):
     whole = told(data, codec=codec_, side=side)
     pieces = told(data, chunk, codec=codec_, side=side)
     assert all(line.replace("\t", " ").isprintable() for line in (*whole, *pieces) if line)
-    if codec_ is None or codec_.name in ("bytes", "gripper"):  # these tell what comes together
+    if codec_ is None or codec_.name in ("bytes", "gripper"):  # these report data that arrives together
         return
-    if not any(line.startswith("!") for line in whole):  # where garbage ends is told by what has come by then
+    if not any(line.startswith("!") for line in whole):  # the end of garbage depends on the data received by then
         assert pieces == whole
 
 

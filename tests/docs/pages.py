@@ -1,11 +1,11 @@
-"""The pages of the documentation as what a reader does with them: blocks of code in their order.
+"""The pages of the documentation as a reader uses them: blocks of code in their order.
 
-A block is run unless an HTML comment before it, which readers do not see, says something else:
+A block is run unless an HTML comment before it, which readers do not see, says otherwise:
 
-    <!-- not run: reason -->           why nobody can try this here
-    <!-- in another terminal -->       started, and left running to the end of the page
+        <!-- not run: reason -->           why it cannot run here
+    <!-- in another terminal -->       started, and kept running to the end of the page
     <!-- file: name -->                written to this file
-    <!-- robot: address options -->    anywhere: a robot that the page presumes; it is an emulator with these options
+    <!-- robot: address options -->    anywhere: a robot that the page requires: an emulator with these options
 """
 
 import re
@@ -20,7 +20,7 @@ PAGES = (
     *sorted((ROOT / "docs").glob("*.md")),
     ROOT / "examples" / "ci" / "README.md",
 )
-LANGUAGES = {"sh", "shell", "python", "yaml", "urscript", "text", "ros"}  # ros: typed where ROS 2 is, tests/ros2
+LANGUAGES = {"sh", "shell", "python", "yaml", "urscript", "text", "ros"}  # ros: run with ROS 2, by tests/ros2
 
 _BLOCK = re.compile(
     r"(?:^<!-- (?P<note>[^\n]*?) -->\n)?^```(?P<language>\S*)\n(?P<code>.*?)^```$", re.MULTILINE | re.DOTALL
@@ -30,7 +30,7 @@ _ROBOT = re.compile(r"^<!-- robot: (\S+)(.*?) -->$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Block:
-    """note: the comment before it, empty without one. line: of the page, where it begins."""
+    """A block of code. note: the comment before it, or empty. line: its first line in the page."""
 
     page: Path
     line: int
@@ -40,17 +40,17 @@ class Block:
 
     @property
     def reason(self) -> str:
-        """Why it is not run; empty when it is."""
+        """The reason why it is not run; empty if it is run."""
         return self.note.removeprefix("not run: ") if self.note.startswith("not run: ") else ""
 
     @property
     def file(self) -> str:
-        """Where to write it; empty when it is not a file."""
+        """The file to write it to; empty if it is not a file."""
         return self.note.removeprefix("file: ") if self.note.startswith("file: ") else ""
 
     @property
     def stays(self) -> bool:
-        """Whether it goes on while the rest of the page is done."""
+        """Whether it keeps running while the rest of the page is run."""
         return self.note == "in another terminal"
 
     @property
@@ -60,14 +60,14 @@ class Block:
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot that a page presumes."""
+    """A robot that a page requires."""
 
     host: str
     options: tuple[str, ...]
 
 
 def blocks(page: Path) -> list[Block]:
-    """All of a page's, in order."""
+    """All blocks of a page, in order."""
     text = page.read_text()
     return [
         Block(page, text.count("\n", 0, match.start()) + 1, match["language"], match["code"], match["note"] or "")
@@ -76,12 +76,12 @@ def blocks(page: Path) -> list[Block]:
 
 
 def robots(page: Path) -> list[Robot]:
-    """Those the page presumes."""
+    """The robots that the page requires."""
     return [Robot(host, tuple(options.split())) for host, options in _ROBOT.findall(page.read_text())]
 
 
 def indented(page: Path) -> list[int]:
-    """Lines of code without a fence, which would be missed."""
+    """Lines of code without a fence, which would not be found."""
     lines = re.sub(r"^```.*?^```$", lambda match: "\n" * match[0].count("\n"), page.read_text(), flags=re.M | re.S)
     found = []
     before = ""

@@ -1,4 +1,4 @@
-"""Two pages of benchmarks are compared figure by figure: what became slower is found, and nothing else."""
+"""Two pages of benchmarks are compared figure by figure; only slower results are reported."""
 
 import subprocess
 import sys

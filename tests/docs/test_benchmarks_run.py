@@ -1,4 +1,4 @@
-"""`make benchmarks` writes what it could measure, says what it could not, and measures single tables again."""
+"""`make benchmarks` writes its measurements, reports those that failed, and can repeat single tables."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The documentation says what the code does."""
+"""Generated parts of the documentation match the code."""
 
 import runpy
 from pathlib import Path

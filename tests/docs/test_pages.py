@@ -1,7 +1,7 @@
-"""What the pages tell a reader to type is typed, in their order, where they say.
+"""Commands and programs in the documentation are run, in the order of each page and in the stated place.
 
-Each page has a network of its own, in which the robots it presumes are emulators at the addresses it names, and the
-usual ports are free. Nothing outside can be reached from there, so what fetches packages is not run.
+Each page has a separate network, in which the robots it requires are emulators at the addresses it names, and the usual
+ports are free. The network has no access to the outside, so blocks that fetch packages are not run.
 """
 
 import os
@@ -21,7 +21,7 @@ import yaml
 
 from urproto.compat import load_toml
 
-sys.path.insert(0, str(Path(__file__).parent))  # the helper beside this file; importlib mode does not add its folder
+sys.path.insert(0, str(Path(__file__).parent))  # the helper next to this file; importlib mode does not add its folder
 
 from pages import LANGUAGES, PAGES, ROOT, Block, blocks, indented, robots
 
@@ -42,11 +42,11 @@ for number, host in enumerate(["127.0.0.1", *sys.argv[1:]]):
     fcntl.ioctl(socket_, 0x8914, struct.pack("16sH14x", name, flags | 1))
 print("up", flush=True)
 time.sleep(1e6)
-"""  # its loopback interface, with further addresses: SIOCSIFADDR, SIOCGIFFLAGS, SIOCSIFFLAGS
+"""  # the loopback interface with further addresses: SIOCSIFADDR, SIOCGIFFLAGS, SIOCSIFFLAGS
 
 
 def runs(page: Path) -> list[Block]:
-    """What of a page is done here."""
+    """The blocks of a page that are run here."""
     done_elsewhere = ELSEWHERE.get(page, set())
     return [block for block in blocks(page) if not block.reason and block.language not in done_elsewhere]
 
@@ -55,7 +55,7 @@ def is_done(block: Block) -> bool:
     return bool(block.file) or block.language in ("sh", "shell", "python")
 
 
-READY = ("Ready:", "Ctrl-C ends it", "Teach pendant of", " active")  # what commands say once they are at work
+READY = ("Ready:", "Ctrl-C ends it", "Teach pendant of", " active")  # output of commands once they are ready
 RUN = [page for page in PAGES if any(map(is_done, runs(page)))]
 
 
@@ -77,7 +77,7 @@ def test_every_block_names_its_language(page: Path) -> None:
 
 
 def test_installed_packages_and_extras_exist() -> None:
-    """From a copy of the repository, as the package is on no index; with extras that there are."""
+    """From a copy of the repository, as the package is on no index; with existing extras."""
     extras = load_toml((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     found = 0
     for page in PAGES:
@@ -142,7 +142,7 @@ def environment() -> dict[str, str]:
 
 
 def do(block: Block, command: list[str], folder: Path) -> None:
-    with (folder / ".output").open("w+") as output:  # a file: what stays in the background must not be waited for
+    with (folder / ".output").open("w+") as output:  # a file, so that background processes are not waited for
         done = subprocess.run(
             command,
             cwd=folder,
@@ -158,7 +158,7 @@ def do(block: Block, command: list[str], folder: Path) -> None:
 
 
 class Terminal:
-    """Another terminal, in which something goes on until the page is done. An emulator is waited for."""
+    """Another terminal, in which a command runs until the end of the page. Waits until an emulator is ready."""
 
     def __init__(self, network: list[str], code: str, folder: Path) -> None:
         self._command = [*network, "bash", "-euc", code]

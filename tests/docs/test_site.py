@@ -1,4 +1,4 @@
-"""The documentation site is built without the internet, and every link of it leads somewhere."""
+"""The documentation site builds without the internet, and all its links are valid."""
 
 import runpy
 import shutil
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The repository's files, so that nothing is written into the tree."""
+    """A copy of the repository's files, so that nothing is written into the repository."""
     folder = tmp_path_factory.mktemp("repository") / "copy"
     shutil.copytree(ROOT, folder, ignore=left_out)
     return folder

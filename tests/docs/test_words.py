@@ -1,4 +1,4 @@
-"""Phrases that docs/writing.md asks not to use are in no text that people see, its words in no name."""
+"""Phrases listed in docs/writing.md occur in no text for users, and its listed words in no name."""
 
 import ast
 import re
@@ -43,7 +43,7 @@ def _parts(name: str) -> set[str]:
 
 
 def texts() -> Iterator[tuple[str, str]]:
-    """Where a text stands, and the text: pages, and every string of the code with its docstrings."""
+    """The place of each text, and the text: pages, and every string of the code, including docstrings."""
     for page in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")):
         if page.name != "writing.md":
             yield page.name, page.read_text(encoding="utf-8")

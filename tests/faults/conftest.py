@@ -11,7 +11,7 @@ from fault_rig import Robot
 
 @pytest.fixture(params=["ur3", "ur5e"])
 async def robot(request: pytest.FixtureRequest) -> AsyncIterator[Robot]:
-    """An emulator with its ports open, whose time goes by when it is told to."""
+    """An emulator with open ports in virtual time."""
     async with Robot(request.param) as robot:
         yield robot
 

@@ -1,4 +1,4 @@
-"""An emulator in virtual time, and clients that are nothing but a socket."""
+"""An emulator in virtual time, and clients that are plain sockets."""
 
 import asyncio
 import socket
@@ -15,15 +15,15 @@ from urproto.robots import load_model
 from urproto.rtde.codec import Package, PackageType, RequestProtocol, RTDEDecoder, SetupOutputs, Start
 
 HOST = "127.0.0.1"
-PATIENCE = 2000  # turns of the event loop for what is on its way on this machine
+PATIENCE = 2000  # iterations of the event loop for data in transit on this machine
 
 
 class Client:
-    """A socket. ``received``: what came, ``ended``: how the connection ended: "end" or "reset"."""
+    """A socket. ``received``: all data, ``ended``: how the connection ended: "end" or "reset"."""
 
     def __init__(self, port: int, source: str = "", buffer: int | None = None) -> None:
         self.socket = socket.socket()
-        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # acknowledgements come in real time
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # acknowledgements arrive in real time
         if buffer is not None:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
         if source:
@@ -36,14 +36,14 @@ class Client:
         self.socket.setblocking(False)
         self.address = self.socket.getsockname()
         self.received = b""
-        self.keeps = True  # what it received; long streams take long to put together
+        self.keeps = True  # received data in pieces, since joining long streams takes long
         self.ended = ""
 
     def send(self, data: bytes) -> None:
         self.socket.sendall(data)
 
     def read(self) -> bytes:
-        """What has come since the last call."""
+        """Data received since the last call."""
         data = b""
         try:
             while not self.ended and (piece := self.socket.recv(1 << 20)):
@@ -62,7 +62,7 @@ class Client:
 
 
 class RTDEClient(Client):
-    """The smallest RTDE client: what is asked, answered and sent as packages."""
+    """A minimal RTDE client that sends and receives packages."""
 
     def __init__(self, port: int, **options: Any) -> None:
         super().__init__(port, **options)
@@ -72,7 +72,7 @@ class RTDEClient(Client):
         return self._decoder.feed(self.read())
 
     def data(self) -> list[bytes]:
-        """Payloads of the data packages that have come."""
+        """Payloads of the data packages received so far."""
         return [package.payload for package in self.packages() if package.type == PackageType.DATA_PACKAGE]
 
 
@@ -112,7 +112,7 @@ class Robot:
                 await asyncio.sleep(0)
 
     async def until(self, done: Callable[[], object]) -> None:
-        """Let the event loop turn until something is so."""
+        """Let the event loop run until a condition holds."""
         for _ in range(PATIENCE):
             if done():
                 return
@@ -120,7 +120,8 @@ class Robot:
         raise AssertionError("it did not happen")
 
     async def until_ticking(self, done: Callable[[], object]) -> None:
-        """Let control periods pass until something is so; connections to others take turns of the loop and threads."""
+        """Let control periods pass until a condition holds; outgoing connections need iterations of the loop and
+        threads."""
         for _ in range(PATIENCE):
             if done():
                 return
@@ -129,7 +130,7 @@ class Robot:
         raise AssertionError("it did not happen")
 
     async def connect(self, port: str, kind: Any = Client, **options: Any) -> Any:
-        """A client that the server knows of."""
+        """A client that the server has accepted."""
         server = self.emulator.servers[port]
         client = kind(server.port, **options)
         self.clients.append(client)
@@ -137,13 +138,13 @@ class Robot:
         return client
 
     async def dashboard(self) -> Client:
-        """A client that has been greeted."""
+        """A client that has received the greeting."""
         client: Client = await self.connect("dashboard")
         await self.until(lambda: client.read())
         return client
 
     async def stream(self, names: tuple[str, ...] = ("timestamp",), **options: Any) -> RTDEClient:
-        """An RTDE client that data flows to: a package in each period from now on, none so far."""
+        """A started RTDE client: a package in each period from now on, none so far."""
         client: RTDEClient = await self.connect("rtde", RTDEClient, **options)
         for request in (RequestProtocol(2), SetupOutputs(names, 1.0 / self.period_s), Start()):
             client.send(request.encode(2))
@@ -154,13 +155,13 @@ class Robot:
             return any((reply.type, reply.payload) == (PackageType.START, b"\x01") for reply in replies)
 
         await self.until(started)
-        await self.step()  # the first package comes a period after the answer
+        await self.step()  # the first package is sent a period after the answer
         replies.extend(client.packages())
         assert all(reply.type != PackageType.DATA_PACKAGE for reply in replies), "data with the answer to START"
         return client
 
     async def ask(self, client: Client, request: bytes, periods: int = 3) -> bytes:
-        """What comes back within some periods."""
+        """The answer within some periods."""
         client.read()
         client.send(request)
         await asyncio.sleep(0)

@@ -2,8 +2,9 @@
 
     python tests/faults/soak.py --minutes 60 [--model ur3] [--seed 1]
 
-Each minute of robot time ends with all faults cleared and all clients gone; then everything has to be as it was: open
-files, tasks, threads, hooks, every port listening, a client served. Errors in the log count as failures any time.
+Each minute of robot time ends with all faults cleared and all clients disconnected; then everything has to be as
+before: open files, tasks, threads, hooks, every port listening, a client served. Errors in the log always count as
+failures.
 """
 
 import argparse
@@ -56,7 +57,7 @@ PORTS: Final = ("dashboard", "primary", "secondary", "realtime", "rtde", "modbus
 
 @dataclass
 class Soak:
-    """One run. ``errors``: what the log had; ``struck``: how often each kind struck; the rest: after each minute."""
+    """One run. ``errors``: errors in the log; ``struck``: how often each kind struck; the rest: after each minute."""
 
     robot: Robot
     chance: Random
@@ -70,7 +71,7 @@ class Soak:
     _seen: dict[int, int] = field(default_factory=dict)
 
     async def minute(self, seconds: float = 60.0) -> None:
-        """A minute of robot time, then a look whether all is as before."""
+        """A minute of robot time, then a check that everything is as before."""
         periods = round(seconds / self.robot.period_s)
         for _ in range(periods):
             self._act()
@@ -81,7 +82,7 @@ class Soak:
         await self._settle()
 
     def _act(self) -> None:
-        """Something, now and then: about so many times a second of robot time."""
+        """Random actions, each at its average rate per second of robot time."""
         period_s = self.robot.period_s
         for rate, act in ((0.7, self._inject), (0.02, self._clear), (2.0, self._connect), (0.4, self._leave)):
             if self.chance.random() < rate * period_s:
@@ -95,7 +96,7 @@ class Soak:
 
     def _inject(self) -> None:
         kind, arguments = random_fault(self.chance)
-        with suppress(BadArguments, NotPossible):  # in contradiction with another; what is refused is tested elsewhere
+        with suppress(BadArguments, NotPossible):  # conflicts with another; refusals are tested elsewhere
             self.robot.control.inject_fault(kind, **arguments)
         self._count()
 
@@ -166,7 +167,7 @@ class Soak:
             return b"\x00\x01\x00\x00\x00\x06\x00\x03\x00\x80\x00\x01"
         return chance.choice(SCRIPTS).encode()
 
-    # is all as before?
+    # the check that everything is as before
 
     async def _settle(self) -> None:
         robot, control = self.robot, self.robot.control
@@ -185,7 +186,7 @@ class Soak:
         self.objects.append(len(gc.get_objects()))
 
     async def _left(self) -> None:
-        """Nobody is connected any more."""
+        """No client is connected any more."""
         servers = self.robot.emulator.servers.values()
         try:
             await self.robot.until(lambda: not any(server.connections for server in servers))
@@ -194,7 +195,8 @@ class Soak:
             raise AssertionError(f"connections remain: {left}, errors: {self.errors}") from None
 
     async def _up(self) -> None:
-        """Every port listens again; an outage has its end in a period, and opening ports a few turns of the loop."""
+        """Every port listens again; an outage ends in a control period, and opening ports takes some iterations of the
+        loop."""
         for _ in range(50):
             await self.robot.step()
             listening = all(server.listening for server in self.robot.emulator.servers.values())
@@ -217,7 +219,7 @@ class Soak:
         await self._left()
 
     def state(self) -> dict[str, object]:
-        """What has to be the same after each minute."""
+        """The state that has to be the same after each minute."""
         controller, servers = self.robot.emulator.controller, self.robot.emulator.servers
         rtde = servers["rtde"]
         assert isinstance(rtde, RTDEServer)
@@ -240,7 +242,7 @@ class Soak:
 
 
 def random_fault(chance: Random) -> tuple[str, dict[str, object]]:
-    """A kind and arguments that suit it, lasting some seconds."""
+    """A kind with suitable arguments, lasting some seconds."""
     number = chance.random()
     of_all: dict[str, dict[str, object]] = {
         "drop_connection": {"how": chance.choice(("reset", "end"))},
@@ -308,7 +310,7 @@ _OF_PORTS: Final = (*_OF_CLIENTS, "refuse_connections", "restart_port")
 
 
 def resident_kB() -> int:
-    """Memory of this process, without what malloc keeps for later; 0 where that is not told."""
+    """Memory of this process without malloc's reserve; 0 if it is not available."""
     gc.collect()
     if hasattr(ctypes.CDLL(None), "malloc_trim"):
         ctypes.CDLL(None).malloc_trim(0)
@@ -327,9 +329,9 @@ class _Errors(logging.Handler):
 
 
 async def soak(model: str, minutes: int, seed: int, seconds: float = 60.0, tell: Callable[[str], None] = str) -> Soak:
-    """Minutes of robot time. Raises AssertionError when something is not as before."""
+    """Run minutes of robot time. Raises AssertionError if something is not as before."""
     async with Robot(model) as robot:
-        robot.emulator.faults.site.rate = RealClock(robot.period_s)  # drives nothing: late ticks need real time
+        robot.emulator.faults.site.rate = RealClock(robot.period_s)  # drives nothing, but late ticks need real time
         run = Soak(robot, Random(seed))
         handler = _Errors(run.errors)
         logging.getLogger().addHandler(handler)

@@ -1,4 +1,4 @@
-"""When faults begin, strike and end; what is refused; that nothing is left of them."""
+"""Begin, effect and end of faults; refused faults; complete removal."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -38,7 +38,7 @@ def virtual() -> VirtualRobot:
 
 
 def in_force(robot: VirtualRobot) -> list[float]:
-    """At which times [s of uptime] joint 5 shows a fault, of the next second."""
+    """The times [s of uptime] within the next second at which joint 5 shows a fault."""
     seen = []
     for _ in range(125):
         time_s = robot.step()

@@ -1,4 +1,4 @@
-"""Faults of connections and ports, as clients see them that are nothing but a socket."""
+"""Faults of connections and ports, as seen by clients that are plain sockets."""
 
 import asyncio
 import socket
@@ -289,7 +289,7 @@ async def test_an_unknown_port_is_refused(model: str, port: str) -> None:
 
 
 async def test_delayed_requests_are_answered_when_the_delay_ends(ur3: Robot) -> None:
-    """They are given while what waits is passed on, and wait in their turn."""
+    """They are created while delayed data is passed on, and are delayed in turn."""
     dashboard = await ur3.dashboard()
     fault = ur3.control.inject_fault("delay", port="rtde", delay_s=1.0, direction="both")
     client = await ur3.connect("rtde")
@@ -314,7 +314,7 @@ end
 
 
 class Driver:
-    """Listens for programs, and notes what they send."""
+    """Listens for programs, and records the data they send."""
 
     def __init__(self) -> None:
         self.received = b""

@@ -1,4 +1,4 @@
-"""Faults of arm, programs and controller on a robot without ports, and what its clients see."""
+"""Faults of arm, programs and controller on a robot without ports, and their effects on clients."""
 
 import asyncio
 import struct
@@ -249,9 +249,7 @@ async def test_a_restarted_controller_closes_connections_and_loses_its_state(rob
     assert b"BOOTING" in await robot.ask(dashboard, b"robotmode\n")
     await robot.step(round(0.3 / robot.period_s))
     assert b"POWER_OFF" in await robot.ask(dashboard, b"robotmode\n")
-    with pytest.raises(
-        AssertionError, match="did not happen"
-    ):  # a fault of the outside goes on with the new controller
+    with pytest.raises(AssertionError, match="did not happen"):  # an external fault continues with the new controller
         await robot.stream(("actual_q",))
     robot.control.clear_fault(lasting)
     again = await robot.stream(("timestamp", "actual_q"))

@@ -1,4 +1,4 @@
-"""Faults that reach a scene: parts that are not there or slip, belts that stand, cameras that see nothing."""
+"""Faults of a scene: missing or slipping parts, stopped belts, covered cameras."""
 
 from pathlib import Path
 
@@ -66,7 +66,7 @@ def test_a_missing_part_is_neither_seen_nor_held_and_returns(robot):
     assert not lit(robot, 4)
     run(robot, GRIP)
     assert not lit(robot, 1)
-    robot.reset_world()  # nobody can put it back meanwhile
+    robot.reset_world()  # it cannot be put back meanwhile
     robot.step(3)
     assert height(robot) < -1.0
     robot.set_digital_output(0, False)
@@ -85,7 +85,7 @@ def test_a_part_removed_from_the_fingers_is_lost(robot):
     robot.step(50)
     assert not lit(robot, 1)
     robot.step(50)
-    assert height(robot) == pytest.approx(0.02, abs=1e-3)  # it is back where it lay
+    assert height(robot) == pytest.approx(0.02, abs=1e-3)  # it is back in its place
     assert robot.controller.safety.mode.name == "NORMAL"
 
 

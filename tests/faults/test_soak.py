@@ -1,4 +1,4 @@
-"""A slice of the soak of an hour: see soak.py."""
+"""A short part of the soak test: see soak.py."""
 
 import pytest
 from soak import soak

@@ -1,4 +1,4 @@
-"""Fleets as processes, on addresses that no other test has."""
+"""Fleets as processes, on addresses that no other test uses."""
 
 import contextlib
 import os
@@ -15,10 +15,10 @@ from pathlib import Path
 
 from urproto.compat import module_command
 
-DEADLINE_S = 60  # a machine busy with other tests
+DEADLINE_S = 60  # under load by other tests
 DASHBOARD = 29999
 MOST = 16
-# this test process's own: nobody else's process number is the same
+# specific to this test process, by its process number
 FIRST = ip_address("127.96.0.1") + os.getpid() % 2**16 * MOST
 
 
@@ -27,7 +27,7 @@ def host(index: int) -> str:
 
 
 class Fleet:
-    """``ur-emulator fleet`` in a process of its own, from ``first host`` on."""
+    """``ur-emulator fleet`` in a separate process, from ``first host`` on."""
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         command = [*module_command("emulator"), "fleet", "--first-host", host(0), *arguments]
@@ -48,12 +48,12 @@ class Fleet:
 
     @property
     def workers(self) -> dict[str, int]:
-        """The process of each host, as the table on the screen says."""
+        """The process of each host, from the table on the screen."""
         rows = re.findall(r"^\s*(127\.\S+) .*? (\d+)\s*$", self.seen, re.MULTILINE)
         return {address: int(pid) for address, pid in rows}
 
     def interrupt(self) -> tuple[int, str]:
-        """End it as Ctrl-C does: exit status, and what it said on standard error."""
+        """End it with Ctrl-C: exit status and standard error."""
         self.process.send_signal(signal.SIGINT)
         _, error = self.process.communicate(timeout=DEADLINE_S)
         return self.process.returncode, error.decode()
@@ -72,7 +72,7 @@ def running(folder: Path, *arguments: str) -> Iterator[Fleet]:
 
 
 def wait_for_end(pid: int) -> None:
-    """Until there is no such process; it is not this one's child."""
+    """Wait until the process, which is not a child of this one, has ended."""
     deadline = time.monotonic() + DEADLINE_S
     while alive(pid):
         assert time.monotonic() < deadline, f"process {pid} lives on"

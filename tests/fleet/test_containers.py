@@ -1,4 +1,4 @@
-"""The image, compose files and manifests agree with the code; that they are valid at all is said by their own tools."""
+"""The image, compose files and manifests agree with the code; their own tools check that they are valid."""
 
 import fnmatch
 import json
@@ -143,7 +143,7 @@ def test_the_health_check_is_the_same_everywhere() -> None:
 
 
 def test_the_base_image_is_pinned_in_a_from_line() -> None:
-    """It renews images that a FROM names; what an ARG says it passes over."""
+    """Dependabot updates images in a FROM line and ignores those in an ARG."""
     stages = {words[2] for words in said("FROM") if "AS" in words}
     bases = [words[0] for words in said("FROM") if words[0] not in stages]
     assert len(bases) == 1

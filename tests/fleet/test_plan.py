@@ -1,4 +1,4 @@
-"""Which robots a fleet has, and what is said of mistakes."""
+"""The robots of a fleet, and error messages."""
 
 import pytest
 from typer.testing import CliRunner
@@ -102,7 +102,7 @@ def test_unsupported_options(option: list[str]) -> None:
 
 
 def test_processes_share_the_control_periods_evenly() -> None:
-    cb3, e_series = {"model": "ur3"}, {"model": "ur5e"}  # 125 and 500 a second
+    cb3, e_series = {"model": "ur3"}, {"model": "ur5e"}  # 125 and 500 periods per second
     configs = place([cb3, e_series, cb3, cb3, cb3, e_series], configure, "127.0.0.1")
     assert share_out(configs, 3) == [(1,), (5,), (0, 2, 3, 4)]
     assert share_out(configs, 100) == [(1,), (5,), (0,), (2,), (3,), (4,)]

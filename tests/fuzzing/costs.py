@@ -1,8 +1,8 @@
-"""What programs and streams cost: random ones, made to cost much, and processor time that says the same every time.
+"""The cost of programs and streams: random, expensive ones, and reproducible processor times.
 
-The emulator does the same work in the same control period every time. So a period that took long is looked at again,
-and the least of all times is the work's; what else this machine did meanwhile hits another period the next time.
-`slowness()` compares the machine with the one that the bounds were measured on.
+The emulator does the same work in the same control period every time. So a long period is measured again, and the
+minimum of all times is the cost of its work, since other load on the machine affects another period the next time.
+`slowness()` compares the machine with the one on which the bounds were measured.
 """
 
 import gc
@@ -116,7 +116,7 @@ _SOURCES: Final[dict[str, Callable[[int], str]]] = {
 
 @cache
 def slowness() -> float:
-    """How many times slower than the reference machine this one is, at least 1."""
+    """The factor by which this machine is slower than the reference machine, at least 1."""
 
     def once() -> float:
         began = time.thread_time()
@@ -129,7 +129,7 @@ def slowness() -> float:
 
 
 def busy_program(chance: Random) -> str:
-    """A program that does some of the costly things again and again."""
+    """A program that repeats some expensive operations."""
     body = "".join(f"    {chance.choice(_IN_LOOPS)}\n" for _ in range(chance.randrange(1, 4)))
     return f"""def busy():
   s = {LONG}
@@ -157,7 +157,7 @@ end
 
 
 def long_source(chance: Random, size: int) -> str:
-    """A text of some parts that are long, in ways that may be hard to compile."""
+    """A text with some long parts that may be hard to compile."""
     parts = [_SOURCES[chance.choice(sorted(_SOURCES))](size) for _ in range(chance.randrange(1, 3))]
     return "def long():\n" + "".join(parts) + "end\n"
 
@@ -179,7 +179,7 @@ def steps_of(text: str) -> list[int]:
 
 
 def left_by(text: str) -> tuple[int, int]:
-    """What compiling a text leaves for the garbage collector to go through, and how much of that is garbage."""
+    """Number of objects that compiling a text leaves for the garbage collector, and how many of them are garbage."""
     compiler._cache.clear()
     share = WorkShare(Series.CB3.period_s)
     compiling = Compiling(share)
@@ -206,7 +206,7 @@ def tick_times(text: str, periods: int, model: str) -> list[float]:
         controller.tick()
     times = []
     gc.collect()
-    gc.freeze()  # as the emulator does when it starts
+    gc.freeze()  # as in the emulator's start
     try:
         controller.post(ScriptUnit(text, "block"))
         for _ in range(periods):
@@ -219,7 +219,7 @@ def tick_times(text: str, periods: int, model: str) -> list[float]:
 
 
 def longest_tick(text: str, periods: int, model: str, bound_s: float, after: int = 0) -> tuple[float, int]:
-    """The longest control period after some [s], and its number; those beyond the bound are looked at again."""
+    """The longest control period after some [s], and its number; those beyond the bound are measured again."""
     least = tick_times(text, periods, model)[after:]
     for _ in range(_TRIES - 1):
         if max(least) <= bound_s:
@@ -230,7 +230,7 @@ def longest_tick(text: str, periods: int, model: str, bound_s: float, after: int
 
 
 def least_time(work: Callable[[], object]) -> float:
-    """Processor time of some work [s]: the least of several times."""
+    """Processor time of some work [s]: the minimum of several measurements."""
     times = []
     for _ in range(_TRIES):
         began = time.thread_time()

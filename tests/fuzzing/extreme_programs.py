@@ -1,4 +1,4 @@
-"""Random programs that call every built-in with numbers at and beyond all limits, and what must hold meanwhile.
+"""Random programs that call every built-in with numbers at and beyond all limits, and conditions that must hold.
 
 `program(chance, model)` writes one, `run(text, model)` steps it in virtual time: the controller never fails itself, and
 nothing that is not finite is published on any port.
@@ -60,7 +60,7 @@ _NEVER: Final = frozenset(["powerdown", "sleep", "popup", "socket_open", "halt"]
 
 @cache
 def builtins(model: str) -> tuple[Builtin, ...]:
-    """All that a program for this arm can call."""
+    """All built-ins that a program for this arm can call."""
     available = LIBRARY_SET.available(DEFAULT_VERSION[load_model(model).series])
     return tuple(
         builtin
@@ -74,7 +74,7 @@ def number(chance: Random) -> str:
 
 
 def argument(chance: Random, title: str) -> str:
-    """A value of a kind, now and then one of another kind."""
+    """A value of a kind, occasionally one of another kind."""
     if chance.random() < 0.03:
         title = chance.choice(("Num", "List", "Pose", "Const String"))
     numbers = ", ".join(number(chance) for _ in range(6))
@@ -108,7 +108,7 @@ def call(chance: Random, builtin: Builtin) -> str:
 
 
 def program(chance: Random, model: str) -> str:
-    """Some statements, a thread, and what goes on whatever becomes of the rest."""
+    """Some statements, a thread, and statements that run regardless of the rest."""
 
     def lines(count: int) -> str:
         picked = [
@@ -134,7 +134,7 @@ class _Errors(logging.Handler):
 
 
 def run(texts: list[str], model: str, chance: Random, *, dynamic: bool = False) -> Controller:
-    """Programs one after the other. AssertionError when anything does not hold."""
+    """Run programs one after the other. AssertionError if a condition does not hold."""
     controller = Controller(ControllerConfig(model=load_model(model), running=True, dynamic=dynamic))
     controller.programs.socket_backend = MemorySockets(("10.0.0.1", 80))
     errors = _Errors()
@@ -155,7 +155,7 @@ def run(texts: list[str], model: str, chance: Random, *, dynamic: bool = False) 
 
 
 def rtde_inputs(chance: Random) -> dict[str, Any]:
-    """What a client may write: any double."""
+    """Inputs that a client can write: any double."""
     name = chance.choice(sorted(INPUT_FIELDS))
     bad = chance.choice((math.nan, math.inf, -math.inf, 1e155, -1e308, 0.5))
     kind = INPUT_FIELDS[name].type
@@ -171,11 +171,11 @@ def recover(controller: Controller) -> None:
         controller.tick()
 
 
-_FREE: Final = ("output_double_register", "input_double_register")  # hold whatever somebody writes into them
+_FREE: Final = ("output_double_register", "input_double_register")  # keep whatever is written into them
 
 
 def check(controller: Controller, text: str) -> None:
-    """What must hold after every period."""
+    """Conditions that must hold after every period."""
     problem = controller.guard.problem
     assert problem is None, f"{problem}\n{text}"
     snapshot = controller.snapshot

@@ -1,9 +1,9 @@
-"""Looks for inputs that `targets` fail on, guided by coverage (Atheris): ``make fuzz TIME=600``.
+"""Searches for inputs that make `targets` fail, guided by coverage (Atheris): ``make fuzz TIME=600``.
 
 ``fuzz.py [--time SECONDS] [--keep] [TARGET ...]``: each target for that long, one after the other, at the lowest
-priority. A failure is told once for each place in the code, and its input is written to ``--findings``. ``--keep`` adds
-what covered more to the corpora, reduced to few and short inputs; without it the repository stays as it is. The exit
-status is 1 if there was a finding.
+priority. A failure is reported once for each place in the code, and its input is written to ``--findings``. ``--keep``
+adds inputs that covered more to the corpora, reduced to few and short ones; without it the repository stays as it is.
+The exit status is 1 if there was a finding.
 """
 
 import argparse
@@ -26,7 +26,7 @@ LONGEST_INPUT = 4096  # bytes; a corpus is read by people and replayed by every 
 MOST_KEPT = 48  # inputs of a target
 LONGEST_KEPT = 1024  # bytes
 _CHATTER = ("#", "INFO:", "stat::", "MERGE", "WARNING: Failed to find", "Done ", '"')
-HANGING_S = 120  # one input; of the wall, since the machine may have other work
+HANGING_S = 120  # one input; wall-clock time, since the machine may be under load
 MEMORY_MB = 3000
 
 
@@ -45,11 +45,11 @@ def keep(name: str, inputs: Sequence[bytes]) -> None:
     (CORPUS / f"{name}.txt").write_text("".join(line + "\n" for line in lines))
 
 
-# one target, in a process of its own
+# one target, in a separate process
 
 
 def _work(name: str, findings: Path, command: str, arguments: Sequence[str]) -> None:
-    """Never returns: libFuzzer ends the process. command: what it starts to merge a corpus."""
+    """Never returns: libFuzzer ends the process. command: started by libFuzzer to merge a corpus."""
     import atheris
 
     sys.path[:0] = [str(REPOSITORY)]
@@ -73,7 +73,7 @@ def _work(name: str, findings: Path, command: str, arguments: Sequence[str]) -> 
 
 
 def _place(error: BaseException) -> object:
-    """What tells one failure from another: its kind and the innermost line of ours."""
+    """The identity of a failure: its type and the innermost line of our code."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if str(REPOSITORY) in frame.filename]
     return type(error).__name__, *((frame.filename, frame.lineno) for frame in frames[-1:])
 
@@ -129,7 +129,7 @@ def _command(folder: Path, name: str, findings: Path) -> Path:
 
 
 def _run(command: Path, arguments: Sequence[str]) -> list[str]:
-    """What libFuzzer printed; tracebacks of findings go on to standard error."""
+    """The output of libFuzzer; tracebacks of findings are passed on to standard error."""
     process = subprocess.Popen([command, *arguments], stderr=subprocess.PIPE, text=True, errors="replace")
     assert process.stderr is not None
     lines = []
@@ -142,7 +142,7 @@ def _run(command: Path, arguments: Sequence[str]) -> list[str]:
 
 
 def main() -> int:
-    """Fuzz, and say how it went."""
+    """Fuzz, and report the result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help="all of them unless given")
     parser.add_argument("--time", type=int, default=60, metavar="SECONDS", help="for each target (60)")

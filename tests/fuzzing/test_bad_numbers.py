@@ -1,4 +1,4 @@
-"""No file brings a number along that nobody can compute with: it is refused by name, or what it makes is finite."""
+"""Unusable numbers in files are refused by name, or all results are finite."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -92,17 +92,17 @@ CONTROLLERS: Final = {
 
 
 def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Where values stand, of all depths."""
+    """The paths of all values, at any depth."""
     if path:
         yield path
-    rows = content[:1] if isinstance(content, list) else []  # the next ones are read as the first is
+    rows = content[:1] if isinstance(content, list) else []  # the other rows are read like the first
     inner = content.items() if isinstance(content, Mapping) else enumerate(rows)
     for key, value in inner:
         yield from places(value, (*path, key))
 
 
 def changed(content: Any, path: tuple[Any, ...], value: Any) -> Any:
-    """The content with another value in one place."""
+    """The content with one value replaced."""
     copy = deepcopy(content)
     at = copy
     for key in path[:-1]:
@@ -115,7 +115,7 @@ def changed(content: Any, path: tuple[Any, ...], value: Any) -> Any:
 
 
 def not_finite(value: Any, where: str = "", seen: frozenset[int] = frozenset()) -> list[str]:
-    """Where numbers are that are none, in what was read or published."""
+    """The places of numbers that are not finite, in values read or published."""
     if isinstance(value, float):
         return [] if math.isfinite(value) else [f"{where} = {value}"]
     if id(value) in seen or isinstance(value, str | bytes | int | type):
@@ -131,7 +131,7 @@ def not_finite(value: Any, where: str = "", seen: frozenset[int] = frozenset()) 
 
 
 def published(**settings: Any) -> list[str]:
-    """What an arm with these settings tells the world, where it is not a number."""
+    """Published values of an arm with these settings that are not finite."""
     controller = Controller(ControllerConfig(**({"model": load_model("ur5e"), "running": True} | settings)))
     for _ in range(3):
         controller.tick()
@@ -158,7 +158,7 @@ def _calibration(path: Path) -> list[str]:
 
 
 class _Driver:
-    """Stands for URDriver: what it sends passes as setpoints do."""
+    """Replaces URDriver: checks its setpoints."""
 
     program_running = True
     lost_why = ""
@@ -189,7 +189,7 @@ ROBOT: Final = {
 
 
 def _controllers(path: Path) -> list[str]:
-    """What controllers with these parameters tell on the way to a goal; none fails, but one may be stopped by name."""
+    """Output of controllers with these parameters on the way to a goal; none fails, but one may be stopped by name."""
     driver = _Driver()
     hardware = URHardware(cast(Any, driver), PolyscopeVersion(5, 12), cast(Any, None))
     manager = ControllerManager(hardware, read_controllers(path), 500.0)
@@ -212,7 +212,7 @@ def _controllers(path: Path) -> list[str]:
 
 
 def outcome(use: Callable[[Path], list[str]], path: Path) -> tuple[list[str], str]:
-    """What is not finite; why the file is refused, if it is."""
+    """Values that are not finite; the reason if the file is refused."""
     try:
         return use(path), ""
     except (ConfigError, ClientError) as error:
@@ -234,7 +234,7 @@ def test_a_bad_number_is_refused_by_name_or_harmless(name: str, tmp_path: Path) 
     content, use = READERS[name]
     path = tmp_path / "settings.yaml"
     path.write_text(yaml.safe_dump(content))
-    assert use(path) == []  # as it is, it is one
+    assert use(path) == []  # unchanged, it is valid
     refused = 0
     for place in places(content):
         if len(place) > 1 and place[1] in SIBLINGS:

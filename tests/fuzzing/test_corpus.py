@@ -1,4 +1,4 @@
-"""What the fuzzer found worth keeping is read again: nothing of it may fail."""
+"""Inputs kept by the fuzzer are read again; none of them may fail."""
 
 import pytest
 from fuzz import kept

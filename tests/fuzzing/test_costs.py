@@ -35,7 +35,7 @@ EACH = int(WANTED or 12) // 2
 HALF_S = {"ur3": Series.CB3.period_s / 2, "ur5e": Series.E.period_s / 2}
 MOST_OF_A_STEP = 2600  # units of `urscript.work`: half a period of a CB3 arm. One statement may take as many
 MOST_TO_START = 10_500  # of these, to start a program of as many defs and threads as there may be; others: as above
-# Processor time on a core that others use, too: beside other tests it is up to three times as much. What is exact there
+# Processor time on a shared core is up to three times as long alongside other tests. What is exact there
 # is the count of `test_every_step_of_compiling_a_long_text_is_short`; `make soak` measures times.
 CROWDED = 1.25 if WANTED else 4.0
 COMPILED_WITHIN = 10  # periods
@@ -81,7 +81,8 @@ def feed(make: Callable[[], object], data: bytes) -> None:
 
 @pytest.mark.parametrize("name", STREAMS)
 def test_the_cost_of_a_byte_does_not_depend_on_earlier_bytes(name: str) -> None:
-    """Four times the bytes take four times as long; what begins over at each chunk takes sixteen times as long."""
+    """Four times the bytes take four times as long; code that restarts at each chunk would take sixteen times as
+    long."""
     make, data = STREAMS[name]
     few, many = data(250_000), data(1_000_000)
     for _ in range(3):
@@ -113,7 +114,7 @@ def test_a_busy_program_uses_at_most_half_the_period(model: str) -> None:
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_every_step_of_compiling_a_long_text_is_short(name: str) -> None:
-    """Counted: what cannot be interrupted is a step. The next test says that the count is right."""
+    """By count: a step is work that cannot be interrupted. The next test shows that the count is right."""
     *steps, last = [0, *steps_of(source(name, SIZE))]
     assert max(steps, default=0) <= MOST_OF_A_STEP
     assert last <= (MOST_TO_START if WANTED else MOST_OF_A_STEP)
@@ -121,7 +122,7 @@ def test_every_step_of_compiling_a_long_text_is_short(name: str) -> None:
 
 @pytest.mark.parametrize("name", SOURCES if WANTED else ["functions that call each other", "a long call", "threads"])
 def test_a_long_text_leaves_little_to_the_garbage_collector(name: str) -> None:
-    """It rests while a text is compiled; then it goes through everything that is left, in one go."""
+    """It is paused while a text is compiled; then it examines all remaining objects at once."""
     text = source(name, SIZE)
     left, garbage = left_by(text)
     assert left <= 400 + text.count("\n")
@@ -145,7 +146,7 @@ def test_replaced_programs_are_freed_in_steps(monkeypatch: pytest.MonkeyPatch) -
 def test_compiling_a_long_text_uses_at_most_half_the_period(name: str) -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
     if WANTED and name == "threads":
-        bound_s *= 5  # Python gets to know 5,000 of them in one step, when the program starts: see MOST_TO_START
+        bound_s *= 5  # Python defines 5,000 of them in one step, when the program starts: see MOST_TO_START
     longest, period = longest_tick(source(name, SIZE), 300, "ur3", bound_s)
     assert longest <= bound_s, f"period {period}: {longest * 1e3:.2f} ms"
 
@@ -160,7 +161,7 @@ def test_random_long_texts() -> None:
 
 
 def test_compiling_keeps_to_its_share_on_average_regardless_of_piece_size() -> None:
-    """A function that Python compiles in one go is paid for in the periods after it."""
+    """A function that Python compiles in one step is compensated for in the following periods."""
     body = "".join(f"    if n == {i}:\n      return {i}\n    end\n" for i in range(600))
     text = f"def p():\n  def f(n):\n{body}    return 0\n  end\n  while True:\n    sync()\n  end\nend\n"
     for _ in range(3):
@@ -183,7 +184,7 @@ class _Reader:
 
 @pytest.mark.parametrize("clients", [1, 2, 3])
 async def test_reading_all_clients_keeps_to_its_share_of_time(clients: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Virtual time: clients that always have something to say, and what it costs to read them."""
+    """In virtual time: clients that always send, and the cost of reading them."""
     now_s, wakes = 0.0, []
 
     class Loop:
@@ -203,4 +204,4 @@ async def test_reading_all_clients_keeps_to_its_share_of_time(clients: int, monk
         while wakes and wakes[0][0] <= now_s:
             wakes.pop(0)[1]()
     assert 0.8 * SHARE < used_s / now_s < 1.05 * SHARE
-    assert not all(reader.stalled for reader in readers) or wakes  # nobody waits for ever
+    assert not all(reader.stalled for reader in readers) or wakes  # no client waits for ever

@@ -1,4 +1,4 @@
-"""Whatever numbers a program has, the controller does not fail, and publishes finite ones. Many more in `make soak`."""
+"""For any numbers in a program, the controller does not fail and publishes finite values. More in `make soak`."""
 
 import os
 from random import Random

@@ -1,4 +1,4 @@
-"""Everything here that reads bytes which somebody else wrote, as functions of those bytes, by the subject of the bytes.
+"""Every reader of foreign bytes as a function of those bytes, grouped by the subject of the bytes.
 
 `TARGETS` has all of them by name. `fuzz.py` searches for inputs, `test_corpus.py` replays those that are kept.
 """

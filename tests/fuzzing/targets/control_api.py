@@ -1,4 +1,4 @@
-"""Requests to the control API of a robot that runs."""
+"""Requests to the control API of a running robot."""
 
 import json
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ def _requests() -> Iterator[bytes]:
 
 @cache
 def _robot() -> Emulator:
-    """Used again until a verb changed something."""
+    """Reused until a verb has changed its state."""
     config = ControllerConfig(model=load_model("ur5e"), running=True)
     return Emulator(EmulatorConfig(controller=config, ephemeral_ports=True), StepClock())
 

@@ -1,4 +1,4 @@
-"""What a robot runs: scripts, program trees, installations and their variables."""
+"""Files that a robot runs: scripts, program trees, installations and their variables."""
 
 import gzip
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ from urscript.work import run_to_end
 def splitter(data: bytes) -> None:
     size, data = 1 + data[0] if data else 1, data[1:]
     whole, pieces = ScriptSplitter(256), ScriptSplitter(256)
-    if len(data) <= 256:  # what is too long is cut where it has arrived by then
+    if len(data) <= 256:  # text that is too long is cut at the data received by then
         found = whole.feed(data) + whole.flush()
         split = [unit for at in range(0, len(data), size) for unit in pieces.feed(data[at : at + size])]
         split += pieces.flush()
@@ -56,7 +56,7 @@ def splitter(data: bytes) -> None:
     b"\1x = " + b"-" * 300 + b"1",
 )
 def scripts(data: bytes) -> None:
-    """A program compiles if, and only if, no error is found in it."""
+    """A program compiles if and only if no error is found in it."""
     if not data:
         return
     version, data = VERSIONS[data[0] % len(VERSIONS)], data[1:]

@@ -1,8 +1,8 @@
-"""What a target is, and what targets share.
+"""The definition of a target, and code shared by targets.
 
-A target returns for any input, or raises what its reader promises to raise, which is caught here; anything else is a
-finding, and so is an exception that is only logged. What arrives as a stream is read twice, whole and in pieces of a
-length that the input's first byte gives: both have to give the same.
+A target returns for any input, or raises an exception that its reader documents, which is caught here. Anything else is
+a finding, and so is an exception that is only logged. A stream is read twice, as a whole and in pieces of a length
+given by the input's first byte; both have to give the same result.
 """
 
 import logging
@@ -24,19 +24,19 @@ VERSIONS: Final = (PolyscopeVersion(3, 15, 8, 106339), DEFAULT_VERSION[Series.E]
 
 
 class Finding(AssertionError):  # noqa: N818 - what a fuzzer calls it
-    """A reader did what it promises not to do."""
+    """A reader violated its documented behaviour."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """One reader. seeds: inputs to begin with, which it understands."""
+    """One reader. seeds: valid inputs to begin with."""
 
     name: str
     read: Callable[[bytes], object]
     seeds: Callable[[], Iterable[bytes]]
 
     def __call__(self, data: bytes) -> None:
-        """Read. Raises whatever the reader should not have raised, and Finding for what it only logged."""
+        """Read. Raises undocumented exceptions of the reader, and Finding for those it only logged."""
         with _nothing_logged():
             self.read(data)
 
@@ -68,7 +68,7 @@ class _Complaints(logging.Handler):
 
 @contextmanager
 def _nothing_logged() -> Iterator[None]:
-    """An exception that a port or the guard of the control period has caught and logged is one all the same."""
+    """Exceptions that a port or the guard of the control period has caught and logged count as well."""
     complaints = _Complaints()
     logging.getLogger().addHandler(complaints)
     try:
@@ -86,19 +86,19 @@ class _Stream(Protocol):
 
 
 def _fed(stream: _Stream, pieces: Iterable[bytes]) -> tuple[list[Any], str]:
-    """What came out, and the error that ended it."""
+    """The messages, and the error that ended them."""
     found: list[Any] = []
     try:
         for piece in pieces:
             found += stream.feed(piece)
-        found += stream.feed(b"")  # an error behind messages is told by the next call
+        found += stream.feed(b"")  # an error after messages is raised by the next call
     except ProtocolError as error:
         return found, str(error)
     return found, ""
 
 
 def in_any_split(make: Callable[[], _Stream], data: bytes) -> list[Any]:
-    """The messages of a stream. Raises Finding when they depend on how it arrived."""
+    """The messages of a stream. Raises Finding if they depend on the split."""
     size, data = 1 + data[0] if data else 1, data[1:]
     whole = _fed(make(), [data])
     pieces = _fed(make(), (data[start : start + size] for start in range(0, len(data), size)))
@@ -109,7 +109,7 @@ def in_any_split(make: Callable[[], _Stream], data: bytes) -> list[Any]:
 
 @cache
 def folder() -> Path:
-    """Of this process, in memory if there is such a place."""
+    """A folder of this process, in memory if possible."""
     shm = Path("/dev/shm")
     _KEPT.append(tempfile.TemporaryDirectory(prefix="fuzz-", dir=shm if shm.is_dir() else None))
     return Path(_KEPT[-1].name)
@@ -119,7 +119,7 @@ _KEPT: list[tempfile.TemporaryDirectory[str]] = []  # removed when the process e
 
 
 def file(name: str, data: bytes) -> Path:
-    """With that content, for a reader of files."""
+    """A file with this content, for a reader of files."""
     path = folder() / name
     path.write_bytes(data)
     return path

@@ -1,4 +1,4 @@
-"""What arrives on a connection: the ports of the robot, the driver's messages, replies of remote procedures."""
+"""Data received on connections: the robot's ports, the driver's messages, replies of remote procedures."""
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
