@@ -40,6 +40,8 @@ def _bytes(text: str) -> bytes:
 @LIBRARY.builtin(cb3="3.8", e="5.2")
 def str_at(src: Str, index: Int) -> str:
     """The byte at `index` (from 0) as a string; a runtime error outside the string."""
+    if src.isascii() and 0 <= index < len(src):
+        return src[index]
     if not 0 <= index < _length(src):
         raise RuntimeFault(f"str_at: index {index} is outside a string of {_length(src)} bytes")
     return _slice(src, index, index + 1)
@@ -69,7 +71,7 @@ def str_find(src: Str, target: Str, start_from: Int = 0) -> int:
 @LIBRARY.builtin(cb3="3.8", e="5.2")
 def str_len(str_: Str) -> int:
     """Number of bytes of a string."""
-    return _length(str_)
+    return len(str_) if str_.isascii() else _length(str_)
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2", aliases={"length": "len"})
