@@ -2,7 +2,7 @@
 
 A block is run unless an HTML comment before it, which readers do not see, says otherwise:
 
-        <!-- not run: reason -->           why it cannot run here
+    <!-- not run: reason -->           why it cannot run here
     <!-- in another terminal -->       started, and kept running to the end of the page
     <!-- file: name -->                written to this file
     <!-- robot: address options -->    anywhere: a robot that the page requires: an emulator with these options

@@ -1,4 +1,4 @@
-"""Recordings of an arm whose drives nobody has but these tests, in virtual time."""
+"""Recordings in virtual time of an arm with drives that exist only in these tests."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -44,7 +44,7 @@ end
 
 
 def recorded(script: str, payload: str = "") -> dict[str, np.ndarray]:
-    """What the arm publishes until the program ends, every control period."""
+    """Published states of the arm until the program ends, one per control period."""
     robot = VirtualRobot(
         ControllerConfig(model=ARM, initial_q=(0.2, -1.4, 1.0, 0.0, 0.3, 0.1), running=True, dynamic=True)
     )
@@ -66,7 +66,7 @@ def without(values: dict[str, np.ndarray], *names: str) -> Recording:
 
 
 def saved(path: Path, values: dict[str, np.ndarray], names: tuple[str, ...], head: str = "") -> Path:
-    """As a .csv file; head: its first line, if it has one."""
+    """A .csv file with these values; head: its first line, if any."""
     table = np.column_stack([values[name] for name in names])
     np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.9g")
     path.write_text(path.read_text().removeprefix("\n"))

@@ -1,4 +1,4 @@
-"""Motions that show an arm's drives: within their bounds, from rest to rest, and refused where there is no room."""
+"""Excitation motions for identification: within bounds, from rest to rest, refused if there is no room."""
 
 import numpy as np
 import pytest

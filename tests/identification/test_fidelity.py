@@ -1,4 +1,4 @@
-"""A recording against the model: what is told of an arm that is known, and of recordings that cannot be used."""
+"""A recording against the model: results for a known arm, and errors for unusable recordings."""
 
 import json
 
@@ -46,7 +46,7 @@ def test_different_drives_show_in_each_field(motion):
 
 
 def test_a_row_shows_range_rms_and_share(motion):
-    """Of a current that is 1 A too high all the time."""
+    """For a current that is constantly 1 A too high."""
     values = motion | {"target_current": motion["target_current"] + 1.0}
     row = next(row for row in fidelity(Recording(values), ARM).errors if row.field == "target_current")
     moving = np.abs(motion["target_qd"][:, 0]) > 0.02

@@ -1,4 +1,4 @@
-"""An arm whose drives are known is identified; what a motion does not show is not."""
+"""Identification of an arm with known drives; parameters that a motion does not excite are kept."""
 
 from dataclasses import fields
 
@@ -60,7 +60,7 @@ def test_identified_parameters_predict_another_motion_better_than_the_model(foun
 
 
 def test_an_unannounced_load_is_identified(motion):
-    """Its weight, on top of what the motors gave: the arm itself would sag."""
+    """Its weight, added to the recorded motor currents, as the arm itself would sag."""
     loaded = fidelity(Recording(motion), ARM, mounted=Payload(3.0, (0.02, 0.0, 0.08))).predicted["actual_current"]
     more = loaded - fidelity(Recording(motion), ARM).predicted["actual_current"]
     found = identify(Recording(motion | {"actual_current": motion["actual_current"] + more}), MODEL)
@@ -89,7 +89,7 @@ def test_a_motion_without_speed_is_refused(motion):
 
 
 def test_parameters_not_excited_by_the_motion_are_kept_and_named():
-    """Slower than the bend: nothing says what comes beyond it."""
+    """Slower than the bend of the friction curve, so the part beyond it is unknown."""
     moves = ("[1.2, -0.6, 1.8, 1.0, -0.6, -0.8]", "[0.2, -1.4, 1.0, 0, 0.3, 0.1]")
     slow = "".join(f"  movej({q}, a=2, v=0.4)\n" for q in moves)
     found = identify(Recording(recorded(f"def slow():\n  sleep(0.6)\n{slow}end\n")), MODEL)

@@ -1,4 +1,4 @@
-"""What `ur-client identify` finds in the currents of an arm is what the scene let it carry."""
+"""`ur-client identify` finds the payload of a scene in the currents of the arm."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ CUP = "mounted: {cup: {suction: {output: 0, vacuum: 3, force: 2000}, pose: [0, 0
 
 
 def carried() -> str:
-    """A box at the lip of a cup, off its middle, as the arm stands at first."""
+    """A box held off-centre by a suction cup, in the initial position of the arm."""
     pose = pose_trans(kinematics_of(MODEL).forward(START), (*COG, 0.0, 0.0, 0.0))
     return f"objects: {{part: {{box: [0.12, 0.12, 0.06], pose: {list(pose)}, mass: {KG}}}}}\n{CUP}"
 

@@ -1,4 +1,4 @@
-"""Tasks for Gymnasium: its own checks and wrappers, equal runs from equal seeds, and a task that can be done."""
+"""Tasks for Gymnasium: its checks and wrappers, reproducible runs, and a task that can be solved."""
 
 import multiprocessing
 import runpy
@@ -107,7 +107,7 @@ def test_a_rule_based_policy_solves_the_task(env, seed):
 
 
 def test_scene_faults_can_be_injected_in_an_episode(env):
-    """Whatever ``inject_fault`` has, an episode can have."""
+    """An episode can have any fault of ``inject_fault``."""
     env.reset(seed=0)
     robot = env.unwrapped.robot
     fault = robot.inject_fault("missing_part", part="part")
@@ -119,7 +119,7 @@ def test_scene_faults_can_be_injected_in_an_episode(env):
 
 
 def test_vector_environments_step_in_parallel():
-    """Gymnasium's vector environment resets each at its own end."""
+    """Gymnasium's vector environment resets each environment at the end of its episode."""
     envs = gymnasium.make_vec("emulator.learning:" + NAME, num_envs=2, vectorization_mode="sync")
     envs.action_space.seed(4)
     seen, _ = envs.reset(seed=[1, 2])
@@ -132,7 +132,7 @@ def test_vector_environments_step_in_parallel():
 
 
 def test_environments_in_separate_processes_give_the_same_results_and_exit():
-    """As docs/learning.md has it. What a worker forked of this process would take over, no environment needs."""
+    """As in docs/learning.md. Workers do not need anything that a fork of this process would inherit."""
     runs = []
     for mode, options in (("sync", {}), ("async", {"context": "spawn"})):
         envs = gymnasium.make_vec(
@@ -171,7 +171,7 @@ def test_invalid_tasks_are_a_one_line_error():
 
 
 class Reach(RobotEnv):
-    """A task of somebody else's: turn the base to an angle, with one number."""
+    """A user's task: turn the base to an angle, with an action of one number."""
 
     world = PickAndPlaceEnv.world
     program = """def reach():

@@ -1,4 +1,4 @@
-"""An arm with its motion generator, stepped by hand and watched in every control period."""
+"""An arm with its motion generator, stepped manually and checked in every control period."""
 
 import sys
 from collections.abc import Callable
@@ -17,7 +17,7 @@ START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # rad: elbow up, far from singulariti
 
 
 class Rig:
-    """Steps a Motion and fails the test when a joint limit or the book-keeping of q and qd is violated."""
+    """Steps a Motion and fails the test if a joint limit or the consistency of q and qd is violated."""
 
     def __init__(self, model: RobotModel, period_s: float = 0.002, q: tuple[float, ...] = START) -> None:
         self.model = model
@@ -48,7 +48,7 @@ class Rig:
             self.step(fraction)
 
     def finish(self, move: Move, fraction: float = 1.0, at_most: int = 20_000) -> float:
-        """Step until the program may go on; the time that took [s]."""
+        """Step until the program may continue; the time that took [s]."""
         for count in range(at_most):
             if move.ready or move.failed:
                 return count * self.motion.period_s

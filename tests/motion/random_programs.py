@@ -1,7 +1,7 @@
-"""Random programs that move the arm, random hands on the robot meanwhile, and what must hold in every period.
+"""Random programs that move the arm, random interventions meanwhile, and conditions that must hold in every period.
 
 `programs()` draws a `Case`; `run(case)` steps it in virtual time and raises AssertionError with the period and the
-running line in it when something does not hold.
+running line if a condition does not hold.
 """
 
 import logging
@@ -23,24 +23,24 @@ from urproto.robots.model import DH
 from urproto.versions import Series
 
 ZERO = (0.0,) * 6
-ROBOT_TIME_S = {Series.CB3: 6.0, Series.E: 2.5}  # a program is stopped then: similar numbers of periods
+ROBOT_TIME_S = {Series.CB3: 6.0, Series.E: 2.5}  # a program is stopped after this time: similar numbers of periods
 STAND_WITHIN_S = 1.0
 COMPILED_WITHIN = 100  # periods
 ROUNDING = 1e-5
 MOST = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twice that before it gives up
-MOST_BESIDE = 12.0  # with force mode, conveyor, or offset; they have bounds of their own, and stops add to them
-# streams and what is added to a path are not slowed by the safety system's limits; beyond them for 0.25 s, it acts
+MOST_BESIDE = 12.0  # with force mode, conveyor, or offset, which have separate bounds; stops add to them
+# the safety system's limits do not slow streams and additions to a path; it acts after 0.25 s beyond them
 DETECTED_WITHIN_S = 0.3
 HARD_SAFETY = (SafetyMode.VIOLATION, SafetyMode.FAULT)
-STOPS_COUNTED = 50  # protective stops of one joint; one more is a fault
+STOPS_COUNTED = 50  # protective stops of one joint; another one is a fault
 LEGAL_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.PROTECTIVE_STOP, SafetyMode.SAFEGUARD_STOP)
 
 
 @dataclass(frozen=True)
 class Case:
-    """Programs, one after the other, where the arm begins, and what happens from outside at which share of the time.
+    """Consecutive programs, the initial position of the arm, and interventions at fractions of the time.
 
-    ``patience_s``: how long an operator looks at a protective stop before he unlocks it and goes on.
+    ``patience_s``: time until an operator unlocks a protective stop and continues.
     """
 
     model: str
@@ -54,7 +54,7 @@ class Case:
         return ["def random():\n" + "".join(f"  {line}\n" for line in lines) + "end\n" for lines in self.programs]
 
 
-# what programs are made of
+# parts of programs
 
 
 def _number(low: float, high: float) -> st.SearchStrategy[str]:
@@ -73,7 +73,7 @@ _near = _number(-0.8, 0.8)
 
 
 def _mostly(often: st.SearchStrategy[str], *seldom: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
-    """Programs should get somewhere before something is out of reach."""
+    """Usually the first: programs should make progress before something is out of reach."""
     return st.integers(0, 4).flatmap(lambda dice: st.one_of(*seldom) if dice == 0 else often)
 
 
@@ -103,7 +103,7 @@ _pose = _mostly(
     _easy.map(lambda q: f"get_forward_kin({q})"),
     _list("p", *[_number(-0.9, 0.9)] * 2, _number(-0.2, 0.9), *[_number(-3.1, 3.1)] * 3),
     st.just("p[3, 0, 0, 0, 0, 0]"),
-    st.just("pose_trans(p[0, 0, 0, 0, 0, 2.5], get_target_tcp_pose())"),  # over or round the base axis
+    st.just("pose_trans(p[0, 0, 0, 0, 0, 2.5], get_target_tcp_pose())"),  # above or around the base axis
 )
 _a, _v = _number(0.1, 8.0), _number(0.05, 3.0)
 _radius = st.one_of(st.just(""), _number(0.005, 0.3).map(lambda r: f", r={r}"))
@@ -137,7 +137,7 @@ _servoc = _call("servoc", _pose, _pace, _radius)
 
 
 def _stream(target: str, count: int, lookahead: str, gain: str) -> list[str]:
-    """Targets that wander about a configuration, one each period."""
+    """Targets that move around a configuration, one per period."""
     return [
         f"q = {target}",
         "k = 0",
@@ -181,7 +181,7 @@ _others = st.one_of(
 
 
 def _thread(body: list[str], after: str) -> list[str]:
-    """Moves in a thread that is killed in the middle of it all."""
+    """Moves in a thread that is killed midway."""
     inside = [f"  {line}" for line in body]
     return ["thread mover():", *inside, "end", "handle = run mover()", f"sleep({after})", "kill handle"]
 
@@ -231,16 +231,16 @@ def programs(model: str) -> st.SearchStrategy[Case]:
 
 @dataclass
 class Outcome:
-    """What became of a program."""
+    """The result of a program."""
 
     periods: int = 0
     ended: bool = False
     faults: list[str] = field(default_factory=list)
-    hardest: list[tuple[float, int, str]] = field(default_factory=list)  # rad/s2, period, what was being done
+    hardest: list[tuple[float, int, str]] = field(default_factory=list)  # rad/s2, period, activity
 
 
 class Run:
-    """One program on its way. Joint quantities rad, rad/s, rad/s2."""
+    """One running program. Joint quantities in rad, rad/s, rad/s2."""
 
     def __init__(self, case: Case) -> None:
         self.case = case
@@ -257,7 +257,7 @@ class Run:
         self._was_deviating = False
         self._protective_stops = 0
         self._safety_mode = SafetyMode.NORMAL
-        self._ungoverned_s = DETECTED_WITHIN_S  # since when a movement ends that the safety system does not slow
+        self._ungoverned_s = DETECTED_WITHIN_S  # start of the end of a motion that the safety system does not slow down
 
     def go(self) -> Outcome:
         controller, series = self.controller, self.model.series
@@ -285,7 +285,7 @@ class Run:
         return self.outcome
 
     def _touch(self, what: str, value: float) -> None:
-        """Somebody does something to the robot."""
+        """An intervention on the robot."""
         controller = self.controller
         match what:
             case "slider":
@@ -307,7 +307,7 @@ class Run:
         self.controller.programs.resume()
 
     def _come_to_rest(self) -> None:
-        """Ended or stopped, the arm stands soon, and goes nowhere after that."""
+        """After its end or a stop, the arm soon comes to rest and stays there."""
         controller = self.controller
         controller.external_wrench = ZERO
         controller.programs.stop("enough")
@@ -322,7 +322,7 @@ class Run:
         assert controller.snapshot.target_q == stood, self._at("the arm does not stay")
 
     def step(self) -> None:
-        """One control period, and everything that must hold after it."""
+        """One control period, and all conditions that must hold after it."""
         self.controller.tick()
         self.period += 1
         self._check_motion()
@@ -383,7 +383,7 @@ class Run:
         assert standing or self._stopped_for_s < STAND_WITHIN_S, self._at("stopped, the arm still moves")
 
     def _check_hard_stop(self, mode: SafetyMode) -> None:
-        """Too fast for the safety system is only what it does not slow down; then brakes hold the arm."""
+        """Only motion that the safety system does not slow down may be too fast for it; then brakes hold the arm."""
         if mode is SafetyMode.FAULT:
             assert self._protective_stops >= STOPS_COUNTED, self._at("a fault out of nothing")
         else:
@@ -420,7 +420,7 @@ class _Errors(logging.Handler):
 
 
 def run(case: Case) -> Outcome:
-    """Step a case to its end. AssertionError when anything does not hold, a logged error included."""
+    """Step a case to its end. AssertionError if a condition does not hold or an error was logged."""
     errors = _Errors()
     logging.getLogger("emulator").addHandler(errors)
     try:

@@ -1,4 +1,4 @@
-"""From any pose: moves to where the arm is already, to the upright pose and back, and the path that leads nowhere."""
+"""From any pose: moves to the current position, to the upright pose and back, and impossible paths."""
 
 from math import pi
 from random import Random
@@ -18,7 +18,7 @@ AT_ONCE = {"movel", "movep", "movec", "servoc"}
 
 
 def stay(rig, command):
-    """Ask for the pose that the arm has: it stays there, but for what rounding of a pose does to singular joints."""
+    """Move to the current pose: the arm stays there, except for effects of rounding on singular joints."""
     pose, before = rig.motion.target.reach.pose(rig.motion.q), rig.motion.q
     move = rig.commands.movec(pose, pose) if command == "movec" else getattr(rig.commands, command)(pose)
     assert rig.finish(move) <= 2 * rig.motion.period_s

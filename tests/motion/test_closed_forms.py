@@ -1,4 +1,4 @@
-"""Each kind of movement on each arm, in every control period, against its formula written down a second time."""
+"""Each kind of move on each arm, in every control period, against an independent copy of its formula."""
 
 from math import cos, exp, pi, sin, sqrt
 
@@ -19,7 +19,7 @@ def start_rig(make_rig):
 
 
 def trapezoid(length, v, a):
-    """Way over time from rest to rest, and how long it takes."""
+    """Distance over time from rest to rest, and the duration."""
     peak = min(v, sqrt(length * a))
     ramp = peak / a
     cruise = (length - peak * ramp) / peak
@@ -46,7 +46,7 @@ def shifted(pose, x=0.0, y=0.0, z=0.0):
 
 
 def check(rig, move, expected, duration, measure, tolerance=1e-9):
-    """``measure(q)`` is ``expected(t)`` in each period, and the program goes on in time."""
+    """``measure(q)`` is ``expected(t)`` in each period, and the program continues in time."""
     taken = rig.finish(move)
     period = rig.motion.period_s
     assert taken == pytest.approx(duration, abs=period)
@@ -134,7 +134,7 @@ def test_servoj_is_critically_damped(start_rig, name):
         lambda t: start[0] + step * (1.0 - (1.0 + omega * t) * exp(-omega * t)),
         0.4,
         lambda q: q[0],
-        2e-7,  # nearer than that it arrives
+        2e-7,  # closer than that, it jumps to the target
     )
 
 
@@ -192,12 +192,12 @@ def test_stopl(start_rig, name, a):
     begin = rig.pose()
     taken = rig.finish(rig.commands.stopl(a))
     assert taken == pytest.approx(v / a, abs=rig.motion.period_s)
-    # the speed it starts with is the last period's mean, so its direction is half a period old
+    # its initial speed is the mean of the last period, so its direction is half a period old
     assert rig.pose()[:3] == pytest.approx(shifted(begin, y=0.5 * v * v / a)[:3], abs=1e-4)
     assert rig.motion.qd == ZERO
 
 
-# the oracle itself
+# the formulas themselves
 
 
 def test_the_formulas_match_the_textbook():

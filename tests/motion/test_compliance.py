@@ -19,7 +19,7 @@ def push_down(rig, newton=10.0, limits=LIMITS):
 
 
 def test_the_tool_yields_only_along_compliant_axes(rig):
-    """As the ROS 2 driver's test: 10 N, damping 0.1, gain 0.8, 5 s: more than 3 cm along it, under 1 mm beside it."""
+    """As the ROS 2 driver's test: 10 N, damping 0.1, gain 0.8, 5 s: more than 3 cm along it, less than 1 mm across."""
     rig.motion.force_control.damping, rig.motion.force_control.gain_scaling = 0.1, 0.8
     start = rig.pose()
     push_down(rig)
@@ -120,7 +120,8 @@ def test_type_1_pulls_along_y_towards_the_origin_of_the_frame(rig):
 
 
 def test_type_3_complies_across_the_motion_once_there_is_one(rig):
-    """User manual, "Motion": x along the TCP's motion; nothing complies before there was motion, and a frame stays."""
+    """User manual, "Motion": x along the TCP's motion; nothing complies before the first motion, and the frame is
+    kept."""
     start = rig.pose()
     rig.motion.force_control.force_mode(BASE, (0, 1, 0, 0, 0, 0), (0, 10, 0, 0, 0, 0), 3, LIMITS)
     rig.steps(500)
@@ -134,13 +135,13 @@ def test_type_3_complies_across_the_motion_once_there_is_one(rig):
 
 
 def bent(rig, shift):
-    """Joints that have the tool beside where it was told to be, along x."""
+    """Joint angles with the tool off its target along x."""
     model = rig.model
     return rig.kinematics.inverse_near(add(rig.pose(), shift), rig.motion.q, model.q_min, model.q_max)
 
 
 def pulled_aside(rig, limit, shift=0.004):
-    """A stiff axis, x, has been bent by 4 mm."""
+    """A stiff axis, x, has been deflected by 4 mm."""
     rig.motion.force_control.force_mode(BASE, Z_ONLY, ZERO, 2, (limit, 0.01, 0.2, 0.1, 0.1, 0.1))
     rig.step()
     rig.motion.force_control.set_external_wrench(ZERO, bent(rig, shift))
@@ -253,7 +254,7 @@ def test_a_stretched_arm_gives_way_sideways(make_rig, model, newton):
     moved = [b - a for a, b in zip(start, rig.pose(), strict=True)]
     assert moved[0] / newton > 0.02 / 20
     assert abs(moved[1]) < 0.1 * abs(moved[0])
-    assert rig.hardest() < 2.1 * max(rig.model.qdd_max)  # no jerk where the elbow could bend quickly
+    assert rig.hardest() < 2.1 * max(rig.model.qdd_max)  # no jerk although the elbow could bend quickly
     rig.motion.force_control.set_external_wrench(ZERO)
     rig.steps(1500)
     assert rig.fault is None
@@ -271,7 +272,7 @@ def test_a_stretched_arm_cannot_be_pulled_longer(make_rig):
 
 
 def test_a_stretched_arm_holds_its_non_compliant_axes(make_rig):
-    """Straight up the tool cannot go sideways without coming down: force mode along x alone soon stands."""
+    """Straight up, the tool cannot move sideways without moving down: force mode along x alone soon stops."""
     rig = make_rig("ur3", q=STRETCHED)
     start = rig.pose()
     rig.motion.force_control.force_mode(BASE, (1, 0, 0, 0, 0, 0), (20, 0, 0, 0, 0, 0), 2, LIMITS)

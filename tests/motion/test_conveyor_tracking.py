@@ -1,4 +1,4 @@
-"""Movements that go along with a conveyor: exact against where things on it are."""
+"""Motions that track a conveyor, against the exact positions of objects on it."""
 
 from math import cos, pi, sin
 
@@ -13,11 +13,11 @@ from tests.budget import examples
 from urproto.robots.pose import pose_trans
 
 ZERO = (0.0,) * 6
-TICKS = 1000.0  # a metre
+TICKS = 1000.0  # per metre
 
 
 class Belt:
-    """A conveyor of which the ticks are known exactly."""
+    """A conveyor with exactly known ticks."""
 
     def __init__(self, speed=0.0):
         self.travel = 77.0

@@ -1,4 +1,4 @@
-"""Movements that go along with a frame: exact against where the frame takes things, by matrices of numpy."""
+"""Motions that track a frame, against exact poses by numpy matrices."""
 
 from math import pi, sin
 
@@ -31,7 +31,7 @@ def matrix(pose):
 
 
 def apart(pose, expected):
-    """The greatest difference of two poses as matrices."""
+    """The largest difference of two poses as matrices."""
     return np.abs(matrix(pose) - expected).max()
 
 
@@ -40,7 +40,7 @@ def add(pose, *shift):
 
 
 class Part:
-    """A frame that moves as told, and what it did to things since tracking began."""
+    """A frame moved by the test, and its motion since tracking began."""
 
     def __init__(self, rig, pose=FRAME):
         self.rig, self.pose, self.first = rig, pose, matrix(pose)
@@ -52,7 +52,7 @@ class Part:
         return self.pose
 
     def takes(self, pose):
-        """Where a pose of the path belongs now (4x4)."""
+        """The current target of a pose of the path (4x4)."""
         return matrix(self.pose) @ np.linalg.inv(self.first) @ matrix(pose)
 
     def step(self, by=ZERO, count=1, fraction=1.0):
@@ -64,8 +64,8 @@ class Part:
 
 
 MOVES = {
-    "along": (2e-4, 0, 1e-4, 0, 0, 0),  # m a period of 2 ms
-    "turning": (0, 0, 0, 0, 0, 4e-4),  # rad a period, about its own origin
+    "along": (2e-4, 0, 1e-4, 0, 0, 0),  # m per period of 2 ms
+    "turning": (0, 0, 0, 0, 0, 4e-4),  # rad per period, about its own origin
     "screw": (1e-4, 0, 5e-5, 1e-4, 2e-4, -1e-4),
 }
 
@@ -131,7 +131,7 @@ def test_a_frame_that_moves_in_steps_is_followed_smoothly(rig):
     part = Part(rig)
     for _ in range(150):
         part.step((1e-3, 0, 0, 0, 0, 0))
-        part.step(count=9)  # 0.05 m/s, told every 20 ms
+        part.step(count=9)  # 0.05 m/s, set every 20 ms
     assert apart(rig.pose(), part.takes(start)) < 1e-3 + 2 * 0.05 / 25.0  # a step, and the lag without its speed
     assert rig.fault is None
     assert rig.hardest() < 20.0
@@ -241,7 +241,7 @@ def test_a_frame_combined_with_an_offset_and_a_conveyor(rig):
         part.step((0, 0, 2e-5, 0, 0, 2e-4))
     expected = matrix((0.0, 0.05 * 1.6, 0.0, 0, 0, 0)) @ part.takes(add(start, 0.0, 0.0, 0.01))
     assert apart(rig.pose(), expected) < 1e-5
-    rig.commands.stop_tracking_frame(20.0)  # the others stay
+    rig.commands.stop_tracking_frame(20.0)  # the others stay at rest
     at = rig.pose()
     for _ in range(500):
         belt.travel += belt.speed * 0.002
@@ -275,7 +275,7 @@ def test_a_missing_frame_stops_the_arm(rig):
 def test_a_frame_that_is_too_fast_stops_the_arm(rig, by, said):
     part = Part(rig)
     part.step(by, 10)
-    assert rig.fault is None  # so far it might have been put elsewhere
+    assert rig.fault is None  # until here it could have been repositioned
     part.step(by, 2)
     assert said in str(rig.fault)
     rig.rest()

@@ -22,7 +22,7 @@ def tool_speeds(rig):
 
 
 def corner(rig, command, radius, **arguments):
-    """Two legs of 0.1 m at a right angle, the second asked for as soon as the first is ready."""
+    """Two legs of 0.1 m at a right angle, the second commanded as soon as the first is ready."""
     start = rig.pose()
     waypoint, goal = add(start, 0.1), add(start, 0.1, 0.1)
     first = getattr(rig.commands, command)(waypoint, r=radius, **arguments)
@@ -50,7 +50,7 @@ def test_a_blend_keeps_its_speed(rig):
     speeds = tool_speeds(rig)
     assert max(speeds) <= 0.15 + 1e-6
     middle = speeds[len(speeds) // 4 : 3 * len(speeds) // 4]
-    assert min(middle) >= 0.15 / 2**0.5 - 1e-3  # a right angle added up: no slower than 1/sqrt(2)
+    assert min(middle) >= 0.15 / 2**0.5 - 1e-3  # superposition at a right angle: no slower than 1/sqrt(2)
 
 
 def test_movep_rounds_the_corner_at_constant_speed(rig):
@@ -139,7 +139,7 @@ def test_a_radius_larger_than_the_leg_is_cut_to_half_with_a_warning(rig):
 
 @pytest.mark.parametrize(("command", "argument"), [("movej", 4), ("movel", 11), ("movep", 9), ("movec", 0)])
 def test_a_waypoint_whose_blend_overlaps_the_one_before_is_skipped(rig, command, argument):
-    """Script Manual, movej: this move will be skipped, and a warning tells of overlapping blends."""
+    """Script Manual, movej: this move will be skipped, with a warning about overlapping blends."""
     start = rig.pose()
     corner, skipped, goal = add(start, 0.1), add(start, 0.1, 0.05), add(start, 0.0, 0.1)
     rig.finish(rig.commands.movel(corner, r=0.03, v=0.2))
@@ -189,7 +189,7 @@ def test_a_move_to_the_current_position_causes_no_warning(rig):
 
 @pytest.mark.parametrize("after", [10, 150, 300])
 def test_take_over_in_mid_motion(rig, after):
-    """After `kill` of a moving thread another one moves the arm: from where it is and as fast as it is."""
+    """After `kill` of a moving thread, another one moves the arm from its current position and speed."""
     rig.commands.movej((1.5, -1.2, 1.0, -1.5, -1.9, 0.9))
     rig.steps(after)
     speed = rig.motion.qd

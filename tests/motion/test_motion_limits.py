@@ -1,4 +1,4 @@
-"""Whatever is asked for: positions and speeds within the joints' limits (the rig checks every period), exact rest."""
+"""Any command keeps positions and speeds within the joints' limits (the rig checks every period), and ends at rest."""
 
 from math import pi
 
@@ -97,7 +97,7 @@ def test_a_tool_path_past_a_singular_wrist_slows_down_and_arrives(make_rig):
 
 
 def test_tool_path_from_the_stretched_arm(make_rig):
-    """The arm's first position is singular twice; a sideways line down from it is possible all the same."""
+    """The arm's first position is singular twice; a sideways line down from it is still possible."""
     rig = make_rig(q=(0.0, -1.57, 0.0, -1.57, 0.0, 0.0))
     pose = rig.pose()
     goal = (pose[0] + 0.1, pose[1], pose[2] - 0.2, *pose[3:])
@@ -143,7 +143,7 @@ def test_a_joint_must_be_able_to_stop_before_either_of_its_limits(way):
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_first_step_too_far_is_detected_even_when_coming_from_afar(way):
-    """Far from its limits it is not looked at closely; no step of the way back is missed for that."""
+    """Far from its limits the arm is checked less closely, but no step on the way back may be missed."""
     model, step = load_model("ur5e"), 0.003
     limits = PositionLimits(model, 0.002)
     edge = limits.high[3] if way > 0.0 else limits.low[3]

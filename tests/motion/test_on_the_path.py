@@ -1,6 +1,6 @@
-"""Whatever is done to the speed of a movement, on any arm: the path is kept, and nothing exceeds its limit.
+"""Changes of speed on any arm do not change the path of a move, and limits are kept.
 
-Geometry is written down a second time here: lines and circles by their definitions.
+Geometry is independent of the code under test: lines and circles by their definitions.
 """
 
 from itertools import pairwise
@@ -63,7 +63,7 @@ _touches = st.lists(
 
 
 def disturbed(rig, move, touches):
-    """Carry a movement out while somebody plays with the slider and the stops."""
+    """Execute a move with random slider changes and stops."""
     fraction = 1.0
     for periods, touch in touches:
         match touch:
@@ -79,7 +79,7 @@ def disturbed(rig, move, touches):
     rig.motion.resume()
     rig.finish(move)
     assert rig.fault is None
-    # the last period of a protective stop takes away what the movement was gaining as well
+    # the last period of a protective stop also removes the acceleration of the move
     assert rig.hardest() <= min(rig.model.qdd_max) * 1.25, "speed never steps"
 
 
@@ -129,7 +129,7 @@ def test_arcs_stay_round(start_rig, name, touches):
 @few
 @given(touches=_touches)
 def test_a_blended_corner_has_the_same_path_at_any_speed(start_rig, name, touches):
-    """At any speed the corner is where it is without the disturbance."""
+    """At any speed, the corner has the same path as without disturbance."""
 
     def corner(rig, touches):
         start = rig.pose()
@@ -152,9 +152,9 @@ _radius = st.floats(0.002, 0.1)
 
 
 def check_blend(rig, moves):
-    """Two moves, the second asked for as soon as the first is ready; no joint has to do more than it can.
+    """Two moves, the second commanded as soon as the first is ready; no joint exceeds its acceleration.
 
-    On an arm that is all but stretched out a path leaves no choice: there it is twice that.
+    On an arm that is almost stretched out, a path determines the joints: twice as much is allowed there.
     """
     for move in moves:
         rig.finish(move())

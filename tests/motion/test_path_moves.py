@@ -1,4 +1,4 @@
-"""movej, movel, movep, movec: how long they take, where they end, what lies between."""
+"""movej, movel, movep, movec: durations, final positions and paths."""
 
 from math import cos, dist, pi, sin, sqrt
 
@@ -50,7 +50,7 @@ def test_movej_in_a_given_time(rig, t):
 
 
 def test_movej_in_too_short_a_time_is_stretched(rig):
-    """An integration test of the official client library asks for 3.14 rad in 0.1 s and expects success."""
+    """An integration test of the official client library commands 3.14 rad in 0.1 s and expects success."""
     taken = rig.finish(rig.commands.movej((START[0] + 3.14, *START[1:]), t=0.1))
     assert taken == pytest.approx(trapezoid(3.14, pi, 40.0), abs=TICK)
     assert rig.fault is None

@@ -1,4 +1,4 @@
-"""Offsets added to the path: where they take the tool, and what becomes of them at starts, pauses and stops."""
+"""Offsets added to the path: tool positions, and behaviour at starts, pauses and stops."""
 
 from math import cos, pi, sin
 
@@ -21,7 +21,7 @@ def add(pose, *shift):
 
 
 def offset_on(rig, alpha=0.02):
-    """Enabled, with a filter smooth enough for an offset that comes at once."""
+    """Enabled, with a filter smooth enough for an offset that is set in one step."""
     rig.motion.superposition.enable_path_offset()
     rig.motion.superposition.settings.alpha = alpha
 
@@ -286,7 +286,7 @@ def test_power_off_resets_the_offset(rig):
 
 
 def test_force_mode_combined_with_an_offset(rig):
-    """The tool sinks under force while the offset moves it sideways; the next move takes back what the force did."""
+    """The tool sinks under force while the offset moves it sideways; the next move undoes the motion by the force."""
     start = rig.pose()
     settle(rig, (0.01, 0, 0, 0, 0, 0), BASE)
     rig.motion.force_control.force_mode(ZERO, (0, 0, 1, 0, 0, 0), (0, 0, -10, 0, 0, 0), 2, (0.1,) * 6)

@@ -1,4 +1,4 @@
-"""Speed slider, pause, stops: time is stretched, the path is not left."""
+"""Speed slider, pause, stops: time is stretched, the path is kept."""
 
 from math import dist
 
@@ -166,7 +166,7 @@ def test_stopping_the_program_brings_any_movement_to_rest(rig, command):
     assert rig.rest() < 0.5
     assert motion.qd == ZERO
     assert not motion.paused
-    rig.finish(motion.commands.movej(START))  # and the next program moves as ever
+    rig.finish(motion.commands.movej(START))  # and the next program moves as usual
     assert motion.q == START
 
 

@@ -1,4 +1,4 @@
-"""Random programs on every arm, in virtual time. What has to hold in each period: `random_programs.Run`.
+"""Random programs on every arm, in virtual time. `random_programs.Run` has the conditions checked in each period.
 
 A small number in the suite. For many more:
 
@@ -14,7 +14,7 @@ from random_programs import Case, programs, run
 from urproto.robots import MODELS
 
 WANTED = os.environ.get("RANDOM_PROGRAMS")
-PHASES = tuple(Phase) if WANTED else (Phase.generate,)  # to make a finding smaller takes minutes
+PHASES = tuple(Phase) if WANTED else (Phase.generate,)  # shrinking a finding takes minutes
 EACH = max(1, round(int(WANTED) / len(MODELS))) if WANTED else 4
 
 

@@ -6,7 +6,7 @@ import pytest
 
 ZERO = (0.0,) * 6
 START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
-DRIVER = {"lookahead_time": 0.03, "gain": 2000.0}  # what the External Control program asks for
+DRIVER = {"lookahead_time": 0.03, "gain": 2000.0}  # parameters of the External Control program
 PERIODS = [0.002, 0.008]
 
 
@@ -44,7 +44,7 @@ def test_lag_behind_a_steady_target(make_rig, period_s, speed, settings, lag):
         worst = max(worst, late)
     behind = abs(speed) * lag
     assert late == pytest.approx(behind, abs=abs(speed) * period_s)
-    speeding_up = speed**2 / (2.0 * 40.0)  # nobody follows a target that starts with its full speed
+    speeding_up = speed**2 / (2.0 * 40.0)  # a target that starts at full speed cannot be followed
     assert worst <= max(behind, speeding_up) + abs(speed) * period_s
     if settings is DRIVER:
         assert worst < abs(speed) * 0.08
@@ -66,7 +66,7 @@ def test_a_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, s
 
 
 def test_an_unreachable_target_speed_lags_and_settles_on_the_final_target(rig):
-    """1 rad in 0.05 s is beyond the joints; aborted there, the arm settles on the target that holds."""
+    """1 rad in 0.05 s is beyond the joints; interrupted there, the arm settles on the final target."""
     for k in range(25):
         servo(rig, (START[0] - 20.0 * k * 0.002, *START[1:]), **DRIVER)
     hold = rig.motion.q
@@ -79,7 +79,7 @@ def test_an_unreachable_target_speed_lags_and_settles_on_the_final_target(rig):
 def test_servoj_follows_a_sine_smoothly(rig):
     for k in range(1000):
         servo(rig, (START[0] + 0.3 * sin(3 * k * 0.002), *START[1:]), **DRIVER)
-    assert rig.hardest() < 30.0  # 0.9 rad/s at once, through a 25 ms lag
+    assert rig.hardest() < 30.0  # a step to 0.9 rad/s, through a 25 ms lag
 
 
 def test_servoj_then_stopj(rig):
@@ -141,7 +141,7 @@ def test_speedj_without_acceleration_keeps_its_speed(rig):
 
 @pytest.mark.parametrize("fraction", [1.0, 0.5])
 def test_speedj_follows_a_spline_sampled_by_its_speed(rig, fraction):
-    """The External Control program runs splines so: the acceleration fills the period exactly."""
+    """The External Control program executes splines like this: the acceleration lasts exactly one period."""
     duration, h, speed = 1.0, 0.002, 0.0
     for k in range(1, 501):
         share = k * h / duration
@@ -272,7 +272,7 @@ def test_stop_ignores_the_slider(rig):
 
 @pytest.mark.parametrize("period_s", [0.002, 0.008])
 def test_raising_the_slider_from_0_during_servoj_is_a_fault(make_rig, period_s):
-    """Seen with the ROS drivers: the arm stands at 0, and the next value stops it protectively."""
+    """Seen with the ROS drivers: the arm is at rest at 0, and the next value causes a protective stop."""
     rig = make_rig(period_s=period_s)
     goal = (0.32, *rig.motion.q[1:])
     rig.commands.servoj(goal, t=5.0)

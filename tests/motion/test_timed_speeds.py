@@ -1,4 +1,4 @@
-"""Commands with a time at any position of the speed slider: what they cover is what they promise."""
+"""Commands with a time cover the commanded distance at any position of the speed slider."""
 
 from math import dist, pi, sin
 from random import Random
@@ -37,7 +37,7 @@ def test_a_speed_commanded_each_period_covers_speed_times_time(make_rig, period_
 @pytest.mark.parametrize("fraction", SLIDERS[2:])
 @pytest.mark.parametrize("tool", [False, True])
 def test_a_spline_of_speeds_ends_at_its_target(make_rig, period_s, fraction, tool):
-    """As control programs of drivers run trajectories: a new speed each period, the time of which is the program's."""
+    """Drivers' control programs run trajectories like this: a new speed each period, timed by the program."""
     rig = make_rig(period_s=period_s)
     begin, way, duration, t, speed = rig.pose(), 0.1 if tool else 0.8, 0.8, 0.0, 0.0
     while t < duration - 1e-9:
@@ -48,7 +48,7 @@ def test_a_spline_of_speeds_ends_at_its_target(make_rig, period_s, fraction, too
         command = rig.commands.speedl if tool else rig.commands.speedj
         rig.finish(command(one_joint(wanted), **how), fraction)
         speed = wanted
-    rig.steps(2, fraction)  # what is left of the last command
+    rig.steps(2, fraction)  # the rest of the last command
     # the program adds up its own periods: with 8 ms the polygon of speeds is a little less than the spline
     polygon = way * (1.0 - (period_s / duration) ** 2)
     covered = dist(rig.pose()[:3], begin[:3]) if tool else rig.motion.q[0] - START[0]
@@ -98,7 +98,7 @@ def test_servoj_commands_take_their_time_on_average(make_rig, period_s, fraction
 
 
 def test_a_late_command_starts_afresh(rig):
-    """A command that was not followed by another in time is over; the next one starts from there."""
+    """A command that was not followed by another in time has ended; the next one starts from there."""
     rig.finish(rig.commands.speedj(one_joint(0.5), a=40.0, t=0.1))
     rig.steps(50)
     before = rig.motion.q[0]

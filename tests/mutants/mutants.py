@@ -1,20 +1,20 @@
-"""Plants bugs one at a time, and tells which of them the tests of their subject find.
+"""Plants bugs one at a time, and reports which of them are found by the tests of their subject.
 
     python tests/mutants/mutants.py                 all of mutants.toml
-    python tests/mutants/mutants.py urscript motion those whose package or tests have one of the words in them
+    python tests/mutants/mutants.py urscript motion those with one of the words in their package or tests
 
-Each is planted in a copy of the repository, never in the repository. Before that each file of tests runs once without
-a bug: a test that fails anyway finds nothing. It ends with status 1 when tests fail without a bug, when the place of a
-mutant is gone (mend its `before`; an ordinary test says so, too), when one is found or missed other than listed, or
-when too few of all of them are found.
+Each is planted in a copy of the repository, never in the repository itself. First, each test file runs once without a
+bug, since a test that fails anyway finds nothing. The exit status is 1 if tests fail without a bug, if the place of a
+mutant no longer exists (fix its `before`; an ordinary test reports it, too), if a mutant is found or missed contrary to
+the list, or if too few of all mutants are found.
 
 A mutant in mutants.toml:
 
-    package   the folder, or file, that `before` is looked for in; it stands there once
-    before    a piece of code, whatever its line breaks and indentation
-    after     what stands there instead
-    tests     the files of tests, or single ones as pytest names them, that should find it
-    missed    only of one that nothing finds: why that may be so
+    package   the folder or file that contains `before` exactly once
+    before    a piece of code; line breaks and indentation do not matter
+    after     its replacement
+    tests     test files, or single tests by their pytest ids, that should find it
+    missed    only for a mutant that no test finds: why this is acceptable
 """
 
 import argparse
@@ -38,9 +38,9 @@ from urproto.compat import load_toml
 ROOT = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).with_name("mutants.toml")
 LEAST = 100
-"""How many bugs are to be planted."""
+"""Minimum number of mutants."""
 WANTED = 0.9
-"""The share of them that is to be found."""
+"""Minimum fraction of mutants that must be found."""
 PATIENCE_S = 300.0
 
 _T = TypeVar("_T")
@@ -59,7 +59,7 @@ class Mutant:
 
 
 class GoneError(Exception):
-    """The place of a mutant, or its tests, are not there, or not unique."""
+    """The place of a mutant or its tests are missing or ambiguous."""
 
 
 def read_list(path: Path) -> list[Mutant]:
@@ -76,14 +76,14 @@ def changed(mutant: Mutant, tree: Path) -> tuple[Path, str]:
     likely = [(file, text) for file in files if all(word in (text := file.read_text()) for word in words)]
     places = [(file, text) for file, text in likely for _ in pattern.finditer(text)]
     if len(places) != 1:
-        raise GoneError(f"{' '.join(mutant.before.split())!r} stands {len(places)} times in {mutant.package}")
+        raise GoneError(f"{' '.join(mutant.before.split())!r} occurs {len(places)} times in {mutant.package}")
     ((file, text),) = places
     return file, pattern.sub(lambda _: mutant.after, text)
 
 
 def passes(tree: Path, tests: Iterable[str]) -> bool:
     """Whether these tests of a copy pass. A hang is a failure."""
-    # pytest would rewrite the asserts of the whole project in every run, since nothing may keep what it made of them
+    # without --assert=plain, pytest would rewrite the asserts of the whole project in every run, as nothing is cached
     options = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--assert=plain", "--timeout", "60")
     try:
         done = subprocess.run(
@@ -107,7 +107,7 @@ def _environment() -> dict[str, str]:
 
 
 def copy_to(tree: Path) -> Path:
-    """The repository as it is, and compiled: with hashes, since a bug is planted and gone within a second."""
+    """A compiled copy of the repository, checked by hashes, since a bug is planted and removed within a second."""
     names = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT,
@@ -140,13 +140,13 @@ class Bench:
         finally:
             self._trees.put(tree)
 
-    def trouble(self, test: str) -> str:
-        """What is wrong with a file of tests without any bug; empty when it passes."""
+    def problem(self, test: str) -> str:
+        """The problem of a test file without any bug; empty if it passes."""
         try:
             passed = self.in_a_tree(lambda tree: passes(tree, [test]))
         except GoneError as error:
             return str(error)
-        return "" if passed else f"{test} fails without a bug, so that it finds none: mend it first"
+        return "" if passed else f"{test} fails without a bug, so it cannot find one: fix it first"
 
     def verdict(self, mutant: Mutant) -> str:
         """found, MISSED or GONE."""
@@ -181,27 +181,27 @@ def main() -> int:
     subjects = [] if given.trust else sorted({test for mutant in mutants for test in mutant.tests})
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder, ThreadPoolExecutor(given.jobs) as pool:
         bench = Bench(Path(folder), given.jobs)
-        troubles = {test: said for test, said in zip(subjects, pool.map(bench.trouble, subjects), strict=True) if said}
-        print(*troubles.values(), sep="\n", end="\n" if troubles else "")
+        problems = {test: text for test, text in zip(subjects, pool.map(bench.problem, subjects), strict=True) if text}
+        print(*problems.values(), sep="\n", end="\n" if problems else "")
         if subjects:
-            print(f"{len(subjects) - len(troubles)} of {len(subjects)} files of tests pass without a bug", flush=True)
-        provable = [mutant for mutant in mutants if not set(mutant.tests) & set(troubles)]
+            print(f"{len(subjects) - len(problems)} of {len(subjects)} test files pass without a bug", flush=True)
+        provable = [mutant for mutant in mutants if not set(mutant.tests) & set(problems)]
         verdicts = dict(zip(provable, pool.map(bench.verdict, provable), strict=True))
     return _report(mutants, verdicts, whole=not given.words)
 
 
 def _report(mutants: list[Mutant], verdicts: dict[Mutant, str], *, whole: bool) -> int:
-    """Tell how it went, against the bars; the exit status."""
+    """Print the result against the minima; returns the exit status."""
     found = sum(verdict == "found" for verdict in verdicts.values())
     print(f"{found} of {len(mutants)} bugs are found, {found / max(len(mutants), 1):.0%}")
     surprises = [m for m, verdict in verdicts.items() if verdict != ("MISSED" if m.missed else "found")]
     problems = [f"not as listed: {mutant}" for mutant in surprises]
     if len(verdicts) < len(mutants):
-        problems.append(f"{len(mutants) - len(verdicts)} were not planted, since their tests fail without them")
+        problems.append(f"{len(mutants) - len(verdicts)} were not planted, since their tests fail without a bug")
     if whole and len(mutants) < LEAST:
-        problems.append(f"{len(mutants)} are too few: plant {LEAST}")
+        problems.append(f"{len(mutants)} are too few: at least {LEAST} are required")
     if whole and found < WANTED * len(mutants):
-        problems.append(f"too few are found: {WANTED:.0%} are wanted")
+        problems.append(f"too few are found: {WANTED:.0%} are required")
     print(*(problems or ["all as listed"]), sep="\n")
     return bool(problems)
 

@@ -1,4 +1,4 @@
-"""The list of mutants is about the code as it is: it does not take `make mutants`, which is slow, to find that out."""
+"""The list of mutants matches the code, checked without the slow `make mutants`."""
 
 import ast
 
@@ -26,7 +26,7 @@ def test_each_package_has_enough_mutants_and_few_are_undetected() -> None:
         assert sum(mutant.package.split("/")[0] == package for mutant in MUTANTS) >= 0.1 * LEAST, package
 
 
-@pytest.mark.parametrize("before", ["this stands nowhere", "self"])
+@pytest.mark.parametrize("before", ["this occurs nowhere", "self"])
 def test_a_missing_or_ambiguous_place_is_reported(before: str) -> None:
-    with pytest.raises(GoneError, match=f"'{before}' stands .* times in urproto/rtde"):
+    with pytest.raises(GoneError, match=f"'{before}' occurs .* times in urproto/rtde"):
         changed(Mutant("urproto/rtde", before, "pass", ()), ROOT)

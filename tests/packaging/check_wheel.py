@@ -1,9 +1,9 @@
-"""Build the wheel and the source archive, look into them, install the wheel into a clean environment and run it there.
+"""Build the wheel and the source archive, check them, install the wheel into a clean environment and run it there.
 
 Users often have a file called ``client.py`` or a folder called ``emulator`` next to them;
 neither the console scripts nor the pytest plugin may pick those up.
 
-The source archive holds what a distribution needs: it is unpacked, and the wheel is built from there.
+The source archive contains everything a distribution needs: it is unpacked, and the wheel is built from there.
 """
 
 import subprocess
@@ -28,7 +28,7 @@ def test_virtual_time(ur_robot):
 
 
 def main() -> None:
-    """Exit non-zero, with the failing command's output, when the wheel is not fit to ship."""
+    """Exit non-zero, with the failing command's output, if the wheel is not fit for release."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         wheel, archive = build(folder)
@@ -45,7 +45,7 @@ def build(folder: Path) -> tuple[Path, Path]:
     (wheel,) = folder.glob("ur_emulator-*.whl")
     (archive,) = folder.glob("ur_emulator-*.tar.gz")
     run([sys.executable, "-m", "twine", "check", "--strict", str(wheel), str(archive)])
-    # W002: empty __init__.py are the same file. W009: four packages, as the user gave them.
+    # W002: empty __init__.py are the same file. W009: four packages, as intended.
     run([str(Path(sys.executable).parent / "check-wheel-contents"), "--ignore", "W002,W009", str(wheel)])
     return wheel, archive
 

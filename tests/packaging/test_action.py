@@ -1,6 +1,6 @@
-"""The GitHub Action's steps, as a runner does them: bash, with the inputs in the environment.
+"""The GitHub Action's steps, run as on a runner: bash, with the inputs in the environment.
 
-The first step, which fetches packages, finds an environment that is there already.
+The first step, which fetches packages, finds an existing environment.
 """
 
 import os
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the action runs
 
 
 class Runner:
-    """Does the action's steps with some inputs. outputs: what the last step set. printed: by all of them."""
+    """Runs the action's steps with some inputs. outputs: set by the last step. printed: output of all steps."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -45,7 +45,7 @@ class Runner:
         for step in ACTION["runs"]["steps"]:
             assert step["shell"] == "bash"
             variables = {name: context[value.strip("${} ")] for name, value in step["env"].items()}
-            assert "${{" not in step["run"]  # what a user gives is a value, and never part of the script
+            assert "${{" not in step["run"]  # a user's input is a value, and never part of the script
             added = ":".join(path.read_text().split())
             done = subprocess.run(
                 ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]],
@@ -70,7 +70,7 @@ class Runner:
         return 0
 
     def end_robots(self) -> None:
-        """As a runner does when a job ends: everything it began."""
+        """End all started processes, as a runner does at the end of a job."""
         deadline = time.monotonic() + 30.0
         while begun := [place for place in Path("/proc").glob("[0-9]*") if self._began(place)]:
             assert time.monotonic() < deadline, f"{begun} do not end"
@@ -82,7 +82,7 @@ class Runner:
     def _began(self, place: Path) -> bool:
         try:
             return f"RUNNER_TEMP={self._folder}".encode() in (place / "environ").read_bytes().split(b"\0")
-        except OSError:  # gone, or somebody else's
+        except OSError:  # ended, or of another user
             return False
 
 

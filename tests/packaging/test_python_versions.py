@@ -1,8 +1,7 @@
-"""The oldest Python that is promised takes every file, whichever Python runs the tests.
+"""Every file is valid for the oldest supported Python, regardless of the Python that runs the tests.
 
-In the packages, mypy finds names newer than that Python, for which it takes them; ruff finds newer syntax. This finds
-what they do not look at: names in the files beside the packages, regular expressions, and errors that are one only in
-newer Pythons.
+In the packages, mypy finds names newer than that Python, and ruff finds newer syntax. This finds what they do not
+check: names in the files outside the packages, regular expressions, and code that is an error only in some versions.
 """
 
 import ast
@@ -18,10 +17,10 @@ from urproto.compat import load_toml
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = load_toml((ROOT / "pyproject.toml").read_text())
 OLDEST = PROJECT["project"]["requires-python"].removeprefix(">=")
-COMPAT = {"urproto/compat.py", "urproto/compat_asyncio.py"}  # they have the newer names, where they are
+COMPAT = {"urproto/compat.py", "urproto/compat_asyncio.py"}  # they provide the newer names
 PACKAGES = ("urproto/", "urscript/", "emulator/", "client/")
 
-# what Python 3.10 lacks -> what to take instead
+# names that Python 3.10 lacks -> replacements
 NEWER = {
     "asyncio.Runner": "asyncio.run",
     "asyncio.TaskGroup": "asyncio.gather",
@@ -38,7 +37,7 @@ NEWER = {
     "typing.assert_never": "an error",
     "typing.override": "nothing",
 }
-# what Python 3.10 does otherwise -> what to take instead, in the packages
+# names that behave differently in Python 3.10 -> replacements in the packages
 OTHERWISE = {
     "asyncio.wait_for": "urproto.compat_asyncio.timeout, whose TimeoutError is Python's own",
     "enum.IntEnum": "urproto.compat.IntEnum, which prints as a number",
@@ -50,7 +49,7 @@ POSSESSIVE = re.compile(r"(?<!\\)(?:[+*?]|\{[0-9,]+\})\+|\(\?>")
 
 
 def complaints(source: str, *, packaged: bool) -> Iterator[str]:
-    """What the oldest Python would not take, each with its line. packaged: what it does otherwise, too."""
+    """Code that the oldest Python rejects, each with its line. packaged: include different behaviour."""
     if not SUSPECT.search(source):
         return  # most files: reading them all takes seconds
     try:

@@ -1,4 +1,4 @@
-"""What the release workflow says of a version, and what it refuses."""
+"""Release notes of a version, and versions that the release workflow refuses."""
 
 import runpy
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""A system for which Pinocchio has no packages, such as native Windows: what works there, and what is refused by name.
+"""A system without packages of Pinocchio, such as native Windows: features that work, and features refused by name.
 
-Stood in for by a Python that finds neither Pinocchio nor what comes with it.
+It is simulated by a Python that finds neither Pinocchio nor its dependencies.
 """
 
 import subprocess

@@ -1,4 +1,4 @@
-"""A robot in virtual time with a scene around it."""
+"""A robot in virtual time with a scene."""
 
 from collections.abc import Callable
 from math import pi
@@ -62,7 +62,7 @@ class Cell:
 
 @pytest.fixture
 def cell(tmp_path: Path) -> Callable[..., Cell]:
-    """A cell from the text of a world file's objects, and of its other sections."""
+    """A cell from the text of a world file's objects and other sections."""
 
     def make(*objects: str, more: str = "", **options: Any) -> Cell:
         (scene := tmp_path / "cell.yaml").write_text("objects:\n" + "".join(f"  {o}\n" for o in objects) + more)

@@ -1,4 +1,4 @@
-"""What falls, lies, is pushed and carried: mechanics that can be worked out on paper."""
+"""Falling, lying, pushed and carried bodies: mechanics that can be calculated manually."""
 
 import math
 from pathlib import Path
@@ -62,7 +62,7 @@ def test_the_tool_measures_the_weight_of_its_payload(cell, arm):
         "sleep(0.3)",
     )
     assert here.controller.arm.wrench[2] == pytest.approx(-0.5 * G, rel=0.01)
-    # moved with 2 m/s2, it weighs more: what carries it gives the momentum, and the energy
+    # accelerated by 2 m/s2, it weighs more: its carrier provides the momentum and the energy
     rising, work, period_s, low = [], 0.0, here.controller.period_s, here.position("part")[2]
     here.start("movel(p[-0.45, -0.2, 0.35, 0, 3.14159, 0], a=2, v=1)")
     while not here.stopped:
@@ -117,13 +117,13 @@ def test_runs_and_resumed_saved_states_are_bit_identical(cell):
     one.seconds(0.5)
     later = one.world.poses()
     other.robot.restore(saved)
-    other.robot.step(1)  # in which the arm gets to where it is put
+    other.robot.step(1)  # in which the arm reaches its set position
     other.seconds(0.5)
     assert other.world.poses() == later
 
 
 def test_bodies_of_the_arm_come_after_all_others(cell):
-    """Links, flange, what is mounted on it: forces on them are found by their place."""
+    """Links, flange, mounted tool: forces on them are found by their index."""
     mounted = "mounted: {jaws: {parallel: {output: 0, stroke: 0.06}}, probe: {sphere: 0.01, pose: [0, 0, 0.1]}}\n"
     here = cell(TABLE, PART, more=mounted)
     model = here.world.model

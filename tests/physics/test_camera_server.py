@@ -1,4 +1,4 @@
-"""Cameras over HTTP from a running emulator: what is served, when something is drawn, and who is not let in."""
+"""Cameras over HTTP from a running emulator: contents, rendering on demand, and access control."""
 
 import asyncio
 import io
@@ -27,7 +27,7 @@ from emulator.servers.cameras import CameraServer
 from urproto.cameras import STREAM, pose_of
 from urproto.compat_asyncio import timeout
 
-PATIENCE_S = 90.0  # a busy machine's: whoever draws waits for all others
+PATIENCE_S = 90.0  # under load, as the renderer has the lowest priority
 SCENE = """
 objects:
   floor: {plane: {}, pose: [0, 0, -0.5], colour: [0.2, 0.2, 0.2]}
@@ -50,7 +50,7 @@ class Answer(NamedTuple):
 
 
 class Rig:
-    """An emulator with cameras, and somebody who asks it."""
+    """An emulator with cameras, and a client for them."""
 
     def __init__(self, robot: Emulator) -> None:
         self.robot = robot
@@ -107,7 +107,7 @@ async def test_nothing_is_rendered_without_viewers(rig: Rig) -> None:
 
 
 async def test_pictures_show_the_current_scene(rig: Rig) -> None:
-    """Also of what the program of the robot changes, here the colour of a lamp."""
+    """Also changes by the robot's program, here the colour of a lamp."""
     world, signals = rig.robot.controller.world, rig.robot.controller.signals
     dark, looks = await rig.array(f"{OVER}/rgb.npy"), world.model.geom_rgba.copy()
     signals.digital_outputs |= 1
@@ -133,7 +133,7 @@ async def test_pictures_show_the_current_scene(rig: Rig) -> None:
 
 
 def pictures(response: HTTPResponse, count: int) -> list[tuple[float, Any]]:
-    """Robot's time and size of the first parts of a stream."""
+    """Robot time and size of the first parts of a stream."""
     kind, _, boundary = response.headers["content-type"].partition("; boundary=")
     assert kind == "multipart/x-mixed-replace"
     found = []
@@ -201,9 +201,9 @@ async def viewers_are_counted(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None
         await reader.readuntil(b"\r\n\r\n")
     assert (await rig.get(f"{OVER}/rgb.jpg")).error == "the limit of 1 viewers of cameras is reached: close one"
     assert (await rig.get("/cameras")).status == 200
-    writer.write(b"x" * 70_000)  # who looks at a stream does not go on talking
+    writer.write(b"x" * 70_000)  # a viewer of a stream sends no further requests
     async with timeout(PATIENCE_S):
-        with suppress(ConnectionResetError):  # with bytes of its own unread
+        with suppress(ConnectionResetError):  # with unread bytes
             while await reader.read(1000):
                 pass
     writer.close()
@@ -240,7 +240,7 @@ async def test_the_renderer_exits_without_viewers_and_restarts_when_killed(
 
 async def test_without_a_renderer_a_picture_is_a_one_line_error(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     drawing = camera_drawing.Drawing(rig.server.world, lambda: 0.0)
-    monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "99")  # there is no such graphics card
+    monkeypatch.setenv("MUJOCO_EGL_DEVICE_ID", "99")  # this graphics card does not exist
     monkeypatch.setattr(rig.server, "_drawing", drawing)
 
     def ask() -> None:
@@ -250,7 +250,7 @@ async def test_without_a_renderer_a_picture_is_a_one_line_error(rig: Rig, monkey
     with pytest.raises(NoPicture, match=r"no renderer is available .* install EGL"):
         await asyncio.to_thread(ask)
     monkeypatch.delenv("MUJOCO_EGL_DEVICE_ID")
-    with pytest.raises(NoPicture, match="no renderer is available"):  # not tried again at once
+    with pytest.raises(NoPicture, match="no renderer is available"):  # not retried immediately
         await asyncio.to_thread(ask)
     assert not drawing.at_work
     await drawing.close()

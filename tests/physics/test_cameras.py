@@ -1,4 +1,4 @@
-"""Pictures: where a thing is in them, how far away, and what it is."""
+"""Pictures: positions, distances and segmentation of objects."""
 
 import math
 
@@ -34,7 +34,7 @@ def test_an_object_is_seen_where_intrinsics_and_extrinsics_predict(scene):
     number = next(number for number, name in cameras.bodies.items() if name == "part")
     rows, columns = np.nonzero(seen == number)
     x, y, z = pose_trans(pose_inv(cameras.extrinsics("above")), here.world.pose("part"))[:3]
-    top = z - 0.05  # the face that is seen
+    top = z - 0.05  # the visible face
     u, v, _ = cameras.intrinsics("above") @ (x / top, y / top, 1.0)
     assert (columns.mean(), rows.mean()) == pytest.approx((u, v), abs=1.0)
     edge = cameras.intrinsics("above")[0, 0] * 0.1 / top

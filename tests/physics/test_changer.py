@@ -1,4 +1,4 @@
-"""Tools that an arm takes by a changer, works with, and puts back."""
+"""Tools that an arm picks up by a tool changer, uses, and puts back."""
 
 import math
 
@@ -17,11 +17,11 @@ HEAD = (
 PART = "part: {box: [0.05, 0.05, 0.03], pose: [-0.3, -0.35, 0.0151], mass: 0.3}"
 CHANGER = "mounted:\n  changer: {changer: {output: 4, locked: 5}, pose: [0, 0, 0.05]}\n"
 CUP = "  cup: {suction: {output: 0, vacuum: 2}, pose: [0, 0, -0.06, 0, 3.14159265, 0], tool: head}\n"
-TOP = 0.1001  # of the probe where it stands [m]
+TOP = 0.1001  # position of the probe in its stand [m]
 
 
 def go(here, x, y, z):
-    """The changer's face to a place, pointing down."""
+    """Move the changer's face to a position, pointing down."""
     here.program("set_tcp(p[0, 0, 0.05, 0, 0, 0])", f"movel(p[{x}, {y}, {z}, {DOWN}], v=0.5)")
     here.seconds(0.2)  # the spring of the flange comes to rest
 
@@ -57,7 +57,7 @@ def test_a_changer_takes_only_a_tool_present_when_it_locks(cell):
     here.output(4, True)
     here.seconds(0.1)
     assert not here.input(5)
-    go(here, -0.45, -0.2, TOP + 0.0005)  # locked already, the balls are out
+    go(here, -0.45, -0.2, TOP + 0.0005)  # already locked, the balls are out
     assert not here.input(5)
     here.output(4, False)
     here.seconds(0.05)

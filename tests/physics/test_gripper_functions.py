@@ -1,6 +1,6 @@
-"""A program with the functions that Robotiq's URCap puts before programs, in a scene with something to grip.
+"""A program with the functions that Robotiq's URCap inserts before programs, in a scene with a part to grip.
 
-Their names, arguments and requests are those of preambles that the URCap wrote; the text is ours.
+Names, arguments and requests are those of preambles written by the URCap; the code is ours.
 """
 
 import asyncio

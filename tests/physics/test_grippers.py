@@ -1,4 +1,4 @@
-"""What is gripped, held, lost and missed is what the scene makes of it."""
+"""Gripping, holding, losing and missing parts follow from the physics of the scene."""
 
 import pytest
 
@@ -104,5 +104,5 @@ def test_a_suction_cup_drops_a_part_that_is_too_heavy(cell):
     here.until(lambda: here.input(17), within_s=1)
     above(here, 0.2, tip=0.1)
     assert here.position("part")[2] == pytest.approx(0.18, abs=0.01)
-    here.world.data.xfrc_applied[here.world.model.body("part").id, 2] = -15.0  # somebody pulls
+    here.world.data.xfrc_applied[here.world.model.body("part").id, 2] = -15.0  # an external pull
     here.until(lambda: not here.input(17), within_s=1)

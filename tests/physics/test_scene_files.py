@@ -1,4 +1,4 @@
-"""Scenes that can be, and one clear line for those that cannot."""
+"""Valid scenes, and one-line errors for invalid ones."""
 
 import subprocess
 import sys

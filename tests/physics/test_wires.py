@@ -1,4 +1,4 @@
-"""Outputs that act on a scene, and inputs that say what became of it."""
+"""Outputs that act on a scene, and inputs that sense it."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The helpers of these tests, and of the driver's; importlib mode does not add their folders."""
+"""Adds the folders of the helpers of these tests and of the driver's, which importlib mode does not."""
 
 import sys
 from pathlib import Path

@@ -19,7 +19,7 @@ _LINKS = ("base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link"
           "wrist_3_link")  # fmt: skip
 # disable_collisions of ur_moveit_config's SRDF
 _NEVER = {(i, i + 1) for i in range(6)} | {(4, 6)}
-_BESIDE = {(0, 2), (3, 5)}  # a few millimetres apart where they pass each other, in any plan
+_BESIDE = {(0, 2), (3, 5)}  # a few millimetres apart when they pass each other, in any plan
 _MOVED = range(2, 7)
 
 

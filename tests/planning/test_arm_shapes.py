@@ -1,4 +1,4 @@
-"""The shapes that planning uses for the arm, and which of its links are checked against each other."""
+"""The shapes that planning uses for the arm, and the pairs of links that are checked."""
 
 from random import Random
 
@@ -35,7 +35,7 @@ def test_cylinders_meet_at_the_joints(model: str) -> None:
 
 @pytest.mark.parametrize("model", ["ur3", "ur20"])
 def test_distances_match_independent_geometry(model: str) -> None:
-    """Points of the tests' own on the same cylinders, moved by matrices of the tests' own."""
+    """Points on the same cylinders, calculated independently by the tests."""
     scene = scene_of("shelf", model)
     checker, clearance = CollisionChecker(scene), Clearance(load_model(model), scene)
     around = {name for name, obj in scene.objects.items() if not obj.attached}

@@ -1,4 +1,4 @@
-"""The planning benchmark with few queries: it solves all that a long search does, and plans keep their clearance."""
+"""The planning benchmark with few queries: it solves all that a long search solves, and plans keep their clearance."""
 
 import importlib.util
 import sys
@@ -20,7 +20,7 @@ def benchmark() -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # its dataclasses look themselves up
+    sys.modules[spec.name] = module  # its dataclasses look up their module
     path = list(sys.path)
     sys.path.insert(0, str(BENCHMARKS))
     try:

@@ -1,4 +1,4 @@
-"""``ur-client plan`` without a robot: sequences, arcs, constraints, and what is refused."""
+"""``ur-client plan`` without a robot: sequences, arcs, constraints, and refusals."""
 
 import json
 

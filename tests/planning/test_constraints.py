@@ -1,4 +1,4 @@
-"""A tool that must stay level, or in a box, does so along the whole path, whichever planner found it."""
+"""A tool that must stay level, or in a box, does so along the whole path, for every planner."""
 
 from math import acos, pi
 
@@ -35,7 +35,7 @@ TILT = 0.1
 
 
 def tilts(plan: object, axis: tuple[float, float, float]) -> list[float]:
-    """How far the tool's z axis is from this one."""
+    """The angle between the tool's z axis and this one."""
     arm = Kinematics(load_model("ur5e").dh)
     directions = [np.array(rotvec_to_matrix(*arm.forward(q, TCP)[3:]))[2::3] for q in samples(plan, 3)]
     return [acos(max(-1.0, min(1.0, float(direction @ np.array(axis))))) for direction in directions]
@@ -65,7 +65,8 @@ def test_a_level_tool_stays_level_around_a_post() -> None:
 
 
 def test_poses_are_sampled_if_no_joint_is_constant() -> None:
-    """A tool that looks ahead, into a shelf, above and below a board: the joints cannot go straight there."""
+    """A tool that points forward into a shelf, above and below a board, so a straight line in joint space is
+    impossible."""
     scene = PlanningScene("ur5e")
     scene.add("board", Box((0.3, 0.6, 0.03)), (0.75, 0.0, 0.45, 0.0, 0.0, 0.0))
     constraints = PathConstraints(OrientationConstraint(AHEAD, (TILT, TILT, TILT)), tcp_offset=TCP)

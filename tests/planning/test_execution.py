@@ -1,4 +1,4 @@
-"""What was planned is what the arm does: recorded angles keep clear of the scene."""
+"""The arm executes plans as planned: recorded angles keep clear of the scene."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -31,7 +31,7 @@ from client.planning import (
 
 @asynccontextmanager
 async def laboratory(model: str, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[tuple[Lab, PlanningScene]]:
-    """An arm that is ready, at twice the speed of real time, and an empty scene of it."""
+    """An arm that is ready, at twice real time, and its empty scene."""
     async with emulator(model, speed=2.0) as robot:
         monkeypatch.setattr("client.driver.endpoint.time", robot.clock)
         lab = Lab(robot)
@@ -74,7 +74,7 @@ async def test_an_obstacle_on_the_path_stops_the_arm_which_continues_on_another_
 
         async def meets_a_post(**options: Any) -> None:
             going = asyncio.create_task(arm.plan_to(JointGoal(there), scene, limits=limits, **options))
-            scene.add("far", Sphere(0.05), (2.0, 0.0, 0.0, 0.0, 0.0, 0.0))  # harms nobody
+            scene.add("far", Sphere(0.05), (2.0, 0.0, 0.0, 0.0, 0.0, 0.0))  # has no effect
             await lab.until(lambda: lab.distance() > 0.15)
             scene.add("post", Box((0.08, 0.08, 2.0)), (*ahead[:2], 0.0, 0.0, 0.0, 0.0))
             await going

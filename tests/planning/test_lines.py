@@ -1,4 +1,4 @@
-"""Lines, arcs and sequences: the TCP is where it should be on the whole path, and errors say what stops it."""
+"""Lines, arcs and sequences: the TCP follows the whole path, and errors state the cause."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,7 +36,7 @@ ON_RAD = 5e-4
 
 
 def moved(pose: Pose, x: float, y: float, z: float, turn: Sequence[float] = (0.0, 0.0, 0.0)) -> Pose:
-    """By so much in the base frame, and turned in the tool's."""
+    """Moved in the base frame, and rotated in the tool frame."""
     return pose_trans((pose[0] + x, pose[1] + y, pose[2] + z, *pose[3:]), (0.0, 0.0, 0.0, *turn))
 
 
@@ -49,7 +49,7 @@ def tool(plan: Plan, model: str, count: int = 5) -> list[Pose]:
 
 
 def off_line(pose: Pose, start: Pose, goal: Pose) -> tuple[float, float]:
-    """How far a pose is from the line, and how far it is turned from what the line has there."""
+    """Distance of a pose from the line, and its rotation relative to the orientation of the line there."""
     line = np.subtract(goal[:3], start[:3])
     share = float(np.subtract(pose[:3], start[:3]) @ line / (line @ line))
     there = interpolate_pose(start, goal, share)
@@ -64,7 +64,7 @@ def test_a_line_is_straight_and_turns_evenly(model: str) -> None:
     goal = moved(start, -size, size, 0.5 * size, (0.0, 0.4, 0.3))
     plan = Planner(PlanningScene(arm)).plan(START, PoseGoal(goal, TCP), planner="LIN")
     poses = tool(plan, model)
-    # between the samples the robot's own splines go; these go through them with the same accelerations
+    # the robot interpolates the samples by its own splines; these have the same accelerations
     assert max(off_line(pose, start, goal)[0] for pose in poses) < ON_M
     assert max(off_line(pose, start, goal)[1] for pose in poses) < ON_RAD
     assert poses[-1] == pytest.approx(goal, abs=1e-6)
@@ -232,10 +232,10 @@ def test_a_line_is_slow_near_a_singularity_and_ends_at_one() -> None:
     planner = Planner(PlanningScene("ur5e"))
     start, goal = (planner.scene.kinematics.forward(q, TCP) for q in (straight, turned))
     plan = planner.plan(straight, PoseGoal(goal, TCP), planner="LIN")
-    assert abs(plan.path[-1][3] - straight[3]) > 3.0  # joints 4 and 6 turn over on the path
+    assert abs(plan.path[-1][3] - straight[3]) > 3.0  # joints 4 and 6 flip on the path
     assert max(off_line(pose, start, goal)[0] for pose in tool(plan, "ur5e")) < ON_M
     assert (abs(plan.trajectory.qd) <= planner.limits.velocity * 1.001).all()
-    # a smaller arm is stretched before it is there, where the arm would have to change its branch
+    # a smaller arm is stretched before it arrives, where it would have to change its branch
     planner = Planner(PlanningScene("ur3"))
     tcp = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
     goal = planner.scene.kinematics.forward((*straight[:4], 0.3, 0.2), tcp)
@@ -270,7 +270,7 @@ def test_a_cartesian_path_goes_as_far_as_possible() -> None:
         assert min(off_line(pose, *line)[0] for line in pairwise([start, *waypoints])) < ON_M
     rounded = planner.compute_cartesian_path(START, waypoints, 0.01, tcp_offset=TCP, blend_radius_m=0.02).plan
     assert rounded.duration_s < plan.duration_s
-    # a post beside the end of the second of three lines, and the same without looking at it
+    # a post next to the end of the second of three lines, and the same without collision checks
     waypoints = [moved(start, 0.0, 0.0, 0.1), moved(start, 0.0, 0.3, 0.1), moved(start, -0.1, 0.3, 0.1)]
     scene.add("post", Box((0.08, 0.08, 2.0)), (start[0], start[1] + 0.35, 0.0, 0.0, 0.0, 0.0))
     plan, fraction = planner.compute_cartesian_path(START, waypoints, 0.01, tcp_offset=TCP)
@@ -281,7 +281,7 @@ def test_a_cartesian_path_goes_as_far_as_possible() -> None:
     assert ends == pytest.approx(moved(start, 0.0, (3 * fraction - 1) * 0.3, 0.1), abs=1e-4)
     blind = planner.compute_cartesian_path(START, waypoints, 0.01, tcp_offset=TCP, avoid_collisions=False)
     assert blind.fraction == 1.0
-    # a first line that leads nowhere is a plan that stays
+    # a first line of zero length is a plan that stays in place
     scene.remove("post")
     far = planner.compute_cartesian_path(START, [moved(start, 0.1, 0.0, 0.0), (5.0, *start[1:])], tcp_offset=TCP)
     assert 0.5 < far.fraction < 0.7

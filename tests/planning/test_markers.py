@@ -1,4 +1,4 @@
-"""A plan in its scene as a file that Foxglove opens, read by a library that is not ours."""
+"""A plan in its scene as a file for Foxglove, read by an independent library."""
 
 import json
 from pathlib import Path
@@ -44,9 +44,9 @@ def test_a_plan_is_drawn_with_its_surroundings(tmp_path: Path) -> None:
     assert len(line.points) == len(plan["positions"]) == len(heard["/joint_states"])
     last = arm.forward(plan["positions"][-1])
     assert (line.points[-1].x, line.points[-1].y, line.points[-1].z) == pytest.approx(last[:3])
-    tool = later[-1].markers[0]  # it went with the arm
+    tool = later[-1].markers[0]  # it moved with the arm
     assert tool.ns == "tool"
     assert [tool.pose.position.x, tool.pose.position.y, tool.pose.position.z] == pytest.approx(
         arm.forward(plan["positions"][-1], (0.0, 0.0, 0.06, 0.0, 0.0, 0.0))[:3]
     )
-    assert CliRunner().invoke(app, order).exit_code != 0  # the file is there
+    assert CliRunner().invoke(app, order).exit_code != 0  # the file exists

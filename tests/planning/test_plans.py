@@ -1,4 +1,4 @@
-"""Plans keep clear of everything, by geometry that is not the planner's, and keep the limits of the joints."""
+"""Plans keep clear of everything, by geometry independent of the planner, and keep the joints' limits."""
 
 from pathlib import Path
 from random import Random
@@ -154,7 +154,7 @@ def test_impossible_plans_are_refused_with_the_reason() -> None:
 
 
 def test_a_failed_search_reports_what_was_tried() -> None:
-    """The shoulder, which is beside the base's axis, cannot pass these walls."""
+    """The shoulder, which is offset from the base's axis, cannot pass these walls."""
     scene = PlanningScene("ur3")
     for number, side in enumerate((-1.0, 1.0)):
         scene.add(f"wall {number}", Box((1.4, 0.02, 3.0)), (side * 0.8, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -200,7 +200,7 @@ def test_scenes_are_read_from_world_files(tmp_path: Path) -> None:
     assert set(scene.objects) == {"table", "block", "ball", "tool"}
     assert scene.objects["tool"].attached
     beyond = PlanningScene.read("ur3", examples / "table.yaml", tcp_offset=(0.0, 0.02, 0.1, 0.0, 0.0, 0.0))
-    x, y, z, *_ = scene.objects["tool"].pose  # the file has it from the TCP
+    x, y, z, *_ = scene.objects["tool"].pose  # the file states it relative to the TCP
     assert beyond.objects["tool"].pose[:3] == pytest.approx((x, y + 0.02, z + 0.1))
     bad = tmp_path / "bad.yaml"
     for text, why in (

@@ -1,4 +1,4 @@
-"""Plans stay inside of the robot's safety planes, by the emulator's own measure."""
+"""Plans stay within the robot's safety planes, as measured by the emulator."""
 
 from pathlib import Path
 
@@ -79,7 +79,7 @@ def test_only_planes_of_the_active_mode_apply_to_what_they_restrict() -> None:
     scene.set_safety(configuration(Plane("table", (0.0, 0.0, -1.0), behind, BoundaryMode.BOTH)), TCP)
     with pytest.raises(StartInCollisionError, match=r"the TCP is .* mm deep in safety plane table"):
         planner.plan(START, JointGoal(GOAL))
-    # the upper arm may go beyond a plane that only the tool is kept from
+    # the upper arm may cross a plane that restricts only the tool
     z = scene.kinematics.forward(START, TCP)[2]
     assert scene.kinematics.elbow_position(START)[2] > z + 0.2
     scene.set_safety(configuration(Plane("low", (0.0, 0.0, -1.0), z + 0.1, BoundaryMode.BOTH)), TCP)

@@ -1,4 +1,4 @@
-"""pytest in a process of its own, with the plugin as a user has it."""
+"""pytest in a separate process, with the plugin as installed by a user."""
 
 import sys
 from collections.abc import Callable
@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # the helper beside this file; importlib mode does not add its folder
+sys.path.insert(0, str(Path(__file__).parent))  # the helper next to this file; importlib mode does not add its folder
 
 from tests_of_users import PLUGIN
 
 _QUIET = ("-p", "no:cacheprovider", "-W", "ignore::pytest.PytestDeprecationWarning")
 PATIENCE_S = 100.0
 
-if sys.platform != "linux":  # leaks of ports are seen, and own addresses there are, on Linux
+if sys.platform != "linux":  # leaked ports are detected, and separate loopback addresses exist, on Linux
     collect_ignore_glob = ["test_*"]
 
 RunTests = Callable[..., pytest.RunResult]

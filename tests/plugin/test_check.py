@@ -1,4 +1,4 @@
-"""``ur-emulator-check``: what is there, what is not, and who else has our packages' names."""
+"""``ur-emulator-check``: available and missing ports, and other packages with the names of ours."""
 
 import json
 import os
@@ -89,7 +89,7 @@ def test_invalid_arguments(words: list[str], complaint: str) -> None:
 
 
 class TestInstall:
-    """Each in a process of its own, as the command has it."""
+    """Each in a separate process, as in the command."""
 
     COMMAND = (
         sys.executable,

@@ -1,4 +1,4 @@
-"""The fixtures as a user's tests have them."""
+"""The fixtures in a user's tests."""
 
 import os
 import signal
@@ -121,7 +121,7 @@ def test_four_workers_have_four_robots_at_the_same_time(run_tests, pytester: pyt
 
 
 class TestNamesakes:
-    """A user has an ``emulator`` and a ``client`` too."""
+    """A user's project has modules named ``emulator`` and ``client``, too."""
 
     TESTS = """
         import sys
@@ -204,7 +204,7 @@ def test_a_process_exits_cleanly_and_can_be_restarted() -> None:
 def test_with_a_single_loopback_address_robots_use_free_ports(monkeypatch: pytest.MonkeyPatch) -> None:
     from urproto.testing import process
 
-    monkeypatch.setattr(process, "_FIRST", 0xC6336400)  # 198.51.100.0, for documentation: nobody has it
+    monkeypatch.setattr(process, "_FIRST", 0xC6336400)  # 198.51.100.0, for documentation: no machine has it
     with EmulatorProcess(["--model", "ur3"]) as robot, EmulatorProcess(["--model", "ur3"]) as other:
         assert robot.host == other.host == "127.0.0.1"
         assert not set(robot.ports.values()) & set(other.ports.values())

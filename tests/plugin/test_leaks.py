@@ -1,4 +1,4 @@
-"""What a test with a robot leaves behind makes it fail, and nothing else does."""
+"""Resources left behind by a test with a robot make it fail, and nothing else does."""
 
 import re
 import socket

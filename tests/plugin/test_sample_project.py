@@ -1,4 +1,4 @@
-"""examples/ci as its users run it, on an arm of each series."""
+"""examples/ci as run by users, on an arm of each series."""
 
 import subprocess
 import sys

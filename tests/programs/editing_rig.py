@@ -1,4 +1,4 @@
-"""Programs to be edited, and what is in them."""
+"""Programs for editing, and their contents."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ def editor(version: PolyscopeVersion = E_SERIES, **options: Any) -> ProgramEdito
 
 
 def reopened(edited: ProgramEditor) -> ProgramEditor:
-    """The program as its file has it."""
+    """The program after saving and reading."""
     root = read_document(edited.document())
     return ProgramEditor(root, edited.name, edited.installation, edited.version, edited.program.model)
 

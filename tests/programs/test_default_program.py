@@ -1,4 +1,4 @@
-"""The default program: loaded at boot, and what inputs release the brakes and start it."""
+"""The default program: loading at boot, and inputs that release the brakes and start it."""
 
 import gzip
 from pathlib import Path
@@ -18,7 +18,7 @@ CUBE = "Loaded program: /programs/cube/Cube.urp"
 
 
 def settings(name: str = "cube/Cube.urp", load: bool = True, **inputs: tuple[str, bool]) -> str:
-    """What PolyScope writes; release, start: the input and the level."""
+    """The settings that PolyScope writes; release, start: the input and the level."""
     attributes = {"fileName": name, "autoLoad": str(load).lower()}
     for key, (sensor, level) in {
         "release": ("nameOfSensorToInitialize", "triggerValueToInitialize"),
@@ -30,7 +30,8 @@ def settings(name: str = "cube/Cube.urp", load: bool = True, **inputs: tuple[str
 
 
 class Box(Arm):
-    """A controller that is off, with a default.installation of such settings. high: inputs, from the beginning."""
+    """A controller that is off, with these settings in its default.installation. high: inputs that are high at
+    start."""
 
     def __init__(self, folder: Path, model: str, *default: str, high: tuple[int, ...] = (), **config) -> None:
         self.install(folder, *default)
@@ -145,7 +146,7 @@ def test_an_edge_of_an_input_switches_the_arm_on(tmp_path, model, level):
     box.drive(3, level)
     box.until(lambda: box.mode is RobotMode.RUNNING, 1.0)
     box.ask("power off")
-    box.seconds(0.5)  # a level is no edge
+    box.seconds(0.5)  # a level is not an edge
     assert box.mode is RobotMode.POWER_OFF
 
 
@@ -155,13 +156,13 @@ def test_an_edge_starts_the_program_each_time(tmp_path, model):
     box.pulse()
     box.release()
     box.seconds(0.5)
-    assert box.runs == 0  # the arm was not ready when the edge came
+    assert box.runs == 0  # the arm was not ready at the edge
     for count in (1, 2):
         box.pulse()
         box.until(lambda count=count: box.runs == count and box.state is RuntimeState.STOPPED, 5.0)
     box.drive(0, True)
     box.seconds(0.5)
-    assert box.runs == 3  # and once only, however long it is high
+    assert box.runs == 3  # and only once, regardless of how long it is high
 
 
 @both_series

@@ -1,4 +1,4 @@
-"""PolyScope's files are written as PolyScope writes them, whatever was done to what is in them."""
+"""PolyScope's files are written in PolyScope's format after any change of their contents."""
 
 import gzip
 import re
@@ -92,7 +92,7 @@ def nodes(root, tag):
 def test_documents_round_trip_byte_for_byte():
     assert write_document(read_document(SAMPLE)) == SAMPLE
     again = read_document(packed(SAMPLE))
-    assert write_document(again) == SAMPLE  # also when it is linked already
+    assert write_document(again) == SAMPLE  # also if it is already linked
     assert write_document(again) == SAMPLE
     assert unpacked(packed(SAMPLE)) == gzip.decompress(packed(SAMPLE)) == SAMPLE
 
@@ -110,7 +110,7 @@ def test_an_object_moves_to_its_next_reference_when_its_first_is_removed():
     Changes().put(holder, "children", [second])
     text = write_document(root).decode()
     assert 'class="GeomFeatureReference" referencedName="Joint_0_name"' in text
-    assert '<feature reference="../../../feature"/>' in text  # in the Force; the place says the class, not the object
+    assert '<feature reference="../../../feature"/>' in text  # in the Force; the path has the class, not the object
     variable = re.search(r'<ProgramVariable name="x" prefersPersistentValue="false">', text)
     assert variable, text
     again = read_document(text.encode())

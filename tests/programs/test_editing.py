@@ -52,7 +52,7 @@ def test_a_pick_and_place_program_is_created_and_reopened():
     assert made.problems() == []
     assert all(row.defined for row in made.rows())
     script = made.written().text()
-    assert "movel(Waypoint_1_p, a=1.2, v=0.1)" not in script  # the feature is a variable, which may have moved
+    assert "movel(Waypoint_1_p, a=1.2, v=0.1)" not in script  # the feature is a variable and may have moved
     assert "pose_trans(table, pose_trans(" in script
     assert "v=0.1" in script
     assert "r=0.02" in script
@@ -88,7 +88,7 @@ def test_undo_restores_the_same_bytes_and_redo_repeats():
     assert made.modified
     assert waypoint not in {row.id for row in made.rows()}
     made.undo()
-    assert waypoint in {row.id for row in made.rows()}  # the same ids come back
+    assert waypoint in {row.id for row in made.rows()}  # the ids are restored
     made.redo()
     with pytest.raises(EditError, match="no longer in the program"):
         made.set(waypoint, "name", "x")
@@ -208,7 +208,7 @@ def test_a_waypoint_is_saved_as_on_its_series(version):
         (waypoint, "Waypoint_1 lacks its position: teach it")
     ]
     rows = {row.id: row for row in made.rows()}
-    assert [row.defined for row in rows.values()] == [True, False, False, False]  # and all that it lies in
+    assert [row.defined for row in rows.values()] == [True, False, False, False]  # and all its parents
     model = made.program.model
     from urproto.robots import kinematics_of
 
@@ -280,7 +280,7 @@ def test_a_subprogram_is_called_until_it_is_deleted():
     there = other.insert("subprogram", into=ROOT, values={"name": "leave"})
     other.insert("comment", into=there, values={"comment": "hers"})
     other.paste(clip, into=ROOT)
-    assert other.document().count(b'name="leave"') == 1  # her subprogram of that name, not ours
+    assert other.document().count(b'name="leave"') == 1  # the other user's subprogram of that name, not ours
     assert b"hers" in other.document()
 
 
@@ -300,7 +300,7 @@ def test_untranslatable_nodes_are_reported_at_the_node():
 
 
 def test_two_users_edit_one_program():
-    """Each speaks of nodes by their ids, whatever the other did meanwhile."""
+    """Each refers to nodes by their ids, regardless of the other's changes."""
     made = editor()
     hers = made.insert("folder", into=ROOT, values={"name": "hers"})
     his = made.insert("folder", into=ROOT, values={"name": "his"})
@@ -352,7 +352,7 @@ def test_a_file_that_is_not_a_program_is_refused():
 
 @pytest.mark.parametrize("kind", [kind for kind in kinds().values() if kind.new], ids=lambda kind: kind.key)
 def test_every_kind_is_created_shown_set_saved_and_translated(kind):
-    """As it is made, and with every choice of its form."""
+    """With its default values, and with every choice of its form."""
     made = editor()
     made.insert("subprogram", into=ROOT)
     made.insert("assignment", into=ROOT, values={"variable": "v", "expression": "1"})
@@ -374,7 +374,7 @@ def test_every_kind_is_created_shown_set_saved_and_translated(kind):
                 seen.add(entry["key"])
                 if entry["kind"] != "position" and entry["value"] not in (None, ""):
                     revision = made.revision
-                    made.set(node, entry["key"], entry["value"])  # what is shown can be set, and is no change
+                    made.set(node, entry["key"], entry["value"])  # setting the displayed value is no change
                     assert made.revision == revision, entry
             assert outline(reopened(made)) == outline(made)
     while made.can_undo:
@@ -388,7 +388,7 @@ def test_a_force_is_set_axis_by_axis_and_written_as_polyscope_does():
     made.set(force, "z_force", 5.0)
     made.insert("wait", into=force, values={"type": "Sleep", "time": 1.0})
     assert not made.problems()
-    # the line of a public program's script (Unitedplasticfabricating, test apply force, PolyScope 5.14)
+    # a line of a public program's script (Unitedplasticfabricating, test apply force, PolyScope 5.14)
     line = (
         "force_mode(tool_pose(), [0, 0, 1, 0, 0, 0], [0.0, 0.0, 5.0, 0.0, 0.0, 0.0], 2, "
         "[0.1, 0.1, 0.15, 0.3490658503988659, 0.3490658503988659, 0.3490658503988659])"

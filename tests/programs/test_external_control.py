@@ -1,4 +1,4 @@
-"""Programs with External Control nodes: what the robot asks a driver, and what it makes of the answer."""
+"""Programs with External Control nodes: the robot's request to a driver, and its handling of the answer."""
 
 import gzip
 import struct
@@ -79,7 +79,7 @@ class Robot(Arm):
         return [popup.text for popup in self.controller.popups.shown]
 
     def post(self, line: str) -> list[str]:
-        """Where the dashboard's answer will be."""
+        """A list that will contain the dashboard's answer."""
         answers: list[str] = []
         self.controller.post(DashboardLine(line), answers.append)
         return answers
@@ -90,7 +90,7 @@ class Robot(Arm):
         return answers[0]
 
     def play(self) -> tuple[list[str], MemorySocket]:
-        """Press play; where the answer will be, and the connection to the driver once the robot asked."""
+        """Send play; a list for the answer, and the connection to the driver once the robot has sent its request."""
         answers = self.post("play")
         self.until(lambda: self.network.opened and self.network.opened[-1].sent == ASKED, 0.1)
         return answers, self.network.opened[-1]
@@ -142,7 +142,7 @@ socket_close("reverse")
 
 
 def test_the_program_continues_after_the_node_when_control_is_handed_back(tmp_path):
-    """As the vendor's test of handing control back does it."""
+    """As in the vendor's test of handing control back."""
     robot = Robot(tmp_path, nodes=f'{NODE}<Wait type="Sleep"><waitTime>0.2</waitTime></Wait>')
     robot.network.listening.add(("10.0.0.1", 50001))
     _, driver = robot.play()
@@ -194,7 +194,7 @@ def test_every_play_sends_a_new_request(robot):
 
 
 def test_a_program_in_pieces_with_data_after_its_last_line(robot):
-    """The official tests append lines behind the end of the control loop."""
+    """The official tests append lines after the end of the control loop."""
     _, driver = robot.play()
     for line in (PROGRAM + b'textmsg("appended")\n').splitlines(keepends=True):
         driver.feed(line)
@@ -216,7 +216,7 @@ def test_a_pause_in_transmission_does_not_end_an_incomplete_program(robot):
 
 
 def test_a_driver_that_closes_after_its_program(robot):
-    """Simple servers do, some without a last line end."""
+    """Simple servers do this, some without a final line end."""
     _, driver = robot.play()
     driver.feed(b'textmsg("all")\r\nsync()')
     driver.close()
@@ -359,7 +359,7 @@ def test_two_clients_sending_play_get_the_same_answer(robot):
 
 
 def test_the_address_used_for_the_driver(tmp_path):
-    """The emulator's option comes before the installation's page, and that before the URCap's default."""
+    """The emulator's option overrides the installation's page, which overrides the URCap's default."""
     page = contribution('<data key="host_ip" value="10.0.0.7"/><data key="port_nr" value="6000"/>')
     (tmp_path / "cell.installation").write_bytes(gzip.compress(page.encode()))
     for option, wanted in [

@@ -1,4 +1,4 @@
-"""``ur-client installation``: what it makes, the emulator uses; what it shows, sets and finds is the file's."""
+"""``ur-client installation``: creates installations for the emulator, and shows, sets and checks values of files."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Installation files that are changed: what the file says then, what stays in it, what the robot does with it."""
+"""Changed installation files: new values, unchanged contents, and effects on the robot."""
 
 import gzip
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the shell makes is what the emulator plays; a node type is declared in one place."""
+"""The emulator plays programs created on the command line; a node type is declared in one place."""
 
 import json
 import runpy
@@ -40,11 +40,11 @@ def run(*arguments: object) -> str:
     ("model", "options"), [("ur3", []), ("ur5", ["--polyscope", "3.12"]), ("ur5e", ["--model", "ur5e"])]
 )
 def test_the_emulator_plays_a_program_created_with_new(tmp_path, model, options):
-    """Loaded from the dashboard, it asks the driver that its installation names, and runs what that gives."""
+    """Loaded from the dashboard, it sends a request to the driver in its installation, and runs the answer."""
     path = tmp_path / "external_control.urp"
     said = run("new", path, "--host", "10.1.2.3", "--port", 50010, *(options or ["--model", model]))
     assert "the driver is at 10.1.2.3:50010" in said
-    assert not path.with_suffix(".script").exists()  # its code is the driver's
+    assert not path.with_suffix(".script").exists()  # its code is from the driver
     assert path.with_suffix(".txt").read_text().splitlines()[-1] == "     Control by 10.1.2.3"
     arm = Arm(tmp_path, model)
     network = arm.controller.programs.socket_backend = MemorySockets(("10.1.2.3", 50010))
@@ -63,7 +63,7 @@ def test_the_emulator_plays_a_program_created_with_new(tmp_path, model, options)
 
 @pytest.mark.parametrize("version", [CB3, E_SERIES])
 def test_the_emulator_plays_a_program_saved_by_the_editor(tmp_path, version):
-    """From the tree and from the script beside it: the same movement, the same outputs."""
+    """From the tree and from the accompanying script: the same motion, the same outputs."""
     made = editor(version)
     waypoint = made.insert("waypoint", into=ROOT)
     made.set(id_of(made, "robot_program"), "loops", False)
@@ -125,7 +125,7 @@ def test_the_command_line_shows_checks_and_exports(tmp_path):
     assert "Time: 0.25 s" in run("show", path, "--forms")
     line = edited.insert("script", after=wait, values={"line": "movel(1,"})
     problems = all_problems(edited)
-    assert [problem.node for problem in problems] == [line], problems  # the checker's line is the node's
+    assert [problem.node for problem in problems] == [line], problems  # the checker's line belongs to the node
     (tmp_path / "broken.urp").write_bytes(b"\x1f\x8bnothing")
     (tmp_path / "default.installation").write_bytes(b"<URProgram/>")
     with pytest.raises(URError, match=r"broken\.urp: "):
@@ -165,7 +165,7 @@ def test_suppressed_nodes_are_quoted_in_the_text():
 
 @pytest.fixture
 def blink():
-    """A node type that the tests add, in one place."""
+    """A node type that the tests add in one place."""
 
     @node(
         "Blink",
@@ -184,7 +184,7 @@ def blink():
         attributes="text times",
     )
     def translate(writer, element):
-        """Say something several times."""
+        """Write a message several times."""
         for _ in range(int(element.get("times"))):
             writer.line(f'textmsg("{element.get("text")}")')
 
@@ -201,7 +201,7 @@ def test_a_new_node_type_is_declared_in_one_place():
     assert [field["key"] for field in made.form(added)["fields"]] == ["times", "text"]
     made.set_all(added, {"times": 2, "text": "on"})
     assert made.problems() == []
-    assert b'<Blink text="on" times="2"/>' in made.document()  # in its own order
+    assert b'<Blink text="on" times="2"/>' in made.document()  # in its attribute order
     assert outline(reopened(made)) == outline(made)
     assert made.written().text().count('textmsg("on")') == 2
     page = runpy.run_path(str(PAGE))["program_nodes"]()

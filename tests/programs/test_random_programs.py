@@ -1,4 +1,4 @@
-"""Programs that nobody thought of: whatever is done to one, it comes back from its file, and is undone exactly."""
+"""Random programs: after any edits, a program survives saving, and all edits are undone exactly."""
 
 from typing import Any
 
@@ -50,7 +50,7 @@ def some_value(field: dict[str, Any], number: int) -> Any:
 
 
 def edit(made: ProgramEditor, what: tuple[str, str, str, int, int]) -> None:
-    """Do it, or be refused, which changes nothing."""
+    """Apply a random edit, or have it refused without any change."""
     action, kind, place, first, second = what
     before, revision = made.document(), made.revision
     try:
@@ -105,7 +105,7 @@ def test_any_edits_survive_saving_and_are_undone_exactly(version, edits):
     st.lists(st.tuples(st.sampled_from(KEYS), st.sampled_from(PLACES), NUMBER), min_size=1, max_size=12),
 )
 def test_any_complete_program_becomes_a_script_that_compiles(version, wanted):
-    """Whatever is put in is completed as its form says; then it has no problems, and its script is accepted."""
+    """Every inserted node is completed according to its form; then it has no problems, and its script is accepted."""
     made = editor(version)
     made.insert("subprogram", into="program")
     for kind, place, number in wanted:
@@ -121,7 +121,7 @@ def test_any_complete_program_becomes_a_script_that_compiles(version, wanted):
 
 
 def complete(made: ProgramEditor, target: str) -> None:
-    """Set what a new node lacks."""
+    """Set the missing values of a new node."""
     row = next(row for row in made.rows() if row.id == target)
     if row.kind == "empty":
         made.insert("halt", after=target)

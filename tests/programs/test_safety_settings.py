@@ -39,7 +39,7 @@ def _file(name):
 
 
 def saved(name="ur5e"):
-    """An installation with the factory's safety configuration."""
+    """An installation with the factory safety configuration."""
     return read_document(_file(name))
 
 

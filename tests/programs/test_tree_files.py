@@ -1,4 +1,4 @@
-"""Program files: what can be loaded, from where, and what a damaged or hostile file does."""
+"""Program files: valid contents and places, and damaged or hostile files."""
 
 import gzip
 import math
@@ -27,7 +27,7 @@ def arm(tmp_path):
 
 
 def refused(arm):
-    """What is said when the program saved as tree.urp is loaded."""
+    """The error when the program saved as tree.urp is loaded."""
     before = len(arm.texts)
     assert arm.ask("load tree.urp") == "Error while loading program: tree.urp"
     assert arm.ask("get loaded program") == "No program loaded"
@@ -65,7 +65,7 @@ def test_a_urcap_node_without_its_code_names_the_urcap(arm):
 
 
 def load_and_play(arm):
-    """Load tree.urp and play it to its end; what it said."""
+    """Load tree.urp and play it to its end; its messages."""
     assert arm.ask("load tree.urp").startswith("Loading program"), arm.texts
     before = len(arm.texts)
     assert arm.ask("play") == "Starting program"
@@ -99,8 +99,8 @@ def test_urcap_nodes_take_their_code_from_the_accompanying_script(arm):
 
 
 def test_code_of_urcap_nodes_is_matched_by_tree_line_not_by_position(arm):
-    """PolyScope writes subprograms before the program, whose lines come first in the tree; a subprogram is stored
-    where it is called first; a suppressed node counts with all that is in it (seen in 190 public pairs)."""
+    """PolyScope writes subprograms before the program, whose lines come first in the tree; a subprogram is stored at
+    its first call; a suppressed node counts with all its contents (seen in 190 public pairs)."""
     called = tag("subprogram", children(say("in"), GRIPPER), name="again", keepSynchronizedWithDisk="false")
     subprogram = tag("SubProgram", reference="../MainProgram/children/CallSubProgram/subprogram")
     unused = tag("SuppressedNode", tag("suppressedNode", children(GRIPPER, say("x")), class_="Folder", name="off"))
@@ -112,7 +112,7 @@ def test_code_of_urcap_nodes_is_matched_by_tree_line_not_by_position(arm):
 
 
 def test_text_that_looks_like_a_block_is_not_one(arm):
-    """Script files carry blocks that were pasted into them: these have no label (seen in 30 public pairs)."""
+    """Script files contain blocks that were pasted into them and have no label (seen in 30 public pairs)."""
     arm.save("tree.urp", main(GRIPPER))
     save_hand(arm, block(0, 'textmsg("pasted")'), block(2, 'textmsg("two")'))
     assert load_and_play(arm) == ["two"]
@@ -226,7 +226,7 @@ def test_the_installation_of_a_program_is_loaded_with_it(arm):
     assert arm.controller.snapshot.payload == pytest.approx(1.2)
     assert arm.controller.installation.gravity == pytest.approx((0.0, 0.0, -9.82), abs=1e-9)
     assert arm.ask("play") == "Starting program"
-    arm.until(lambda: len(arm.texts) == 2)  # every run sets the tool anew
+    arm.until(lambda: len(arm.texts) == 2)  # every run sets the tool again
     assert arm.controller.installation.tcp[2] in (0.2, 0.5)
 
 
@@ -268,7 +268,7 @@ def test_paths_stay_in_the_programs_folder(tmp_path, name):
     arm = Arm(folder)
     assert arm.ask(f"load {name}") == f"File not found: {name}"
     called = tag("subprogram", tag("programFile", name), name="inner")
-    if "\0" not in name:  # no XML can say that
+    if "\0" not in name:  # XML cannot represent this
         arm.save("tree.urp", main(tag("CallSubProgram", called)))
         assert "not in the programs folder" in refused(arm)
 
@@ -297,13 +297,13 @@ def test_damaged_and_hostile_files_are_errors(arm, content):
 
 
 def test_exponentially_growing_references_are_an_error(arm):
-    """Each folder has eight times what is in the folder before it: 8^10 waits out of a few kilobytes."""
+    """Each folder contains the previous folder eight times: 8^10 waits from a few kilobytes."""
     folders = tag("Folder", children(*[sleep(0.1)] * 8), name="0")
     for number in range(1, 11):
         before = f'<children reference="../../../../Folder[{number}]/children"/>'
         folders += tag("Folder", children(*[tag("Folder", before, name="x")] * 8), name=str(number))
     arm.save("tree.urp", main(folders))
-    arm.patience_s = 120.0  # all that is allowed is translated first, a little in each period
+    arm.patience_s = 120.0  # the allowed part is translated first, a little in each period
     assert "MiB" in refused(arm)
 
 

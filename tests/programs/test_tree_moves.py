@@ -1,4 +1,4 @@
-"""Move, Direction and Force nodes of program trees, by where the arm ends."""
+"""Move, Direction and Force nodes of program trees, tested by final positions of the arm."""
 
 import math
 
@@ -160,7 +160,7 @@ def test_the_tcp_of_a_move_and_of_a_set(arm):
 
 
 def written(*nodes):
-    """URScript of a robot program of these nodes: its lines that move, stop or set the TCP."""
+    """URScript of a robot program with these nodes: its lines that move, stop or set the TCP."""
     tree = ProgramTree(read_document(urp(main(*nodes))), "tree")
     file = InstallationFile(tcp=(0.0,) * 6, tcps={"Long": (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)})
     words = ("move", "stop", "set_tcp", "if CONTACT")
@@ -177,7 +177,7 @@ def test_polyscope_sets_the_tcp_of_a_move_before_each_waypoint_but_not_for_joint
 
 
 def test_a_move_without_any_tcp_moves_the_flange():
-    """Seen in a public pair: the pose is taken on by the offset of the TCP in use."""
+    """Seen in a public pair: the pose is extended by the offset of the TCP in use."""
     assert "pose_trans(Waypoint_1_p, get_tcp_offset())" in written(move(waypoint(ASIDE), useActiveTCP="false"))[0]
 
 
@@ -206,7 +206,7 @@ def test_a_path_keeps_its_blend_unless_a_move_of_another_kind_follows(after, ble
 
 
 def test_how_a_direction_moves_and_stops():
-    """The Move's acceleration stops when the Until gives none; a distance is looked at last, and may blend; MoveP
+    """The Move's acceleration is used to stop if the Until has none; a distance is checked last, and may blend; MoveP
     moves by movep (all seen in public pairs). No retraction: guess."""
 
     def direction(*untils, kind="MoveL", **attributes):
@@ -341,6 +341,6 @@ def test_force_nodes_begin_and_end_force_mode(arm):
     start = arm.pose
     arm.play(force)
     pressed = arm.pose
-    assert pressed[2] < start[2] - 0.005  # nothing is in the way of the tool, which points down
+    assert pressed[2] < start[2] - 0.005  # nothing blocks the tool, which points down
     arm.seconds(0.5)
     assert pose_dist(arm.pose, pressed) < 0.02

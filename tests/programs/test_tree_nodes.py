@@ -1,4 +1,4 @@
-"""Node types of program trees, by what the robot does when it plays them."""
+"""Node types of program trees, tested by the behaviour of the robot that plays them."""
 
 import pytest
 from tree_rig import Arm, assign, children, expression, installation, line, main, pin, say, sleep, tag
@@ -197,7 +197,7 @@ def test_setting_outputs(arm):
 
 
 def test_payload_by_name_output_pulse_and_voltage(arm):
-    """As in a public program of 5.11: 4 V of 10 are 0.4, and the program goes on during a pulse."""
+    """As in a public program of 5.11: 4 V of 10 are 0.4, and the program continues during a pulse."""
     payload = tag(
         "Payload", name="full", mass="2.5", centerOfGravity="0, 0, 0.1", inertiaParameters="0.1, 0.1, 0.1, 0, 0, 0"
     )

@@ -1,4 +1,4 @@
-"""Programs of PolyScope X: read, translated by the nodes of older software, or played as they were saved."""
+"""Programs of PolyScope X: read, translated by the nodes of older software, or played from their saved script."""
 
 import json
 from pathlib import Path

@@ -60,7 +60,7 @@ def main(*nodes: str, once: bool = True, init: bool = False) -> str:
 
 
 def waypoint(q: tuple[float, ...], name: str = "Waypoint_1", feature: str = "0, 0, 0, 0, 0, 0", **motion: Any) -> str:
-    """A place taught by joints, on a UR5e of the nominal dimensions."""
+    """A waypoint taught by joint angles, on a UR5e with nominal dimensions."""
     arm = tag(
         "Kinematics",
         tag("deltaTheta", value="0, 0, 0, 0, 0, 0"),
@@ -96,7 +96,7 @@ def urp(*roots: str, **attributes: Any) -> bytes:
 
 
 class Arm:
-    """An arm with a programs folder, in virtual time; a running UR5e unless told otherwise."""
+    """An arm with a programs folder, in virtual time; a running UR5e by default."""
 
     patience_s = 30.0  # of `until`
 

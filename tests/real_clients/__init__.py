@@ -1,1 +1,1 @@
-"""One robot for all of them: it is switched off when the last of this folder has ended (fixtures of scope package)."""
+"""One robot for all tests: it is switched off after the last test of this folder (fixtures of scope "package")."""

@@ -11,7 +11,7 @@ import rtde_io
 import rtde_receive
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # the helpers beside this file; importlib mode does not add their folder
+sys.path.insert(0, str(HERE))  # the helpers next to this file; importlib mode does not add their folder
 
 from emulators import Emulators  # noqa: E402 - found by the line above
 from rig import JOINTS, START_Q, Rig  # noqa: E402
@@ -29,7 +29,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     places = [index for index, item in enumerate(items) if HERE in item.path.parents]
     for index, item in zip(places, sorted((items[index] for index in places), key=model_of), strict=True):
         item.add_marker(pytest.mark.real_client)
-        # Client calls block in C++ for minutes when something is missing: the hard limit has to be a thread.
+        # Client calls block in C++ for minutes if something is missing, so the hard limit has to be a thread.
         item.add_marker(pytest.mark.timeout(HANG_S + 60, method="thread"))
         items[index] = item
 
@@ -52,7 +52,7 @@ def emulators(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulators]:
 def rig(request: pytest.FixtureRequest, emulators: Emulators) -> Iterator[Rig]:
     """A robot at rest in START_Q; a UR3 unless the test is parametrised with another model.
 
-    Its time goes as ours, or as much faster as the marker ``robot_speed`` says, where a test mostly waits for the arm.
+    It runs in real time, or faster by the factor of the marker ``robot_speed`` if a test mostly waits for the arm.
     """
     rig = emulators.get(getattr(request, "param", DEFAULT_MODEL))
     rig.process.set_speed(RESET_SPEED)
@@ -76,7 +76,7 @@ def control(rig: Rig) -> Iterator[rtde_control.RTDEControlInterface]:
 
 @pytest.fixture
 def control_beside_sensor(rig: Rig) -> Iterator[rtde_control.RTDEControlInterface]:
-    """A control interface that leaves the external force input to somebody else."""
+    """A control interface that leaves the external force input to another client."""
     flags = rtde_control.RTDEControlInterface.FLAGS_DEFAULT | rtde_control.RTDEControlInterface.FLAG_NO_EXT_FT
     control = rtde_control.RTDEControlInterface(rig.host, -1.0, flags)
     yield control

@@ -1,4 +1,4 @@
-"""The emulator process of these tests, and what they say to it behind the clients' backs."""
+"""The emulator process of these tests, and direct commands to it, bypassing the clients."""
 
 import socket
 from typing import TextIO
@@ -9,15 +9,15 @@ __all__ = ["EmulatorProcess"]
 
 
 class EmulatorProcess(Process):
-    """Asks the ports themselves, as the control API is not what is tested."""
+    """Uses the ports themselves, as the control API is not under test."""
 
     @property
     def log(self) -> str:
-        """The last of what the emulator printed."""
+        """The last output of the emulator."""
         return self.output[-4000:]
 
     def dashboard(self, *lines: str) -> list[str]:
-        """Send dashboard commands over a connection of their own and return the answers."""
+        """Send dashboard commands over a separate connection and return the answers."""
         with socket.create_connection((self.host, self.ports["dashboard"]), timeout=10) as connection:
             stream = connection.makefile("rw", newline="\n")
             greeting = stream.readline()
@@ -25,7 +25,7 @@ class EmulatorProcess(Process):
             return [_ask(stream, line) for line in lines]
 
     def send_script(self, text: str) -> None:
-        """Hand text to the secondary script port."""
+        """Send text to the secondary script port."""
         with socket.create_connection((self.host, self.ports["secondary"]), timeout=10) as connection:
             connection.sendall(text.encode())
             connection.shutdown(socket.SHUT_WR)

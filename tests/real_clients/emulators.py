@@ -18,7 +18,7 @@ ARGUMENTS = {
 
 
 class Emulators:
-    """One emulator at a time: asking for another model ends the one before and checks that it ends cleanly."""
+    """One emulator at a time: requesting another model ends the previous one and checks that it ends cleanly."""
 
     def __init__(self, positions: Path) -> None:
         self._positions = positions
@@ -33,7 +33,7 @@ class Emulators:
         return self._rig if self._rig.process.running else self._rig.start()
 
     def arguments(self, model: str) -> list[str]:
-        """Of its command line."""
+        """Arguments of its command line."""
         return [*ARGUMENTS[model][0], "--running", "--initial-positions", str(self._positions)]
 
     def close(self) -> None:

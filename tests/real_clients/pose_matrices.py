@@ -1,4 +1,4 @@
-"""Rotation vectors and poses as matrices, for the tests' own reckoning."""
+"""Rotation vectors and poses as matrices, for independent calculations."""
 
 import math
 from collections.abc import Sequence

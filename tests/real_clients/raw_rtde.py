@@ -1,4 +1,4 @@
-"""RTDE protocol version 2 by hand: records every period the emulator publishes, and writes inputs.
+"""A separate implementation of RTDE protocol version 2: records every published period, and writes inputs.
 
 Written from the RTDE guide, without the project's own codec, so that the two can disagree.
 """
@@ -47,7 +47,7 @@ class RawRtde:
             raise
 
     def _set_up(self) -> None:
-        """What a subclass asks of the controller before it is of use."""
+        """Requests of a subclass before it can be used."""
 
     def close(self) -> None:
         self._socket.close()
@@ -99,7 +99,7 @@ class StateStream(RawRtde):
     """Every published period of some output fields, oldest first; the kernel buffers what is not yet read."""
 
     def __init__(self, host: str, fields: list[str], frequency_hz: float = 125.0) -> None:
-        self.samples: list[Sample] = []  # everything read so far
+        self.samples: list[Sample] = []  # all data read so far
         self._names, self._frequency_hz = fields, frequency_hz
         super().__init__(host)
 
@@ -122,7 +122,7 @@ class StateStream(RawRtde):
         return {name: _value(kind, values) for name, kind in self._fields}
 
     def newest(self) -> Sample:
-        """Read all periods that have arrived, and wait for one more: the state as of now."""
+        """Read all periods that have arrived, and wait for one more: the current state."""
         while select.select([self._socket], [], [], 0)[0]:
             self._receive(0)
         while (package := self._complete()) is not None:

@@ -1,4 +1,4 @@
-"""One running emulator as the tests see it: reset between tests, watched through a raw RTDE connection."""
+"""One running emulator for the tests: reset between tests, observed through a raw RTDE connection."""
 
 import itertools
 import socket
@@ -18,7 +18,7 @@ START_Q = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1)
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 
 NORMAL, PROTECTIVE_STOP = 1, 3  # safety modes
-PATIENCE_S = 30.0  # a busy machine's
+PATIENCE_S = 30.0  # under load
 LAG_S = 0.1  # between two connections; guess for a loaded machine
 GRIPPER_PORT = 63352
 RUNNING = 7  # robot mode
@@ -54,19 +54,19 @@ end
 
 
 class Watch(StateStream):
-    """Records every period; ``track`` is what the arm did since the watch began."""
+    """Records every period; ``track`` is the motion of the arm since the watch began."""
 
     def __init__(self, host: str, fields: Sequence[str] = ()) -> None:
         super().__init__(host, [*_FIELDS, *fields])
 
     @property
     def track(self) -> Track:
-        """What the arm did until it came to rest."""
+        """The motion of the arm until it came to rest."""
         self.settled()
         return Track.of(self.samples)
 
     def settled(self) -> Sample:
-        """The state at rest after what was commanded; connections may lag some periods behind one another."""
+        """The state at rest after a command; connections may lag some periods behind one another."""
         self.wait_for(LAG_S)
         return self.wait_until_still()
 
@@ -79,7 +79,7 @@ class Watch(StateStream):
 
 @contextmanager
 def disconnecting(*interfaces: "Interface") -> Iterator[None]:
-    """Close ur_rtde's connections in any case: its threads end the whole process when they are left behind."""
+    """Always close ur_rtde's connections: threads left behind would end the whole process."""
     try:
         yield
     finally:
@@ -111,12 +111,12 @@ class Rig:
         return Watch(self.host, fields)
 
     def eventually(self, condition: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
-        """Look once per control period until the condition holds."""
+        """Check once per control period until the condition holds."""
         with self.watch() as state:
             state.wait_until(lambda _: condition(), timeout_s)
 
     def gripper_position(self) -> int:
-        """Of the Robotiq gripper, 0 (open) to 255."""
+        """Position of the Robotiq gripper, 0 (open) to 255."""
         with socket.create_connection((self.host, GRIPPER_PORT), timeout=5) as connection:
             connection.sendall(b"GET POS\n")
             return int(connection.makefile().readline().removeprefix("POS "))

@@ -1,4 +1,4 @@
-"""The numbered examples, and the programs of docs/client.md, run as they are and end well."""
+"""The numbered examples and the programs of docs/client.md run unchanged and succeed."""
 
 import subprocess
 import sys
@@ -43,12 +43,12 @@ def test_example(rig: Rig, name: str, tmp_path: Path) -> None:
 @pytest.mark.page
 @pytest.mark.robot_speed(2)
 def test_example_of_the_thesis(rig: Rig, tmp_path: Path) -> None:
-    done = run(EXAMPLES[0].with_stem(THESIS), rig.host, tmp_path, ".", "2", deadline_s=THESIS_S)  # seconds a goal
+    done = run(EXAMPLES[0].with_stem(THESIS), rig.host, tmp_path, ".", "2", deadline_s=THESIS_S)  # seconds per goal
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def paced(text: str) -> object:
-    """At a robot that has patience with a busy machine, if setpoints are streamed to it."""
+    """Run at a robot with longer timeouts, for load on the machine, if setpoints are streamed to it."""
     return pytest.param(text, marks=pytest.mark.robot_speed(0.25) if "servo" in text else ())
 
 

@@ -1,4 +1,4 @@
-"""pyRobotiqUR: a client of the gripper's own port."""
+"""pyRobotiqUR: a client of the gripper's port."""
 
 import pytest
 from pyrobotiqur import RobotiqGripper

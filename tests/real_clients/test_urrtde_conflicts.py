@@ -1,4 +1,4 @@
-"""Two controllers of one robot: ur_rtde's interfaces want the same RTDE inputs."""
+"""Two clients that control one robot: ur_rtde's interfaces need the same RTDE inputs."""
 
 import pytest
 from rig import Rig, disconnecting

@@ -1,4 +1,4 @@
-"""Connecting, losing and regaining the controller; scripts of the user's own; the dashboard client."""
+"""Connecting, connection loss and reconnecting; user scripts; the dashboard client."""
 
 import csv
 from collections.abc import Callable, Iterator
@@ -62,7 +62,7 @@ def test_a_second_client_takes_over_the_program_left_behind(rig: Rig, control: R
 
 
 def test_many_consecutive_calls(rig: Rig, control: RTDEControlInterface) -> None:
-    """A call's round trip is some control periods."""
+    """The round trip of a call takes some control periods."""
     with rig.watch() as state:
         begin = state.newest()["timestamp"]
         for _ in range(50):
@@ -86,7 +86,7 @@ def test_two_receivers_at_125_hz(rig: Rig, tmp_path: Path) -> None:
             rows = list(csv.DictReader(table))
         steps = np.diff([float(row["timestamp"]) for row in rows])
         assert np.median(steps) == pytest.approx(0.008, abs=1e-6)
-        assert len(rows) > 0.7 * 2.0 / 0.008  # a late client takes only the newest of what has come
+        assert len(rows) > 0.7 * 2.0 / 0.008  # a late client takes only the newest received state
         assert [float(rows[-1][f"actual_q_{joint}"]) for joint in range(6)] == pytest.approx(START_Q, abs=1e-4)
 
 
@@ -200,7 +200,7 @@ def test_dashboard_errors_reach_the_caller(rig: Rig, dashboard: DashboardClient)
 
 @pytest.fixture
 def own_process() -> Iterator[Callable[..., EmulatorProcess]]:
-    """Start an emulator of the test's own, which may die; what still runs at the end has to end cleanly."""
+    """Start a separate emulator, which may die; if it still runs at the end, it has to end cleanly."""
     processes: list[EmulatorProcess] = []
 
     def start(*arguments: str) -> EmulatorProcess:
@@ -215,7 +215,7 @@ def own_process() -> Iterator[Callable[..., EmulatorProcess]]:
 
 
 def test_a_first_session_from_power_on_to_a_move(own_process: Callable[..., EmulatorProcess]) -> None:
-    """Started with nothing but the model: power on, release the brakes, connect, move."""
+    """Started with only the model: power on, release the brakes, connect, move."""
     process = own_process("--model", "ur3")
     dashboard = DashboardClient(process.host)
     dashboard.connect()

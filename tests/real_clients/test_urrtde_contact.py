@@ -21,13 +21,13 @@ DOWN = [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
 LIMITS = [0.05, 0.05, 0.05, 0.2, 0.2, 0.2]
 BELOW_M = 0.03
 STIFFNESS = 10_000.0
-CONTACT_N = 20.0  # what the emulator takes for a contact
+CONTACT_N = 20.0  # the emulator's contact threshold
 both_series = pytest.mark.parametrize("rig", some(["ur3", "ur3e"], now=["ur3"]), indirect=True)
 e_series = pytest.mark.parametrize("rig", ["ur3e"], indirect=True)  # ur_rtde's script leaves these out on CB3
 
 
 def height(model: str) -> float:
-    """Of the tool at START_Q."""
+    """Height of the tool at START_Q."""
     return Kinematics(load_model(model).dh).forward(START_Q)[2]
 
 
@@ -57,7 +57,8 @@ class WithTable(Emulators):
 
 @pytest.fixture
 def control(control: RTDEControlInterface) -> RTDEControlInterface:
-    """With the sensor zeroed in the air: the reset sets the payload, which zeroes it where the last test ended."""
+    """With the sensor zeroed in free space, since the reset sets the payload, which zeroes it where the last test
+    ended."""
     assert control.zeroFtSensor()
     return control
 
@@ -87,12 +88,12 @@ def test_move_until_contact_returns_to_the_table_surface(rig: Rig, control: RTDE
         end = state.wait_until_still()
         track = state.track
     assert end["actual_TCP_pose"][2] == pytest.approx(table, abs=5e-4)
-    assert table - 0.01 < track.pose[:, 2].min() < table - 0.5 * CONTACT_N / STIFFNESS  # damping counts as well
+    assert table - 0.01 < track.pose[:, 2].min() < table - 0.5 * CONTACT_N / STIFFNESS  # includes damping
 
 
 @e_series
 def test_contact_from_another_direction_is_ignored(rig: Rig, control: RTDEControlInterface) -> None:
-    """Down onto the table, while only a contact on the way up is looked for: the arm goes on pressing."""
+    """Down onto the table, while only upward contact is detected: the arm keeps pressing."""
     with rig.watch("actual_TCP_force") as state:
         assert control.startContactDetection([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         start = list(state.newest()["actual_TCP_pose"])
@@ -105,7 +106,7 @@ def test_contact_from_another_direction_is_ignored(rig: Rig, control: RTDEContro
 
 @e_series
 def test_contact_detection_ends_a_move(rig: Rig, control: RTDEControlInterface) -> None:
-    """ur_rtde's script stops, and goes back to where the contact began."""
+    """ur_rtde's script stops, and returns to where the contact began."""
     table = height(rig.model) - BELOW_M
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])

@@ -1,4 +1,4 @@
-"""ur_rtde moves an arm that has dynamics: what it asks for is reached within what servo loops leave."""
+"""ur_rtde moves an arm with dynamics: targets are reached within the errors of its servo loops."""
 
 import math
 

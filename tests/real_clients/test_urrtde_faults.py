@@ -1,4 +1,4 @@
-"""What ur_rtde sees of faults that are injected over the control API."""
+"""ur_rtde's reaction to faults that are injected over the control API."""
 
 import subprocess
 import sys
@@ -43,7 +43,7 @@ def faults(rig: Rig) -> Iterator[RemoteControl]:
 
 
 def until(robot: RemoteControl, condition: Callable[[], object]) -> None:
-    """Look again after some control periods; the rig's own way needs RTDE."""
+    """Check again after some control periods; the rig's method needs RTDE."""
     for _ in range(200):
         if condition():
             return
@@ -62,7 +62,7 @@ def test_a_dropped_connection_is_noticed_and_reestablished(
 
 
 def test_a_program_survives_the_loss_of_its_client_connection(rig: Rig, faults: RemoteControl) -> None:
-    """In a process of its own: the thread in which ur_rtde reconnects sometimes takes its process along."""
+    """In a separate process: the thread in which ur_rtde reconnects sometimes terminates its process."""
     for _ in range(ATTEMPTS):
         command = [sys.executable, "-c", LOSES_ITS_CONNECTION, rig.host, *map(str, BESIDE_Q)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:

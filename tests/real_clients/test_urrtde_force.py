@@ -143,7 +143,7 @@ def test_contact_detection_ends_an_asynchronous_move(rig: Rig, control_beside_se
             assert control.startContactDetection()  # in the direction of motion
             assert control.moveL([start[0], start[1], start[2] - 0.1, *start[3:]], 0.05, 0.5, True)
             assert not control.readContactDetection()
-            state.wait_until_moving()  # nothing is asked on the way: ur_rtde's script may lose the contact over it
+            state.wait_until_moving()  # no calls during the move, over which ur_rtde's script could miss the contact
             state.wait_until_still()
             still = state.wait_for(0.5)
             assert control.readContactDetection()
@@ -156,7 +156,7 @@ def test_contact_detection_ends_an_asynchronous_move(rig: Rig, control_beside_se
 
 @e_series
 def test_a_silent_sensor_pauses_the_program(rig: Rig, control_beside_sensor: RTDEControlInterface) -> None:
-    """Without a watchdog of the program's own, one of 10 Hz guards the sensor and pauses the program."""
+    """Without a watchdog in the program, one of 10 Hz guards the sensor and pauses the program."""
     control = control_beside_sensor
     with rig.watch() as state:
         with ForceSensor(rig.host, no_force):

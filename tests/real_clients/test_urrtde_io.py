@@ -51,7 +51,7 @@ def test_a_program_reads_input_and_returns_output_registers(
     for register in range(18, 23):
         assert io.setInputIntRegister(register, register * 1000)
         assert io.setInputDoubleRegister(register, register + 0.25)
-    with rig.watch("input_double_register_22") as state:  # these writes take their time on the way
+    with rig.watch("input_double_register_22") as state:  # these writes take some time to arrive
         state.wait_until(lambda sample: sample["input_double_register_22"] == 22.25)
     body = "".join(
         f"    write_output_integer_register({out}, read_input_integer_register({register}) + 1)\n"

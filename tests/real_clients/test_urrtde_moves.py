@@ -1,4 +1,4 @@
-"""ur_rtde's blocking and asynchronous moves: where the arm ends, by which way and how long it takes."""
+"""ur_rtde's blocking and asynchronous moves: final positions, paths and durations."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ LINE_M = 1e-4
 
 
 def turned(*changes: tuple[int, float]) -> list[float]:
-    """START_Q with some joints turned by some angle."""
+    """START_Q with some joints rotated by some angle."""
     q = list(START_Q)
     for joint, angle in changes:
         q[joint] += angle

@@ -1,4 +1,4 @@
-"""Whatever ur_rtde's interfaces offer has a place in docs/coming_from_ur_rtde.md, and what stands there exists."""
+"""All functions of ur_rtde's interfaces are in docs/coming_from_ur_rtde.md, and all names there exist."""
 
 import importlib
 import re
@@ -72,12 +72,12 @@ def test_every_ur_rtde_function_has_an_equivalent(interface: str) -> None:
 
 @NEWEST
 def test_both_libraries_report_the_same_values(rig: Rig, control: RTDEControlInterface) -> None:
-    """ur_rtde's own numbers first: its script and ours are programs of the same robot, which runs one at a time."""
+    """ur_rtde's values first: its script and ours are programs of the same robot, which runs one at a time."""
     pose = control.getForwardKinematics(OTHER_Q, TOOL)
     theirs = {
         "forward": pose,
         "inverse": control.getInverseKinematics(control.getForwardKinematics(OTHER_Q, [1e-12, 0, 0, 0, 0, 0]), OTHER_Q),
-        "jacobian": np.reshape(control.getJacobian(), (6, 6)).T,  # column by column; where the arm stands
+        "jacobian": np.reshape(control.getJacobian(), (6, 6)).T,  # column by column; at the position of the arm
         "mass": control.getMassMatrix(),
         "offset": control.getTCPOffset(),
         "pose_trans": control.poseTrans(pose, TOOL),

@@ -1,4 +1,4 @@
-"""What ur_rtde asks of the controller and sets up in it: kinematics, limits, tool, payload."""
+"""ur_rtde's queries and settings of the controller: kinematics, limits, tool, payload."""
 
 import numpy as np
 import pytest
@@ -78,7 +78,7 @@ def test_set_tcp_moves_the_pose_and_is_read_back(
 
 def test_the_flange_pose_excludes_the_tool(rig: Rig, control: RTDEControlInterface) -> None:
     assert control.setTcp(TOOL)
-    control.getActualToolFlangePose()  # the first answer of these calls is stale, by their making
+    control.getActualToolFlangePose()  # the first answer of these calls is stale by design
     with rig.watch() as state:
         state.wait_for(0.1)
     np.testing.assert_allclose(transform(control.getActualToolFlangePose()), forward(rig, START_Q), atol=1e-5)
@@ -119,7 +119,7 @@ def test_set_target_payload_with_inertia(
 def test_is_steady(rig: Rig, control: RTDEControlInterface) -> None:
     rig.eventually(control.isSteady)
     with rig.watch() as state:
-        assert control.moveJ([START_Q[0] + 1.5, *START_Q[1:]], 0.2, 4.0, True)  # long enough to be asked meanwhile
+        assert control.moveJ([START_Q[0] + 1.5, *START_Q[1:]], 0.2, 4.0, True)  # long enough for a query meanwhile
         state.wait_until_moving()
         assert not control.isSteady()
         control.stopJ(10.0)
@@ -180,7 +180,7 @@ def test_joint_torques_at_rest_are_those_beyond_gravity(rig: Rig, control: RTDEC
 def test_gravity_of_a_wall_mounted_arm_changes_its_torques(
     rig: Rig, control: RTDEControlInterface, receive: RTDEReceiveInterface
 ) -> None:
-    assert receive.getTargetMoment()[0] == pytest.approx(0.0, abs=1e-6)  # upright: the base carries no moment
+    assert receive.getTargetMoment()[0] == pytest.approx(0.0, abs=1e-6)  # upright: the base carries no torque
     assert control.setGravity([9.82, 0.0, 0.0])
     rig.eventually(lambda: abs(receive.getTargetMoment()[0]) > 0.1)
 

@@ -1,4 +1,4 @@
-"""ur_rtde's commands that are given every cycle: servo, speed and jog."""
+"""ur_rtde's commands that are sent every cycle: servo, speed and jog."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +17,7 @@ TIME_S = 0.03
 
 
 def every_cycle(rig: Rig, control: RTDEControlInterface, seconds: float, command: Callable[[float], bool]) -> None:
-    """Call ``command(t)`` once a control period, with ur_rtde's own pacing."""
+    """Call ``command(t)`` once per control period, with ur_rtde's pacing."""
     for step in range(round(seconds / rig.period_s)):
         began = control.initPeriod()
         assert command(step * rig.period_s)
@@ -95,7 +95,7 @@ def test_servo_j_settles_on_a_constant_target(rig: Rig, control: RTDEControlInte
 
 
 def test_servo_c_reaches_its_pose(rig: Rig, control: RTDEControlInterface) -> None:
-    """Ended by stopping the program: ur_rtde's script keeps servoStop() waiting, for it takes servoC() for a move."""
+    """Ended by stopping the program: ur_rtde's script blocks servoStop(), since it treats servoC() as a move."""
     with rig.watch() as state:
         start = list(state.next()["actual_TCP_pose"])
         target = [start[0], start[1] + 0.05, *start[2:]]

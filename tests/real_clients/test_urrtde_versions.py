@@ -1,4 +1,4 @@
-"""What ur_rtde offers on newer controllers only, and its other range of registers."""
+"""Functions of ur_rtde for newer controllers only, and its other range of registers."""
 
 from collections.abc import Callable
 
@@ -16,7 +16,7 @@ e_series = pytest.mark.parametrize("rig", ["ur3e"], indirect=True)
 
 
 def second_answer(rig: Rig, question: Callable[[], list[float]]) -> Array:
-    """Ask twice: these calls return what the registers hold, and the first time that is stale."""
+    """Call twice: these calls return the contents of registers, which are stale the first time."""
     question()
     with rig.watch() as state:
         state.wait_for(0.05)
@@ -61,7 +61,7 @@ def test_direct_torque_carries_the_arm_and_pushes_it(rig: Rig, control: RTDECont
             control.waitPeriod(began)
 
     with rig.watch() as state:
-        push(0.0, 0.3)  # gravity is carried without being asked
+        push(0.0, 0.3)  # gravity is compensated by default
         assert state.wait_for(0.05)["actual_q"] == pytest.approx(START_Q, abs=1e-3)
         push(20.0, 0.2)
         control.stopScript()

@@ -1,6 +1,6 @@
-"""python-urx: waits for its moves by the secondary port's packets, reads forces from the realtime port.
+"""python-urx: waits for moves by packets of the secondary port, reads forces from the realtime port.
 
-``urx.URRobot`` and not ``urx.Robot``: that one calls math3d in a way of before math3d 4.
+``urx.URRobot`` and not ``urx.Robot``, which uses an interface that math3d 4 removed.
 """
 
 from collections.abc import Iterator

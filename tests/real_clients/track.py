@@ -1,4 +1,4 @@
-"""What the arm did, measured from recorded RTDE periods, and what a trapezoidal profile predicts."""
+"""The motion of the arm, measured from recorded RTDE periods, and predictions of a trapezoidal profile."""
 
 import math
 from collections.abc import Sequence

@@ -1,13 +1,13 @@
-"""What real controllers and the vendor's simulators reported, asked again of the emulator in virtual time.
+"""Reports of real controllers and the vendor's simulators, reproduced with the emulator in virtual time.
 
-A report is a YAML file in ``reports``: where it was published, which robot it was, and its steps in order. A step asks
-one thing, then compares what it names:
+A report is a YAML file in ``reports``: where it was published, the robot, and the steps in order. A step sends one
+request, then compares the values that it names:
 
     dashboard: a line          answer: a regular expression, of the whole answer
     gripper: a line            answer: the same
     script: URScript           ends when the program does, or with ``until``
     verb: [name, {arguments}]  of the control API
-    wait_s                     lets time go by [s]
+    wait_s                     lets time pass [s]
     until: a condition         as ``run_until`` takes it, in ``within_s`` of robot time
     takes_s                    how long the step took [s]
     state                      fields of the verb ``state``; a dot leads into one: "output_double_registers.0"
@@ -15,7 +15,7 @@ one thing, then compares what it names:
     log                        regular expressions, each found in a line that the step added to the log
 
 Modes are compared by name, bits as a number. Numbers agree within ``tolerance``, a mapping of names, or 1e-6 for
-those it does not name. Every fact is told that the emulator does not share, not only the first.
+those it does not name. All differences of the emulator are reported, not only the first.
 """
 
 import re
@@ -43,7 +43,7 @@ OF_A_STEP = {
 
 
 class Replay:
-    """One robot, asked a report's steps one after another."""
+    """One robot that executes a report's steps one after the other."""
 
     def __init__(self, robot: Mapping[str, Any]) -> None:
         self._robot: VirtualRobot = virtual_robot(**robot)
@@ -51,7 +51,7 @@ class Replay:
         self._robot.step()
 
     def differences(self, step: Mapping[str, Any]) -> Iterator[str]:
-        """What this step showed that the report has otherwise."""
+        """Differences between this step and the report."""
         robot = self._robot
         began_s, lines = robot.controller.time_s, len(robot.controller.messages.history)
         answer = self._ask(step)
@@ -60,7 +60,7 @@ class Replay:
         if "until" in step:
             robot.run_until(step["until"], step.get("within_s", WITHIN_S))
         took_s = robot.controller.time_s - began_s
-        robot.step()  # what the step did is published
+        robot.step()  # effects of the step are published
         tolerance = step.get("tolerance", {})
         if "answer" in step and not re.fullmatch(step["answer"], answer or ""):
             yield f"answered {answer!r}, reported {step['answer']!r}"
