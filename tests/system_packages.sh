@@ -1,11 +1,11 @@
 #!/bin/sh
-# What the tests need of the system beside Python: a browser for those of the teach pendant, and a compiler for message
-# packages of ROS 2. As root on Debian or Ubuntu they are installed; elsewhere this says what is
-# missing, and those tests are left out.
+# System packages for the tests besides Python: a browser for the teach pendant, and a compiler for message packages of
+# ROS 2. As root on Debian or Ubuntu, this installs them; elsewhere it prints the missing ones, and their tests are
+# skipped.
 set -eu
 
 missing=""
-need() { # package, commands of which one shows that it is there
+need() { # package, commands: any of them shows that it is installed
     package=$1
     shift
     for command in "$@"; do
@@ -23,4 +23,4 @@ if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
     # shellcheck disable=SC2086 # a list of packages
     apt-get update -qq && apt-get install -y -qq --no-install-recommends $missing >/dev/null && exit 0
 fi
-echo "missing, so some tests are left out:$missing (Debian: apt install$missing)" >&2
+echo "missing, so some tests are skipped:$missing (Debian: apt install$missing)" >&2

@@ -12,5 +12,5 @@ from recording_rig import moving_states
 
 @pytest.fixture(scope="session")
 def states() -> list[dict[str, object]]:
-    """Of a UR5e that moves for two seconds, every control period."""
+    """States of a UR5e that moves for two seconds, one per control period."""
     return moving_states()

@@ -1,4 +1,4 @@
-"""Helpers of the tests of recordings."""
+"""Helpers for the tests of recordings."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ INFO = {"robot": "127.0.0.1", "polyscope": "5.25"}
 
 
 def moving_states(names: Iterable[str] = DEFAULT_FIELDS, seconds: float = 2.0) -> list[dict[str, Any]]:
-    """RTDE states of a UR5e that goes from HOME to GOAL and back, as its controller publishes them."""
+    """RTDE states of a UR5e that moves from HOME to GOAL and back, as published by its controller."""
     names = tuple(names)
     robot = VirtualRobot(ControllerConfig(model=load_model("ur5e"), initial_q=HOME, running=True))
     robot.send_script(f"def m():\n  movej({list(GOAL)}, a=3.0, v=1.5)\n  movej({list(HOME)}, a=3.0, v=1.5)\nend\n")
@@ -33,7 +33,7 @@ def moving_states(names: Iterable[str] = DEFAULT_FIELDS, seconds: float = 2.0) -
 
 
 def record(path: Path, states: Sequence[Mapping[str, Any]]) -> Path:
-    """A file of these states."""
+    """Write a file with these states."""
     with Recorder(path, states[0], INFO, now_ns=lambda: BEGAN_NS) as recorder:
         for state in states:
             recorder.write(state)
@@ -49,7 +49,7 @@ def recording(time_s: Any, q: Any, **more: Any) -> Recording:
 
 
 def controller_state(time_s: float, actual: float, desired: float) -> SimpleNamespace:
-    """Of all joints, which are at one angle and should be at another."""
+    """A controller state with all joints at one angle and their targets at another."""
     points = {
         name: SimpleNamespace(positions=(q,) * 6, velocities=(9.0,) * 6, accelerations=(), effort=())
         for name, q in (("reference", desired), ("feedback", actual), ("error", desired - actual), ("output", desired))

@@ -1,4 +1,4 @@
-"""What an accident leaves: a full disk, a killed recorder, damaged files, a robot without a time."""
+"""Recordings after accidents: a full disk, a killed recorder, damaged files, a robot without a time."""
 
 import math
 import os
@@ -65,7 +65,7 @@ def test_a_file_that_cannot_grow_reports_how_much_it_contains(tmp_path: Path, su
     saved, lost = map(int, told.groups())
     assert saved + lost == int(count)
     assert 100 < saved <= len(found) <= int(count)
-    assert saved == len(found) or suffix == ".mcap"  # whose last chunk may be whole, and its index not
+    assert saved == len(found) or suffix == ".mcap"  # its last chunk may be complete, but its index not
     assert found.info["cut_off"]
     assert path.stat().st_size <= 100_000
 
@@ -94,7 +94,7 @@ while True:
 
 
 def test_a_killed_recorder_loses_at_most_one_second(tmp_path: Path) -> None:
-    """Even one of few and small states, which fill no chunk and no buffer for minutes."""
+    """Even with few and small states, which do not fill a chunk or buffer for minutes."""
     paths = [tmp_path / f"run{suffix}" for suffix in FORMATS]
     with subprocess.Popen(
         [sys.executable, "-c", KILLED, *map(str, paths)], stdout=subprocess.PIPE, text=True

@@ -1,4 +1,4 @@
-"""A recorder in a process of its own: the same file, and an end in order whoever dies."""
+"""A recorder in a separate process: the same file, and a proper end if any process dies."""
 
 import logging
 import os
@@ -60,7 +60,7 @@ def test_later_errors_are_raised_only_at_the_end(states, tmp_path: Path, caplog)
             recorder.write(states[0])
         with pytest.raises(RecordingError, match="was killed"):
             recorder.close()
-    recorder.close()  # again does no harm
+    recorder.close()  # a second time has no effect
 
 
 def test_controllers_in_an_unsupported_format_are_an_error_at_the_end(states, tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ os.kill(os.getpid(), 9)
 
 
 def wait_for_end(pid: int) -> None:
-    """Of a process that is nobody's child."""
+    """Wait for the end of a process that is not a child."""
     try:
         process = os.pidfd_open(pid)
     except ProcessLookupError:
@@ -123,4 +123,4 @@ def test_the_file_is_complete_when_its_program_is_killed(tmp_path: Path) -> None
     wait_for_end(int(done.stdout))
     found = read(file)
     assert "cut_off" not in found.info
-    assert len(found) > 100  # the last few may have died with it
+    assert len(found) > 100  # the last few may be lost with it

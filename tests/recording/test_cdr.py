@@ -1,4 +1,4 @@
-"""Messages against rosbags, which reads and writes CDR by definitions of its own and by ours."""
+"""Messages against rosbags, which reads and writes CDR by its definitions and by ours."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ string c
 inner = st.fixed_dictionaries(
     {"a": st.integers(0, 255), "b": st.lists(st.floats(allow_nan=False), max_size=3), "c": st.text(max_size=4)}
 )
-# a text ends with its first zero byte on the wire
+# an encoded text ends with its first zero byte
 words = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=5)
 inner = inner.map(lambda value: value | {"c": value["c"].replace("\0", "").encode("utf-8", "ignore").decode()})
 

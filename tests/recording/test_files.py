@@ -1,4 +1,4 @@
-"""Files: what is written is read again, by us and by readers we did not write."""
+"""Recording files are read back by our readers and by independent ones."""
 
 import csv
 import sys
@@ -29,7 +29,7 @@ FORMATS = (".mcap", ".csv", ".npz")
 
 
 def decoded(path: Path) -> dict[str, list]:
-    """Messages by topic, as the reader of the MCAP project has them."""
+    """Messages by topic, decoded by the MCAP project's reader."""
     found: dict[str, list] = {}
     with path.open("rb") as file:
         for message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
@@ -175,7 +175,7 @@ def test_controller_states_of_the_recording_program_are_included(states, tmp_pat
 
 
 def test_a_ros_bag_is_read_as_a_recording(states, tmp_path: Path) -> None:
-    order = (2, 1, 0, 5, 3, 4)  # ROS has joints in any order, and elbow first in UR's
+    order = (2, 1, 0, 5, 3, 4)  # ROS has joints in any order, UR's driver has the elbow first
     with (tmp_path / "bag.mcap").open("wb") as file:
         writer = RosWriter(file)
         kind = message_type("sensor_msgs/msg/JointState")
@@ -280,7 +280,7 @@ def test_an_unfinished_recording_whose_beginning_is_damaged(tmp_path: Path, head
 
 
 def test_an_array_without_its_magic_bytes(tmp_path: Path) -> None:
-    """numpy gives its bytes then, and says nothing."""
+    """numpy then returns its bytes without an error."""
     path = tmp_path / "run.npz"
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("actual_q.npy", b"not an array")

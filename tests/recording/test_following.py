@@ -1,4 +1,4 @@
-"""Signals end waiting, and wait for writing."""
+"""Signals end waiting, but not writing."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Datasets for LeRobot, read by what is not ours: Parquet and JSON as `lerobot` 0.4.4 reads and writes them."""
+"""Datasets for LeRobot, read by independent libraries: Parquet and JSON in the format of `lerobot` 0.4.4."""
 
 import io
 import json
@@ -32,7 +32,7 @@ def jpeg(red: int, size: tuple[int, int] = (8, 6)) -> bytes:
 
 
 def filmed(path: Path, states, reds, *, period_s: float = 0.1, size=(8, 6), cameras=(OVERVIEW,)) -> Path:
-    """A recording with pictures of these reds, the first one 10 ms after the first state."""
+    """A recording with pictures in these shades of red, the first one 10 ms after the first state."""
     begin_s = states[0]["timestamp"]
     with Recorder(path, states[0], INFO, now_ns=lambda: BEGAN_NS) as recorder:
         for i, state in enumerate(states):
@@ -127,7 +127,7 @@ def test_vector_elements_and_bits_can_be_selected(states, tmp_path: Path) -> Non
         "names": ["actual_digital_output_bits[2]"],
     }
     assert found.frames["observation.state"][3] == pytest.approx([states[150]["actual_TCP_pose"][2], 0.5])
-    assert found.frames["action"] == [0.0] * 10 + [1.0] * (len(found.frames["action"]) - 10)  # one number is no list
+    assert found.frames["action"] == [0.0] * 10 + [1.0] * (len(found.frames["action"]) - 10)  # one number is not a list
 
 
 def test_pictures_match_the_recording(states, tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_pictures_match_the_recording(states, tmp_path: Path) -> None:
     filmed(tmp_path / "run.mcap", states, reds, cameras=(OVERVIEW, WRIST))
     made = write_dataset(tmp_path / "set", [tmp_path / "run.mcap"], ["look"])
     found = loaded(tmp_path / "set")
-    assert made.fps == 10  # as there are pictures
+    assert made.fps == 10  # the rate of the pictures
     assert made.cameras == ("over_all", "wrist")
     assert made.late_s < 1e-6  # a frame when a picture was taken
     pictures = found.frames["observation.images.over_all"]
@@ -151,7 +151,7 @@ def test_pictures_match_the_recording(states, tmp_path: Path) -> None:
     used = np.array(reds[: len(pictures)])
     assert np.ravel(stats["mean"]) * 255 == pytest.approx([used.mean(), 40, 80], abs=2.0)
     assert stats["max"][0][0][0] * 255 == pytest.approx(used.max(), abs=3.0)
-    # half as often as there are pictures, from one camera's beginning on
+    # half the rate of the pictures, from the beginning of one camera
     write_dataset(tmp_path / "slow", [tmp_path / "run.mcap"], ["look"], fps=5)
     slow = loaded(tmp_path / "slow").frames["observation.images.wrist"]
     assert [picture["bytes"] for picture in slow] == [jpeg(red) for red in reds[: 2 * len(slow) : 2]]

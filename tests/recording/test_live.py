@@ -1,4 +1,4 @@
-"""Streams: JSON as PlotJuggler takes it, and a server that a websocket client asks as Foxglove does."""
+"""Streams: JSON for PlotJuggler, and a server for websocket clients with Foxglove's protocol."""
 
 import json
 import math
@@ -82,7 +82,7 @@ def test_plotjugglers_websocket_server_gets_whole_states(states) -> None:
 
 def test_a_plotjuggler_that_does_not_listen_is_reported() -> None:
     with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))  # and does not listen
+        taken.bind(("127.0.0.1", 0))  # without listening
         with pytest.raises(RecordingError, match="first start PlotJuggler's, with protocol json"):
             plotjuggler(f"ws://127.0.0.1:{taken.getsockname()[1]}")
 
@@ -116,7 +116,7 @@ async def test_a_client_of_foxgloves_protocol_gets_messages_it_can_read(states) 
         async with timeout(PATIENCE_S), websockets.connect(address, subprotocols=["foxglove.sdk.v1"]) as client:
             channels = await _channels(client)
             drawn.write(states[0], BEGAN_NS)
-            for _ in range(3):  # of the description and the markers, each with its first message
+            for _ in range(3):  # channels of the description and the markers, each with its first message
                 channels |= await _channels(client)
             topics = ("/joint_states", "/robot_description", "/planning_scene", "/planned_path")
             await _subscribe(client, [channels[topic]["id"] for topic in topics])
@@ -151,7 +151,7 @@ async def _subscribe(client, channels: list[int]) -> None:
 
 
 async def _messages(client) -> dict[int, bytes]:
-    """What comes until nothing does: subscription -> the newest message."""
+    """All messages until none arrives: subscription -> the newest message."""
     found = {}
     try:
         while True:
@@ -200,7 +200,7 @@ async def test_a_client_of_foxgloves_protocol_gets_pictures_and_camera_poses() -
             while len(got) < len(topics):
                 server.write_shot(Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE), BEGAN_NS + number * 10**9)
                 number += 1
-                if not set(topics) <= set(channels):  # they are new with the first picture
+                if not set(topics) <= set(channels):  # they are advertised with the first picture
                     channels |= await _channels(client)
                     if set(topics) <= set(channels):
                         await _subscribe(client, [channels[topic]["id"] for topic in topics])

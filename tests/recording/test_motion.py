@@ -1,4 +1,4 @@
-"""Recorded paths as trajectories: close to what was recorded, within limits, without guesses."""
+"""Recorded paths as trajectories: close to the recording, within limits, without guesses."""
 
 import math
 
@@ -16,14 +16,14 @@ TIME_S = np.arange(251) * 0.008
 
 
 def swing(radius: float, period_s: float = 2.0):
-    """All joints to and fro, from rest to rest."""
+    """All joints back and forth, from rest to rest."""
     offset = radius * (1.0 - np.cos(2.0 * np.pi * TIME_S / period_s)) / 2.0
     return np.array(HOME) + offset[:, None]
 
 
 @pytest.fixture(scope="module")
 def arm() -> ConfigurationData:
-    """What a UR5e says about its limits."""
+    """The limits reported by a UR5e."""
     six = (0.0,) * 6
     values = dict.fromkeys(("dh_a", "dh_d", "dh_alpha", "dh_theta"), six)
     limits = {
@@ -45,7 +45,7 @@ def test_the_path_consists_of_the_joint_targets(states, tmp_path) -> None:
     assert np.max(np.abs(path.at(time_s) - array(states, "target_q"))) < 5e-4
     assert len(path.points()) < len(states) / 4
     assert path.start_rad == pytest.approx(states[0]["target_q"])
-    assert np.max(np.abs(path.at(time_s) - GOAL), axis=1).min() < 1e-3  # it was there
+    assert np.max(np.abs(path.at(time_s) - GOAL), axis=1).min() < 1e-3  # it was at this position
     assert not path.qd_rad_s[[0, -1]].any()
 
 

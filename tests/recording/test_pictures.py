@@ -1,4 +1,4 @@
-"""Pictures of cameras in MCAP files and for Foxglove, read by rosbags, mcap-ros2-support and Foxglove's protocol."""
+"""Camera pictures in MCAP files and for Foxglove, read by rosbags, mcap-ros2-support and Foxglove's protocol."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def depth(camera, time_s: float) -> Shot:
 
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
-    """Two states, pictures taken between them, and one from before the recording began."""
+    """Two states, pictures between them, and a picture from before the start of the recording."""
     path = tmp_path / "pictures.mcap"
     with Recorder(path, ("timestamp", "actual_q"), now_ns=lambda: BEGAN_NS) as recorder:
         recorder.write_shot(Shot(OVERVIEW, "rgb.jpg", b"too early", 9.0, POSE))

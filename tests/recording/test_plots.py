@@ -1,4 +1,4 @@
-"""Pictures are written by a library; what is ours are the numbers, and which panels there are."""
+"""A library draws the plots; these tests check our numbers and the choice of panels."""
 
 import struct
 import sys

@@ -1,4 +1,4 @@
-"""How joints followed a controller: read from files, and how far from the path they were."""
+"""Tracking of a controller by the joints: read from files, and the deviation from the path."""
 
 import math
 from pathlib import Path
@@ -24,7 +24,7 @@ LAG_S = 0.05
 
 
 def circle(phase):
-    """Two joints around, the others where they are."""
+    """Two joints on a circle, the others at rest."""
     angles = np.zeros((len(phase), 6))
     angles[:, 0], angles[:, 1] = np.cos(phase), np.sin(phase)
     return angles
@@ -56,7 +56,7 @@ def test_there_is_no_path_in_gaps() -> None:
     known = np.r_[0:400, 600:1001]  # 1.6 s are missing
     actual = circle(phase)[known]
     chord = (circle(phase)[399] + circle(phase)[600]) / 2.0
-    actual[400] = chord  # on the straight line over what is missing
+    actual[400] = chord  # on the straight line across the gap
     far = np.linalg.norm(circle(phase)[600] - chord)
     assert tracking(circle(phase)[known], actual, TIME_S[known]).path_deviation()[400] == pytest.approx(far, rel=1e-3)
 
@@ -82,7 +82,7 @@ def test_joints_are_matched_by_name_in_every_message() -> None:
 
 @pytest.fixture
 def recorded(states, tmp_path: Path) -> Path:
-    """A robot, and a controller that wants 0.5 rad/s and gets it 0.02 rad later."""
+    """A robot, and a controller that commands 0.5 rad/s, which the robot follows with a lag of 0.02 rad."""
     file = tmp_path / "run.mcap"
     with Recorder(file, states[0], now_ns=lambda: BEGAN_NS) as recorder:
         for state in states:
@@ -95,13 +95,13 @@ def recorded(states, tmp_path: Path) -> Path:
 
 def test_controllers_are_read_together_with_the_robot(states, recorded: Path) -> None:
     found = read(recorded)
-    assert list(found.controllers) == [NAME]  # and not what the robot's own controller does
+    assert list(found.controllers) == [NAME]  # and not the tracking of the robot's own controller
     wanted = found.tracking()
     assert (wanted.source, wanted.joints) == (NAME, JOINT_NAMES)
     assert wanted.time_s[0] == pytest.approx(0.502, abs=1e-5)
     assert wanted.time_s[-1] == pytest.approx(found.time_s[-1], abs=1e-5)
     assert wanted.desired_q - wanted.actual_q == pytest.approx(0.02)
-    assert wanted.desired_qd[1:-1] == pytest.approx(0.5, abs=1e-3)  # of the clock, whatever the trajectory's time is
+    assert wanted.desired_qd[1:-1] == pytest.approx(0.5, abs=1e-3)  # by the clock, regardless of the trajectory's time
     assert wanted.actual_qd == pytest.approx(9.0)
     assert [row.largest for row in deviations(found)] == pytest.approx([0.02] * 6)
     assert [row.joint for row in deviations(found)][:2] == ["base", "shoulder"]

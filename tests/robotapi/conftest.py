@@ -1,4 +1,4 @@
-"""A robot with PolyScope X whose time goes fast."""
+"""A robot with PolyScope X, faster than real time."""
 
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
@@ -17,7 +17,7 @@ SPEED = 20.0
 
 @pytest.fixture
 async def robot(tmp_path: Path) -> AsyncIterator[Callable[..., Awaitable[Emulator]]]:
-    """``await robot("10.12", ...)`` starts one; further arguments are the controller's."""
+    """``await robot("10.12", ...)`` starts one; further arguments are passed to the controller."""
     running: list[Emulator] = []
 
     async def start(version: str = "10.12", **options: Any) -> Emulator:

@@ -1,4 +1,4 @@
-"""Programs of PolyScope X, and the HTTP client that is not ours."""
+"""Programs of PolyScope X, and an independent HTTP client."""
 
 import json
 from typing import Any
@@ -13,13 +13,13 @@ HOST = "127.0.0.1"
 
 
 def client(emulator: Emulator, **options: Any) -> httpx.AsyncClient:
-    """Of the API; paths are below its base."""
+    """A client of the API; paths are relative to its base."""
     url = f"http://{HOST}:{emulator.ports['robot api']}{BASE}"
     return httpx.AsyncClient(base_url=url, timeout=30.0, **options)
 
 
 def node(kind: str, guid: str, **parameters: Any) -> dict[str, Any]:
-    """A node without others in it."""
+    """A node without children."""
     return {
         "children": [],
         "contributedNode": {"type": kind, "version": "0.0.3", "parameters": parameters},
@@ -28,13 +28,13 @@ def node(kind: str, guid: str, **parameters: Any) -> dict[str, Any]:
 
 
 def wait(seconds: float, guid: str = "w") -> dict[str, Any]:
-    """A wait, as the vendor's files have it."""
+    """A Wait node, as in the vendor's files."""
     time = {"entity": {"value": seconds, "unit": "s"}, "selectedType": "VALUE", "value": str(seconds)}
     return node("ur-wait", guid, type="time", time=time)
 
 
 def urpx(name: str, *nodes: dict[str, Any], script: str = "", known: tuple[str, ...] = ()) -> bytes:
-    """A program with these nodes. script: the URScript saved with it; known: the nodes that this has labels for."""
+    """A program with these nodes. script: the URScript saved with it; known: the nodes with a label in it."""
     program = json.loads(empty_urpx(name))
     content = program["program"]["programContent"]
     content["children"][-1]["children"] += nodes

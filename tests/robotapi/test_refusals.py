@@ -1,4 +1,4 @@
-"""Requests that make no sense, and requests of those who may not speak: 4xx, and nothing is lost."""
+"""Invalid and unauthorised requests: 4xx, and no state is lost."""
 
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -86,7 +86,7 @@ VISITORS: list[tuple[dict[str, str], int]] = [
     ({"Origin": "http://evil.example"}, 403),
     ({"Origin": "null"}, 403),
     ({"Host": "robot", "Origin": "http://evil.example"}, 403),
-    ({"Host": "robot", "Origin": "http://robot"}, 200),  # a service of a container, and a page of its own
+    ({"Host": "robot", "Origin": "http://robot"}, 200),  # a service of a container, and a page of the robot itself
     ({"Host": "robot.local"}, 200),
     ({"Host": "localhost:8000"}, 200),
     ({"Host": "[::1]:80"}, 200),
@@ -94,7 +94,8 @@ VISITORS: list[tuple[dict[str, str], int]] = [
 
 
 async def test_foreign_web_pages_cannot_use_the_robot(robot: Start) -> None:
-    """A form with a file is what a browser sends for any page without asking; a page's own name can point here."""
+    """A browser sends a form with a file for any page without asking; a page's own host name can resolve to the
+    robot."""
     async with client(await robot()) as api:
         for number, (headers, status) in enumerate(VISITORS):
             name = f"visit {number}"

@@ -1,4 +1,4 @@
-"""What the Robot API answers httpx: each request by version, mode and program."""
+"""Answers of the Robot API to httpx: each request by version, mode and program."""
 
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -46,7 +46,7 @@ async def test_the_document_is_valid_and_matches_the_version(robot: Start, versi
         polyscope = PolyscopeVersion.parse(version)
         assert described == {(each.method, each.path) for each in ENDPOINTS if each.available.covers(polyscope)}
         api_version = tuple(map(int, document["info"]["version"].split(".")))
-        assert (api_version >= (3, 1, 4)) is (version != "10.11")  # the C++ client decides by it
+        assert (api_version >= (3, 1, 4)) is (version != "10.11")  # the C++ client depends on it
         assert (await api.get("/robotstate/v1/robotmode")).status_code == (404 if version == "10.11" else 200)
 
 
@@ -87,7 +87,7 @@ async def test_the_arm(robot: Start) -> None:
         assert await put(api, state, action="UNLOCK_PROTECTIVE_STOP") == 409
         emulator.controller.protective_stop(StopCause(209, 0, ""))
         assert await said(api, safety, "mode") == "PROTECTIVE_STOP"
-        assert await put(api, state, action="UNLOCK_PROTECTIVE_STOP") == 200  # at once, as the vendor's tests do
+        assert await put(api, state, action="UNLOCK_PROTECTIVE_STOP") == 200  # immediately, as in the vendor's tests
         assert await said(api, safety, "mode") == "NORMAL"
         emulator.control.press_emergency_stop("robot")  # type: ignore[attr-defined]
         await reached(api, safety, "mode", "EMERGENCY_STOP")
@@ -146,7 +146,7 @@ async def test_uploads_are_kept_even_without_a_programs_folder(robot: Start) -> 
 
 
 async def test_local_control(robot: Start) -> None:
-    """Reading and storing is for everybody, as in the vendor's tests; what acts is for nobody but the pendant."""
+    """Reading and storing are allowed, as in the vendor's tests; actions are reserved to the pendant."""
     emulator = await robot(remote_control=False, enforce_remote_control=True)
     async with client(emulator) as api:
         assert await said(api, "/system/v1/controlmode", "mode") == "LOCAL"

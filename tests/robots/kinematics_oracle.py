@@ -1,4 +1,4 @@
-"""Frames as 4x4 matrices, straight from the definitions: what kinematics are compared with."""
+"""Frames as 4x4 matrices, straight from the definitions, as a reference for kinematics."""
 
 import math
 

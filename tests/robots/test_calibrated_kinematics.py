@@ -112,7 +112,7 @@ def test_limits_and_reach(model: RobotModel) -> None:
 
 
 def test_dynamics_of_a_calibrated_arm(model: RobotModel) -> None:
-    """Holding torque is the slope of potential energy; and all of it is near the nominal arm's."""
+    """Holding torque is the slope of potential energy; all dynamics are close to those of the nominal arm."""
     dynamics, nominal, step = Dynamics(model), Dynamics(load_model(model.name)), 1e-6
     for q in configurations(5, 4):
         torques = dynamics.gravity_torques(q)

@@ -1,4 +1,4 @@
-"""Calibrations: their hash, the chain of frames of URDF, and files, against what the vendor's tools made."""
+"""Calibrations: hash, chain of URDF frames, and files, against output of the vendor's tools."""
 
 import math
 from dataclasses import replace
@@ -74,7 +74,7 @@ def measured(number: int) -> tuple[str, DH]:
 
 
 def urdf_product(content: dict, q: Joints) -> np.ndarray:
-    """Forward kinematics of a file, as URDF reads it: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Forward kinematics of a file with URDF's convention: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     total = np.eye(4)
     for link, angle in zip(LINKS, q, strict=True):
         row = content["kinematics"][link]
@@ -97,7 +97,7 @@ def test_hash_of_nominal_arms(name: str) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_parameters_of_a_public_file_reproduce_its_hash(name: str) -> None:
-    """They are not in the file; only the right ones have the hash that the vendor's library computed."""
+    """The file does not contain them; only the correct ones have the hash computed by the vendor's library."""
     content = yaml.safe_load(FILES[name].read_text())
     calibration = Calibration.from_mapping(content, "file")
     assert calibration.hash == content["kinematics"]["hash"] == calibration_hash(calibration.dh)
@@ -123,7 +123,7 @@ def test_ur_descriptions_own_file_of_a_nominal_arm() -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_parameters_of_a_public_file_reproduce_its_frames(name: str) -> None:
-    """Positions are the same however angles are written."""
+    """Positions are the same regardless of the notation of angles."""
     content = yaml.safe_load(FILES[name].read_text())
     ours = Calibration.from_mapping(content, "file").to_mapping()
     for link in LINKS:
@@ -153,7 +153,8 @@ angles = st.tuples(*[st.floats(-math.pi, math.pi)] * 6)
 
 @st.composite
 def parameters(draw: st.DrawFn) -> DH:
-    """Any near the shape of an arm; d2 and d3 as large as the nearly parallel axes of real ones make them."""
+    """Random parameters close to those of an arm; d2 and d3 as large as the nearly parallel axes of real arms
+    require."""
     dh = load_model(draw(st.sampled_from(sorted(NOMINAL_HASHES)))).dh
     add = [[draw(small) for _ in range(6)] for _ in range(4)]
     d = [value + more for value, more in zip(dh.d, add[0], strict=True)]
@@ -172,7 +173,7 @@ def test_the_chain_describes_the_same_arm(dh: DH, q: Joints) -> None:
 
 @given(parameters(), angles)
 def test_parameters_of_a_chain_describe_the_same_arm(dh: DH, q: Joints) -> None:
-    assume(all(tilt == 0.0 or abs(tilt) > 1e-4 for tilt in dh.alpha[1:3]))  # else the digits do not last
+    assume(all(tilt == 0.0 or abs(tilt) > 1e-4 for tilt in dh.alpha[1:3]))  # otherwise precision is insufficient
     again = dh_of(chain_of(dh))
     np.testing.assert_allclose(product_of_links(again, q), product_of_links(dh, q), rtol=0, atol=1e-8)
 

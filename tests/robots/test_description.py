@@ -1,4 +1,4 @@
-"""URDF: read by Pinocchio's parser and by check_urdf, it must be the arm that we compute with."""
+"""URDF, read by Pinocchio's parser and by check_urdf, must agree with our model of the arm."""
 
 import math
 import shutil
@@ -43,7 +43,7 @@ def model(request: pytest.FixtureRequest) -> RobotModel:
 
 
 def configuration(built: pin.Model) -> np.ndarray:
-    """Q as Pinocchio wants it: an endless joint is a point of the circle."""
+    """Q in Pinocchio's format: an unlimited joint is a point on the circle."""
     parts: list[float] = []
     for joint, angle in zip(built.joints[1:], Q, strict=True):
         parts += [angle] if joint.nq == 1 else [math.cos(angle), math.sin(angle)]
@@ -60,7 +60,7 @@ def test_forward_kinematics_and_dynamics(model: RobotModel) -> None:
     pin.framesForwardKinematics(built, data, q)
     place = data.oMf[built.getFrameId("base")].inverse() * data.oMf[built.getFrameId("tool0")]
     x, y, z, *turn = kinematics_of(model).forward(Q)
-    # nominal data files give pi/2 with nine decimals, which the closed form takes as exact
+    # nominal data files have pi/2 with nine decimals, which the closed form treats as exact
     np.testing.assert_allclose(place.translation, (x, y, z), rtol=0, atol=1e-9)
     np.testing.assert_allclose(place.rotation, np.array(rotvec_to_matrix(*turn)).reshape(3, 3), rtol=0, atol=2e-9)
 
@@ -78,7 +78,7 @@ def test_frames_match_ur_description() -> None:
     np.testing.assert_allclose(half_turn.rotation, np.diag((-1.0, -1.0, 1.0)), atol=1e-12)
     np.testing.assert_allclose((place("wrist_3_link").inverse() * place("tool0")).homogeneous, np.eye(4), atol=1e-12)
     x_of_flange = (place("tool0").inverse() * place("flange")).rotation[:, 0]
-    np.testing.assert_allclose(x_of_flange, (0.0, 0.0, 1.0), atol=1e-12)  # points out of the arm
+    np.testing.assert_allclose(x_of_flange, (0.0, 0.0, 1.0), atol=1e-12)  # points away from the arm
     assert built.existFrame("ft_frame")
 
 
@@ -114,7 +114,7 @@ def test_check_urdf_accepts_it(model: RobotModel, tmp_path: Path) -> None:
 
 
 def test_shapes_reach_from_joint_to_joint(model: RobotModel) -> None:
-    """Upper arm and forearm are as long as they are; every link has a visible and a touchable form."""
+    """Upper arm and forearm have their lengths; every link has a visual and a collision shape."""
     built = pin.buildModelFromXML(urdf(model))
     for kind in (pin.GeometryType.COLLISION, pin.GeometryType.VISUAL):
         shapes = pin.buildGeomFromUrdfString(built, urdf(model), kind)

@@ -29,7 +29,7 @@ from urproto.vectors import Vector3
 TOLERANCE = 1e-12
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-# the angles where formulas break, their surroundings, and everything else
+# the angles where formulas fail, angles close to them, and all others
 angles = st.one_of(
     st.sampled_from([0.0, 1e-200, 1e-12, 1e-8, 1e-4, pi / 2, pi - 1e-4, pi - 1e-9, pi, pi + 1e-9, 2 * pi]),
     st.floats(0.0, 2 * pi),
@@ -153,7 +153,7 @@ def test_interpolation_turns_evenly(a: Pose, b: Pose) -> None:
     steps = [interpolate_pose(a, b, n / 4) for n in range(5)]
     turns = [np.linalg.norm(pose_sub(later, earlier)[3:]) for earlier, later in pairwise(steps)]
     assert turns == pytest.approx([turns[0]] * 4, abs=1e-9)
-    assert turns[0] <= pi / 4 + 1e-9  # the short way round
+    assert turns[0] <= pi / 4 + 1e-9  # the short way around
 
 
 def test_distances_ignore_orientation() -> None:

@@ -1,4 +1,4 @@
-"""Dynamics: against a model built from other frames, against hand calculation, against itself."""
+"""Dynamics against a model with other frames, manual calculations, and consistency conditions."""
 
 import csv
 import math
@@ -56,7 +56,7 @@ def description_rows() -> list[dict[str, str]]:
 
 
 def built_from_description_frames(name: str) -> Any:
-    """The arm in the link frames of the ROS description: other origins, other axes, same machine."""
+    """The arm in the link frames of the ROS description: other origins, other axes, same mechanism."""
     dh = load_model(name).dh
     d1, _, _, d4, d5, d6 = dh.d
     # joint origins (x y z, roll pitch yaw) as ur_macro.xacro chains them
@@ -90,7 +90,7 @@ def test_link_frames_make_no_difference(name: str, dynamics: Dynamics) -> None:
     data = other.createData()
     for q, qd, qdd in states(20, 1):
         expected = pin.rnea(other, data, np.array(q), np.array(qd), np.array(qdd))
-        # 1e-6 Nm on up to 1e3 Nm: what alpha with nine decimals leaves
+        # 1e-6 Nm on up to 1e3 Nm: the error of alpha with nine decimals
         assert dynamics.inverse_dynamics(q, qd, qdd) == pytest.approx(expected, abs=1e-6)
 
 
@@ -132,12 +132,12 @@ def test_combined_torques_and_momentum_equal_separate_results(name: str, kind: t
 
 def test_both_kinds_have_the_same_methods() -> None:
     named = {kind: {name for name in vars(kind) if not name.startswith("_")} for kind in (Dynamics, PlainDynamics)}
-    of_recordings = {"inverse_dynamics_along", "last_link_regressor", "payload_of"}  # identification asks Pinocchio
+    of_recordings = {"inverse_dynamics_along", "last_link_regressor", "payload_of"}  # identification uses Pinocchio
     assert named[Dynamics] - of_recordings == named[PlainDynamics]
 
 
 def slightly_off(dh: DH) -> DH:
-    """As a factory calibrates an arm: tenths of a millimetre, and of a milliradian."""
+    """A typical factory calibration: tenths of a millimetre and of a milliradian."""
     source = random.Random(11)
     moved = {
         field: tuple(value + source.uniform(-2e-4, 2e-4) for value in getattr(dh, field))
@@ -147,7 +147,7 @@ def slightly_off(dh: DH) -> DH:
     return replace(dh, **moved | flange)
 
 
-# by hand
+# manual calculations
 
 
 def test_gravity_on_a_ur5e_stretched_out_level() -> None:
@@ -162,7 +162,7 @@ def test_gravity_on_a_ur5e_stretched_out_level() -> None:
     assert torques[0] == pytest.approx(0.0, abs=1e-9)
     assert torques[1] == pytest.approx(shoulder)
     assert torques[2] == pytest.approx(elbow)
-    assert shoulder == pytest.approx(-59.8173, abs=1e-4)  # the sum, worked out on paper
+    assert shoulder == pytest.approx(-59.8173, abs=1e-4)  # the sum, calculated manually
 
 
 def test_payload_calculated_manually() -> None:
@@ -196,7 +196,7 @@ def test_momentum_of_a_heavy_payload() -> None:
     assert dynamics.linear_momentum(q, ZERO) == 0.0
 
 
-# against itself
+# consistency
 
 
 def test_payload_replaces_the_previous_one(dynamics: Dynamics) -> None:

@@ -36,7 +36,7 @@ def configurations(count: int, seed: int, bound: float = pi) -> list[Joints]:
 
 
 def singular_configurations(count: int, seed: int) -> list[Joints]:
-    """Random ones with one to six joints at, or within a hair of, the angles where singularities live."""
+    """Random ones with one to six joints at, or very close to, singular angles."""
     source = random.Random(seed)
     found = []
     for q in configurations(count, seed):
@@ -65,7 +65,7 @@ def same_posture(one: Joints, other: Joints, tolerance: float) -> bool:
 def test_forward_is_the_product_of_the_links(name: str, kinematics: Kinematics) -> None:
     for q in (*configurations(50, 1, 2 * pi), *singular_configurations(50, 2)):
         found = transform(kinematics.forward(q))
-        # the data files give alpha with nine decimals, the closed form takes the right angle
+        # the data files have alpha with nine decimals, the closed form uses the right angle
         np.testing.assert_allclose(found, product_of_links(load_model(name).dh, q), rtol=0, atol=3e-9)
 
 
@@ -145,9 +145,9 @@ def test_inverse_of_forward_on_singular_configurations(kinematics: Kinematics) -
         assert 1 <= len(solutions) <= 8
         for solution in solutions:
             assert all(-pi < angle <= pi for angle in solution)
-            assert pose_error(kinematics.forward(solution), pose) < 2.1e-7  # a wrist taken for singular: 2e-7 rad
+            assert pose_error(kinematics.forward(solution), pose) < 2.1e-7  # a wrist treated as singular: 2e-7 rad
         found = kinematics.inverse_near(pose, q, *LIMITS)
-        # near a singularity one pose fits a whole stretch of angles, to within rounding
+        # near a singularity, a whole range of angles gives the same pose, within rounding
         assert found == pytest.approx(q, abs=1e-3)
 
 
@@ -170,7 +170,7 @@ def test_singular_wrist_is_found_from_anywhere(kinematics: Kinematics) -> None:
             assert singular, (posture, near)
             for solution in singular:
                 assert pose_error(kinematics.forward(solution), pose) < 1e-8
-                # joint 6 is as asked, unless the arm has to stretch (or fold) to reach at all
+                # joint 6 is as requested, unless the arm has to stretch (or fold) to reach the pose
                 wanted = 0.0 if near is None else near[5]
                 assert angle_between(solution[5], wanted) < 1e-12 or abs(math.sin(solution[2])) < 1e-3
 
@@ -183,7 +183,7 @@ def test_singular_wrist_counts_the_turns_of_joint_6(kinematics: Kinematics) -> N
 
 
 def test_upright_arm_where_everything_is_singular(kinematics: Kinematics) -> None:
-    # shoulder (wrist centre over the base axis), elbow (straight) and wrist at once
+    # shoulder (wrist centre over the base axis), elbow (straight) and wrist at the same time
     upright = (0.3, -pi / 2, 0.0, -pi / 2, 0.0, 0.7)
     found = kinematics.inverse_near(kinematics.forward(upright), upright, *LIMITS)
     assert found == pytest.approx(upright, abs=1e-9)
@@ -214,7 +214,7 @@ def test_out_of_reach(name: str, kinematics: Kinematics) -> None:
     far = 2 * load_model(name).reach_m
     assert kinematics.inverse_all((far, 0.0, 0.2, 0.0, 0.0, 0.0)) == []
     assert kinematics.inverse_near((far, 0.0, 0.2, 0.0, 0.0, 0.0), (0.0,) * 6, *FREE) is None
-    # inside the cylinder about the base axis that the offset d4 keeps free
+    # inside the cylinder around the base axis that the offset d4 makes unreachable
     d6 = load_model(name).dh.d[5]
     assert kinematics.inverse_all((0.0, 0.0, 0.5 - d6, pi, 0.0, 0.0)) == []
 

@@ -45,7 +45,7 @@ def test_ur5e_matches_its_simulator() -> None:
 
 @pytest.mark.parametrize(
     ("name", "total_kg"),
-    # sums of the masses that Universal_Robots_ROS2_Description gives the moved links
+    # sums of the masses of the moving links in Universal_Robots_ROS2_Description
     [("ur3", 8.63), ("ur5", 17.0489), ("ur10", 28.435), ("ur3e", 8.7985), ("ur16e", 27.26), ("ur20", 60.96)],
 )
 def test_moving_mass(name: str, total_kg: float) -> None:
@@ -85,7 +85,7 @@ def test_long_links_lie_along_their_x_axis(name: str, index: int) -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_every_number_has_a_source(name: str) -> None:
-    """A comment stands on the line, or opens the block of lines (or the mass section) that it belongs to."""
+    """A comment is on the line, or at the beginning of its block of lines (or the mass section)."""
     covered = False
     for line in (_DATA / f"{name}.toml").read_text(encoding="utf-8").split("[[links]]")[0].splitlines():
         if not line or line.startswith("["):

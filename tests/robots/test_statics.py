@@ -36,7 +36,7 @@ def test_outstretched_ur3_calculated_manually() -> None:
 
 
 def test_gravity_is_the_gradient_of_potential_energy(model) -> None:
-    """The torque that holds the arm is dV/dq, with V from the links' heights alone."""
+    """The torque that holds the arm is dV/dq, with V only from the links' heights."""
     dynamics, step = Dynamics(model), 1e-6
     q = random_state(model.name)[0]
     torques = dynamics.gravity_torques(q)
@@ -84,7 +84,7 @@ def test_payload_is_attached_to_the_flange(model) -> None:
 
 
 def test_momentum_is_mass_times_velocity_of_its_centre(model) -> None:
-    """Only the base turns: the momentum is what the centre of mass does on its circle."""
+    """Only the base turns: the momentum is that of the centre of mass on its circle."""
     dynamics = Dynamics(model)
     q, step = random_state(model.name)[0], 1e-6
     centres = []

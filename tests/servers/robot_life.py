@@ -1,11 +1,11 @@
-"""An eventful life of a robot in virtual time, and what its ports said meanwhile.
+"""An eventful life of a robot in virtual time, and the output of its ports.
 
-As a program it writes one port's bytes, for parsers of others:
+Run as a program, it writes one port's bytes, for external parsers:
 
     PYTHONPATH=. python tests/servers/robot_life.py --robot ur5e:5.9 --minutes 60 --port primary > life.bin
 
-Everything follows from the seed. A client of the port comes and goes, so that a stream holds
-several beginnings, each of them a whole connection.
+Everything follows from the seed. A client of the port reconnects repeatedly, so that a stream contains several
+beginnings, each of a complete connection.
 """
 
 import argparse
@@ -44,9 +44,9 @@ def episode(function: Callable[["Life"], Episode]) -> Callable[["Life"], Episode
 
 
 class Life:
-    """A controller with the servers of its ports, and one client that listens at one of them.
+    """A controller with the servers of its ports, and one client of one of them.
 
-    ``take()`` gives what the client was sent since the last call, ``happened`` the episodes so far.
+    ``take()`` returns the bytes sent to the client since the last call, ``happened`` the episodes so far.
     """
 
     def __init__(self, model: str, version: str, port: str = "primary", seed: int = 1) -> None:
@@ -64,7 +64,7 @@ class Life:
         self._now: Episode = iter(())  # type: ignore[assignment] # nothing yet
 
     def run(self, seconds: float) -> None:
-        """Live on for so long."""
+        """Continue for this time."""
         end = self.controller.time_s + seconds
         while self.controller.time_s < end:
             wait = next(self._now, None)
@@ -77,15 +77,15 @@ class Life:
             self._scripts.take()
 
     def take(self) -> bytes:
-        """What the port's client was sent since the last call."""
+        """Bytes sent to the port's client since the last call."""
         heard = bytes(self._heard)
         self._heard.clear()
         return heard
 
-    # what episodes are made of
+    # parts of episodes
 
     def script(self, text: str) -> None:
-        """Send a program or a line, as a client does."""
+        """Send a program or a line like a client."""
         self._scripts.feed(text.encode() + b"\n")
 
     def program(self, *parts: str) -> None:
@@ -100,7 +100,7 @@ class Life:
         self.controller.post(RTDEInputs(values))
 
     def recover(self) -> Episode:
-        """Make the arm ready, whatever happened to it."""
+        """Make the arm ready from any state."""
         ends = ("EMERGENCY_STOP_RELEASED", "SAFEGUARD_CLOSED", "NOT_REDUCED", "RESTART")
         for event in ends:
             self.controller.safety_event(SafetyEvent[event])

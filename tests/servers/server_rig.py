@@ -15,7 +15,7 @@ E_SERIES = PolyscopeVersion(5, 22, 0, 1)
 
 
 class FakeController:
-    """Takes commands and publishes snapshots as the real one does, and keeps what it was told."""
+    """Takes commands and publishes snapshots like the real one, and records the commands."""
 
     def __init__(
         self, version: PolyscopeVersion = CB3, answer: Callable[[Command], Any] = lambda command: None
@@ -35,7 +35,7 @@ class FakeController:
         return lambda: self._subscribers.remove(callback)
 
     def tick(self, periods: int = 1, **changes: Any) -> None:
-        """Carry out what was posted before, then publish a snapshot with these changes."""
+        """Execute the posted commands, then publish a snapshot with these changes."""
         for _ in range(periods):
             queue, self._queue = self._queue, []
             for command, reply in queue:
@@ -53,7 +53,7 @@ class FakeController:
 
 
 class MemoryTransport(asyncio.Transport):
-    """A transport to nowhere. While ``stalled`` the client does not read and nothing is delivered."""
+    """A transport in memory. While ``stalled``, the client does not read and nothing is delivered."""
 
     def __init__(self) -> None:
         super().__init__({"peername": ("memory", 0)})
@@ -93,7 +93,7 @@ class MemoryTransport(asyncio.Transport):
         self._reading = True
 
     def write_eof(self) -> None:
-        """This client ends its side as soon as it hears that the other has ended."""
+        """This client closes its side as soon as the other side has closed."""
         self.close()
 
     def close(self) -> None:
@@ -132,13 +132,13 @@ class MemoryClient:
             self.connection.buffer_updated(len(piece))
 
     def take(self) -> bytes:
-        """What the server delivered since the last call."""
+        """Bytes delivered by the server since the last call."""
         data = bytes(self.transport.delivered)
         self.transport.delivered.clear()
         return data
 
     def end(self) -> None:
-        """Send nothing more."""
+        """Half-close the connection."""
         if self.connected and not self.connection.eof_received():
             self.transport.close()
 

@@ -1,4 +1,4 @@
-"""How many clients a port has, and what becomes of those beyond."""
+"""Limits on the number of clients of a port, and rejection of others."""
 
 import asyncio
 import errno
@@ -53,7 +53,7 @@ def clients() -> Iterator[ExitStack]:
 
 
 async def let_in(server: PortServer, clients: ExitStack, source: str = HOST) -> socket.socket | None:
-    """A new client, None when it is turned away."""
+    """A new client, None if it is turned away."""
     client = clients.enter_context(socket.socket())
     client.bind((source, 0))
     client.setblocking(False)
@@ -120,7 +120,7 @@ async def test_the_reserve_turns_clients_away_when_descriptors_run_out(
     listening = acceptor._listening
 
     class Exhausted:
-        """Accepts only in the place of the reserve."""
+        """Accepts only with the reserve descriptor."""
 
         def accept(self) -> tuple[socket.socket, object]:
             if admission._descriptors._reserve is not None:
@@ -185,7 +185,7 @@ def test_limits_are_checked() -> None:
             check_client_limits(port, address)
 
 
-# an emulator of its own, with more clients than descriptors
+# a separate emulator, with more clients than descriptors
 
 IDLE = 1100
 WATCHED_S = 2.0
@@ -200,7 +200,7 @@ PORTS = (
     "interpreter",
     "secondary read-only",
 )
-SLOWEST = 0.7  # of real time, on a busy machine; without care it was 0.1
+SLOWEST = 0.7  # of real time, under load; without admission control it was 0.1
 
 
 @pytest.fixture
@@ -225,12 +225,12 @@ def eventually(condition: Callable[[], bool]) -> None:
 
 
 def refused(robot: EmulatorProcess) -> int:
-    """How many were turned away for want of descriptors."""
+    """Number of clients turned away for lack of descriptors."""
     return sum(counts["no descriptors"] for counts in robot.turned_away().values())
 
 
 def pace(robot: EmulatorProcess) -> float:
-    """Robot time that goes by in a second."""
+    """Robot time that passes in a second."""
     begin_s, began = robot.time()["time_s"], time.monotonic()
     time.sleep(WATCHED_S)
     return (robot.time()["time_s"] - begin_s) / (time.monotonic() - began)
@@ -256,7 +256,7 @@ def test_idle_and_excess_clients_do_not_affect_others(robot: EmulatorProcess, cl
         eventually(lambda: sum(map(len, robot.connections().values())) >= IDLE)
         assert robot.turned_away() == {}
         assert pace(robot) > SLOWEST
-        # more than the limit: there is none but the reserve
+        # more than the limit: only the reserve is left
         resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (IDLE, hard))
         open_idle(robot, 300, idle)
         assert pace(robot) > SLOWEST
@@ -276,7 +276,7 @@ def test_idle_and_excess_clients_do_not_affect_others(robot: EmulatorProcess, cl
 
 
 def read_all(client: socket.socket) -> bytes:
-    """What has arrived."""
+    """All data that has arrived."""
     client.setblocking(False)
     data = b""
     with suppress(BlockingIOError):

@@ -1,4 +1,4 @@
-"""Text of any bytes on every port: the ports give it back as it came, and every verb and command goes on to answer."""
+"""Text of any bytes on every port: ports return it unchanged, and every verb and command still answers."""
 
 import gzip
 import json
@@ -42,7 +42,7 @@ INSTALLATION: Final = (
 )
 ODD: Final = (LATIN, b"\x00", b"\xff\xfe", b"\xed\xb3\xa9", b"\xc3", b"a\x1cb\x85c\xe2\x80\xa8d", b"\xc2\xb2\xd9\xa3")
 
-# all that can stand between quotation marks, in a line
+# all characters that can be between quotation marks in a line
 inside = st.binary(min_size=1, max_size=60).map(lambda data: data.translate(None, b'"\r\n')) | st.sampled_from(ODD)
 
 
@@ -75,7 +75,7 @@ class Robot:
         return client
 
     def ask(self, port: str, data: bytes) -> bytes:
-        """What a new client gets for these bytes, once it is a whole line."""
+        """The answer to a new client that sends these bytes, once it is a complete line."""
         client = self.client(port)
         client.feed(data)
         for _ in range(MOST_PERIODS):
@@ -89,7 +89,7 @@ class Robot:
         return self.ask("dashboard", line + b"\n").removesuffix(b"\n")
 
     def call(self, verb: str, body: bytes = b"{}") -> tuple[int, Any]:
-        """Status of the answer and what the JSON in it says."""
+        """Status of the answer and its decoded JSON."""
         client = self.client("control")
         head = f"POST /verbs/{verb} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
         client.feed(head.encode() + b"Content-Length: %d\r\n\r\n" % len(body) + body)
@@ -103,7 +103,7 @@ class Robot:
         return int(head.split(" ", 2)[1]), json.loads(content)
 
     def play(self, statements: bytes) -> None:
-        """Run a program that goes on after these statements."""
+        """Run a program that continues after these statements."""
         self.command(b"brake release")
         for _ in range(4 * MOST_PERIODS):
             if self.controller.snapshot.robot_mode is RobotMode.RUNNING:
@@ -114,11 +114,11 @@ class Robot:
         self.tick(60)
 
     def messages(self) -> list[Any]:
-        """What the primary port said since the last time."""
+        """Messages of the primary port since the last call."""
         return PrimaryDecoder(self.controller.version).feed(self.primary.take())
 
     def check(self) -> None:
-        """Every verb that only tells something, and every command of the dashboard that ends nothing, answers."""
+        """Every query verb, and every dashboard command that ends nothing, answers."""
         for name in ("log", "program", "variables", "popups", "programs", "state", "describe", "faults", "world"):
             status, answer = self.call(name)
             assert status == 200, (name, answer)

@@ -52,7 +52,7 @@ async def test_every_port_answers(emulator: Emulator) -> None:
 
 
 async def test_packages_do_not_wait_for_acknowledgements(emulator: Emulator) -> None:
-    """Nagle's algorithm held a client's first packages back for 40 ms and then sent them all at once."""
+    """Nagle's algorithm delayed a client's first packages by 40 ms and then sent them all together."""
     reader, writer = await asyncio.open_connection(HOST, emulator.ports["dashboard"])
     await reader.readline()
     (connection,) = emulator.servers["dashboard"].connections
@@ -112,7 +112,7 @@ async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:
     [
         ("ur5e", "127.94.7.1", False, True),
         ("ur5e", "127.94.7.1", True, False),
-        ("ur5e", "127.0.0.1", False, False),  # where ur_rtde takes a robot for a simulator
+        ("ur5e", "127.0.0.1", False, False),  # addresses at which ur_rtde treats a robot as a simulator
         ("ur3", "127.94.7.1", False, False),
     ],
 )
@@ -165,7 +165,7 @@ end
 
 
 def deaf_client(port: int) -> socket.socket:
-    """A connection nobody reads, with as small a buffer as the system allows."""
+    """A connection without a reader, with the smallest buffer that the system allows."""
     deaf = socket.socket()
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
     deaf.connect((HOST, port))
@@ -174,7 +174,7 @@ def deaf_client(port: int) -> socket.socket:
 
 
 async def test_a_client_that_does_not_read_does_not_affect_others() -> None:
-    """State is lost on it; answers it does not fetch end its connection."""
+    """States are skipped for it; unread answers end its connection."""
     clock = StepClock()
     async with Emulator(config(), clock) as emulator:
         deaf, deaf_rtde = deaf_client(emulator.ports["realtime"]), deaf_client(emulator.ports["rtde"])
@@ -196,7 +196,7 @@ async def test_a_client_that_does_not_read_does_not_affect_others() -> None:
         writer.write(RequestProtocol(2).encode(1) + SetupOutputs(("timestamp",), 125.0).encode(2) + Start().encode(2))
         replies = 4 + (4 + len("DOUBLE")) + 4
         await reader.readexactly(replies)
-        clock.step(11)  # nothing comes with the answer to the start
+        clock.step(11)  # nothing is sent together with the answer to the start
         data = await reader.readexactly(10 * 12)
         assert len(RTDEDecoder().feed(data)) == 10
         writer.close()

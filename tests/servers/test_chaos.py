@@ -1,4 +1,4 @@
-"""A little of what `make chaos` does: its bars hold here, too."""
+"""A short version of `make chaos` with the same limits."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The command line, as a process of its own where that matters."""
+"""The command line, in a separate process if that matters."""
 
 import json
 import os
@@ -18,11 +18,11 @@ from emulator.cli import app
 from emulator.control.remote import RemoteControl
 from urproto.compat import module_command
 
-DEADLINE_S = 30  # a machine busy with other tests
+DEADLINE_S = 30  # under load by other tests
 
 
 def emulator_command(*arguments: str) -> list[str]:
-    """As the console script does it: without the current folder on the module path."""
+    """Like the console script: without the current folder on the module path."""
     return [*module_command("emulator"), *arguments]
 
 
@@ -37,7 +37,7 @@ def running(command: list[str], folder: Path) -> Iterator["subprocess.Popen[str]
 
 
 def read_until(process: "subprocess.Popen[str]", text: str) -> str:
-    """Standard output up to the line that holds the text."""
+    """Standard output up to the line that contains the text."""
     assert process.stdout is not None
     seen = ""
     while text not in seen:

@@ -44,7 +44,7 @@ class SimulatedTime:
         self.now_ns += self.tick_takes_ns
 
     def run(self, ticks: int, late_ns: int = 0) -> None:
-        """Let the timer expire, each time this late."""
+        """Let the timer expire, each time with this delay."""
         for _ in range(ticks):
             self.now_ns = max(self.now_ns, self.armed_ns) + late_ns
             self.armed_ns += self.period_ns
@@ -71,7 +71,7 @@ def test_the_timer_is_rearmed_only_off_the_grid(simulated: SimulatedTime) -> Non
     clock = RealClock(0.002)
     clock.start(simulated.tick)
     simulated.run(2)
-    simulated.run(1, late_ns=MS)  # the next one is 1 ms away, less than two ticks may be
+    simulated.run(1, late_ns=MS)  # the next one is 1 ms away, less than the minimum between two ticks
     simulated.run(20)
     assert simulated.arms == 3  # at the start, later than the grid, and back on it
 
@@ -80,7 +80,7 @@ def test_a_speed_set_within_a_tick_applies_from_the_next_tick(simulated: Simulat
     clock = RealClock(0.002)
     clock.start(lambda: clock.set_speed(2.0) if clock.statistics.ticks == 2 else None)
     simulated.run(2)
-    assert simulated.armed_ns - simulated.now_ns == 2 * MS  # begun anew, and the period of this tick
+    assert simulated.armed_ns - simulated.now_ns == 2 * MS  # restarted, and the period of this tick
     simulated.run(1)
     assert simulated.armed_ns - simulated.now_ns == MS
     assert clock.statistics.latest_ns == 0

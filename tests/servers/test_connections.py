@@ -1,4 +1,4 @@
-"""What all ports share: slow readers, queues of requests, hooks."""
+"""Features shared by all ports: slow readers, request queues, hooks."""
 
 import asyncio
 import logging
@@ -181,8 +181,8 @@ async def test_data_sent_before_a_connection_reset_is_processed() -> None:
         (connection,) = server.connections
         client.sendall(b"the last command")
         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        client.close()  # as with states unread: a reset
-        connection.send_state(b"a state")  # is the first to notice
+        client.close()  # as with unread states: a reset
+        connection.send_state(b"a state")  # notices it first
         while server.connections:
             await asyncio.sleep(0)
     finally:

@@ -55,9 +55,7 @@ def test_quit_closes_after_its_answer(server: DashboardServer, controller: FakeC
     assert [command.text for command in controller.commands] == ["quit"]
 
 
-def test_a_half_closed_client_still_gets_its_answers(
-    server: DashboardServer, controller: FakeController
-) -> None:
+def test_a_half_closed_client_still_gets_its_answers(server: DashboardServer, controller: FakeController) -> None:
     client = MemoryClient(server)
     client.feed(b"a\nb\n")
     client.end()

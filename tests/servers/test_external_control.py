@@ -24,12 +24,12 @@ URP = (
     '<Contributed strategyURCapName="External Control"><dataModel/></Contributed>'
     "</children></MainProgram></children></URProgram>"
 )
-# as long as the official one, so that it comes in more than one piece
+# as long as the official one, so that it arrives in several pieces
 PROGRAM = "# HEADER_BEGIN\n" + "# a line of the header\n" * 3000 + "# HEADER_END\n" + 'textmsg("driven")\nsync()\n'
 
 
 class Driver:
-    """Answers requests as the official library does: the connection stays open."""
+    """Answers requests like the official library: the connection stays open."""
 
     def __init__(self) -> None:
         self.port = 0
@@ -97,7 +97,7 @@ async def test_a_robot_without_programs_has_the_external_control_program(driver:
         async with timeout(20):
             while not any("driven" in line for line in robot.controller.messages.history):
                 await asyncio.sleep(0.005)
-        assert robot.controller.programs.state is RuntimeState.PLAYING  # it begins anew
+        assert robot.controller.programs.state is RuntimeState.PLAYING  # it starts again
         assert (await ask(robot, "load loading.py")).startswith("File not found")
 
 

@@ -107,7 +107,7 @@ class Witnesses:
         return {name: client.take() for name, client in self.clients.items()}
 
     def check(self) -> None:
-        """Everyone gets what they came for, and the arm stands where it stood."""
+        """Every client gets its answers, and the arm has not moved."""
         before = self.controller.snapshot
         self.clients["dashboard"].feed(b"robotmode\n")
         self.clients["gripper"].feed(b"GET DST\n")
@@ -151,7 +151,7 @@ def test_garbage(witnesses: Witnesses, port: str, data: bytes, chunk: int, caplo
 
 
 def test_a_flood_of_requests(witnesses: Witnesses) -> None:
-    """More than one period can carry out: nobody else waits for it."""
+    """More than one period can execute; no other client waits for it."""
     for port, data in (
         ("dashboard", b"robotmode\n"),
         ("secondary", b"x = 1\n"),

@@ -44,7 +44,7 @@ class Client:
         self.writer = writer
 
     async def ask(self, request: bytes) -> bytes:
-        """The answer, however many control periods it takes."""
+        """The answer, after any number of control periods."""
         self.writer.write(request)
         answer = asyncio.create_task(self.reader.read(1000))
         async with timeout(10):
@@ -149,7 +149,7 @@ end
 
 @pytest.mark.parametrize("network", [ScriptNetwork.ANY, ScriptNetwork.LOOPBACK])
 async def test_a_program_reaches_the_gripper_of_its_own_controller(network: ScriptNetwork) -> None:
-    """By the usual address and port, wherever the emulator listens."""
+    """By the usual address and port, regardless of where the emulator listens."""
     async with Emulator(config(host="127.94.63.35", script_network=network), StepClock()) as emulator:
         controller = emulator.controller
         texts = []

@@ -94,9 +94,7 @@ def test_a_line_that_is_too_long_is_discarded_and_the_connection_stays(
     assert client.connected
 
 
-def test_a_flood_is_read_no_faster_than_it_is_executed(
-    server: InterpreterServer, controller: FakeController
-) -> None:
+def test_a_flood_is_read_no_faster_than_it_is_executed(server: InterpreterServer, controller: FakeController) -> None:
     client = MemoryClient(server)
     client.feed(b"x\n" * 1000)
     assert not client.transport.is_reading()
@@ -131,7 +129,7 @@ def test_versions(model: str, version: str, there: bool) -> None:
 
 
 class Client:
-    """Reads answers byte by byte and by the same pattern as the vendor's helper."""
+    """Reads answers byte by byte with the same pattern as the vendor's helper."""
 
     REPLY = re.compile(r"(\w+):\W+(\d+)?")
 
@@ -252,7 +250,7 @@ async def test_readiness_sends_a_real_request(emulator: Emulator) -> None:
 
 
 class Running:
-    """A controller in interpreter mode, again after whatever ended it."""
+    """A controller in interpreter mode, which is restarted after it ended."""
 
     def __init__(self) -> None:
         self.controller = Controller(ControllerConfig(model=load_model("ur5e"), running=True))
@@ -277,7 +275,7 @@ def running() -> Running:
     data=st.binary(max_size=200) | st.text('abx=()1 "\n\r#:', max_size=200).map(str.encode), chunk=st.integers(1, 50)
 )
 def test_any_bytes(running: Running, data: bytes, chunk: int) -> None:
-    """One answer for each line, the other client is served, and the server stays."""
+    """One answer for each line, the other client is served, and the server keeps running."""
     running.begin()
     other, client = MemoryClient(running.server), MemoryClient(running.server)
     client.feed(data, chunk)

@@ -1,4 +1,4 @@
-"""Modbus signals on the wire: a running emulator and units that are not ours (pymodbus's server)."""
+"""Modbus signals over TCP: a running emulator and independent units (pymodbus's server)."""
 
 import asyncio
 import errno
@@ -24,7 +24,7 @@ READ = ModbusRequest(Function.READ_HOLDING_REGISTERS, 0, 2)
 
 
 class Device:
-    """A Modbus device of another maker: coils, inputs and registers 0 to 9, and what it was asked."""
+    """An independent Modbus device: coils, inputs and registers 0 to 9, and a record of requests."""
 
     def __init__(self) -> None:
         self.requests: list[tuple[int, int, list[int] | list[bool] | None]] = []
@@ -63,7 +63,7 @@ async def device() -> AsyncIterator[Device]:
 
 @pytest.fixture(autouse=True)
 def nothing_leaks(caplog: pytest.LogCaptureFixture) -> AsyncIterator[None]:
-    """No warning of ours, and nothing that reached the event loop's handler of last resort."""
+    """No warning in our log, and no exception in the event loop's default handler."""
     yield
     loud = [
         record for record in caplog.records if record.levelno >= logging.WARNING and record.name != "pymodbus.logging"
@@ -83,7 +83,7 @@ async def until(condition: Callable[[], bool]) -> None:
 
 
 async def finished(running: Emulator, name: str) -> object:
-    """The value a program leaves in a global of that name."""
+    """The final value of a program's global variable."""
     programs = running.controller.programs
     await until(lambda: name in programs.variables)
     return programs.variables[name]
@@ -102,7 +102,7 @@ def signal(running: Emulator, name: str) -> ModbusSignal:
 
 
 async def test_program_reads_and_writes_a_device(device: Device) -> None:
-    """In sequential mode: this device overlooks requests that arrive together."""
+    """In sequential mode, since this device misses requests that arrive together."""
     port = await device.start()
     async with emulator(port) as running:
         await send_script(
@@ -183,7 +183,7 @@ async def answer(exchange: ModbusExchange) -> tuple[tuple[int, ...], int, int]:
 
 
 class Peer:
-    """A device whose bytes the test writes itself."""
+    """A device whose bytes are written by the test."""
 
     def __init__(self) -> None:
         self.connections: asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = asyncio.Queue()
@@ -202,7 +202,7 @@ async def peer() -> AsyncIterator[tuple[Peer, ModbusClient]]:
     yield peer, client
     await client.close()
     server.close()
-    await asyncio.sleep(0.01)  # what is still being accepted
+    await asyncio.sleep(0.01)  # connections still being accepted
     for writer in peer.writers:
         writer.transport.abort()
     await asyncio.sleep(0)
@@ -248,7 +248,7 @@ async def test_requests_do_not_wait_for_answers_unless_they_are_sequential(peer:
     [
         b"\0\1\0\0\0\7\t\3\x63\0\x0a\1\2",  # more words promised than sent
         b"\0\1\0\0\0\7\t\4\4\0\x0a\1\2",  # the answer to another function
-        b"\0\1\0\0\0\2\t\3",  # nothing behind the function
+        b"\0\1\0\0\0\2\t\3",  # nothing after the function code
         b"\0\1\0\5\0\7\t\3\4\0\x0a\1\2",  # another protocol
         b"HTTP/1.1 400 Bad Request\r\n\r\n",
     ],

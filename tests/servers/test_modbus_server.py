@@ -1,4 +1,4 @@
-"""The robot's Modbus/TCP server, asked by a client that is not ours (pymodbus)."""
+"""The robot's Modbus/TCP server with an independent client (pymodbus)."""
 
 from collections.abc import AsyncIterator
 

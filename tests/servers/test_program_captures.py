@@ -1,4 +1,4 @@
-"""What programs make a primary client hear, byte for byte as captures of a 5.4 simulator have it."""
+"""Messages about programs to a primary client, byte for byte as in captures of a 5.4 simulator."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def split(data: bytes) -> list[bytes]:
 
 
 def heard(script: str) -> list[bytes]:
-    """The messages that a primary client of a UR10e gets within 0.3 s of a script, without the states."""
+    """Messages to a primary client of a UR10e within 0.3 s after a script, without the states."""
     config = ControllerConfig(model=load_model("ur10e"), version=PolyscopeVersion(5, 4), running=True)
     controller = Controller(config)
     servers = {server.name: server for server in make_servers(controller)}
@@ -39,7 +39,7 @@ def heard(script: str) -> list[bytes]:
     controller.post(ScriptUnit(script, "block"))
     for _ in range(150):
         controller.tick()
-    # without the version message, the short one behind it, and states
+    # without the version message, the short one after it, and states
     return [message for message in split(client.take())[2:] if message[4] != 16]
 
 
@@ -55,6 +55,6 @@ def test_the_end_of_a_program() -> None:
     started, *end = heard("def silly():\nend\n")
     assert b"PROGRAM_XXX_STARTED" in started
     stopped, variables, modbus = split(golden("key_stopped_5.4"))
-    assert modbus[4] == 5  # the emulator has no modbus signals to tell of
+    assert modbus[4] == 5  # the emulator has no Modbus signals to report
     assert end[1] == variables
     assert (end[0][: STAMP.start], end[0][STAMP.stop :]) == (stopped[: STAMP.start], stopped[STAMP.stop :])

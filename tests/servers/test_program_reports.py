@@ -1,4 +1,4 @@
-"""What primary clients are told about a running program: its variables, its threads, their labels."""
+"""Reports to primary clients about a running program: variables, threads and labels."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +21,7 @@ LEGAL_SIZE = 2048  # bytes: the buffer of a public client
 
 
 class Robot:
-    """A running controller with its servers, and clients that keep what they were sent."""
+    """A running controller with its servers, and clients that record received data."""
 
     def __init__(self, model: str = "ur5e", version: str | None = None) -> None:
         parsed = PolyscopeVersion.parse(version) if version else None
@@ -35,12 +35,12 @@ class Robot:
         self.controller.programs.submit("def prog():\n" + "".join(f"  {line}\n" for line in lines) + "end\n")
 
     def cycles(self, count: int = 1) -> None:
-        """So many states of the primary port."""
+        """Advance by this number of states of the primary port."""
         for _ in range(round(0.1 * count / self.controller.period_s)):
             self.controller.tick()
 
     def heard(self, client: MemoryClient) -> list[Any]:
-        """The messages since the last call; none is too long or unreadable."""
+        """Messages since the last call, none of which is too long or unreadable."""
         data = client.take()
         decoder = PrimaryDecoder(self.controller.version)
         messages: list[Any] = []
@@ -91,7 +91,8 @@ def test_an_idle_robot_sends_no_program_reports(robot: Robot) -> None:
 
 
 def test_a_short_program_is_reported_once_after_its_end(robot: Robot) -> None:
-    """As in a capture of a 5.4 simulator: started, stopped, then the values, which are none here, then the state."""
+    """As in a capture of a 5.4 simulator: started, stopped, then the values, of which there are none here, then the
+    state."""
     client = robot.client()
     robot.cycles()
     robot.heard(client)

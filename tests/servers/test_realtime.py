@@ -1,4 +1,4 @@
-"""An emulator that is punctual, and is no burden: what it asks the system for, and gives back."""
+"""An emulator that is punctual without disturbing the system: real-time settings that it requests and releases."""
 
 import asyncio
 import os
@@ -35,7 +35,7 @@ def test_overload_lowers_the_priority_immediately_and_recovers_slowly() -> None:
 
 
 def test_the_descriptor_table_is_grown_before_clients_connect() -> None:
-    """Else the kernel stops the process for some 20 ms when the 256th, the 512th, the 1024th comes."""
+    """Otherwise the kernel stops the process for some 20 ms at the 256th, the 512th and the 1024th client."""
     code = """
 import resource
 from emulator.realtime import RealTime, claim_real_time
@@ -54,7 +54,7 @@ async def test_a_flooded_loop_gives_up_its_priority(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     asked: list[int] = []
-    used_s = time.monotonic  # as if this process had a core of its own
+    used_s = time.monotonic  # as if this process had a dedicated core
     monkeypatch.setattr(time, "thread_time", lambda: used_s())
     monkeypatch.setattr(realtime, "_CHECK_EVERY_S", 0.05)
     monkeypatch.setattr(realtime, "_CALM_FOR_S", 0.1)
@@ -80,12 +80,12 @@ def test_granted_realtime_settings_are_reported_and_effective(mode: str) -> None
         until_s = time.monotonic() + DEADLINE_S
         while not (ready := "".join(re.findall(r"^Ready:.*\n", robot.output, re.MULTILINE))):
             assert time.monotonic() < until_s, robot.output
-            time.sleep(0.01)  # its ports answer before it says so
+            time.sleep(0.01)  # its ports answer before it reports to be ready
         assert robot._process is not None
         said = os.SCHED_FIFO if "SCHED_FIFO" in ready else os.SCHED_OTHER
         while (policy := os.sched_getscheduler(robot._process.pid) & ~os.SCHED_RESET_ON_FORK) != said:
             assert time.monotonic() < until_s, f"the policy is {policy}, and the emulator says: {ready}"
-            time.sleep(0.1)  # on a busy machine its start was work enough for it to give way for ten seconds
+            time.sleep(0.1)  # under load, the work of its start made it give up its priority for ten seconds
         status = Path(f"/proc/{robot._process.pid}/status").read_text()
         locked_kb = int(status.split("VmLck:")[1].split()[0])
     assert ("memory locked" in ready) == (locked_kb > 0)
@@ -110,7 +110,7 @@ def test_required_but_denied_realtime_settings_are_an_error(monkeypatch: pytest.
 
 
 def test_slow_log_readers_do_not_delay_the_robot(tmp_path: Path) -> None:
-    """Standard error is a pipe that is full, as under `| less`: the control loop goes on, and the end comes in time."""
+    """Standard error is a full pipe, as with `| less`: the control loop continues, and the emulator ends in time."""
     address = EmulatorProcess()  # its address only
     command = [sys.executable, "-m", "emulator", "--host", address.host, "--no-pendant", "--log-level", "debug"]
     with subprocess.Popen(
@@ -132,7 +132,7 @@ def test_slow_log_readers_do_not_delay_the_robot(tmp_path: Path) -> None:
         assert process.stderr is not None
         assert select.select([process.stderr], [], [], 0.0)[0], "the log holds nothing: this proves nothing"
         process.send_signal(signal.SIGINT)
-        assert process.wait(DEADLINE_S) == 0  # before anybody reads
+        assert process.wait(DEADLINE_S) == 0  # before anything is read
     address.dispose()
 
 

@@ -1,4 +1,4 @@
-"""Remote control as clients of the ports meet it, with the real controller behind them."""
+"""Remote control as seen by clients of the ports, with the real controller."""
 
 from typing import Any
 

@@ -20,7 +20,7 @@ HOST = "127.0.0.1"
 
 
 class KeepAlive(SimpleXMLRPCRequestHandler):
-    """As the vendor's sample server is set up."""
+    """Configured like the vendor's sample server."""
 
     protocol_version = "HTTP/1.1"
     rpc_paths = ("/", "/RPC2")
@@ -86,7 +86,7 @@ async def emulator(camera: Camera) -> AsyncIterator[Emulator]:  # after the came
 
 
 async def run(emulator: Emulator, body: str) -> list[RobotMessage]:
-    """Run a program to its end; what it said."""
+    """Run a program to its end; its messages."""
     said: list[RobotMessage] = []
     ended = asyncio.Event()
     started = False

@@ -32,7 +32,7 @@ from urproto.versions import PolyscopeVersion
 
 
 class Conversation:
-    """A session with what it wrote and noted."""
+    """A session with its packages and log messages."""
 
     def __init__(self, host: RTDEHost, protocol: int = 2) -> None:
         self.written: list[dict[str, Any]] = []
@@ -116,7 +116,7 @@ def test_protocol_1_has_neither_frequency_nor_recipe_id(host: RTDEHost) -> None:
         (E_SERIES, 500.0, 1),
         (E_SERIES, 125.0, 4),
         (E_SERIES, 25.0, 20),
-        (CB3, 41.6666666667, 3),  # what is meant by it, written down
+        (CB3, 41.6666666667, 3),  # the expected rounding, written out
         (E_SERIES, 166.6666666667, 3),
         (E_SERIES, 1e-300, 2**31),
     ],
@@ -126,7 +126,7 @@ def test_frequency_is_rounded_to_whole_periods(version: PolyscopeVersion, freque
     talk.ask(SetupOutputs(("timestamp",), frequency_hz))
     talk.ask(Start())
     sent = [package is not None for package in talk.packages(min(4 * every, 400))]
-    # the answer and the first package must not leave together: clients read one and take it for the other
+    # the answer and the first package must not be sent together, since clients mistake one for the other
     assert sent == [index >= every and index % every == 0 for index in range(len(sent))]
 
 
@@ -192,7 +192,7 @@ def test_a_new_output_recipe_replaces_the_old_one(talk: Conversation) -> None:
 
 
 def test_every_variable_fits_one_recipe(talk: Conversation) -> None:
-    """The official client library asks for its whole list, 9 kB of names, in one request."""
+    """The official client library requests its complete list, 9 kB of names, at once."""
     names = tuple(available_fields(OUTPUT_FIELDS, CB3))
     assert len(",".join(names)) > 2048
     (reply,) = talk.ask(SetupOutputs(names, 125.0))
@@ -200,7 +200,7 @@ def test_every_variable_fits_one_recipe(talk: Conversation) -> None:
 
 
 def test_the_largest_recipe_fits_its_package(talk: Conversation) -> None:
-    names = ("actual_q",) * 1365  # no vector has a shorter name
+    names = ("actual_q",) * 1365  # the vector with the shortest name
     assert talk.ask(SetupOutputs(names, 125.0))[0].recipe_id == 1
     talk.ask(Start())
     _, package = talk.packages(2)

@@ -21,7 +21,7 @@ Go = Callable[..., tuple[int, str]]
 
 @pytest.fixture(autouse=True)
 def _installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The metadata an installation of this source tree would have."""
+    """The metadata of an installation of this source tree."""
     project = load_toml((ROOT / "pyproject.toml").read_text())["project"]
     folder = tmp_path_factory.mktemp("site") / f"ur_emulator-{project['version']}.dist-info"
     folder.mkdir()

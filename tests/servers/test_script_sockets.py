@@ -25,7 +25,7 @@ HOST = "127.0.0.1"
 
 
 class Peer:
-    """The server a script connects to."""
+    """The server that a script connects to."""
 
     def __init__(self) -> None:
         self.connections: asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = asyncio.Queue()
@@ -134,11 +134,11 @@ async def test_a_peer_that_is_far_ahead_must_wait(
     assert got == sent
 
 
-# where scripts may connect
+# restrictions on the connections of scripts
 
 
 def told_names(monkeypatch: pytest.MonkeyPatch, **names: list[str]) -> None:
-    """Let names mean these addresses."""
+    """Let names resolve to these addresses."""
 
     async def getaddrinfo(name: str, port: int, **_: object) -> list[tuple[object, ...]]:
         if name not in names:
@@ -317,7 +317,7 @@ async def test_the_control_api_is_reachable_only_if_allowed(network: ScriptNetwo
 
 @pytest.mark.skipif(sys.platform != "linux", reason="control APIs of other processes are not known there")
 async def test_the_control_api_of_another_process_is_recognised() -> None:
-    """As of a fleet, whose robots are in several processes, and of robots of other tests."""
+    """As in a fleet, whose robots are in several processes, and with robots of other tests."""
     with EmulatorProcess(["--ephemeral-ports"]) as other:
         port = other.ports["control"]
         assert leads_behind_a_robot(other.host, port)
@@ -329,7 +329,7 @@ async def test_the_control_api_of_another_process_is_recognised() -> None:
 async def test_a_pendant_is_refused_like_a_control_api() -> None:
     listening = await asyncio.start_server(lambda reader, writer: writer.close(), HOST, 0)
     port = listening.sockets[0].getsockname()[1]
-    mark = BackdoorMark(HOST, port)  # as a pendant does, in its own process
+    mark = BackdoorMark(HOST, port)  # like a pendant in its own process
     try:
         assert not await reaches(NetworkSockets(), HOST, port)
         assert await reaches(NetworkSockets(ScriptNetwork.ANY_AND_CONTROL), HOST, port)
@@ -340,7 +340,7 @@ async def test_a_pendant_is_refused_like_a_control_api() -> None:
 
 
 async def test_a_control_api_on_all_interfaces_is_recognised_by_each_address() -> None:
-    port = 1  # of no emulator that runs beside this test
+    port = 1  # not used by an emulator that runs at the same time
     mark = BackdoorMark("0.0.0.0", port)
     try:
         assert leads_behind_a_robot(HOST, port)
@@ -353,7 +353,7 @@ async def test_a_control_api_on_all_interfaces_is_recognised_by_each_address() -
 
 
 def turn_an_input_on(port: int) -> str:
-    """A program that asks a control API to do so, byte by byte where URScript has no escapes."""
+    """A program that sends this request to a control API, byte by byte where URScript has no escapes."""
     head = ["POST /verbs/set_digital_input HTTP/1.1", f"Host: {HOST}", "Content-Type: application/json"]
     lines = [f'socket_send_string("{line}")\nendline()' for line in (*head, "Content-Length: 24", "")]
     body = "socket_send_byte(34)\n".join(

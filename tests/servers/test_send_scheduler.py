@@ -1,4 +1,4 @@
-"""The number of state packages sent in one control period is limited; clients take turns, and a few notice nothing."""
+"""The number of state packages per control period is limited; many clients take turns, a few are unaffected."""
 
 from dataclasses import dataclass, field
 
@@ -24,7 +24,7 @@ class Listener:
 
 
 def publish(scheduler: SendScheduler, listeners: list[Listener], step: int) -> int:
-    """One control period; how many packages left."""
+    """One control period; the number of packages sent."""
     before = sum(len(listener.seen) for listener in listeners)
     scheduler.next_period(step)
     for listener in listeners:
@@ -41,7 +41,7 @@ def test_few_clients_get_each_package_in_its_period(count: int) -> None:
 
 
 def check_turns(listeners: list[Listener], last_step: int) -> None:
-    """Each got about as much as any other, in order and nothing twice, and something recent."""
+    """Each got about the same number of packages, in order, without duplicates, and up to date."""
     counts = [len(listener.seen) for listener in listeners]
     assert max(counts) - min(counts) <= 0.2 * max(counts)
     for listener in listeners:
@@ -141,7 +141,7 @@ def test_a_client_removed_from_a_feed_gets_nothing_more() -> None:
 
 
 class Failing(Listener):
-    """Fails at its second package, as a hook of a fault may."""
+    """Fails at its second package, as a fault's hook can."""
 
     def send_state(self, data: bytes) -> None:
         super().send_state(data)

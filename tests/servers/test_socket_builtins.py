@@ -52,7 +52,7 @@ def start(emulator: Emulator, port: int, body: str) -> None:
 
 
 async def ended(emulator: Emulator) -> list[str]:
-    """What the log says once the program has ended."""
+    """The log once the program has ended."""
     log = emulator.controller.messages.history
     async with timeout(20):
         while not any("PROGRAM_XXX_STARTED" in line for line in log):
@@ -93,7 +93,7 @@ async def test_a_conversation(emulator: Emulator, driver: tuple[Driver, int]) ->
     writer.write(b"B -12\n")
     assert await reader.readline() == b"[2, 7, -7][3, 1.5, -2, 3]\n"
     assert await reader.readline() == b"text[3, 1, 2, 255]line-12\n"
-    assert await reader.read() == b""  # the end of the program is the end of its connections
+    assert await reader.read() == b""  # connections close at the end of the program
     assert not any("exception" in line for line in await ended(emulator))
 
 

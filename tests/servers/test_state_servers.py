@@ -1,4 +1,4 @@
-"""The servers that broadcast: RTDE, realtime, primary and secondary, on a controller that is none."""
+"""The servers that broadcast: RTDE, realtime, primary and secondary, with a fake controller."""
 
 import struct
 from itertools import pairwise
@@ -240,7 +240,7 @@ def test_messages_come_before_the_state_of_their_period(controller: FakeControll
 
 
 def test_a_new_safety_mode_is_followed_immediately_by_a_state(controller: FakeController) -> None:
-    """The official client library unlocks a protective stop only when a state has shown it one."""
+    """The official client library unlocks a protective stop only after a state has reported one."""
     server = primary_server(controller)
     client = MemoryClient(server)
     controller.tick(14)
@@ -341,7 +341,7 @@ def test_connections_opened_in_local_control_stay_read_only(controller: FakeCont
 
 
 def test_a_state_is_encoded_once_for_all_four_ports(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They send it in the same control period, and encoding takes a twentieth of an e-Series arm's."""
+    """They send it in the same control period, and encoding takes a twentieth of a period of the e-Series."""
     encoded = []
 
     def encode(state: RobotStateData, version: PolyscopeVersion, *, full: bool) -> bytes:

@@ -82,7 +82,7 @@ async def test_one_client_at_a_time_uses_the_line(echo: Emulator) -> None:
 
 
 async def test_probing_the_port_has_no_side_effects(echo: Emulator) -> None:
-    """As the vendor's script does it before it starts socat."""
+    """As in the vendor's script before it starts socat."""
     (await asyncio.open_connection(HOST, echo.ports["tool line"]))[1].close()
     client = await Client.connect(echo)
     assert await client.echoed(b"here") == b"here"
@@ -109,7 +109,7 @@ async def test_an_invalid_device(tmp_path: Path) -> None:
 
 @contextmanager
 def opened(path: str) -> Iterator[int]:
-    """A serial device as a program opens it: raw, waiting at most two seconds for a byte."""
+    """A serial device opened like in a program: raw, waiting at most two seconds for a byte."""
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
     try:
         tty.setraw(descriptor)
@@ -119,7 +119,7 @@ def opened(path: str) -> Iterator[int]:
 
 
 async def read(descriptor: int, count: int) -> bytes:
-    """So many bytes from a terminal, without holding up the event loop."""
+    """This number of bytes from a terminal, without blocking the event loop."""
     loop = asyncio.get_running_loop()
     got = bytearray()
     done = asyncio.Event()
@@ -156,7 +156,7 @@ async def test_a_user_device_on_a_pseudo_terminal() -> None:
 
 
 async def test_a_serial_port_of_this_machine() -> None:
-    """Its far end stands for the wire. Baud rate, parity and stop bits are the program's."""
+    """Its other end represents the cable. Baud rate, parity and stop bits are those of the program."""
     wire, port = os.openpty()
     tty.setraw(port)
     try:

@@ -1,4 +1,4 @@
-"""Web pages at the ports of a robot: nothing that a browser sends is carried out, however it is cut in segments."""
+"""Web pages at the ports of a robot: nothing that a browser sends is executed, for any split into segments."""
 
 import struct
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ REQUESTS = {
     "HTTP/2": b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + SCRIPT,
     "a WebSocket": b"GET / HTTP/1.1\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\r\n" + SCRIPT,
 }
-TICKET = b"\npower on\n" + SCRIPT  # chosen by the page's server, which the browser returns
+TICKET = b"\npower on\n" + SCRIPT  # chosen by the page's server and returned by the browser
 HELLO = b"\1" + (len(TICKET) + 36).to_bytes(3, "big") + b"\3\3" + bytes(34) + TICKET
 TLS = b"\x16\3\1" + len(HELLO).to_bytes(2, "big") + HELLO
 SENT = {**REQUESTS, "TLS": TLS}
@@ -43,7 +43,7 @@ PORTS = [*TEXT_PORTS, "primary read-only", "secondary read-only", "realtime read
 
 
 def make_ports() -> tuple[FakeController, dict[str, PortServer]]:
-    """All ports of an arm, which keeps what it is told."""
+    """All ports of an arm, which records its commands."""
     config = ControllerConfig(model=load_model("ur5e"), gripper=MODELS["robotiq-2f-85"])
     fake = FakeController(E_SERIES)
     servers = {server.name: server for server in make_servers(Controller(config), tool_line=True)}
@@ -62,7 +62,7 @@ def test_all_ports_are_tested(ports: tuple[FakeController, dict[str, PortServer]
 
 
 def splits(data: bytes) -> Iterator[list[bytes]]:
-    """Whole, in two pieces at every place of the first line, and byte by byte."""
+    """As a whole, in two pieces at every position of the first line, and byte by byte."""
     yield [data]
     for place in range(1, 40):
         yield [data[:place], data[place:]]
@@ -70,7 +70,7 @@ def splits(data: bytes) -> Iterator[list[bytes]]:
 
 
 def send(fake: FakeController, server: PortServer, pieces: list[bytes]) -> MemoryClient:
-    """Each piece in a control period of its own, as long as the connection is there, then the end."""
+    """Each piece in a separate control period, as long as the connection is open, then the end."""
     client = MemoryClient(server)
     for piece in pieces:
         client.feed(piece)
@@ -133,7 +133,7 @@ def test_the_tool_line_passes_possible_device_data_but_no_request_body(
 
 
 def rtde_body() -> bytes:
-    """``POS`` reads as a start package of 20559 bytes, and a page chooses what follows it."""
+    """``POS`` reads as a start package of 20559 bytes, and a page controls the data after it."""
     head = b"POST / HTTP/1.1\r\nHost: 127.0.0.1:30004\r\n\r\n"
     inputs = SetupInputs(("speed_slider_mask", "speed_slider_fraction")).encode(1)
     return head + b" " * (0x504F - len(head)) + inputs + InputData(1, struct.pack(">Id", 1, 0.0)).encode(1)
@@ -160,7 +160,7 @@ def test_the_requests_would_be_executed_without_the_check(
 ) -> None:
     monkeypatch.setattr(Connection, "for_browsers", not judged)
     fake, servers = ports
-    fake.tick(5)  # what others sent
+    fake.tick(5)  # earlier data
     fake.commands.clear()
     client = MemoryClient(servers[port])
     client.feed(data)

@@ -1,4 +1,4 @@
-"""Two recordings held against each other: what is the same, and where they part."""
+"""Comparison of two recordings: equal parts, and the place where they diverge."""
 
 import csv
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The proxy between real sockets: nothing of what the two ends do is changed, and all of it is recorded."""
+"""The proxy between real sockets: it changes nothing between the two ends, and records everything."""
 
 import asyncio
 import contextlib
@@ -34,7 +34,7 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 @asynccontextmanager
 async def proxied(serve: Serve, recorder: Recorder | None = None, *, mirrored: bool = False) -> AsyncIterator[int]:
-    """A server, and the port of a proxy before it; recorded as the tool's line."""
+    """A server, and the port of a proxy in front of it; recorded as the tool line."""
 
     async with serving(serve) as target:
         route = Route("one", 54321, HOST, 0, HOST, target, mirrored)
@@ -121,7 +121,7 @@ async def test_a_client_that_does_not_read_blocks_only_its_own_connection():
     async with proxied(flood) as port:
         slow, slow_writer = await asyncio.open_connection(HOST, port, limit=1 << 10)
         slow_writer.write(b"b")
-        await asyncio.wait_for(blocked.wait(), 60)  # so the proxy does not take any amount
+        await asyncio.wait_for(blocked.wait(), 60)  # so the proxy does not buffer without limit
         reader, writer = await asyncio.open_connection(HOST, port)
         writer.write(b"a")
         assert await asyncio.wait_for(reader.readexactly(6), 20) == b"answer"
@@ -196,7 +196,7 @@ async def test_a_session_with_an_emulator(tmp_path: Path):
 
 
 def use(ports: dict[str, int]) -> list[dict]:
-    """What a user's session may be; the states it saw."""
+    """A typical user session; the states it received."""
     with (
         BlockingDashboardClient(HOST, ports["dashboard"]) as panel,
         BlockingRTDEClient(HOST, ["timestamp", "actual_q"], port=ports["rtde"]) as states,

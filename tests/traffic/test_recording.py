@@ -1,4 +1,4 @@
-"""What is recorded is what is read, by us and by others; and whatever else a file may be."""
+"""Recordings are read back by us and by independent readers; damaged and foreign files."""
 
 import os
 import shutil
@@ -25,7 +25,7 @@ PORTS = (30004, 29999, 50001)
 
 
 def write(path: Path, pieces: list[tuple[int, bool, bytes]], *, end: bool = True) -> None:
-    """Three connections at once, 1 ms between what is said."""
+    """Three concurrent connections, 1 ms between messages."""
     clock = VirtualTime()
     recorder = Recorder(path, ["robot: UR3"], now_ns=clock)
     recorded = [recorder.connection(*ends(port)) for port in PORTS]
@@ -58,7 +58,7 @@ def test_every_byte_is_read_back_in_order_with_its_time(pieces, end):
 
 
 def tcp_segments(path: Path) -> list[tuple[float, dpkt.ip.IP]]:
-    """As dpkt reads the file."""
+    """TCP segments of the file, read by dpkt."""
     with path.open("rb") as file:
         return [(time, dpkt.ethernet.Ethernet(frame).data) for time, frame in dpkt.pcapng.Reader(file)]
 

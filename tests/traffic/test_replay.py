@@ -1,4 +1,4 @@
-"""A recording as a robot: clients of every kind see again what was recorded."""
+"""A recording replayed as a robot: clients of every kind receive the recorded data."""
 
 import asyncio
 import json
@@ -188,10 +188,10 @@ def test_modbus_answers_any_transaction_id_and_refuses_unrecorded_reads():
     assert answer_modbus(requests, other) == bytes.fromhex("1235 0000 0003 01 83 02")
 
 
-# a client we did not write
+# an independent client
 
 
-# in a process of its own: the library holds Python's lock while it waits
+# in a separate process, since the library holds Python's lock while it waits
 UR_RTDE = """
 import json, sys
 from rtde_receive import RTDEReceiveInterface

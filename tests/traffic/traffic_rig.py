@@ -1,4 +1,4 @@
-"""Recordings made in virtual time, of a controller that is stepped by hand."""
+"""Recordings in virtual time of a controller that is stepped manually."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ PROGRAM = "def prog():\n  movej([-1.6, -1.4, -1.7, -0.8, 1.6, 0], a={acceleratio
 
 
 class VirtualTime:
-    """A clock that only goes on when it is told to."""
+    """A clock that is advanced by the test."""
 
     def __init__(self) -> None:
         self.ns = BEGIN_NS
@@ -42,7 +42,7 @@ def recorded_robot(
     names: Any = NAMES,
     model: str = "ur3",
 ) -> Recording:
-    """An RTDE client watches a robot carry out a program, and asks the dashboard something."""
+    """An RTDE client observes a robot executing a program, and sends a dashboard query."""
     clock = VirtualTime()
     recorder = Recorder(path, ["robot: UR3", "PolyScope: 3.15.8.1"], now_ns=clock)
     controller = Controller(ControllerConfig(model=load_model(model), running=True))

@@ -53,7 +53,7 @@ class Rig:
 
     @property
     def complaints(self) -> list[Any]:
-        """Messages but those that a program started or ended."""
+        """All messages except those for the start and end of a program."""
         return [message for message in self.messages if not isinstance(message, KeyMessage)]
 
     def tick(self, count: int = 1) -> None:
@@ -72,7 +72,7 @@ class Rig:
         raise AssertionError(f"did not happen within {within_s} s: {self.messages}")
 
     def post(self, command: Any) -> Any:
-        """What the controller answers to a command."""
+        """The controller's answer to a command."""
         answers: list[Any] = []
         self.controller.post(command, answers.append)
         self.tick()
@@ -84,7 +84,7 @@ class Rig:
         self.controller.post(ScriptUnit(f"def test():\n{body}end\n", "block"))
 
     def table(self, below_m: float = 0.005, name: str = "table", **material: float) -> WorldObject:
-        """Put a level plane below the TCP."""
+        """Add a level plane below the TCP."""
         x, y, z, *_ = self.pose
         table = WorldObject(Plane(), (x, y, z - below_m, 0.0, 0.0, 0.0), **material)
         self.world.add(name, table)

@@ -1,4 +1,4 @@
-"""What a user does to the world while the controller runs."""
+"""Changes of the world by a user while the controller runs."""
 
 import pytest
 

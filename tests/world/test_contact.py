@@ -1,4 +1,4 @@
-"""What a contact does to the tool: springs, dampers, friction, and no energy from nowhere."""
+"""Effects of a contact on the tool: springs, dampers, friction, and conservation of energy."""
 
 from math import cos, hypot, sin
 
@@ -79,7 +79,7 @@ def test_boxes_that_overlap_at_a_corner_touch_with_one_corner_of_each(rig):
 
 
 def test_a_block_smaller_than_the_tool_pushes_the_middle_of_the_tool(rig):
-    """None of the tool's corners is on the block: the block's are under the tool."""
+    """None of the tool's corners is on the block, but the block's corners are under the tool."""
     x, y, z, *_ = rig.pose
     rig.world.mount(WorldObject(Box((0.2, 0.2, 0.02))))
     rig.world.add("block", WorldObject(Box((0.04, 0.04, 0.1)), (x, y, z - 0.059, 0, 0, 0), stiffness=1e4))
@@ -97,7 +97,7 @@ def test_a_block_smaller_than_the_tool_pushes_the_middle_of_the_tool(rig):
 def test_a_contact_never_pulls_and_friction_stays_in_its_cone(depth, stiffness, damping, friction, vx, vy, vz):
     (x, y, z), grip = force_of(depth, (0.0, 0.0, 1.0), (stiffness, damping, friction), (vx, vy, vz))
     assert z >= 0.0
-    assert hypot(x, y) <= friction * z * (1 + 1e-9) + 1e-300  # where doubles have no digits left
+    assert hypot(x, y) <= friction * z * (1 + 1e-9) + 1e-300  # where doubles have no precision left
     assert x * vx + y * vy <= 0.0
     assert grip >= 0.0
     if depth <= 0.0:
@@ -106,14 +106,14 @@ def test_a_contact_never_pulls_and_friction_stays_in_its_cone(depth, stiffness, 
 
 @pytest.mark.parametrize(("speed", "push"), [(-0.1, 40.0), (0.0, 20.0), (0.05, 10.0), (0.1, 0.0), (0.2, 0.0)])
 def test_a_damper_resists_approach_but_not_separation(speed, push):
-    """20 N of the spring; the damper's 200 N s/m add to them on the way in, and never pull on the way out."""
+    """20 N of the spring; the damper's 200 N s/m increase them on the way in, and never pull on the way out."""
     force, _ = force_of(0.002, (0.0, 0.0, 1.0), (1e4, 200.0, 0.0), (0.0, 0.0, speed))
     assert force == pytest.approx((0.0, 0.0, push))
 
 
 @pytest.mark.parametrize("ball_is_the_tool", [True, False])
 def test_the_force_acts_where_the_ball_is_deepest(ball_is_the_tool):
-    """So friction turns a ball that slides: its lever is the radius, towards the plane or the box."""
+    """So friction rotates a sliding ball: its lever is the radius, towards the plane or the box."""
     ball = WorldObject(Sphere(0.05), (0.0, 0.0, 0.549, 0.0, 0.0, 0.0))
     block = WorldObject(Box((0.4, 0.4, 1.0)))
     if ball_is_the_tool:
@@ -155,12 +155,12 @@ def energy(rig, table):
 @example("ur3", 1e6, 0.0, 0.5, 0.0)
 @example("ur5e", 1e5, 0.0, 0.5, 0.0)
 def test_a_bounce_creates_no_energy(make, model, stiffness, damping, speed, force_damping):
-    """Thrown at a table and let go: at any stiffness what comes back is no more than what came."""
+    """Thrown at a table and released: at any stiffness, the energy after the bounce is no more than before."""
     rig = make(model)
     table = rig.table(0.012, stiffness=stiffness, damping=damping)
     rig.press(1e4, limit=speed, damping=force_damping)
     rig.until(lambda: rig.pose[2] - table.pose[2] < 0.004 + speed * rig.controller.period_s)
-    rig.press(0.0, limit=5.0, damping=force_damping)  # nothing but the contact and friction from here
+    rig.press(0.0, limit=5.0, damping=force_damping)  # only contact and friction from here
     rig.tick()
     before = energy(rig, table)
     for _ in range(round(1.0 / rig.controller.period_s)):
@@ -172,7 +172,7 @@ def test_a_bounce_creates_no_energy(make, model, stiffness, damping, speed, forc
 
 
 def test_a_world_out_of_reach_changes_no_output(make):
-    """A world out of reach leaves every output as it is without a world."""
+    """With a world out of reach, every output is the same as without a world."""
     alone, with_world = make(), make()
     with_world.world.add("far", WorldObject(Plane(), (0, 0, -5.0, 0, 0, 0)))
     for rig in (alone, with_world):

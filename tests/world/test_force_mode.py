@@ -1,4 +1,4 @@
-"""Force mode and freedrive against something solid: as the Script Manual has it, in virtual time."""
+"""Force mode and freedrive against solid objects, as in the Script Manual, in virtual time."""
 
 from math import pi
 
@@ -18,7 +18,7 @@ both_series = pytest.mark.parametrize("model", ["ur3", "ur5e"])
 
 
 def settles(rig, newton, within_s=10.0):
-    """The force along base z gets to within CLOSE_N of it, and stays for a second."""
+    """The force along base z reaches this value within CLOSE_N, and stays for a second."""
     rig.seconds(within_s)
     for _ in range(round(1.0 / rig.controller.period_s)):
         rig.tick()
@@ -81,7 +81,7 @@ def test_force_mode_settles_for_any_material_and_settings(
 
 @both_series
 def test_a_flat_tool_aligns_with_the_surface(make, model):
-    """Compliant about x and y, it is turned by its corners until all four carry the same."""
+    """Compliant about x and y, it is rotated by its corners until all four carry the same load."""
     rig = make(model)
     x, y, z, *_ = rig.pose
     rig.world.mount(WorldObject(Box((0.06, 0.06, 0.02))))
@@ -95,7 +95,7 @@ def test_a_flat_tool_aligns_with_the_surface(make, model):
 
 @both_series
 def test_pressing_and_sliding_keeps_the_force(make, model):
-    """A movement along a slope under force: the compliant axis gives way as the ground rises."""
+    """A movement along a slope under force: the compliant axis yields as the surface rises."""
     rig = make(model)
     x, y, z, *_ = rig.pose
     rig.world.add("slope", WorldObject(Plane(), (x, y, z, 0.1, 0.0, 0.0)))
@@ -123,7 +123,8 @@ def test_speed_limits_hold_on_the_way_and_in_contact(make, model):
 
 
 def test_position_control_against_a_table_presses_harder_and_harder(rig):
-    """No force mode: the table's stiffness decides, until a joint current is off the model by its window."""
+    """No force mode: the table's stiffness determines the force, until a joint current deviates from the model by its
+    limit."""
     rig.table(0.002, stiffness=5e4)
     x, y, z, *turn = rig.pose
     rig.motion.commands.movel((x, y, z - 0.02, *turn), v=0.01, a=1.0)
@@ -147,14 +148,14 @@ def test_a_push_moves_the_arm_in_freedrive_down_to_the_table(make, model):
     assert rig.force[2] == pytest.approx(0.0, abs=CLOSE_N)  # the hand and the table cancel
     assert rig.post(ReleaseTool()) == ""
     rig.seconds(4.0)
-    assert rig.force[2] == 0.0  # the table has pushed it off
+    assert rig.force[2] == 0.0  # the table has pushed it away
     assert 0.0 < rig.pose[2] - table.pose[2] < 0.003
     assert rig.motion.qd == (0.0,) * 6
     assert not rig.complaints
 
 
 def test_the_tool_slides_off_a_ball(rig):
-    """Free in all directions, a tool pressed on a ball slides off it and goes on."""
+    """Free in all directions, a tool pressed on a ball slides off it and continues."""
     x, y, z, *_ = rig.pose
     rig.world.mount(WorldObject(Sphere(0.01)))
     rig.world.add("ball", WorldObject(Sphere(0.03), (x + 0.005, y, z - 0.05, 0, 0, 0)))
@@ -186,7 +187,7 @@ def test_pausing_stops_the_arm_and_resuming_presses_again(make, model):
 
 
 def test_a_stretched_arm_can_press(make):
-    """Straight up, pushing sideways against a wall: the arm cannot get away from its singularity, and stays whole."""
+    """Straight up, pushing sideways against a wall: the arm cannot leave its singularity, and stays stable."""
     rig = make("ur5e", initial_q=(0.0, -pi / 2, 0.0, -pi / 2, 0.0, 0.0))
     x, y, z, *_ = rig.pose
     rig.world.add("wall", WorldObject(Plane(), (x + 0.01, y, z, 0.0, -pi / 2, 0.0)))

@@ -1,4 +1,4 @@
-"""Links that touch: in the joints before them, and nowhere else."""
+"""Links in contact load only the joints before them."""
 
 from math import pi
 
@@ -56,7 +56,7 @@ def arm(make):
 
 
 def extra(rig):
-    """Joint torques beyond those of the arm's own model."""
+    """Joint torques in addition to those of the arm's model."""
     return [a - t for a, t in zip(rig.now.actual_current_as_torque, rig.now.target_moment, strict=True)]
 
 
@@ -80,7 +80,7 @@ def test_a_post_under_the_forearm_loads_the_joints_before_it(arm):
 
 @pytest.mark.parametrize("shape", [Plane(), Box((0.4, 0.4, 0.4)), Sphere(0.2)])
 def test_the_power_of_a_push_agrees_with_the_joint_torques(arm, shape):
-    """Virtual work: what the joints feel is the gradient of the spring's energy along each of them."""
+    """Virtual work: the joint torques are the gradient of the spring's energy along each of them."""
     links = arm.world.links
     q = list(arm.now.actual_q)
     arm_capsules = ArmCapsules(arm.controller.model)

@@ -1,4 +1,4 @@
-"""Depth and normal of planes, boxes and spheres; coal, which we did not write, is the oracle."""
+"""Depth and normal of planes, boxes and spheres, against coal."""
 
 import coal
 import numpy as np
@@ -38,7 +38,7 @@ def coal_depth(shape, pose, point, radius):
 
 @given(shapes, poses, st.tuples(places, places, places), st.floats(0.001, 0.2))
 def test_depth_and_normal_match_coal(shape, pose, point, radius):
-    """Only along the shortest way out does the depth shrink as fast as the ball moves."""
+    """Only along the normal does the depth shrink as fast as the ball moves."""
     touch = WorldObject(shape, pose).touch(point, radius)
     assert touch.depth == pytest.approx(coal_depth(shape, pose, point, radius), abs=2e-6)
     moved = tuple(at + 1e-3 * step for at, step in zip(point, touch.out, strict=True))
@@ -47,7 +47,7 @@ def test_depth_and_normal_match_coal(shape, pose, point, radius):
 
 @given(shapes, poses, st.tuples(places, places, places), st.floats(0.0, 0.2))
 def test_moving_along_the_normal_by_the_depth_ends_the_contact(shape, pose, point, radius):
-    """Having gone as far as it is deep, a ball touches; whatever the shape."""
+    """After moving by its depth, a ball just touches any shape."""
     thing = WorldObject(shape, pose)
     touch = thing.touch(point, radius)
     assert sum(part * part for part in touch.out) == pytest.approx(1.0)

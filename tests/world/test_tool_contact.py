@@ -1,4 +1,4 @@
-"""tool_contact() and what programs make of it: back to just before the contact started."""
+"""tool_contact() and its use in programs: back to just before the contact started."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def steps(rig, direction):
 @pytest.mark.parametrize("model", ["ur3", "ur5e"])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
 def test_moving_until_contact_and_back_to_its_start(make, model, stiffness):
-    """The Script Manual's example: move, look, remember where it began, stop, go back there."""
+    """The Script Manual's example: move, check, store where the contact began, stop, go back there."""
     rig = make(model)
     table = rig.table(0.02, stiffness=stiffness)
     rig.program(
@@ -36,7 +36,7 @@ def test_moving_until_contact_and_back_to_its_start(make, model, stiffness):
         "movel(q)",
     )
     run_out(rig)
-    begun = 2.0 / stiffness  # m: a tenth of the 20 N that count is where a contact starts
+    begun = 2.0 / stiffness  # m: a contact starts at a tenth of the threshold of 20 N
     travel = SPEED * rig.controller.period_s
     assert table.pose[2] - begun - 2 * travel < rig.pose[2] < table.pose[2] + 3 * travel
 
