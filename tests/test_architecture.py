@@ -122,7 +122,7 @@ MAY_TOUCH_OUTSIDE = (
     "urproto.compat_asyncio",
     *FOR_TESTS,
 )
-# a module of the standard library that imports sockets -> its names that may be used, which need none
+# a module of the standard library that imports sockets -> its names that may be used, which need assert_none
 CODECS = {"xmlrpc": {"Fault", "Unmarshaller", "dumps", "loads"}}
 LONGEST_FILE = 600
 
@@ -186,14 +186,14 @@ def within(name: str, parts: tuple[str, ...]) -> bool:
     return any(name == part or name.startswith(f"{part}.") for part in parts)
 
 
-def none(problems: Iterable[str]) -> None:
+def assert_none(problems: Iterable[str]) -> None:
     """Fail with all findings together: each rule is one test, regardless of the number of modules."""
     found = sorted(problems)
     assert not found, "\n".join(found)
 
 
 def test_dependency_table() -> None:
-    none(
+    assert_none(
         f"{name} imports {imported}: {why}"
         for name in modules()
         for imported in imports(name)
@@ -223,7 +223,7 @@ def _not_allowed(name: str, imported: str) -> str | None:
 
 
 def test_emulator_levels() -> None:
-    none(_level_violations("emulator", LAYERS["EMULATOR_LEVELS"]))
+    assert_none(_level_violations("emulator", LAYERS["EMULATOR_LEVELS"]))
 
 
 def _level_violations(package: str, levels: Sequence[tuple[str, ...]]) -> Iterator[str]:
@@ -244,7 +244,7 @@ def _level_violations(package: str, levels: Sequence[tuple[str, ...]]) -> Iterat
 
 def test_only_the_io_shells_access_the_outside_world() -> None:
     inner = (name for name in modules() if not within(name, MAY_TOUCH_OUTSIDE))
-    none(
+    assert_none(
         f"{name} imports {imported}"
         for name in inner
         for imported in imports(name)
@@ -253,7 +253,7 @@ def test_only_the_io_shells_access_the_outside_world() -> None:
 
 
 def test_modules_that_import_sockets_are_used_only_for_their_codecs() -> None:
-    none(f"{name} imports {used}" for name in modules() for used in _beyond_the_codec(name))
+    assert_none(f"{name} imports {used}" for name in modules() for used in _beyond_the_codec(name))
 
 
 def _beyond_the_codec(name: str) -> Iterator[str]:
@@ -285,7 +285,7 @@ def test_no_import_cycles() -> None:
 
 def test_files_stay_short() -> None:
     lengths = {name: len(module_path(name).read_text().splitlines()) for name in modules()}
-    none(f"{name} has {lines} lines: split it" for name, lines in lengths.items() if lines > LONGEST_FILE)
+    assert_none(f"{name} has {lines} lines: split it" for name, lines in lengths.items() if lines > LONGEST_FILE)
 
 
 def test_only_one_module_chooses_the_encoding_of_foreign_text() -> None:
@@ -306,7 +306,7 @@ def test_every_module_is_imported() -> None:
     texts = [(ROOT / "pyproject.toml").read_text(), *(module_path(name).read_text() for name in modules())]
     named = {match for text in texts for match in re.findall(r'"([a-z_.0-9]+)(?::\w+)?"', text)}  # imported when needed
     named |= {f"client.commands.{place}" for place in re.findall(r'"(\w+):\w+"', module_path("client.cli").read_text())}
-    none(
+    assert_none(
         f"nothing imports {name}: add it to the registry of its package, or delete it"
         for name in modules()
         if name not in used | named and not name.endswith("__main__") and not _is_package_of(name, used | named)
@@ -351,7 +351,7 @@ def _layer_of(name: str, table: Mapping[str, Any]) -> str | None:
 
 
 def test_layers_of_client() -> None:
-    none(layers("client", LAYERS["CLIENT_LAYERS"]))
+    assert_none(layers("client", LAYERS["CLIENT_LAYERS"]))
 
 
 def test_an_import_that_violates_the_layers_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

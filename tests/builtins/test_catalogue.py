@@ -94,7 +94,7 @@ def test_each_name_exists_from_its_first_version_on(row):
         assert first is None or builtin.availability.covers(first) or row["name"] in {"set_target_payload"}
 
 
-# Earlier, or on another series, than the tables say: the official control script is one text for both series.
+# Earlier, or on another series, than in the tables: the official control script is one text for both series.
 EARLIER = {
     "force_mode_set_gain_scaling": "cb3",
     "set_target_payload": "cb3",

@@ -12,7 +12,7 @@ TRACK = SETUP + "track_conveyor_linear(p[0, 1, 0, 0, 0, 0], 1000)\n"
 
 @pytest.fixture
 def belt(rig):
-    """A UR5e beside a conveyor that makes 100 ticks/s, with 1000 ticks/m: 0.1 m/s."""
+    """A UR5e next to a conveyor at 100 ticks/s, with 1000 ticks/m: 0.1 m/s."""
     rig.controller.encoders[0].simulated_speed = 100.0
     return rig
 

@@ -29,7 +29,7 @@ class Talk:
             self.rig.controller.post(InterpreterLine(line, self.answers.append))
 
     def say(self, line: str, ticks: int = 1) -> str:
-        """Send a line; its answer, which must come within this many control periods."""
+        """Send a line; its answer, which must arrive within this many control periods."""
         before = len(self.answers)
         self.send(line)
         self.rig.tick(ticks)
@@ -494,7 +494,7 @@ def test_a_failing_listener_is_ignored(begun: Talk) -> None:
 
 
 def test_long_lines_are_compiled_in_pieces(begun: Talk) -> None:
-    """Other work of the period goes on: the answer comes some periods later."""
+    """Other work of the period continues, so the answer arrives some periods later."""
     line = "x = 0 " + "x = x + [1, 2, 3][1] * 2 - 1 " * 250
     begun.send(line, "textmsg(x)")
     begun.rig.tick()

@@ -418,7 +418,7 @@ def test_answers_that_end_the_program(rig, reply, text):
 
 
 @pytest.mark.parametrize("reply", [b"", b"HTTP/1.1 200 OK\r\n", http(xml(1))[:-5]])
-def test_a_server_that_hangs_up(rig, reply):
+def test_a_server_that_closes_the_connection(rig, reply):
     text = fails(rig, reply, close=True)
     assert "closed" in text or "not HTTP" in text
 

@@ -304,7 +304,7 @@ def test_failed_floats_are_not_numbers(rig):
     ],
 )
 def test_retrying_in_a_loop_leaves_time_for_other_threads(rig, attempt):
-    """Public programs do it without sync(); it is no endless loop."""
+    """Public programs do it without sync(); it is not an endless loop."""
     rig.start(f"n = 0\nwhile not {attempt}:\nn = n + 1\nend")
     rig.seconds(12.0)
     assert rig.state.name == "PLAYING"

@@ -84,7 +84,7 @@ def test_the_target_waypoint_is_the_target_of_the_move(rig):
     assert rig.texts == ["True"]
 
 
-def test_joint_history_looks_back(rig):
+def test_joint_history_returns_earlier_positions(rig):
     rig.run(
         """
         speedj([0.5, 0, 0, 0, 0, 0], 10, 0.5)
@@ -386,7 +386,7 @@ def test_temperatures_currents_and_other_state(rig):
     assert uptime.members["sec"] + uptime.members["nanosec"] / 1e9 == pytest.approx(rig.controller.time_s, abs=0.1)
 
 
-def test_cb3_has_its_own_step_time(cb3):
+def test_the_step_time_of_cb3(cb3):
     assert cb3.value("get_steptime()") == 0.008
 
 

@@ -30,7 +30,7 @@ def write(folder: Path, text: str = CAMPAIGN, program: str = PROGRAM) -> Path:
     return path
 
 
-class Here:
+class InProcessWorkers:
     """Workers in this process. loses: whether the process of a job dies, given the arguments of the job."""
 
     def __init__(self, folder: str, loses: Callable[..., bool] = lambda *_: False) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from campaign_rig import CAMPAIGN, Here, write
+from campaign_rig import CAMPAIGN, InProcessWorkers, write
 
 from emulator.campaign.conduct import Conductor, failing_ones, simplest
 from emulator.campaign.journal import Journal, write_parquet
@@ -32,7 +32,7 @@ def conducted(
 ) -> list[Result]:
     """The contents of the journal after the campaign."""
     with Journal(folder, plan, VERSION) as journal:
-        Conductor(plan, workers or Here(plan.folder), journal, VERSION, on_results).run()
+        Conductor(plan, workers or InProcessWorkers(plan.folder), journal, VERSION, on_results).run()
         return list(journal.results())
 
 
@@ -73,7 +73,7 @@ def test_an_interrupted_campaign_resumes(tmp_path: Path) -> None:
     done = journal.read_bytes().count(b"\n") - 1
     assert 0 < done < len(plan)
     journal.write_bytes(journal.read_bytes() + b'{"run":11,"status":"pas')  # an incomplete last line
-    workers = Here(plan.folder)
+    workers = InProcessWorkers(plan.folder)
     assert complete(plan, conducted(plan, tmp_path / "out", workers))
     assert sum(len(numbers) for _, numbers, *_ in workers.jobs) == len(plan) - done
 
@@ -89,7 +89,7 @@ def test_results_of_another_campaign_are_not_resumed(tmp_path: Path) -> None:
 
 def test_a_run_that_kills_its_process_is_the_only_one_lost(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 30}}", "sync()\n"))
-    workers = Here(plan.folder, loses=lambda _plan, numbers, *_: 17 in numbers)
+    workers = InProcessWorkers(plan.folder, loses=lambda _plan, numbers, *_: 17 in numbers)
     results = conducted(plan, tmp_path / "out", workers)
     assert complete(plan, results)
     assert [result.run for result in results if result.status is not Status.PASSED] == [17]
@@ -121,7 +121,7 @@ def test_a_machine_with_another_version_is_refused(tmp_path: Path) -> None:
         Conductor(plan, RaisingWorkers(plan.folder), journal, "9.9", lambda _: None).run()
 
 
-class RaisingWorkers(Here):
+class RaisingWorkers(InProcessWorkers):
     """Returns the exception of a function, like the other workers."""
 
     def submit(self, function: Callable[..., object], *arguments: object) -> int:
@@ -141,7 +141,7 @@ def test_one_failed_run_of_each_kind_is_reduced_to_a_minimum(tmp_path: Path) -> 
         failed = failing_ones(journal, 10)
         assert [result.failure for result in failed] == ["runtime exception: line 3: oh"]
         assert failed[0].run == min(result.run for result in results if result.status is Status.FAILED)
-        simpler = simplest(plan, Here(plan.folder), VERSION, failed)
+        simpler = simplest(plan, InProcessWorkers(plan.folder), VERSION, failed)
         command = plan.command(simpler[failed[0].run])
         assert command == [
             *("urscript", "run", "work.script", "--model", "ur10", "--polyscope", "3.15.8"),
@@ -218,7 +218,7 @@ def test_a_missing_test_is_refused(tmp_path: Path) -> None:
 
 def test_job_sizes_shrink_towards_the_end(tmp_path: Path) -> None:
     plan = read_plan(write(tmp_path, "script: work.script\nmatrix: {seed: {count: 60}}", "sync()\n"))
-    workers = Here(plan.folder)
+    workers = InProcessWorkers(plan.folder)
     conducted(plan, tmp_path / "out", workers)
     sizes = [len(numbers) for _, numbers, *_ in workers.jobs]
     assert sizes[0] == 1

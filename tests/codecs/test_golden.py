@@ -1,7 +1,7 @@
 """Every kind of message of every port has a golden case: bytes or texts from external sources, with their origin.
 
 Our extensions of External Control exist nowhere else: their cases are written manually after the URScript of our
-control program, and say so.
+control program, and are marked as such.
 
 ``tests/golden/wire.tsv`` is the list. Each case is decoded by the port's codec, which determines its kinds, and must be
 encoded to the same bytes. A kind without a case fails; the table of all is ``tests/golden/README.md``, which
@@ -217,7 +217,7 @@ READERS: dict[str, Callable[[str, str], set[str]]] = {
 }
 
 
-def wanted() -> Iterator[tuple[str, str]]:
+def required_kinds() -> Iterator[tuple[str, str]]:
     """Port and kind of every message that exists, from the code."""
     for part in (kind for _, kind in state._PARTS.values()):
         yield "primary", part_kind(part)
@@ -262,7 +262,7 @@ def wanted() -> Iterator[tuple[str, str]]:
 
 def origins() -> dict[tuple[str, str], list[str]]:
     """The origins of the cases of each kind; a referenced test covers all kinds of its port."""
-    found: dict[tuple[str, str], list[str]] = {kind: [] for kind in wanted()}
+    found: dict[tuple[str, str], list[str]] = {kind: [] for kind in required_kinds()}
     for port, version, case, origin in ROWS:
         kinds = {kind for its_port, kind in found if its_port == port}
         if not case.startswith("test:"):
@@ -300,7 +300,7 @@ def test_every_kind_has_a_case() -> None:
 
 
 def test_every_case_is_of_an_existing_kind() -> None:
-    assert set(origins()) == set(wanted())
+    assert set(origins()) == set(required_kinds())
 
 
 def test_referenced_tests_exist() -> None:

@@ -144,7 +144,7 @@ def test_old_popups_are_shorter():
     assert PrimaryDecoder(V3_2).feed(popup.encode(V3_2)) == [popup]
 
 
-def test_the_version_message_sets_the_version_of_what_follows():
+def test_the_version_message_sets_the_version_of_later_messages():
     decoder = PrimaryDecoder()
     popup = PopupMessage(title="T", text="x")
     stream = VersionMessage.of(V3_2, "today").encode(V3_2) + popup.encode(V3_2)

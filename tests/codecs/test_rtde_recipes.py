@@ -135,7 +135,7 @@ def test_pack_agrees_with_construct(data):
     assert Recipe(fields).unpack(packed) == values
 
 
-def test_packer_reads_what_the_fields_read():
+def test_the_packer_reads_the_same_values_as_the_fields():
     recipe = Recipe(OUTPUT_FIELDS.values())
     source = snapshot(tool_output_voltage_2=24, tool_output_current_2=0.5)
     assert recipe.packer()(source) == recipe.pack([field.read(source) for field in recipe.fields])
@@ -158,7 +158,7 @@ def test_registers_are_read_from_their_arrays(name, expected):
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
-def test_output_packer_makes_whole_packages(protocol):
+def test_the_output_packer_creates_complete_packages(protocol):
     recipe = Recipe.of(["robot_mode", "joint_mode"], OUTPUT_FIELDS)
     source = snapshot(robot_mode=RobotMode.NO_CONTROLLER, joint_mode=(JointMode.IDLE,) * 6)
     package = OutputData(recipe.pack((-1, (255,) * 6)), 7).encode(protocol)

@@ -28,7 +28,7 @@ async def emulator() -> AsyncIterator[Emulator]:
         yield running
 
 
-async def beside(work: Callable[[], Any]) -> Any:
+async def run_in_thread(work: Callable[[], Any]) -> Any:
     """Do blocking work while the emulator continues."""
     return await asyncio.to_thread(work)
 
@@ -54,7 +54,7 @@ async def test_faults_over_http(emulator: Emulator) -> None:
         finally:
             robot.close()
 
-    faults = await beside(use)
+    faults = await run_in_thread(use)
     assert [(fault["id"], fault["kind"], fault["state"]) for fault in faults] == [
         (1, "stall", "over"),
         (2, "delay", "over"),
@@ -75,14 +75,14 @@ async def test_the_control_api_outlives_the_controller(emulator: Emulator) -> No
         finally:
             robot.close()
 
-    assert await beside(use) < 20.0
+    assert await run_in_thread(use) < 20.0
     assert all(server.listening for server in emulator.servers.values())
 
 
 async def test_faults_on_the_command_line(emulator: Emulator) -> None:
     async def run(*words: str) -> tuple[int, str]:
         place = ["--port", str(emulator.ports["control"])]
-        result = await beside(lambda: CliRunner().invoke(ctl.app, [*place, *words], env={"COLUMNS": "200"}))
+        result = await run_in_thread(lambda: CliRunner().invoke(ctl.app, [*place, *words], env={"COLUMNS": "200"}))
         return result.exit_code, result.output
 
     assert await run("inject_fault", "drop_connection", "port=rtde", "probability=0.5", "peer=127.0.0.9") == (0, "1\n")

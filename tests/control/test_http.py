@@ -36,7 +36,7 @@ async def emulator() -> AsyncIterator[Emulator]:
         yield running
 
 
-async def beside(work: Callable[[], Any]) -> Any:
+async def run_in_thread(work: Callable[[], Any]) -> Any:
     """Do blocking work while the emulator continues."""
     return await asyncio.to_thread(work)
 
@@ -72,7 +72,7 @@ async def test_verbs_over_http(emulator: Emulator) -> None:
         finally:
             robot.close()
 
-    assert await beside(use) == [{"safety_mode": "ROBOT_EMERGENCY_STOP"}, "ur3"]
+    assert await run_in_thread(use) == [{"safety_mode": "ROBOT_EMERGENCY_STOP"}, "ur3"]
 
 
 async def test_an_integer_answers_a_question_for_an_integer(emulator: Emulator) -> None:
@@ -88,11 +88,11 @@ async def test_an_integer_answers_a_question_for_an_integer(emulator: Emulator) 
         robot.close()
         return variables
 
-    assert await beside(use) == {"n": "12"}
+    assert await run_in_thread(use) == {"n": "12"}
 
 
 async def test_the_description_is_openapi(emulator: Emulator) -> None:
-    status, description = await beside(lambda: request(emulator, "/openapi.json"))
+    status, description = await run_in_thread(lambda: request(emulator, "/openapi.json"))
     assert status == 200
     validate(description)
     assert "/verbs/set_joints" in description["paths"]
@@ -115,7 +115,7 @@ async def test_time_stops_and_continues_step_by_step(emulator: Emulator) -> None
         robot.close()
         return times
 
-    first, second, third, fourth, fifth = await beside(use)
+    first, second, third, fourth, fifth = await run_in_thread(use)
     assert second - first == pytest.approx(period_s)
     assert third - second == pytest.approx(100 * period_s)
     assert third == fourth == fifth
@@ -175,7 +175,7 @@ async def test_several_requests_on_one_connection_are_answered_in_order(emulator
 async def test_invalid_requests_are_refused(
     emulator: Emulator, path: str, body: bytes | None, headers: dict[str, str], status: int
 ) -> None:
-    answered, content = await beside(lambda: request(emulator, path, body, **headers))
+    answered, content = await run_in_thread(lambda: request(emulator, path, body, **headers))
     assert answered == status, content
     assert status == 200 or content["error"]
 
@@ -186,7 +186,7 @@ async def test_non_http_data_is_answered_and_disconnected(emulator: Emulator) ->
     answer = await reader.read()
     assert answer.startswith(b"HTTP/1.1 400 ")
     writer.close()
-    assert (await beside(lambda: request(emulator, "/health")))[0] == 200
+    assert (await run_in_thread(lambda: request(emulator, "/health")))[0] == 200
 
 
 async def test_requests_without_the_token_are_refused() -> None:
@@ -203,7 +203,7 @@ async def test_requests_without_the_token_are_refused() -> None:
                 friend.call("state", {})
             return request(emulator, "/openapi.json")[0], request(emulator, "/health")[0]
 
-        assert await beside(use) == (401, 200)
+        assert await run_in_thread(use) == (401, 200)
 
 
 def test_listening_on_other_interfaces_requires_a_token() -> None:
@@ -221,7 +221,7 @@ async def test_the_control_api_can_be_disabled() -> None:
 
 async def test_the_speed_of_virtual_time_cannot_be_set() -> None:
     async with Emulator(config(), StepClock()) as emulator:
-        status, answer = await beside(lambda: request(emulator, "/verbs/set_speed", b'{"speed": 2}'))
+        status, answer = await run_in_thread(lambda: request(emulator, "/verbs/set_speed", b'{"speed": 2}'))
         assert (status, "virtual time" in answer["error"]) == (409, True)
 
 
@@ -230,7 +230,7 @@ class TestCommand:
 
     async def run(self, emulator: Emulator, *words: str) -> tuple[int, str]:
         place = ["--port", str(emulator.ports["control"])]
-        result = await beside(lambda: CliRunner().invoke(ctl.app, [*place, *words], env={"COLUMNS": "200"}))
+        result = await run_in_thread(lambda: CliRunner().invoke(ctl.app, [*place, *words], env={"COLUMNS": "200"}))
         return result.exit_code, result.output
 
     async def test_the_verbs_are_listed(self, emulator: Emulator) -> None:

@@ -61,7 +61,7 @@ class Rig:
         self.controller.post(RTDEInputs(values))
         return self.tick()
 
-    def said(self, kind: type) -> list[Any]:
+    def messages_of(self, kind: type) -> list[Any]:
         return [message for message in self.messages if isinstance(message, kind)]
 
 

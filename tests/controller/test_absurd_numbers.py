@@ -60,12 +60,12 @@ def test_an_absurd_payload_cannot_be_mounted(bad):
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999", "fast"])
-def test_the_slider_takes_numbers_only(rig, text):
+def test_the_slider_accepts_only_finite_numbers(rig, text):
     rig.script("set speed 0.5")
     rig.tick()
     rig.script(f"set speed {text}")
     assert rig.tick().target_speed_fraction == 0.5
-    assert rig.said(TextMessage) == []
+    assert rig.messages_of(TextMessage) == []
     assert "ignored: give a number" in rig.controller.messages.history[-1]
 
 

@@ -287,15 +287,15 @@ def test_the_arm_moves_again_after_a_protective_stop(ready, playing):
 def test_protective_stop_called_by_a_script(ready):
     ready.script("def p():\n  protective_stop()\nend\n")
     ready.seconds(0.5)
-    assert [message.label for message in ready.said(ErrorCodeMessage)] == ["C209A0"]
+    assert [message.label for message in ready.messages_of(ErrorCodeMessage)] == ["C209A0"]
     assert ready.now.safety_mode is SafetyMode.PROTECTIVE_STOP
 
 
 def test_an_unreachable_line_stops_protectively(ready):
     ready.script("movel(p[10, 0, 0, 0, 0, 0])")
     ready.until(lambda s: s.safety_mode is SafetyMode.PROTECTIVE_STOP, 1.0)
-    assert ready.said(RuntimeExceptionMessage) == []
-    (error,) = ready.said(ErrorCodeMessage)
+    assert ready.messages_of(RuntimeExceptionMessage) == []
+    (error,) = ready.messages_of(ErrorCodeMessage)
     assert error.level >= ReportLevel.WARNING
 
 
@@ -358,7 +358,7 @@ def test_safeguard_stop_resumes_by_itself(ready):
     assert ready.now.actual_q == pytest.approx((1.0, -1.0, 0.5, -1.0, 0.3, 0.2), abs=1e-9)
 
 
-def test_safeguard_does_not_resume_what_was_paused_before(ready):
+def test_closing_the_safeguard_does_not_resume_a_program_paused_before(ready):
     ready.script(LONG_MOVE)
     ready.seconds(0.5)
     ready.ask("pause")
@@ -394,9 +394,12 @@ def test_program_start_and_end(ready):
     ready.until(is_state(RuntimeState.STOPPED))
     assert ready.now.robot_status_bits == 0b01
     assert ready.now.target_qd == ZERO6
-    assert [message.title for message in ready.said(KeyMessage)] == ["PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"]
-    assert {message.text for message in ready.said(KeyMessage)} == {"far"}
-    assert ready.said(ErrorCodeMessage) == []
+    assert [message.title for message in ready.messages_of(KeyMessage)] == [
+        "PROGRAM_XXX_STARTED",
+        "PROGRAM_XXX_STOPPED",
+    ]
+    assert {message.text for message in ready.messages_of(KeyMessage)} == {"far"}
+    assert ready.messages_of(ErrorCodeMessage) == []
 
 
 def test_pause_holds_the_arm_on_its_path_and_play_resumes(ready):

@@ -485,7 +485,7 @@ def test_torque_accelerates_the_true_body(make):
     assert error_rad(rig) < 2e-3
 
 
-def test_no_torque_holds_the_arm_against_gravity_and_friction_brings_it_to_rest(make):
+def test_zero_torque_holds_the_arm_against_gravity_and_friction_stops_it(make):
     rig = torque_rig(make, dynamic=True)
     rig.script(torque_program((0, 500)))
     rig.seconds(0.9)
@@ -601,7 +601,7 @@ def test_currents_are_noisier_in_motion_than_at_rest(make):
 
 
 def test_the_weight_of_an_unannounced_payload_acts_at_its_centre(make):
-    """About the flange: the payload's lever in base axes times its weight, whatever the TCP."""
+    """About the flange: the payload's lever in base axes times its weight, independent of the TCP."""
     rig = make("ur5e", running=True, initial_q=BENT)
     rig.controller.set_tcp((0.0, 0.05, 0.2, 0.0, 0.0, 0.0))
     rig.controller.post(MountPayload(Payload.of(2.0, (0.03, 0.0, 0.08))))

@@ -100,11 +100,11 @@ def assert_fault_everywhere(rig):
     assert rig.ask("safetymode") == "Safetymode: FAULT"
     assert rig.ask("safetystatus") == "Safetystatus: FAULT"
     assert rig.ask("running") == "Program running: false"
-    assert SafetyMode.FAULT in [message.safety_mode for message in rig.said(SafetyModeMessage)]
-    (error,) = [message for message in rig.said(ErrorCodeMessage) if message.code == 116]
+    assert SafetyMode.FAULT in [message.safety_mode for message in rig.messages_of(SafetyModeMessage)]
+    (error,) = [message for message in rig.messages_of(ErrorCodeMessage) if message.code == 116]
     assert error.level is ReportLevel.FAULT
     assert "on purpose" in error.text
-    assert "on purpose" in rig.said(PopupMessage)[-1].text
+    assert "on purpose" in rig.messages_of(PopupMessage)[-1].text
     assert "the emulator failed" in "\n".join(rig.controller.messages.history)
 
 

@@ -83,7 +83,7 @@ def test_a_refused_script_is_reported_as_c210_and_does_nothing(make):
     rig = make("ur5e")
     rig.controller.post(RefusedScript("power on"))
     rig.tick()
-    (message,) = rig.said(ErrorCodeMessage)
+    (message,) = rig.messages_of(ErrorCodeMessage)
     assert (message.code, message.argument) == (210, 0)
     assert "read-only" in message.text
     rig.seconds(0.5)

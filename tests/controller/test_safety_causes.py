@@ -87,7 +87,7 @@ class Robot:
         state = robot_state(self.rig.now, self.controller.model)
         return decode_robot_state(encode_robot_state(state, self.controller.version, full=True)[5:])
 
-    def said(self, kind):
+    def messages_of(self, kind):
         """Messages of this kind after encoding and decoding."""
         version = self.controller.version
         decoded = (
@@ -160,10 +160,10 @@ def test_every_cause_is_consistent_on_all_ports_and_can_be_recovered_from(make, 
     assert state.mode.program_paused is (row.program is RuntimeState.PAUSED)
     real_time = decode_realtime(encode_realtime(rig.now, robot.controller.version))
     assert (real_time["robot_mode"], real_time["safety_mode"]) == (row.robot_mode, row.mode)
-    assert [message.safety_mode for message in robot.said(SafetyModeMessage)] == [row.mode]
+    assert [message.safety_mode for message in robot.messages_of(SafetyModeMessage)] == [row.mode]
     joint = JOINT if row.per_joint else None
     labels = [] if row.code is None else [(row.code, row.argument + (joint or 0), row.level)]
-    assert [(m.code, m.argument, m.level) for m in robot.said(ErrorCodeMessage)] == labels
+    assert [(m.code, m.argument, m.level) for m in robot.messages_of(ErrorCodeMessage)] == labels
     if row.level is ReportLevel.FAULT and row.per_joint:
         assert seen["joint_mode"][JOINT] == JointMode.FAULT
         assert set(seen["joint_mode"][:JOINT]) == {JointMode.POWER_OFF}
@@ -273,5 +273,5 @@ def test_fifty_stops_of_one_joint_are_allowed_and_one_more_is_a_fault(make):
     rig.controller.post(TripSafety(Cause.COLLISION, 3))
     rig.tick()
     assert rig.now.safety_mode is SafetyMode.FAULT
-    assert (rig.said(ErrorCodeMessage)[-1].code, rig.said(ErrorCodeMessage)[-1].argument) == (163, 3)
+    assert (rig.messages_of(ErrorCodeMessage)[-1].code, rig.messages_of(ErrorCodeMessage)[-1].argument) == (163, 3)
     assert rig.now.joint_mode[3] is JointMode.FAULT

@@ -49,7 +49,7 @@ def tool_speed(snapshot):
 
 
 def codes(rig):
-    return [(message.code, message.argument) for message in rig.said(ErrorCodeMessage)]
+    return [(message.code, message.argument) for message in rig.messages_of(ErrorCodeMessage)]
 
 
 def to_the_end(rig, watch=tool_speed):

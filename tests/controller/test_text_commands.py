@@ -51,7 +51,7 @@ def test_lines_without_effect(ready, line):
     ready.script(line)
     ready.tick(3)
     assert ready.now.runtime_state is RuntimeState.PLAYING
-    assert ready.said(RuntimeExceptionMessage) == []
+    assert ready.messages_of(RuntimeExceptionMessage) == []
 
 
 @pytest.mark.parametrize("line", ["", "power", "power on now", "set", "movej([0,0,0,0,0,0])", "set speed"])
@@ -65,7 +65,7 @@ def test_invalid_lines_are_reported_and_have_no_effect(ready):
     ready.script("blah blah blah")
     ready.tick(3)
     assert ready.now.runtime_state is RuntimeState.PLAYING
-    assert len(ready.said(RuntimeExceptionMessage)) == 1
+    assert len(ready.messages_of(RuntimeExceptionMessage)) == 1
 
 
 def test_every_text_command_has_help():

@@ -176,16 +176,16 @@ class Soak:
         for client in self.clients:
             client.close()
         self.clients.clear()
-        await self._up()
+        await self._all_ports_listening()
         control.dashboard("stop")
         control.restart_safety()
         await robot.step(30)
-        await self._left()
+        await self._all_clients_gone()
         await self._served()
         self.memory_kB.append(resident_kB())
         self.objects.append(len(gc.get_objects()))
 
-    async def _left(self) -> None:
+    async def _all_clients_gone(self) -> None:
         """No client is connected any more."""
         servers = self.robot.emulator.servers.values()
         try:
@@ -194,7 +194,7 @@ class Soak:
             left = [(server.name, one._stalls, one._kept) for server in servers for one in server.connections]
             raise AssertionError(f"connections remain: {left}, errors: {self.errors}") from None
 
-    async def _up(self) -> None:
+    async def _all_ports_listening(self) -> None:
         """Every port listens again; an outage ends in a control period, and opening ports takes some iterations of the
         loop."""
         for _ in range(50):
@@ -216,7 +216,7 @@ class Soak:
             one.close()
             robot.clients.remove(one)
         await robot.step(3)
-        await self._left()
+        await self._all_clients_gone()
 
     def state(self) -> dict[str, object]:
         """The state that has to be the same after each minute."""

@@ -40,7 +40,7 @@ def only(entries: dict):
     return entry
 
 
-def said(instruction: str) -> list[list[str]]:
+def arguments_of(instruction: str) -> list[list[str]]:
     return [words[1:] for words in INSTRUCTIONS if words[0] == instruction]
 
 
@@ -50,11 +50,11 @@ def json_form(instruction: str) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    return dict(word.split("=", 1) for words in said("ENV") for word in words)
+    return dict(word.split("=", 1) for words in arguments_of("ENV") for word in words)
 
 
 def exposed() -> set[int]:
-    ranges = (word.split("-") for words in said("EXPOSE") for word in words)
+    ranges = (word.split("-") for words in arguments_of("EXPOSE") for word in words)
     return {port for ends in ranges for port in range(int(ends[0]), int(ends[-1]) + 1)}
 
 
@@ -70,7 +70,7 @@ def test_the_image_listens_on_all_interfaces() -> None:
 
 
 def test_the_image_does_not_run_as_root() -> None:
-    assert said("USER")[-1] == ["1000:1000"]
+    assert arguments_of("USER")[-1] == ["1000:1000"]
 
 
 def test_the_entry_point_is_a_console_script_of_the_project() -> None:
@@ -83,7 +83,7 @@ def test_copied_files_exist_and_are_in_the_build_context() -> None:
     let_in = [
         line[1:] for line in (DOCKER / "Dockerfile.dockerignore").read_text().splitlines() if line.startswith("!")
     ]
-    sources = [word for words in said("COPY") if not words[0].startswith("--") for word in words[:-1]]
+    sources = [word for words in arguments_of("COPY") if not words[0].startswith("--") for word in words[:-1]]
     assert sources
     for source in sources:
         assert (ROOT / source).exists()
@@ -131,12 +131,14 @@ def test_the_manifests_are_consistent() -> None:
     assert STATEFUL_SET["spec"]["selector"]["matchLabels"].items() <= labels.items()
     assert SERVICE["spec"]["selector"].items() <= labels.items()
     assert POD["securityContext"]["runAsNonRoot"]
-    assert f"{POD['securityContext']['runAsUser']}:{POD['securityContext']['runAsGroup']}" == said("USER")[-1][0]
+    assert (
+        f"{POD['securityContext']['runAsUser']}:{POD['securityContext']['runAsGroup']}" == arguments_of("USER")[-1][0]
+    )
     assert CONTAINER["securityContext"]["readOnlyRootFilesystem"]
 
 
 def test_the_health_check_is_the_same_everywhere() -> None:
-    (health,) = said("HEALTHCHECK")
+    (health,) = arguments_of("HEALTHCHECK")
     probes = [CONTAINER[name]["exec"]["command"] for name in ("startupProbe", "readinessProbe")]
     assert probes[0] == probes[1]
     assert [word.strip("[],") for word in health[health.index("CMD") + 1 :]] == probes[0]
@@ -144,7 +146,7 @@ def test_the_health_check_is_the_same_everywhere() -> None:
 
 def test_the_base_image_is_pinned_in_a_from_line() -> None:
     """Dependabot updates images in a FROM line and ignores those in an ARG."""
-    stages = {words[2] for words in said("FROM") if "AS" in words}
-    bases = [words[0] for words in said("FROM") if words[0] not in stages]
+    stages = {words[2] for words in arguments_of("FROM") if "AS" in words}
+    bases = [words[0] for words in arguments_of("FROM") if words[0] not in stages]
     assert len(bases) == 1
     assert re.fullmatch(r"[a-z]+:\d+\.\d+\.\d+-[a-z-]+@sha256:[0-9a-f]{64}", bases[0]), bases

@@ -178,7 +178,7 @@ def steps_of(text: str) -> list[int]:
     return work
 
 
-def left_by(text: str) -> tuple[int, int]:
+def objects_left_by(text: str) -> tuple[int, int]:
     """Number of objects that compiling a text leaves for the garbage collector, and how many of them are garbage."""
     compiler._cache.clear()
     share = WorkShare(Series.CB3.period_s)
@@ -229,7 +229,7 @@ def longest_tick(text: str, periods: int, model: str, bound_s: float, after: int
     return longest, after + least.index(longest)
 
 
-def least_time(work: Callable[[], object]) -> float:
+def min_time(work: Callable[[], object]) -> float:
     """Processor time of some work [s]: the minimum of several measurements."""
     times = []
     for _ in range(_TRIES):

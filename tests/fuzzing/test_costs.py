@@ -8,8 +8,8 @@ import pytest
 from costs import (
     SOURCES,
     busy_program,
-    least_time,
-    left_by,
+    min_time,
+    objects_left_by,
     long_source,
     longest_tick,
     slowness,
@@ -86,7 +86,7 @@ def test_the_cost_of_a_byte_does_not_depend_on_earlier_bytes(name: str) -> None:
     make, data = STREAMS[name]
     few, many = data(250_000), data(1_000_000)
     for _ in range(3):
-        ratio = least_time(lambda: feed(make, many)) / least_time(lambda: feed(make, few))
+        ratio = min_time(lambda: feed(make, many)) / min_time(lambda: feed(make, few))
         if ratio < 9:
             break
     assert ratio < 9
@@ -99,7 +99,7 @@ def test_reading_byte_by_byte_gives_the_same_result(data: bytes) -> None:
         for byte in data[:count]:
             splitter.feed(bytes([byte]))
 
-    assert least_time(lambda: one_by_one(40_000)) < 9 * least_time(lambda: one_by_one(10_000))
+    assert min_time(lambda: one_by_one(40_000)) < 9 * min_time(lambda: one_by_one(10_000))
 
 
 @pytest.mark.timeout(0 if WANTED else 120)
@@ -122,9 +122,9 @@ def test_every_step_of_compiling_a_long_text_is_short(name: str) -> None:
 
 @pytest.mark.parametrize("name", SOURCES if WANTED else ["functions that call each other", "a long call", "threads"])
 def test_a_long_text_leaves_little_to_the_garbage_collector(name: str) -> None:
-    """It is paused while a text is compiled; then it examines all remaining objects at once."""
+    """It is paused while a text is compiled; then it examines all remaining objects in one step."""
     text = source(name, SIZE)
-    left, garbage = left_by(text)
+    left, garbage = objects_left_by(text)
     assert left <= 400 + text.count("\n")
     assert not garbage
 

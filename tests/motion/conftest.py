@@ -63,7 +63,7 @@ class Rig:
             self.step(fraction)
         raise AssertionError("the arm never came to rest")
 
-    def hardest(self) -> float:
+    def largest_acceleration(self) -> float:
         """Largest change of joint speed between two periods [rad/s2]."""
         changes = (
             abs(b - a)

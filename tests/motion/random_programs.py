@@ -236,7 +236,7 @@ class Outcome:
     periods: int = 0
     ended: bool = False
     faults: list[str] = field(default_factory=list)
-    hardest: list[tuple[float, int, str]] = field(default_factory=list)  # rad/s2, period, activity
+    largest_acceleration: list[tuple[float, int, str]] = field(default_factory=list)  # rad/s2, period, activity
 
 
 class Run:
@@ -341,11 +341,15 @@ class Run:
             assert abs(rates[i]) <= model.qd_max[i] * (1.0 + ROUNDING), self._at(f"joint {i} does {rates[i]} rad/s")
         if any(snapshot.target_qd):
             assert max(map(abs, map(float.__sub__, snapshot.target_qd, rates))) < 1e-6, self._at("speed is not dq/dt")
-        hardest = max(abs(a - b) / (dt * m) for a, b, m in zip(rates, self._rates, model.qdd_max, strict=True))
-        if hardest > 1.0 + 1e-2:
-            self.outcome.hardest.append((hardest, self.period, self._doing()))
+        largest_acceleration = max(
+            abs(a - b) / (dt * m) for a, b, m in zip(rates, self._rates, model.qdd_max, strict=True)
+        )
+        if largest_acceleration > 1.0 + 1e-2:
+            self.outcome.largest_acceleration.append((largest_acceleration, self.period, self._doing()))
         deviating = self.controller.motion.deviating or self._was_deviating
-        assert hardest <= (MOST_BESIDE if deviating else MOST), self._at(f"a joint does {hardest:.2f} times qdd_max")
+        assert largest_acceleration <= (MOST_BESIDE if deviating else MOST), self._at(
+            f"a joint does {largest_acceleration:.2f} times qdd_max"
+        )
         self._was_deviating = self.controller.motion.deviating
         self._q, self._rates = q, rates
 

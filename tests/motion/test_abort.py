@@ -4,7 +4,7 @@ from math import dist
 
 import pytest
 
-GOAL = (1.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # the rig stands 1 rad away
+GOAL = (1.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # the rig starts 1 rad away
 NEXT = (1.3, -1.2, 1.7, -1.5, -1.5, 0.2)
 
 
@@ -21,7 +21,7 @@ def test_without_a_blend_radius_the_arm_stops_on_its_path(rig):
     assert rig.motion.idle
     assert 0.3 < rig.motion.q[0] < GOAL[0] - 0.2
     assert rig.motion.q[1:] == pytest.approx(GOAL[1:], abs=1e-12)
-    assert rig.hardest() < 15.0
+    assert rig.largest_acceleration() < 15.0
     rig.finish(rig.commands.movej(GOAL))
     assert rig.motion.q == pytest.approx(GOAL)
 
@@ -55,7 +55,7 @@ def test_with_a_blend_radius_the_next_move_blends_in_immediately(rig, make_rig, 
         rig.step()
         assert max(map(abs, rig.motion.qd)) > 0.9 * speed_before, "no stop in between"
         rig.finish(second)
-        assert rig.hardest() < 15.0
+        assert rig.largest_acceleration() < 15.0
         waypoint = corner[:3] if line else rig.kinematics.forward(GOAL)[:3]
         return min(dist(rig.kinematics.forward(q)[:3], waypoint) for q in rig.q)
 

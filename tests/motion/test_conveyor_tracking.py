@@ -48,7 +48,7 @@ def test_a_tool_at_rest_accelerates_and_then_stays_with_its_part(rig):
         behind = start[1] + 0.1 * count * 0.002 - rig.pose()[1]
         assert abs(behind) < (4e-3 if count < 250 else 1e-5)
     assert rig.pose()[::2] == pytest.approx(start[::2], abs=1e-6)
-    assert rig.hardest() < 20.0
+    assert rig.largest_acceleration() < 20.0
     assert rig.motion.path_q == pytest.approx(rig.q[0], abs=1e-12)
 
 
@@ -109,7 +109,7 @@ def test_stopping_keeps_the_tool_in_place_and_poses_in_the_base_frame(rig):
     assert rig.pose()[1] == pytest.approx(start[1] + 0.2, abs=3e-3)
     rig.finish(rig.commands.movel(start))
     assert rig.pose() == pytest.approx(start, abs=1e-8)
-    assert rig.hardest() < 45.0
+    assert rig.largest_acceleration() < 45.0
 
 
 def test_the_speed_slider_slows_the_path_and_not_the_conveyor(rig):
@@ -141,7 +141,7 @@ def test_a_paused_arm_stands_still_and_catches_up_afterwards(rig, halt, moving):
     steps(rig, belt, 700)
     assert rig.pose()[1] == pytest.approx(start[1] + 0.3, abs=1e-4)
     assert rig.fault is None
-    assert rig.hardest() < 45.0
+    assert rig.largest_acceleration() < 45.0
 
 
 def test_a_conveyor_that_leaves_the_workspace_stops_the_arm(rig):
@@ -191,7 +191,7 @@ def test_blends_and_streams_follow_the_conveyor(rig):
     belt_at = (belt.travel - 77.0) / TICKS
     assert rig.pose()[1] == pytest.approx(goal[1] + belt_at, abs=1e-5)
     assert rig.fault is None
-    assert rig.hardest() < 45.0
+    assert rig.largest_acceleration() < 45.0
 
 
 def test_an_offset_combined_with_a_conveyor(rig):

@@ -6,7 +6,7 @@ from math import dist
 import pytest
 
 ZERO = (0.0,) * 6
-START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
+START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 
 
 def add(pose, *shift):
@@ -90,7 +90,7 @@ def test_joint_blend(rig):
     rig.finish(rig.commands.movej(goal))
     assert rig.motion.q == goal
     assert all(max(map(abs, qd)) <= 1.05 * (1 + 1e-6) for qd in rig.qd)
-    assert rig.hardest() <= 1.5 * 1.4 * 2
+    assert rig.largest_acceleration() <= 1.5 * 1.4 * 2
     assert min(dist(q, waypoint) for q in rig.q) > 0.01
 
 
@@ -109,7 +109,7 @@ def test_blend_between_joint_and_tool_moves(rig, first, second):
         assert rig.motion.q == START
     moving = [max(map(abs, qd)) for qd in rig.qd[20:-20]]
     assert min(moving) > 0.01
-    assert rig.hardest() < 15.0
+    assert rig.largest_acceleration() < 15.0
 
 
 def test_a_chain_of_blends_ends_exactly(rig):
@@ -188,7 +188,7 @@ def test_a_move_to_the_current_position_causes_no_warning(rig):
 
 
 @pytest.mark.parametrize("after", [10, 150, 300])
-def test_take_over_in_mid_motion(rig, after):
+def test_taking_over_in_mid_motion(rig, after):
     """After `kill` of a moving thread, another one moves the arm from its current position and speed."""
     rig.commands.movej((1.5, -1.2, 1.0, -1.5, -1.9, 0.9))
     rig.steps(after)
@@ -199,16 +199,16 @@ def test_take_over_in_mid_motion(rig, after):
     assert rig.motion.qd == pytest.approx(speed, abs=0.05)
     rig.finish(move)
     assert rig.motion.q == goal
-    assert rig.hardest() < 20.0
+    assert rig.largest_acceleration() < 20.0
 
 
-def test_take_over_by_a_tool_move(rig):
+def test_taking_over_by_a_tool_move(rig):
     rig.commands.movej((1.5, -1.2, 1.0, -1.5, -1.9, 0.9))
     rig.steps(200)
     goal = add(rig.pose(), 0.0, 0.0, 0.1)
     rig.finish(rig.commands.movel(goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-9)
-    assert rig.hardest() < 40.0
+    assert rig.largest_acceleration() < 40.0
 
 
 def test_a_replaced_move_is_ready(rig):

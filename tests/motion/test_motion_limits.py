@@ -12,7 +12,7 @@ from tests.budget import examples
 from urproto.robots import load_model
 
 ZERO = (0.0,) * 6
-START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
+START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 
 angle = st.floats(-6.3, 6.3)
 small = st.floats(-0.3, 0.3)
@@ -81,7 +81,7 @@ def test_random_programs_keep_limits_and_end_at_rest(make_rig, name, program):
 
 
 def test_a_tool_path_past_a_singular_wrist_slows_down_and_arrives(make_rig):
-    """2 mm beside the wrist singularity: at full tool speed wrist 1 would have to turn ten times too fast."""
+    """2 mm from the wrist singularity: at full tool speed, wrist 1 would have to turn ten times too fast."""
     rig = make_rig(q=(0.3, -1.6, 1.7, -1.5, -0.2, 0.2))
     start = rig.motion.q
     beyond = rig.kinematics.forward((0.3, -1.6, 1.7, -1.5, 0.2, 0.2))

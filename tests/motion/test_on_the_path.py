@@ -80,7 +80,7 @@ def disturbed(rig, move, touches):
     rig.finish(move)
     assert rig.fault is None
     # the last period of a protective stop also removes the acceleration of the move
-    assert rig.hardest() <= min(rig.model.qdd_max) * 1.25, "speed never steps"
+    assert rig.largest_acceleration() <= min(rig.model.qdd_max) * 1.25, "speed never steps"
 
 
 @pytest.fixture
@@ -162,7 +162,7 @@ def check_blend(rig, moves):
     assume(rig.fault is None or rig.fault.code != OUT_OF_REACH)  # of the smallest arms
     assert rig.fault is None
     stretched = min(abs(q[2]) for q in rig.q) < STRETCHED_RAD
-    assert rig.hardest() <= max(rig.model.qdd_max) * (2.0 if stretched else 1.01)
+    assert rig.largest_acceleration() <= max(rig.model.qdd_max) * (2.0 if stretched else 1.01)
 
 
 @every_model

@@ -5,7 +5,7 @@ from math import cos, dist, pi, sin, sqrt
 import pytest
 
 ZERO = (0.0,) * 6
-START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
+START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 
 TICK = 0.002
 
@@ -26,7 +26,7 @@ def test_the_duration_of_movej_is_that_of_its_leading_joint(rig, a, v):
     assert rig.motion.q == goal
     assert rig.motion.qd == ZERO
     assert rig.motion.idle
-    assert rig.hardest() <= 1.5 * a * 1.01  # speeds are means of a period, and the last one is 0
+    assert rig.largest_acceleration() <= 1.5 * a * 1.01  # speeds are means of a period, and the last one is 0
 
 
 def test_movej_joints_are_synchronised(rig):

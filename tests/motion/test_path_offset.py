@@ -223,7 +223,7 @@ def test_the_offset_outlives_movements_of_all_kinds(rig):
     rig.steps(2500)
     assert rig.pose() == pytest.approx(add(goal, 0, 0, 0.01), abs=1e-6)
     assert rig.fault is None
-    assert rig.hardest() < 45.0
+    assert rig.largest_acceleration() < 45.0
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -262,7 +262,7 @@ def test_a_paused_program_stands_still_and_resumes_without_a_jump(rig, halt):
         rig.step()
     assert rig.fault is None
     assert move.ready
-    assert rig.hardest() < 90.0
+    assert rig.largest_acceleration() < 90.0
 
 
 def test_the_end_of_the_program_ends_the_offset_and_its_settings(rig):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.budget import examples
 
 ZERO = (0.0,) * 6
-START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
+START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 GOAL = (1.3, -1.1, 1.5, -1.5, -1.9, 0.9)
 
 
@@ -47,7 +47,7 @@ def test_any_change_of_the_slider_stays_on_the_path(make_rig, fractions):
         rig.steps(10, fraction)
     rig.finish(move)
     on_joint_line(rig)
-    assert rig.hardest() <= 21.0  # the slider's ramp and the move's own, never the joints' 40
+    assert rig.largest_acceleration() <= 21.0  # the slider's ramp and the move's own, never the joints' 40
     assert rig.motion.q == GOAL
 
 
@@ -93,7 +93,7 @@ def test_pause_and_resume_on_the_path(rig, after, tool):
     else:
         on_joint_line(rig)
         assert rig.motion.q == GOAL
-    assert rig.hardest() < 15.0
+    assert rig.largest_acceleration() < 15.0
 
 
 def test_pause_in_a_blend(rig):

@@ -5,7 +5,7 @@ from math import dist, sin
 import pytest
 
 ZERO = (0.0,) * 6
-START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
+START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 DRIVER = {"lookahead_time": 0.03, "gain": 2000.0}  # parameters of the External Control program
 PERIODS = [0.002, 0.008]
 
@@ -62,7 +62,7 @@ def test_a_step_of_the_target_is_reached_without_overshoot(make_rig, period_s, s
     assert rig.rest() < 4.0
     assert rig.motion.q == goal
     assert max(q[0] for q in rig.q) <= goal[0] + 1e-3 * step
-    assert rig.hardest() <= 40.0 * 1.03
+    assert rig.largest_acceleration() <= 40.0 * 1.03
 
 
 def test_an_unreachable_target_speed_lags_and_settles_on_the_final_target(rig):
@@ -79,7 +79,7 @@ def test_an_unreachable_target_speed_lags_and_settles_on_the_final_target(rig):
 def test_servoj_follows_a_sine_smoothly(rig):
     for k in range(1000):
         servo(rig, (START[0] + 0.3 * sin(3 * k * 0.002), *START[1:]), **DRIVER)
-    assert rig.hardest() < 30.0  # a step to 0.9 rad/s, through a 25 ms lag
+    assert rig.largest_acceleration() < 30.0  # a step to 0.9 rad/s, through a 25 ms lag
 
 
 def test_servoj_then_stopj(rig):
@@ -109,7 +109,7 @@ def test_servoc_is_ready_within_its_radius_and_continues_to_the_next(rig):
     goal = add(first, 0.0, 0.1)
     rig.finish(rig.commands.servoc(goal))
     assert rig.pose() == pytest.approx(goal, abs=1e-6)
-    assert rig.hardest() < 40.0
+    assert rig.largest_acceleration() < 40.0
 
 
 def test_speedj_without_t_returns_at_speed_and_holds_it(rig):
@@ -261,7 +261,7 @@ def test_stopl_from_a_joint_move_stays_near_its_screw(rig):
     rig.steps(400)
     rig.finish(rig.commands.stopl(1.0, 4.0))
     assert rig.motion.qd == ZERO
-    assert rig.hardest() < 80.0
+    assert rig.largest_acceleration() < 80.0
 
 
 def test_stop_ignores_the_slider(rig):

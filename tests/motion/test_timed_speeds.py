@@ -10,7 +10,7 @@ from emulator.controller import Controller
 from emulator.machine import ControllerConfig
 from urproto.robots import load_model
 
-START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # where the rig stands
+START = (0.3, -1.6, 1.7, -1.5, -1.5, 0.2)  # initial position of the rig
 SLIDERS = (0.01, 0.03, 0.1, 0.3, 0.33, 0.47, 0.5, 0.51, 0.66, 0.7, 0.75, 0.9, 0.97, 0.99, 1.0)
 PERIODS = [0.002, 0.008]
 
@@ -53,7 +53,7 @@ def test_a_spline_of_speeds_ends_at_its_target(make_rig, period_s, fraction, too
     polygon = way * (1.0 - (period_s / duration) ** 2)
     covered = dist(rig.pose()[:3], begin[:3]) if tool else rig.motion.q[0] - START[0]
     assert covered == pytest.approx(polygon, abs=1e-4)
-    assert rig.hardest() < 8.0 + 1e-6 if not tool else rig.fault is None
+    assert rig.largest_acceleration() < 8.0 + 1e-6 if not tool else rig.fault is None
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -70,7 +70,7 @@ def test_moving_the_slider_on_the_way_keeps_the_distance(make_rig, period_s, see
             if random.random() < 0.02:
                 fraction = random.choice((0.05, 0.3, 0.9, 1.0, random.random()))
             rig.step(fraction)
-    rig.steps(2, fraction)  # what is left of the last command
+    rig.steps(2, fraction)  # the rest of the last command
     assert rig.motion.q[0] - START[0] == pytest.approx(way, abs=1e-4)
 
 

@@ -101,8 +101,8 @@ async def test_nothing_is_rendered_without_viewers(rig: Rig) -> None:
     page = await rig.get("/")
     assert b'alt="Live picture of camera over all"' in page.body
     assert page.headers["content-type"].startswith("text/html")
-    await what_there_is_not_is_one_clear_line(rig)
-    await pages_of_other_sites_are_kept_out(rig)
+    await unknown_paths_are_one_line_errors(rig)
+    await foreign_pages_are_refused(rig)
     assert not rig.server.drawing.at_work
 
 
@@ -169,7 +169,7 @@ async def test_a_stream_follows_the_robot_and_ends_with_its_viewer(rig: Rig, mon
     await viewers_are_counted(rig, monkeypatch)
 
 
-async def what_there_is_not_is_one_clear_line(rig: Rig) -> None:
+async def unknown_paths_are_one_line_errors(rig: Rig) -> None:
     for path, status, error in (
         ("/cameras/none/rgb.jpg", 404, "there is no camera 'none'; there are: over all, wrist"),
         (f"{OVER}/rgb.gif", 404, "a camera does not serve rgb.gif; it serves: rgb.mjpeg, rgb.jpg"),
@@ -182,7 +182,7 @@ async def what_there_is_not_is_one_clear_line(rig: Rig) -> None:
         assert (answer.status, answer.error[: len(error)]) == (status, error)
 
 
-async def pages_of_other_sites_are_kept_out(rig: Rig) -> None:
+async def foreign_pages_are_refused(rig: Rig) -> None:
     assert (await rig.get("/cameras", Sec_Fetch_Site="cross-site")).error == "pages of other web sites have no access"
     assert (await rig.get("/cameras", Sec_Fetch_Site="same-site")).status == 403
     assert (await rig.get("/cameras", Sec_Fetch_Site="none")).status == 200

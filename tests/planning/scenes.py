@@ -51,7 +51,7 @@ def free_configurations(checker: CollisionChecker, random: Random, count: int) -
 
 
 def samples(plan: Plan, count: int = 5) -> np.ndarray:
-    """Samples of the quintic splines that a robot makes of the trajectory's points, ``count`` per interval."""
+    """Samples of the quintic splines that a robot creates from the trajectory's points, ``count`` per interval."""
     trajectory, rows = plan.trajectory, []
     powers = np.arange(6)
     for i, step in enumerate(np.diff(trajectory.times_s)):

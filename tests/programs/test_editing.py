@@ -1,4 +1,4 @@
-"""Programs are edited node by node, by several people at once, and back."""
+"""Programs are edited node by node, by several users at the same time, with undo."""
 
 import json
 

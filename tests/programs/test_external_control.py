@@ -375,14 +375,14 @@ def test_the_address_used_for_the_driver(tmp_path):
         assert driver.state == "open"
 
 
-class _Behind(ControlledRobot):
+class _ConnectedRobot(ControlledRobot):
     def wait(self, steps):
         raise AssertionError("it takes no time")
 
 
 def test_an_address_from_the_control_api_applies_from_the_next_play(tmp_path):
     robot = Robot(tmp_path, driver=("10.0.0.8", 7000))
-    ProgramVerbs(_Behind(robot.controller)).set_external_control("10.0.0.8", 7000)
+    ProgramVerbs(_ConnectedRobot(robot.controller)).set_external_control("10.0.0.8", 7000)
     _, driver = robot.play()
     assert driver.state == "open"
 

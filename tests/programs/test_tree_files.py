@@ -34,7 +34,7 @@ def refused(arm):
     return arm.texts[before]
 
 
-def test_load_play_and_what_is_loaded(arm):
+def test_load_play_and_query_the_loaded_program(arm):
     arm.save("sub/my tool.urp", main(sleep(0.2)))
     assert (
         arm.ask("load sub/my tool.urp") == "Loading program: /programs/sub/my tool.urp, /programs/default.installation"
@@ -121,7 +121,7 @@ def test_text_that_looks_like_a_block_is_not_one(arm):
 @pytest.mark.parametrize(
     "label", ['  $ 3 "gone"\n', '  $ 9 "Wait"\n'], ids=["another name at its line", "lines that are no more"]
 )
-def test_a_script_saved_with_another_state_of_the_program_gives_no_code(arm, label):
+def test_a_script_saved_with_another_version_of_the_program_is_not_used(arm, label):
     arm.save("tree.urp", main(GRIPPER, tag("Folder", children(say("x")), name="kept")))
     save_hand(arm, block(2, "hand_tell(1)"), label)
     assert "program has changed since that was saved" in refused(arm)

@@ -236,7 +236,7 @@ def test_a_direction_starts_where_the_previous_one_was_stopped(arm):
 
 
 def test_an_arc(arm):
-    """Half a circle of 0.05 m radius in the horizontal plane around a point beside the tool."""
+    """Half a circle of 0.05 m radius in the horizontal plane around a point next to the tool."""
     start = arm.pose
 
     def point(name):

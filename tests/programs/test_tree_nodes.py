@@ -241,7 +241,7 @@ def test_popups_pause_the_program_and_can_end_it(arm):
     assert arm.texts == ["on"]
 
 
-def test_the_operator_is_asked(arm):
+def test_questions_to_the_operator(arm):
     ask = tag("Assignment", tag("variable", name="n"), valueSource="Operator", message="How many?", valueType="Integer")
     arm.start(main(ask))
     arm.until(lambda: any(isinstance(message, RequestValueMessage) for message in arm.messages))

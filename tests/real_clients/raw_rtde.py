@@ -171,7 +171,7 @@ class InputWriter(RawRtde):
 class ForceSensor:
     """A force sensor in the flange: once a period, ``force_on(sample)`` (N, base frame; 3) goes to the controller.
 
-    The controller asks for 10 Hz at least, and takes the wrench in the axes of the flange.
+    The controller requires at least 10 Hz, and takes the wrench in the axes of the flange.
     """
 
     def __init__(self, host: str, force_on: Callable[[Sample], Sequence[float]]) -> None:

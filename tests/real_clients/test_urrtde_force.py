@@ -45,7 +45,7 @@ def test_force_mode_moves_only_along_its_compliant_axis(rig: Rig, control: RTDEC
 
 
 @both_series
-def test_force_mode_holds_the_arm_where_nothing_pushes(rig: Rig, control: RTDEControlInterface) -> None:
+def test_force_mode_without_a_push_holds_the_arm(rig: Rig, control: RTDEControlInterface) -> None:
     with rig.watch() as state:
         assert control.forceMode(BASE, [1, 1, 1, 0, 0, 0], [0.0] * 6, 2, LIMITS)
         state.wait_for(0.5)

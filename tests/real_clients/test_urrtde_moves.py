@@ -33,7 +33,7 @@ def shifted(pose: list[float], x: float = 0.0, y: float = 0.0, z: float = 0.0) -
 
 
 @both_series
-def test_move_j_takes_the_time_of_its_leading_joint(rig: Rig, control: RTDEControlInterface) -> None:
+def test_the_duration_of_move_j_is_that_of_its_leading_joint(rig: Rig, control: RTDEControlInterface) -> None:
     target = turned((0, 0.8), (3, -0.4))
     with rig.watch() as state:
         assert control.moveJ(target, 2.0, 8.0)

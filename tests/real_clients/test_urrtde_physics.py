@@ -12,7 +12,7 @@ from emulator_process import EmulatorProcess
 pytest.importorskip("mujoco", reason="the extra physics")
 
 FOLDER = Path(__file__).parents[2] / "examples" / "physics"
-PATIENCE_S = 100.0  # a busy machine's
+PATIENCE_S = 100.0  # under load
 
 
 @contextmanager

@@ -27,7 +27,7 @@ def forward(rig: Rig, q: list[float]) -> Array:
 
 
 @both_series
-def test_forward_kinematics_of_the_arm_as_it_stands(rig: Rig, control: RTDEControlInterface) -> None:
+def test_forward_kinematics_of_the_current_position(rig: Rig, control: RTDEControlInterface) -> None:
     np.testing.assert_allclose(transform(control.getForwardKinematics()), forward(rig, START_Q), atol=1e-5)
 
 
@@ -138,7 +138,7 @@ def test_poses_and_joints_within_safety_limits(rig: Rig, control: RTDEControlInt
 
 @pytest.mark.parametrize("rig", ["ur3e"], indirect=True)
 def test_step_time(rig: Rig, control: RTDEControlInterface) -> None:
-    """ur_rtde's script asks for it on the e-Series only."""
+    """ur_rtde's script queries it on the e-Series only."""
     control.getStepTime()
     with rig.watch() as state:
         state.wait_for(0.1)

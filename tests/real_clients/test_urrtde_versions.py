@@ -15,7 +15,7 @@ newest = pytest.mark.parametrize("rig", ["ur5e"], indirect=True)  # PolyScope 5.
 e_series = pytest.mark.parametrize("rig", ["ur3e"], indirect=True)
 
 
-def second_answer(rig: Rig, question: Callable[[], list[float]]) -> Array:
+def call_twice(rig: Rig, question: Callable[[], list[float]]) -> Array:
     """Call twice: these calls return the contents of registers, which are stale the first time."""
     question()
     with rig.watch() as state:
@@ -25,7 +25,7 @@ def second_answer(rig: Rig, question: Callable[[], list[float]]) -> Array:
 
 @newest
 def test_jacobian_against_finite_differences(rig: Rig, control: RTDEControlInterface) -> None:
-    columns = second_answer(rig, control.getJacobian).reshape(6, 6)
+    columns = call_twice(rig, control.getJacobian).reshape(6, 6)
     step = 1e-6
     here = ur_analytic_ik.ur5e.forward_kinematics(*START_Q)
     for joint in range(6):
@@ -39,7 +39,7 @@ def test_jacobian_against_finite_differences(rig: Rig, control: RTDEControlInter
 
 @newest
 def test_the_mass_matrix_is_physically_valid(rig: Rig, control: RTDEControlInterface) -> None:
-    mass = second_answer(rig, control.getMassMatrix).reshape(6, 6)
+    mass = call_twice(rig, control.getMassMatrix).reshape(6, 6)
     np.testing.assert_allclose(mass, mass.T, atol=1e-9)
     assert np.linalg.eigvalsh(mass).min() > 0
     assert mass[0, 0] > mass[5, 5]
@@ -47,9 +47,9 @@ def test_the_mass_matrix_is_physically_valid(rig: Rig, control: RTDEControlInter
 
 @newest
 def test_speeds_and_accelerations_are_zero_at_rest(rig: Rig, control: RTDEControlInterface) -> None:
-    assert second_answer(rig, control.getCoriolisAndCentrifugalTorques) == pytest.approx([0.0] * 6, abs=1e-9)
-    assert second_answer(rig, control.getTargetJointAccelerations) == pytest.approx([0.0] * 6, abs=1e-9)
-    assert second_answer(rig, control.getJacobianTimeDerivative) == pytest.approx([0.0] * 36, abs=1e-9)
+    assert call_twice(rig, control.getCoriolisAndCentrifugalTorques) == pytest.approx([0.0] * 6, abs=1e-9)
+    assert call_twice(rig, control.getTargetJointAccelerations) == pytest.approx([0.0] * 6, abs=1e-9)
+    assert call_twice(rig, control.getJacobianTimeDerivative) == pytest.approx([0.0] * 36, abs=1e-9)
 
 
 @pytest.mark.parametrize("rig", ["ur5e dynamic"], indirect=True)

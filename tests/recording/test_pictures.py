@@ -65,11 +65,11 @@ def test_rosbags_reads_pictures_cameras_and_camera_poses(recorded: Path) -> None
 def test_frames_are_repeated_for_late_subscribers() -> None:
     pictures = Pictures()
 
-    def told(seconds: float) -> bool:
+    def has_static_transforms(seconds: float) -> bool:
         shot = Shot(OVERVIEW, "rgb.jpg", JPEG, 0.0, POSE)
         return "/tf_static" in [topic.name for topic, _ in pictures.encoded(shot, BEGAN_NS + round(1e9 * seconds))]
 
-    assert [told(seconds) for seconds in (0.0, 0.5, 1.0, 1.5, 0.0)] == [True, False, True, False, True]
+    assert [has_static_transforms(seconds) for seconds in (0.0, 0.5, 1.0, 1.5, 0.0)] == [True, False, True, False, True]
 
 
 def test_a_late_picture_does_not_set_the_clock() -> None:

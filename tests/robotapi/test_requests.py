@@ -23,13 +23,13 @@ async def put(api: httpx.AsyncClient, path: str, **body: str) -> int:
     return (await api.put(path, json=body)).status_code
 
 
-async def said(api: httpx.AsyncClient, path: str, key: str) -> Any:
+async def get_field(api: httpx.AsyncClient, path: str, key: str) -> Any:
     return (await api.get(path)).json()[key]
 
 
 async def reached(api: httpx.AsyncClient, path: str, key: str, value: str) -> None:
     async with timeout(30.0):
-        while await said(api, path, key) != value:
+        while await get_field(api, path, key) != value:
             pass
 
 
@@ -83,12 +83,12 @@ async def test_the_arm(robot: Start) -> None:
             ("POWER_OFF", "POWER_OFF"),
             ("BRAKE_RELEASE", "RUNNING"),
         ):
-            assert (await put(api, state, action=action), await said(api, mode, "mode")) == (200, becomes)
+            assert (await put(api, state, action=action), await get_field(api, mode, "mode")) == (200, becomes)
         assert await put(api, state, action="UNLOCK_PROTECTIVE_STOP") == 409
         emulator.controller.protective_stop(StopCause(209, 0, ""))
-        assert await said(api, safety, "mode") == "PROTECTIVE_STOP"
+        assert await get_field(api, safety, "mode") == "PROTECTIVE_STOP"
         assert await put(api, state, action="UNLOCK_PROTECTIVE_STOP") == 200  # immediately, as in the vendor's tests
-        assert await said(api, safety, "mode") == "NORMAL"
+        assert await get_field(api, safety, "mode") == "NORMAL"
         emulator.control.press_emergency_stop("robot")  # type: ignore[attr-defined]
         await reached(api, safety, "mode", "EMERGENCY_STOP")
         refusal = await api.put(state, json={"action": "POWER_ON"})
@@ -99,7 +99,7 @@ async def test_the_arm(robot: Start) -> None:
 async def test_programs_are_stored_loaded_and_played(robot: Start, tmp_path: Path) -> None:
     async with client(await robot(running=True)) as api:
         loaded, state = "/program/v1/loaded", "/program/v1/state"
-        assert await said(api, loaded, "name") == DEFAULT_PROGRAM
+        assert await get_field(api, loaded, "name") == DEFAULT_PROGRAM
         program = urpx("a job", wait(5.0))
         assert (await api.post("/programs/v1/", files=form(program))).json()["programName"] == "a job"
         again = await api.post("/programs/v1/", files=form(program))
@@ -108,16 +108,19 @@ async def test_programs_are_stored_loaded_and_played(robot: Start, tmp_path: Pat
         assert (await api.put("/programs/v1/", files=form(longer))).json()["programName"] == "a job"
         assert (await api.put("/programs/v1/", files=form(urpx("nobody")))).status_code == 404
         assert (await api.get("/programs/v1/a%20job")).content == longer
-        assert [each["name"] for each in await said(api, "/programs/v1/", "programs")] == [DEFAULT_PROGRAM, "a job"]
+        assert [each["name"] for each in await get_field(api, "/programs/v1/", "programs")] == [
+            DEFAULT_PROGRAM,
+            "a job",
+        ]
         assert [path.name for path in tmp_path.iterdir()] == ["a job.urpx"]
         assert await put(api, loaded, name="nobody") == 404
         assert await put(api, loaded, name="a job") == 200
         for action, becomes in (("play", "PLAYING"), ("pause", "PAUSED"), ("resume", "PLAYING"), ("stop", "STOPPED")):
-            assert (await put(api, state, action=action), await said(api, state, "state")) == (200, becomes)
+            assert (await put(api, state, action=action), await get_field(api, state, "state")) == (200, becomes)
         assert await put(api, state, action="resume") == 409
         assert await put(api, state, action="pause") == 409
         assert await put(api, "/program/v1/load", programName=DEFAULT_PROGRAM) == 200  # as before 10.12
-        assert await said(api, loaded, "name") == DEFAULT_PROGRAM
+        assert await get_field(api, loaded, "name") == DEFAULT_PROGRAM
 
 
 async def test_rtde_stops_warning_once_the_arm_was_switched_on(robot: Start) -> None:
@@ -136,20 +139,20 @@ async def test_an_unrunnable_program_is_refused_naming_its_node_and_changes_noth
         refusal = await api.put("/program/v1/loaded", json={"name": "odd"})
         assert refusal.status_code == 422
         assert "unknown node vendor-thing" in refusal.json()["message"]
-        assert await said(api, "/program/v1/loaded", "name") == DEFAULT_PROGRAM
+        assert await get_field(api, "/program/v1/loaded", "name") == DEFAULT_PROGRAM
 
 
 async def test_uploads_are_kept_even_without_a_programs_folder(robot: Start) -> None:
     async with client(await robot(programs_dir=None)) as api:
         assert (await api.post("/programs/v1/", files=form(urpx("kept")))).status_code == 200
-        assert [each["name"] for each in await said(api, "/programs/v1/", "programs")] == [DEFAULT_PROGRAM, "kept"]
+        assert [each["name"] for each in await get_field(api, "/programs/v1/", "programs")] == [DEFAULT_PROGRAM, "kept"]
 
 
 async def test_local_control(robot: Start) -> None:
     """Reading and storing are allowed, as in the vendor's tests; actions are reserved to the pendant."""
     emulator = await robot(remote_control=False, enforce_remote_control=True)
     async with client(emulator) as api:
-        assert await said(api, "/system/v1/controlmode", "mode") == "LOCAL"
+        assert await get_field(api, "/system/v1/controlmode", "mode") == "LOCAL"
         assert (await api.post("/programs/v1/", files=form(urpx("stored")))).status_code == 200
         acting = [each for each in ENDPOINTS if each.remote_only]
         bodies: dict[str, dict[str, str]] = {
@@ -160,9 +163,9 @@ async def test_local_control(robot: Start) -> None:
         }
         for each in acting:
             assert await put(api, each.path, **bodies[each.path]) == 403, each
-        assert await said(api, "/robotstate/v1/robotmode", "mode") == "POWER_OFF"
+        assert await get_field(api, "/robotstate/v1/robotmode", "mode") == "POWER_OFF"
         emulator.controller.remote_control = True
-        assert await said(api, "/system/v1/controlmode", "mode") == "REMOTE"
+        assert await get_field(api, "/system/v1/controlmode", "mode") == "REMOTE"
         assert await put(api, "/robotstate/v1/state", action="POWER_ON") == 200
 
 

@@ -85,7 +85,7 @@ def built_from_description_frames(name: str) -> Any:
     return model
 
 
-def test_link_frames_make_no_difference(name: str, dynamics: Dynamics) -> None:
+def test_dynamics_do_not_depend_on_link_frames(name: str, dynamics: Dynamics) -> None:
     other = built_from_description_frames(name)
     data = other.createData()
     for q, qd, qdd in states(20, 1):

@@ -24,8 +24,8 @@ def random_state(seed: str) -> list[list[float]]:
 def test_outstretched_ur3_calculated_manually() -> None:
     """All joints 0: the arm lies along -x, so the shoulder lift carries every mass times its lever.
 
-    Link 2's centre is 0.24365 - 0.13 out, link 3's 0.24365 + 0.21325 - 0.05, the wrists hang at the
-    end, beside the plane but with no lever of their own along x.
+    Link 2's centre is 0.24365 - 0.13 out, link 3's 0.24365 + 0.21325 - 0.05, the wrists are at the end, next to the
+    plane but without an additional lever along x.
     """
     upper, forearm = 3.42 * (0.24365 - 0.13), 1.26 * (0.24365 + 0.21325 - 0.05)
     wrists = (0.8 + 0.8 + 0.35) * (0.24365 + 0.21325)

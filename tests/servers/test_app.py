@@ -69,7 +69,7 @@ async def test_an_emulator_can_be_restarted(emulator: Emulator) -> None:
         await check_ready(HOST, other.ports)
 
 
-async def test_many_clients_on_each_port_at_once(emulator: Emulator) -> None:
+async def test_many_concurrent_clients_on_each_port(emulator: Emulator) -> None:
     ports = [port for port in emulator.ports.values() for _ in range(20)]
     streams = await asyncio.gather(*(asyncio.open_connection(HOST, port) for port in ports))
     await check_ready(HOST, emulator.ports)
@@ -90,7 +90,7 @@ async def test_a_port_in_use_is_named_and_nothing_stays_open() -> None:
         assert {**emulator.ports, **dict.fromkeys(emulator.port_fallbacks, 502)} == emulator.config.wanted_ports
 
 
-async def test_modbus_moves_to_a_free_port_when_its_own_is_taken() -> None:
+async def test_modbus_uses_a_free_port_if_its_default_is_taken() -> None:
     host = f"127.78.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
     wanted = EmulatorConfig(controller=ControllerConfig(model=load_model("ur3")), host=host, port_offset=20_000)
     with socket.create_server((host, 20_502)):

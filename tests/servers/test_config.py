@@ -191,7 +191,7 @@ def test_invalid_calibration_files(tmp_path: Path, text: str, problem: str) -> N
         read_calibration(tmp_path / "missing.yaml", load_model("ur5e"))
 
 
-def test_a_nominal_calibration_makes_no_difference(tmp_path: Path) -> None:
+def test_a_nominal_calibration_has_no_effect(tmp_path: Path) -> None:
     file = tmp_path / "default_kinematics.yaml"
     for name in MODELS:
         model = load_model(name)

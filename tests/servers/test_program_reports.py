@@ -55,7 +55,7 @@ class Robot:
         return messages
 
 
-def told(messages: list[Any], kind: type) -> list[Any]:
+def of_kind(messages: list[Any], kind: type) -> list[Any]:
     return [message for message in messages if isinstance(message, kind)]
 
 
@@ -74,11 +74,11 @@ def test_names_are_sent_once_and_values_with_every_state(robot: Robot) -> None:
     robot.start("global n = 0", "while True:", "  n = n + 1", "  sleep(0.1)", "end")
     robot.cycles(5)
     heard = robot.heard(client)
-    (names,) = told(heard, GlobalVariableNames)
+    (names,) = of_kind(heard, GlobalVariableNames)
     assert names.names == ("n",)
-    values = told(heard, GlobalVariableValues)
+    values = of_kind(heard, GlobalVariableValues)
     assert [update.values[0] for update in values] == sorted({update.values[0] for update in values})
-    assert len(values) == len(told(heard, RobotStateData))
+    assert len(values) == len(of_kind(heard, RobotStateData))
     assert heard.index(names) < heard.index(values[0])
     first = heard.index(values[0])
     assert isinstance(heard[first + 1], RobotStateData)
@@ -102,14 +102,14 @@ def test_a_short_program_is_reported_once_after_its_end(robot: Robot) -> None:
     assert [type(message) for message in heard[-2:]] == [KeyMessage, GlobalVariableValues]
     assert heard[-2].title == "PROGRAM_XXX_STOPPED"
     assert heard[-1].values == ()
-    assert not told(heard, GlobalVariableNames)
+    assert not of_kind(heard, GlobalVariableNames)
 
 
 def test_the_last_values_are_those_at_the_end(robot: Robot) -> None:
     client = robot.client()
     robot.start("global n = 1", "sleep(0.25)", "n = 7")
     robot.cycles(6)
-    values = told(robot.heard(client), GlobalVariableValues)
+    values = of_kind(robot.heard(client), GlobalVariableValues)
     assert [update.values for update in values] == [(1,), (1,), (7,)]
 
 
@@ -132,7 +132,7 @@ def test_every_type_of_value_is_reported(robot: Robot, text: str, value: Any) ->
     client = robot.client()
     robot.start(f"global x = {text}", "sleep(0.3)")
     robot.cycles(2)
-    assert told(robot.heard(client), GlobalVariableValues)[0].values == (value,)
+    assert of_kind(robot.heard(client), GlobalVariableValues)[0].values == (value,)
 
 
 def test_a_version_without_matrices_reports_lists(make_robot: Callable[..., Robot]) -> None:
@@ -140,14 +140,14 @@ def test_a_version_without_matrices_reports_lists(make_robot: Callable[..., Robo
     client = robot.client()
     robot.start("global x = [[1, 2], [3, 4]]", "global y = 1", "sleep(0.3)")
     robot.cycles(2)
-    assert told(robot.heard(client), GlobalVariableValues)[0].values == (((1, 2), (3, 4)), 1)
+    assert of_kind(robot.heard(client), GlobalVariableValues)[0].values == (((1, 2), (3, 4)), 1)
 
 
 def test_a_variable_without_a_value_is_none(robot: Robot) -> None:
     client = robot.client()
     robot.start("sleep(0.3)", "global later = 1")
     robot.cycles(2)
-    assert told(robot.heard(client), GlobalVariableValues)[0].values == (None,)
+    assert of_kind(robot.heard(client), GlobalVariableValues)[0].values == (None,)
 
 
 def test_many_variables_are_split_into_messages_of_legal_size(robot: Robot) -> None:
@@ -157,11 +157,11 @@ def test_many_variables_are_split_into_messages_of_legal_size(robot: Robot) -> N
     robot.cycles(12)
     heard = robot.heard(client)
     names: dict[int, str] = {}
-    for message in told(heard, GlobalVariableNames):
+    for message in of_kind(heard, GlobalVariableNames):
         names |= dict(enumerate(message.names, message.start_index))
     assert list(names.values()) == [f"variable_number_{n}" for n in range(count)]
     values: dict[int, Any] = {}
-    for message in told(heard, GlobalVariableValues):
+    for message in of_kind(heard, GlobalVariableValues):
         values |= dict(enumerate(message.values, message.start_index))
     assert values == dict(enumerate(range(count)))
 
@@ -180,7 +180,7 @@ def test_values_too_large_for_a_message_are_truncated(robot: Robot) -> None:
     )
     robot.cycles(12)
     values: dict[int, Any] = {}
-    for message in told(robot.heard(client), GlobalVariableValues):
+    for message in of_kind(robot.heard(client), GlobalVariableValues):
         values |= dict(enumerate(message.values, message.start_index))
     assert set(values[0]) == {1.5}
     assert 300 < len(values[0]) < 400
@@ -205,8 +205,8 @@ def test_a_late_client_receives_the_names(robot: Robot) -> None:
     robot.heard(early)
     late = robot.client()
     robot.cycles(2)
-    assert told(robot.heard(late), GlobalVariableNames)[0].names == ("n",)
-    assert told(robot.heard(early), GlobalVariableNames) == []
+    assert of_kind(robot.heard(late), GlobalVariableNames)[0].names == ("n",)
+    assert of_kind(robot.heard(early), GlobalVariableNames) == []
 
 
 def test_a_program_that_ended_without_clients_is_not_reported(robot: Robot) -> None:
@@ -223,14 +223,14 @@ def test_the_next_program_reports_new_names(robot: Robot) -> None:
     robot.cycles(4)
     robot.start("global b = 2", "sleep(0.2)")
     robot.cycles(4)
-    assert [message.names for message in told(robot.heard(client), GlobalVariableNames)] == [("a",), ("b",)]
+    assert [message.names for message in of_kind(robot.heard(client), GlobalVariableNames)] == [("a",), ("b",)]
 
 
 def test_only_primary_ports_report_programs(robot: Robot) -> None:
     clients = {name: robot.client(name) for name, server in robot.servers.items() if isinstance(server, PrimaryServer)}
     robot.start("global n = 1", "sleep(1)")
     robot.cycles(3)
-    reported = {name for name, client in clients.items() if told(robot.heard(client), GlobalVariableValues)}
+    reported = {name for name, client in clients.items() if of_kind(robot.heard(client), GlobalVariableValues)}
     assert reported == {"primary", "primary read-only"}
 
 
@@ -249,7 +249,7 @@ def test_labels_show_the_position_of_each_thread(robot: Robot) -> None:
         "sleep(0.3)",
     )
     robot.cycles(8)
-    threads = [message.threads for message in told(robot.heard(client), ProgramThreadsMessage)]
+    threads = [message.threads for message in of_kind(robot.heard(client), ProgramThreadsMessage)]
     watching = ProgramThread(5, "Watching", "watch")
     assert threads[0] == (ProgramThread(2, "MoveJ", "prog"), watching)
     assert threads[-2] == (ProgramThread(3, "Wait", "prog"), watching)
@@ -260,7 +260,7 @@ def test_a_program_without_labels_reports_no_threads(robot: Robot) -> None:
     client = robot.client()
     robot.start("global n = 1", "sleep(0.3)")
     robot.cycles(3)
-    assert told(robot.heard(client), ProgramThreadsMessage) == []
+    assert of_kind(robot.heard(client), ProgramThreadsMessage) == []
 
 
 def test_a_client_that_does_not_read_loses_values_but_not_its_connection(robot: Robot) -> None:

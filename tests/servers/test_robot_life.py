@@ -23,7 +23,7 @@ VERSIONS = [  # those between the oldest and the newest of a series: make long
 
 
 def checked(version: str, stream: bytes) -> list[tuple[int, int | None, dict]]:
-    """The stream's messages, after the rules that hold in every version."""
+    """The stream's messages, checked against the rules of every version."""
     told = list(Reader(version).read(stream))
     assert told[0][:2] == (20, 3), "the version message is the first"
     states = [parts for kind, _, parts in told if kind == 16]

@@ -27,7 +27,7 @@ class KeepAlive(SimpleXMLRPCRequestHandler):
 
 
 class Camera:
-    """The remote side; ``seen`` holds the arguments of every call and ``peers`` the connections."""
+    """The remote side; ``seen`` has the arguments of every call and ``peers`` the connections."""
 
     def __init__(self, handler: type[SimpleXMLRPCRequestHandler]) -> None:
         self.seen: list[tuple[Any, ...]] = []

@@ -34,7 +34,7 @@ def _installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mon
 
 @pytest.fixture
 def go(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Go:
-    """go(text, *options) -> exit status and what was printed."""
+    """go(text, *options) -> exit status and output."""
 
     def run(text: str, *options: str) -> tuple[int, str]:
         path = tmp_path / "demo.txt"

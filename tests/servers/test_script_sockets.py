@@ -44,7 +44,7 @@ async def peer() -> AsyncIterator[Peer]:
     peer.port = server.sockets[0].getsockname()[1]
     yield peer
     server.close()
-    await asyncio.sleep(0.01)  # what is still being accepted
+    await asyncio.sleep(0.01)  # connections still being accepted
     for writer in peer.writers:
         writer.transport.abort()
     await asyncio.sleep(0)
@@ -137,7 +137,7 @@ async def test_a_peer_that_is_far_ahead_must_wait(
 # restrictions on the connections of scripts
 
 
-def told_names(monkeypatch: pytest.MonkeyPatch, **names: list[str]) -> None:
+def resolve_names(monkeypatch: pytest.MonkeyPatch, **names: list[str]) -> None:
     """Let names resolve to these addresses."""
 
     async def getaddrinfo(name: str, port: int, **_: object) -> list[tuple[object, ...]]:
@@ -153,7 +153,7 @@ def told_names(monkeypatch: pytest.MonkeyPatch, **names: list[str]) -> None:
 async def test_loopback_addresses(
     network: ScriptNetwork, address: str, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told_names(monkeypatch, here=[HOST], both=["192.0.2.1", HOST] if network is ScriptNetwork.LOOPBACK else [HOST])
+    resolve_names(monkeypatch, here=[HOST], both=["192.0.2.1", HOST] if network is ScriptNetwork.LOOPBACK else [HOST])
     notes: list[str] = []
     sockets = NetworkSockets(network, notes.append)
     opened = sockets.open(address, peer.port)
@@ -175,7 +175,7 @@ async def test_every_spelling_of_loopback_is_recognised(address: str) -> None:
 async def test_other_addresses_are_refused_with_the_reason_in_the_log(
     network: ScriptNetwork, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told_names(monkeypatch, elsewhere=["192.0.2.7"])
+    resolve_names(monkeypatch, elsewhere=["192.0.2.7"])
     notes: list[str] = []
     sockets = NetworkSockets(network, notes.append)
     opened = sockets.open(address, 50001)
@@ -188,7 +188,7 @@ async def test_other_addresses_are_refused_with_the_reason_in_the_log(
 
 
 async def test_unresolvable_names_end_in_state_closed(sockets: NetworkSockets, monkeypatch: pytest.MonkeyPatch) -> None:
-    told_names(monkeypatch)
+    resolve_names(monkeypatch)
     opened = sockets.open("nowhere", 80)
     await until(lambda: opened.state == "closed")
 
@@ -196,7 +196,7 @@ async def test_unresolvable_names_end_in_state_closed(sockets: NetworkSockets, m
 async def test_all_addresses_of_a_name_are_tried(
     sockets: NetworkSockets, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told_names(monkeypatch, twice=["127.0.0.9", HOST])
+    resolve_names(monkeypatch, twice=["127.0.0.9", HOST])
     opened = sockets.open("twice", peer.port)
     await until(lambda: opened.state == "open")
 
@@ -288,7 +288,7 @@ async def test_the_control_api_is_refused_for_any_spelling_of_its_address(
     address: str, control: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if address == "name":
-        told_names(monkeypatch, name=[HOST])
+        resolve_names(monkeypatch, name=[HOST])
     notes: list[str] = []
     sockets = NetworkSockets(note=notes.append)
     assert not await reaches(sockets, address, control)
@@ -302,7 +302,7 @@ async def test_the_control_api_is_refused_for_any_spelling_of_its_address(
 async def test_a_name_with_other_addresses_too_uses_only_those(
     control: int, peer: Peer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told_names(monkeypatch, both=["127.0.0.9", HOST])
+    resolve_names(monkeypatch, both=["127.0.0.9", HOST])
     sockets = NetworkSockets()
     assert await sockets._permitted("both", control) == [("127.0.0.9", control)]
     assert await sockets._permitted("both", peer.port) == [("127.0.0.9", peer.port), (HOST, peer.port)]

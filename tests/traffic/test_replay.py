@@ -100,7 +100,7 @@ async def _make(recording: Recording, speed: float) -> None:
     ReplayRobot(recording, speed=speed)
 
 
-def test_a_recording_of_a_driver_alone_has_no_robot(tmp_path):
+def test_a_recording_without_robot_ports_cannot_be_replayed(tmp_path):
     recorder = Recorder(tmp_path / "file")
     recorder.connection(*ends(50001)).data(True, b"hello")
     recorder.close()
@@ -210,7 +210,7 @@ client.disconnect()
 
 @pytest.mark.real_client
 @pytest.mark.skipif(sys.platform != "linux", reason="ur_rtde has one port number: it needs an address of its own")
-async def test_ur_rtde_sees_what_was_recorded(tmp_path: Path):
+async def test_ur_rtde_receives_the_recorded_values(tmp_path: Path):
     host = f"127.79.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
     names = ("timestamp", "actual_q", "robot_mode")
     recording = recorded_robot(tmp_path / "file", names=names, model="ur3")

@@ -48,7 +48,7 @@ def test_the_number_of_pushes_is_limited(rig):
     assert rig.force[0] == pytest.approx(5.0 * (MAX_OBJECTS - 1))
 
 
-def test_the_world_adds_to_what_a_sensor_reports_over_rtde(rig):
+def test_world_forces_are_added_to_a_sensor_over_rtde(rig):
     sensor = rig.controller.ft_input
     sensor.enabled, sensor.wrench_flange = True, (0.0, 0.0, -3.0, 0.0, 0.0, 0.0)
     rig.post(PushTool(Push((0.0, 0.0, 4.0, 0.0, 0.0, 0.0))))

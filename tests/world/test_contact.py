@@ -14,7 +14,7 @@ MASS_KG = 20.0  # of the compliant tool
 
 
 def move_down(rig, depth_m, speed=0.05):
-    """With a position-controlled arm, until it stands."""
+    """Move a position-controlled arm until it is at rest."""
     goal = (rig.pose[0], rig.pose[1], rig.pose[2] - depth_m, *rig.pose[3:])
     rig.motion.commands.movel(goal, v=speed, a=1.0)
     rig.tick()

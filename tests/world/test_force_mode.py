@@ -110,7 +110,7 @@ def test_pressing_and_sliding_keeps_the_force(make, model):
 
 
 @both_series
-def test_speed_limits_hold_on_the_way_and_in_contact(make, model):
+def test_speed_limits_apply_in_free_motion_and_in_contact(make, model):
     rig = make(model)
     rig.table(0.01)
     rig.press(50.0, limit=0.02)
