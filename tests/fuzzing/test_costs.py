@@ -8,10 +8,10 @@ import pytest
 from costs import (
     SOURCES,
     busy_program,
-    min_time,
-    objects_left_by,
     long_source,
     longest_tick,
+    min_time,
+    objects_left_by,
     slowness,
     source,
     steps_of,

@@ -241,7 +241,7 @@ def test_a_frame_combined_with_an_offset_and_a_conveyor(rig):
         part.step((0, 0, 2e-5, 0, 0, 2e-4))
     expected = matrix((0.0, 0.05 * 1.6, 0.0, 0, 0, 0)) @ part.takes(add(start, 0.0, 0.0, 0.01))
     assert apart(rig.pose(), expected) < 1e-5
-    rig.commands.stop_tracking_frame(20.0)  # the others stay at rest at rest
+    rig.commands.stop_tracking_frame(20.0)  # the others stay at rest
     at = rig.pose()
     for _ in range(500):
         belt.travel += belt.speed * 0.002
