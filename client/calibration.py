@@ -87,7 +87,7 @@ def model_of(arm: ConfigurationData) -> RobotModel | None:
     return best if best is not None and difference(best) < _LENGTH_TOLERANCE_M else None
 
 
-def described(arm: ConfigurationData, calibration: Calibration) -> RobotModel | None:
+def calibrated_model(arm: ConfigurationData, calibration: Calibration) -> RobotModel | None:
     """The model, with the arm's calibration if it deviates from the nominal one; None if the model is unknown."""
     model = model_of(arm)
     if model is None or calibration.dh == model.dh:
@@ -95,9 +95,9 @@ def described(arm: ConfigurationData, calibration: Calibration) -> RobotModel | 
     return replace(model, calibration=calibration.dh)
 
 
-def shaped(arm: ConfigurationData | None, kinematics: KinematicsInfo) -> RobotModel:
-    """Like `described`, for callers that need the arm's shape. Raises PlanningError if the model is unknown."""
-    model = described(arm, calibration_of(kinematics)) if arm else None
+def require_model(arm: ConfigurationData | None, kinematics: KinematicsInfo) -> RobotModel:
+    """Like `calibrated_model`, for callers that need the arm's shape. Raises PlanningError if the model is unknown."""
+    model = calibrated_model(arm, calibration_of(kinematics)) if arm else None
     if model is None:
         raise PlanningError("this arm is not a known model, so its shape is unknown")
     return model

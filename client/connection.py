@@ -71,7 +71,7 @@ class _Progress(Generic[Result]):
     """The pending request of a running flow, and its deadline."""
 
     def __init__(self, flow: Flow[Result], limit_s: float) -> None:
-        self.wanted: Step = None
+        self.pending: Step = None
         self.result: list[Result] = []  # empty until the flow has ended
         self.limit_s = limit_s
         self._flow = flow
@@ -87,11 +87,11 @@ class _Progress(Generic[Result]):
     @property
     def over(self) -> bool:
         """True if the deadline passed a while ago: then polling ends too, since a robot may send without end."""
-        return self.wanted is POLL and time.monotonic() > self._deadline + _OVERTIME_S
+        return self.pending is POLL and time.monotonic() > self._deadline + _OVERTIME_S
 
     def answer(self, data: bytes) -> None:
         """Pass the requested data to the flow."""
-        if isinstance(self.wanted, Reconnect):
+        if isinstance(self.pending, Reconnect):
             self._set_limit(self.limit_s)
         self._advance(partial(self._flow.send, data))
 
@@ -107,11 +107,11 @@ class _Progress(Generic[Result]):
 
     def _advance(self, step: Callable[[], Step]) -> None:
         try:
-            self.wanted = step()
-            while isinstance(self.wanted, TimeLimit):
-                seconds = self.wanted.seconds
+            self.pending = step()
+            while isinstance(self.pending, TimeLimit):
+                seconds = self.pending.seconds
                 self._set_limit(self._first_limit_s if seconds is None else seconds)
-                self.wanted = self._flow.send(b"")
+                self.pending = self._flow.send(b"")
         except StopIteration as end:
             self.result.append(end.value)
 
@@ -190,36 +190,36 @@ class AsyncConnection(Connection):
         tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     async def _perform(self, progress: _Progress[Result]) -> bytes:
-        if isinstance(progress.wanted, Reconnect):
-            await self._reconnect(progress.wanted)
+        if isinstance(progress.pending, Reconnect):
+            await self._reconnect(progress.pending)
             return b""
         if progress.over:
             return b""
         try:
-            return await self._exchange(progress.wanted, progress.left_s)
+            return await self._exchange(progress.pending, progress.left_s)
         except TimeoutError as error:
             raise NoAnswerError(self.host, self.port, progress.limit_s) from error
         except OSError as error:
             raise ConnectionLostError(self.host, self.port) from error
 
-    async def _exchange(self, wanted: Step, left_s: float) -> bytes:
+    async def _exchange(self, pending: Step, left_s: float) -> bytes:
         if self._streams is None:
             raise ConnectionLostError(self.host, self.port)
         reader, writer = self._streams
-        if wanted is POLL:
+        if pending is POLL:
             return await self._poll(reader)
-        if isinstance(wanted, bytes):
+        if isinstance(pending, bytes):
             async with timeout(left_s):
-                writer.write(wanted)
+                writer.write(pending)
                 await writer.drain()
                 return b""
         try:
             async with timeout(left_s):
-                return self._not_ended(await reader.read(_CHUNK))
+                return self._check_open(await reader.read(_CHUNK))
         except TimeoutError:
-            return await self._last_look(reader)
+            return await self._final_poll(reader)
 
-    async def _last_look(self, reader: asyncio.StreamReader) -> bytes:
+    async def _final_poll(self, reader: asyncio.StreamReader) -> bytes:
         """Return what arrived while this program was busy. Raises TimeoutError if nothing did."""
         for _ in range(_FINAL_POLLS):
             if data := await self._poll(reader):
@@ -230,24 +230,24 @@ class AsyncConnection(Connection):
         await asyncio.sleep(0)  # lets the event loop poll the socket
         try:
             async with timeout(0):
-                return self._not_ended(await reader.read(_CHUNK))
+                return self._check_open(await reader.read(_CHUNK))
         except TimeoutError:
             return b""
 
-    def _not_ended(self, data: bytes) -> bytes:
+    def _check_open(self, data: bytes) -> bytes:
         if not data:
             raise ConnectionLostError(self.host, self.port)
         return data
 
-    async def _reconnect(self, how: Reconnect) -> None:
+    async def _reconnect(self, request: Reconnect) -> None:
         await self.close()
-        await asyncio.sleep(how.after_s)
-        until = time.monotonic() + how.within_s
+        await asyncio.sleep(request.after_s)
+        deadline = time.monotonic() + request.within_s
         while True:
             try:
                 return await self._open()
             except RobotUnreachableError:
-                if time.monotonic() + _RETRY_S > until:
+                if time.monotonic() + _RETRY_S > deadline:
                     raise
             await asyncio.sleep(_RETRY_S)
 
@@ -315,9 +315,9 @@ class BlockingConnection(Connection):
                 raise NoAnswerError(self.host, self.port, silence_s) from error
             except OSError as error:
                 raise ConnectionLostError(self.host, self.port) from error
-            yield self._not_ended(data)
+            yield self._check_open(data)
 
-    def _not_ended(self, data: bytes) -> bytes:
+    def _check_open(self, data: bytes) -> bytes:
         if not data:
             raise ConnectionLostError(self.host, self.port)
         return data
@@ -330,40 +330,40 @@ class BlockingConnection(Connection):
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def _perform(self, progress: _Progress[Result]) -> bytes:
-        if isinstance(progress.wanted, Reconnect):
-            self._reconnect(progress.wanted)
+        if isinstance(progress.pending, Reconnect):
+            self._reconnect(progress.pending)
             return b""
         if progress.over:
             return b""
         try:
-            return self._exchange(progress.wanted, progress.left_s)
+            return self._exchange(progress.pending, progress.left_s)
         except TimeoutError as error:
             raise NoAnswerError(self.host, self.port, progress.limit_s) from error
         except OSError as error:
             raise ConnectionLostError(self.host, self.port) from error
 
-    def _exchange(self, wanted: Step, left_s: float) -> bytes:
+    def _exchange(self, pending: Step, left_s: float) -> bytes:
         if self._socket is None:
             raise ConnectionLostError(self.host, self.port)
-        self._socket.settimeout(0.0 if wanted is POLL else left_s)
-        if isinstance(wanted, bytes):
-            self._socket.sendall(wanted)
+        self._socket.settimeout(0.0 if pending is POLL else left_s)
+        if isinstance(pending, bytes):
+            self._socket.sendall(pending)
             return b""
         try:
             data = self._socket.recv(_CHUNK)
         except BlockingIOError:  # POLL, and nothing has arrived
             return b""
-        return self._not_ended(data)
+        return self._check_open(data)
 
-    def _reconnect(self, how: Reconnect) -> None:
+    def _reconnect(self, request: Reconnect) -> None:
         self.close()
-        time.sleep(how.after_s)
-        until = time.monotonic() + how.within_s
+        time.sleep(request.after_s)
+        deadline = time.monotonic() + request.within_s
         while True:
             try:
                 return self._open()
             except RobotUnreachableError:
-                if time.monotonic() + _RETRY_S > until:
+                if time.monotonic() + _RETRY_S > deadline:
                     raise
             time.sleep(_RETRY_S)
 

@@ -125,18 +125,18 @@ class DashboardCore:
     """
 
     def __init__(self) -> None:
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         """Reset the state of the last connection."""
         self.version: PolyscopeVersion | None = None
         self._lines = wire.LineDecoder()
         self._received: list[str] = []
         self._unanswered = 0  # commands sent without an answer; more than one only after a timeout
 
-    def greet(self) -> Flow[None]:
+    def opening(self) -> Flow[None]:
         """Wait for the greeting of a new connection. Raises RemoteProtocolError for any other text."""
-        self._forget()
+        self._reset()
         greeting = yield from self._next_line()
         if greeting != wire.GREETING:
             raise RemoteProtocolError(f"this is not a dashboard server: its greeting is {greeting!r}")
@@ -151,13 +151,13 @@ class DashboardCore:
             operation.check(self.version)
         return (yield from self._exchange(operation))
 
-    def listen(self) -> Flow[None]:
+    def read_pending(self) -> Flow[None]:
         """Read what has arrived meanwhile, without sending anything."""
         while data := (yield POLL):
             self._received += self._lines.feed(data)
 
     def _exchange(self, operation: Operation[Answer]) -> Flow[Answer]:
-        yield from self.listen()
+        yield from self.read_pending()
         # answers to commands that timed out, and unsolicited lines, are not the answer to this command
         self._unanswered = max(0, self._unanswered - len(self._received))
         self._received.clear()
@@ -212,7 +212,7 @@ class DashboardClient(AsyncConnection):
             raise missing from None
 
     def _opening(self) -> Flow[None]:
-        return self._core.greet()
+        return self._core.opening()
 
 
 class BlockingDashboardClient(BlockingConnection):
@@ -247,7 +247,7 @@ class BlockingDashboardClient(BlockingConnection):
 
     def check(self) -> None:
         """Raise ConnectionLostError if the robot has closed the connection meanwhile; sends nothing."""
-        self.run(self._core.listen())
+        self.run(self._core.read_pending())
 
     def _opening(self) -> Flow[None]:
-        return self._core.greet()
+        return self._core.opening()

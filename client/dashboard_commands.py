@@ -73,27 +73,31 @@ class Operation(Generic[Answer]):
         return _REMOTE_CONTROL if "remote control" in reply.lower() else self.advice
 
 
-def _says(*beginnings: str) -> Callable[[str], None]:
+def _expect(*prefixes: str) -> Callable[[str], None]:
     """Return a reader that accepts answers beginning with one of these texts."""
 
     def read(reply: str) -> None:
-        if not reply.lower().startswith(tuple(beginning.lower() for beginning in beginnings)):
-            raise RemoteProtocolError(f"{reply!r} does not begin with {' or '.join(map(repr, beginnings))}")
+        if not reply.lower().startswith(tuple(prefix.lower() for prefix in prefixes)):
+            raise RemoteProtocolError(f"{reply!r} does not begin with {' or '.join(map(repr, prefixes))}")
 
     return read
 
 
-def _confirmed(words: str, advice: str = "", argument: str = "") -> Operation[None]:
+def _confirmed(phrase: str, advice: str = "", argument: str = "") -> Operation[None]:
     """A command whose answer only confirms it."""
-    row = COMMANDS[words.lower()]
-    return Operation(f"{words}{argument}", _says(*row.confirmations), row.available, advice)
+    row = COMMANDS[phrase.lower()]
+    return Operation(f"{phrase}{argument}", _expect(*row.confirmations), row.available, advice)
 
 
 def _query(
-    words: str, read: Callable[[str], Answer], advice: str = "", argument: str = "", timeout_s: float | None = None
+    phrase: str,
+    read: Callable[[str], Answer],
+    advice: str = "",
+    argument: str = "",
+    timeout_s: float | None = None,
 ) -> Operation[Answer]:
     """A command whose answer contains a value."""
-    return Operation(f"{words}{argument}", read, COMMANDS[words.lower()].available, advice, timeout_s)
+    return Operation(f"{phrase}{argument}", read, COMMANDS[phrase.lower()].available, advice, timeout_s)
 
 
 def _number(reply: str) -> str:
@@ -210,7 +214,7 @@ _WITH_ARGUMENT: Final[dict[str, Callable[[str], Operation[str] | Operation[None]
 }
 _REFUSALS: Final = ("could not understand", "failed", "error", "file not found", "cannot", "command is not allowed")
 
-WORDS: Final = (*(COMMANDS[words].words for words in sorted(COMMANDS)),)
+WORDS: Final = (*(COMMANDS[phrase].words for phrase in sorted(COMMANDS)),)
 """All commands in alphabetical order, without arguments, which follow the command."""
 
 
@@ -219,9 +223,9 @@ def command(line: str) -> Operation[str]:
     return Operation(line, str)
 
 
-def judged(line: str) -> Operation[str]:
+def checked_command(line: str) -> Operation[str]:
     """Any command line; the answer is returned unchanged, or raises RobotRefused if it does not report success."""
-    known = _known(line.strip())
+    known = _find_operation(line.strip())
 
     def read(reply: str) -> str:
         if known is not None:
@@ -233,10 +237,10 @@ def judged(line: str) -> Operation[str]:
     return Operation(line, read, timeout_s=known.timeout_s if known is not None else None)
 
 
-def _known(line: str) -> Operation[Any] | None:
+def _find_operation(line: str) -> Operation[Any] | None:
     if (row := _WITHOUT_ARGUMENT.get(line.lower())) is not None:
         return row
-    for words, of in _WITH_ARGUMENT.items():
-        if line.lower().startswith(f"{words.lower()} "):
-            return of(line[len(words) :].strip())
+    for phrase, operation in _WITH_ARGUMENT.items():
+        if line.lower().startswith(f"{phrase.lower()} "):
+            return operation(line[len(phrase) :].strip())
     return None

@@ -47,20 +47,20 @@ class DashboardOnX:
     def __init__(self, host: str, port: int) -> None:
         self._api = RobotApiCore(host, port)
 
-    def greet(self) -> Flow[None]:
+    def opening(self) -> Flow[None]:
         """Check that this is a Robot API. Raises RemoteProtocolError if it is not."""
-        return self._api.greet()
+        return self._api.opening()
 
     def ask(self, operation: Operation[Answer]) -> Flow[Answer]:
         """Carry out an operation, and read the answer that a dashboard would give."""
-        reply = yield from self._reply(operation.line.strip())
+        reply = yield from self._answer(operation.line.strip())
         return operation.answer(reply)
 
-    def listen(self) -> Flow[None]:
+    def read_pending(self) -> Flow[None]:
         """Do nothing: between requests nothing arrives."""
         yield from ()
 
-    def _reply(self, line: str) -> Flow[str]:
+    def _answer(self, line: str) -> Flow[str]:
         key = line.lower()
         if key in _CONFIRMED:
             request, confirmation = _CONFIRMED[key]

@@ -82,10 +82,10 @@ def examine_calibration(host: str, file: Path | None = None, port_offset: int = 
     except URError as error:
         yield Finding(Grade.UNKNOWN, subject, str(error))
         return
-    yield _compared(found, file, again, nominal=nominal)
+    yield _compare(found, file, again, nominal=nominal)
 
 
-def _compared(found: Calibration, file: Path | None, again: str, *, nominal: bool) -> Finding:
+def _compare(found: Calibration, file: Path | None, again: str, *, nominal: bool) -> Finding:
     if file is None:
         kind = "nominal (a simulated arm)" if nominal else "individual"
         mend = "" if nominal else f"poses are correct only with it: {again}"
@@ -182,7 +182,7 @@ def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
             socket.create_connection((host, port), _CONNECT_S).close()
         except OSError as error:
             other, instead = _ALTERNATIVES.get(name, ("", 0))
-            if other and _answers(host, instead + port_offset):
+            if other and _accepts_connections(host, instead + port_offset):
                 text = f"{other} is open: this is PolyScope X, which has it instead of the {name} (port {port})"
                 yield Finding(Grade.GOOD, f"port {instead + port_offset}", text)
                 continue
@@ -199,7 +199,7 @@ def examine_ports(host: str, port_offset: int = 0) -> Iterator[Finding]:
         yield Finding(Grade.WEAK if slow else Grade.GOOD, "network latency", text, _WIFI if slow else "")
 
 
-def _answers(host: str, port: int) -> bool:
+def _accepts_connections(host: str, port: int) -> bool:
     try:
         socket.create_connection((host, port), _CONNECT_S).close()
     except OSError:
@@ -224,14 +224,14 @@ def examine_replies(host: str, port_offset: int = 0) -> Iterator[Finding]:
     subject = "round trip"
     try:
         with dashboard.BlockingDashboardClient(host, dashboard.PORT + port_offset) as board:
-            times = [_timed(board) for _ in range(_REPLIES)]
+            times = [_measure_reply(board) for _ in range(_REPLIES)]
     except URError as error:
         yield Finding(Grade.UNKNOWN, subject, f"the dashboard does not answer: {error}")
         return
     yield Finding(Grade.GOOD, subject, f"the dashboard answers within {_ms(median(times))}, at most {_ms(max(times))}")
 
 
-def _timed(board: dashboard.BlockingDashboardClient) -> float:
+def _measure_reply(board: dashboard.BlockingDashboardClient) -> float:
     began = time.perf_counter()
     board.ask(dashboard.ROBOT_MODE)
     return time.perf_counter() - began
@@ -251,13 +251,13 @@ def examine_stream(host: str, port_offset: int = 0, seconds: float = _STREAM_S) 
     except URError as error:
         yield Finding(Grade.BROKEN, "RTDE stream", str(error), f"nc -vz {host} {rtde.PORT + port_offset}")
         return
-    yield from judge_stream(arrivals, stamps)
+    yield from check_stream(arrivals, stamps)
 
 
-def judge_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
+def check_stream(arrivals: Sequence[float], stamps: Sequence[float]) -> Iterator[Finding]:
     """Judge states by their arrival times and the robot's timestamps [s], each by its own clock."""
-    if timeless := sum(not (math.isfinite(stamp) and abs(stamp) < MAX_TIMESTAMP_S) for stamp in stamps):
-        text = f"{timeless} of {len(stamps)} states have no time (timestamp)"
+    if invalid := sum(not (math.isfinite(stamp) and abs(stamp) < MAX_TIMESTAMP_S) for stamp in stamps):
+        text = f"{invalid} of {len(stamps)} states have no time (timestamp)"
         yield Finding(Grade.BROKEN, "RTDE stream", text, "restart the controller")
         return
     steps = [b - a for a, b in pairwise(stamps)]

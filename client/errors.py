@@ -181,7 +181,7 @@ class ProgramEndedError(ClientError):
 
 
 class ProgramStaysError(ClientError):
-    """The control program is still connected to the driver's ``port``, ``waited_s`` [s] after it was told to end."""
+    """The control program is still connected to the driver's ``port``, ``waited_s`` [s] after it was stopped."""
 
     def __init__(self, port: int, waited_s: float) -> None:
         super().__init__(

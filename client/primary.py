@@ -17,7 +17,7 @@ from typing import Final, TypeVar
 
 from client.connection import DEFAULT_TIMEOUT_S, POLL, AsyncConnection, BlockingConnection, Connection, Flow, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
-from client.scripts import GRAVE, MAY_RUN, Script, ScriptResult, ScriptRun, prepare, telling_its_end
+from client.scripts import FATAL_LEVELS, MAY_RUN, Script, ScriptResult, ScriptRun, prepare, with_end_message
 from urproto.errors import RobotRefused
 from urproto.modes import ReportLevel, RobotMode, SafetyMode, mode_name
 from urproto.primary.framing import PrimaryDecoder, PrimaryMessage
@@ -102,16 +102,16 @@ class PrimaryCore:
         self.errors: deque[ErrorCodeMessage] = deque(maxlen=_MAX_KEPT)
         self.texts: deque[str] = deque(maxlen=_MAX_KEPT)
         self.dialogues: deque[PopupMessage | RequestValueMessage] = deque(maxlen=_MAX_KEPT)
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         """Reset the state of the last connection."""
         self._decoder = PrimaryDecoder()
         self._received: deque[PrimaryMessage] = deque()
 
     def opening(self) -> Flow[None]:
         """Start on a new connection, which needs no handshake."""
-        self._forget()
+        self._reset()
         yield from ()
 
     # messages of the robot
@@ -121,7 +121,7 @@ class PrimaryCore:
         while not self._received:
             self._received.extend(self._decoder.feed((yield None)))
         message = self._received.popleft()
-        self._keep(message)
+        self._store(message)
         return message
 
     def robot_state(self) -> Flow[RobotStateData]:
@@ -133,15 +133,15 @@ class PrimaryCore:
 
     def polyscope_version(self) -> Flow[PolyscopeVersion]:
         """The controller's version; waits until it is received."""
-        return (yield from self._once_known(lambda: self.version))
+        return (yield from self._wait_for(lambda: self.version))
 
     def kinematics_info(self) -> Flow[KinematicsInfo]:
         """The arm's Denavit-Hartenberg parameters and calibration status; waits until they are received."""
-        return (yield from self._once_known(lambda: self.kinematics))
+        return (yield from self._wait_for(lambda: self.kinematics))
 
     def configuration_data(self) -> Flow[ConfigurationData]:
         """The arm's type, limits and defaults; waits until they are received."""
-        return (yield from self._once_known(lambda: self.configuration))
+        return (yield from self._wait_for(lambda: self.configuration))
 
     def take_errors(self) -> list[ErrorCodeMessage]:
         """Return the error codes received since the last call, oldest first; reads nothing from the connection."""
@@ -197,28 +197,28 @@ class PrimaryCore:
         name: str | None = None,
         *,
         timeout_s: float = _START_S,
-        to_its_end: bool = False,
-        failing: Collection[ReportLevel] = GRAVE,
+        require_end: bool = False,
+        failing: Collection[ReportLevel] = FATAL_LEVELS,
     ) -> Flow[ScriptRun]:
         """The first half of ``execute``: wait until the program runs. `ScriptRun.script` has its name.
 
-        failing: levels of error codes that raise ScriptFailedError. to_its_end: ``finish`` also raises it if the
-        program is stopped before its end; see `telling_its_end`.
+        failing: levels of error codes that raise ScriptFailedError. require_end: ``finish`` also raises it if the
+        program is stopped before its end; see `with_end_message`.
         """
-        script = telling_its_end(prepare(text, name)) if to_its_end else prepare(text, name)
+        script = with_end_message(prepare(text, name)) if require_end else prepare(text, name)
         yield from self._catch_up()
         self._check_ready(script)
         run = ScriptRun(script, failing)
         yield from self.send_script(script.text)
-        yield from self._within(timeout_s, self._until(run, PROGRAM_STARTED), run, "it has not started after")
+        yield from self._limited(timeout_s, self._watch_until(run, PROGRAM_STARTED), run, "it has not started after")
         return run
 
     def finish(self, run: ScriptRun, *, timeout_s: float = float("inf")) -> Flow[ScriptResult]:
         """The second half of ``execute``: wait until the program has ended."""
-        yield from self._within(timeout_s, self._until(run, PROGRAM_STOPPED), run, "it is still running after")
+        yield from self._limited(timeout_s, self._watch_until(run, PROGRAM_STOPPED), run, "it is still running after")
         yield from self._read_end_messages(run)
         if self.state and self.state.mode and self.state.mode.robot_mode != RobotMode.RUNNING:
-            raise run.failed(f"it ended because the arm was switched off; {self._condition}")
+            raise run.failed(f"it ended because the arm was switched off; {self._modes_text}")
         return run.result()
 
     # power and program
@@ -236,12 +236,12 @@ class PrimaryCore:
                     return
         except NoAnswerError as error:
             raise RobotRefused(
-                command.line, f"after {command.timeout_s:g} s {self._condition}", command.advice
+                command.line, f"after {command.timeout_s:g} s {self._modes_text}", command.advice
             ) from error
 
     # helpers
 
-    def _keep(self, message: PrimaryMessage) -> None:
+    def _store(self, message: PrimaryMessage) -> None:
         if isinstance(message, RobotStateData):
             self.state = message
             self.configuration = message.configuration or self.configuration
@@ -257,8 +257,8 @@ class PrimaryCore:
         elif isinstance(message, PopupMessage | RequestValueMessage):
             self.dialogues.append(message)
 
-    def _once_known(self, what: Callable[[], Found | None]) -> Flow[Found]:
-        while (found := what()) is None:
+    def _wait_for(self, get: Callable[[], Found | None]) -> Flow[Found]:
+        while (found := get()) is None:
             yield from self.next_message()
         return found
 
@@ -271,7 +271,7 @@ class PrimaryCore:
         while data := (yield POLL):
             self._received.extend(self._decoder.feed(data))
         while self._received:
-            self._keep(self._received.popleft())
+            self._store(self._received.popleft())
 
     def _key_message(self, title: str) -> Flow[str]:
         while True:
@@ -281,7 +281,7 @@ class PrimaryCore:
             if isinstance(message, KeyMessage) and message.title == title:
                 return message.text
 
-    def _until(self, run: ScriptRun, title: str) -> Flow[None]:
+    def _watch_until(self, run: ScriptRun, title: str) -> Flow[None]:
         while True:
             message = yield from self.next_message()
             _refuse_read_only(message, run.script.name)
@@ -297,12 +297,12 @@ class PrimaryCore:
             if isinstance(message, RobotStateData):
                 return
 
-    def _within(self, seconds: float, flow: Flow[None], run: ScriptRun, complaint: str) -> Flow[None]:
+    def _limited(self, seconds: float, flow: Flow[None], run: ScriptRun, problem: str) -> Flow[None]:
         yield TimeLimit(seconds)
         try:
             yield from flow
         except NoAnswerError as error:
-            raise run.failed(f"{complaint} {seconds:g} s; {self._condition}") from error
+            raise run.failed(f"{problem} {seconds:g} s; {self._modes_text}") from error
         yield TimeLimit(None)
 
     def _check_ready(self, script: Script) -> None:
@@ -310,12 +310,12 @@ class PrimaryCore:
         state = self.state
         request = f"program {script.name}"
         if state and state.mode and state.mode.robot_mode != RobotMode.RUNNING:
-            raise RobotRefused(request, self._condition, "switch the arm on and release its brakes first")
+            raise RobotRefused(request, self._modes_text, "switch the arm on and release its brakes first")
         if state and state.masterboard and state.masterboard.safety_mode not in MAY_RUN:
-            raise RobotRefused(request, self._condition, "clear the stop first")
+            raise RobotRefused(request, self._modes_text, "clear the stop first")
 
     @property
-    def _condition(self) -> str:
+    def _modes_text(self) -> str:
         """The robot's modes, for error messages."""
         if self.state is None or self.state.mode is None:
             return "the robot's state is unknown"

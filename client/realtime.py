@@ -19,15 +19,15 @@ class RealtimeCore:
     """One client's side of a realtime connection, without I/O."""
 
     def __init__(self) -> None:
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._decoder = RealtimeDecoder()
         self._received: deque[RealtimeState] = deque()
 
     def opening(self) -> Flow[None]:
         """Start on a new connection, which needs no handshake."""
-        self._forget()
+        self._reset()
         yield from ()
 
     def receive(self) -> Flow[RealtimeState]:

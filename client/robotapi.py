@@ -188,14 +188,14 @@ class _Response:
 
 
 class RobotApiCore:
-    """The client's side of a Robot API connection, without I/O. version: version of the API, known after `greet`."""
+    """The client's side of a Robot API connection, without I/O. version: version of the API, known after `opening`."""
 
     def __init__(self, host: str, port: int) -> None:
         self.host = host if port == PORT else f"{host}:{port}"
         self.version: tuple[int, ...] | None = None
         self._used = False
 
-    def greet(self) -> Flow[None]:
+    def opening(self) -> Flow[None]:
         """Request the API's version. Raises RemoteProtocolError if this is not a Robot API."""
         self.version = None
         response = yield from self._exchange("GET", wire.OPENAPI, b"", "")
@@ -323,7 +323,7 @@ class RobotAPIClient(AsyncConnection):
             return await self.run(self.core.ask(request))
 
     def _opening(self) -> Flow[None]:
-        return self.core.greet()
+        return self.core.opening()
 
 
 class BlockingRobotAPIClient(BlockingConnection):
@@ -338,4 +338,4 @@ class BlockingRobotAPIClient(BlockingConnection):
         return self.run(self.core.ask(request))
 
     def _opening(self) -> Flow[None]:
-        return self.core.greet()
+        return self.core.opening()

@@ -40,9 +40,9 @@ def read_recipe(path: Path) -> tuple[str, ...]:
     """
     lines = (line.partition("#")[0].strip() for line in path.read_text("utf-8-sig").splitlines())
     names = tuple(line for line in lines if line)
-    odd = [name for name in names if not name.isidentifier()]
-    if odd:
-        raise LocalProtocolError(f"{path}: {odd[0]!r} is not a variable: give one name per line")
+    invalid = [name for name in names if not name.isidentifier()]
+    if invalid:
+        raise LocalProtocolError(f"{path}: {invalid[0]!r} is not a variable: give one name per line")
     if not names:
         raise LocalProtocolError(f"{path} names no variable")
     return names
@@ -81,7 +81,7 @@ class InputRecipes:
         self.recipes.append(Recipe.of(variable_names(names), INPUT_FIELDS))
         return self.recipes[-1]
 
-    def exactly(self, names: Collection[str]) -> int:
+    def index_of(self, names: Collection[str]) -> int:
         """Index of the recipe with exactly these variables. Raises LocalProtocolError if there is none."""
         for index, recipe in enumerate(self.recipes):
             if set(recipe.names) == set(names):
@@ -90,16 +90,16 @@ class InputRecipes:
 
     def covering(self, names: Collection[str]) -> list[int]:
         """Indices of as few recipes as possible that cover these variables. Raises LocalProtocolError if none do."""
-        left, chosen = set(names), list[int]()
-        while left:
-            best = max(range(len(self.recipes)), key=lambda index: self._worth(index, left), default=0)
-            if not self.recipes or left.isdisjoint(self.recipes[best].names):
-                raise LocalProtocolError(f"no input recipe has {', '.join(sorted(left))}: add it when connecting")
+        remaining, chosen = set(names), list[int]()
+        while remaining:
+            best = max(range(len(self.recipes)), key=lambda index: self._rank(index, remaining), default=0)
+            if not self.recipes or remaining.isdisjoint(self.recipes[best].names):
+                raise LocalProtocolError(f"no input recipe has {', '.join(sorted(remaining))}: add it when connecting")
             chosen.append(best)
-            left -= set(self.recipes[best].names)
+            remaining -= set(self.recipes[best].names)
         return chosen
 
-    def _worth(self, index: int, wanted: set[str]) -> tuple[int, int]:
+    def _rank(self, index: int, wanted: set[str]) -> tuple[int, int]:
         """Sort key: most of the wanted variables first, then the fewest others."""
         names = self.recipes[index].names
         return len(wanted.intersection(names)), -len(names)
@@ -124,8 +124,8 @@ ReplyKind = TypeVar("ReplyKind", bound=codec.Reply)
 State = Mapping[str, Any]
 
 _MAX_MESSAGES = 100  # text messages kept for the caller; older ones are dropped
-_AGREEING_ATTEMPTS = 10  # after a loss; guess: a booting controller closes its first connections
-_BETWEEN_ATTEMPTS_S = 0.5
+_NEGOTIATION_ATTEMPTS = 10  # after a loss; guess: a booting controller closes its first connections
+_RETRY_S = 0.5
 _LOST = (ConnectionLostError, NoAnswerError, RobotUnreachableError)
 
 
@@ -176,9 +176,9 @@ class RTDECore:
         self._ignore_unavailable = ignore_unavailable
         self._reconnect_s = reconnect_s
         self._paused = False  # by the caller
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         """Reset the state of the last connection."""
         self._protocol = 1
         self._decoder = codec.RTDEDecoder()
@@ -190,7 +190,7 @@ class RTDECore:
 
     def start(self) -> Flow[None]:
         """Negotiate protocol and recipes on a new connection, and start the data exchange."""
-        self._forget()
+        self._reset()
         version = codec.KNOWN_PROTOCOLS[-1]
         if (yield from self._request(codec.RequestProtocol(version), codec.ProtocolReply)).accepted:
             self._protocol = version
@@ -217,15 +217,15 @@ class RTDECore:
 
     def receive(self) -> Flow[State]:
         """The next state, by variable name; states come in order, and none is skipped."""
-        return (yield from self._surviving(self._receive))
+        return (yield from self._with_reconnect(self._receive))
 
     def latest(self) -> Flow[State]:
         """The newest state that has arrived; older ones are skipped. Waits if none has arrived since the last call."""
-        return (yield from self._surviving(self._latest))
+        return (yield from self._with_reconnect(self._latest))
 
     def send(self, values: State) -> Flow[None]:
         """Write inputs; ``values`` must name exactly the variables of one input recipe."""
-        yield self._input_package(self._inputs.exactly(values), values)
+        yield self._input_package(self._inputs.index_of(values), values)
 
     def write(self, values: State) -> Flow[None]:
         """Write any inputs of the recipes; their other variables keep their last values (see InputRecipes)."""
@@ -248,25 +248,25 @@ class RTDECore:
     def reconnect(self, within_s: float) -> Flow[None]:
         """Reopen the connection and negotiate the same recipes. Raises the error of the last attempt."""
         after_s = 0.0
-        for attempt in range(1, _AGREEING_ATTEMPTS + 1):
+        for attempt in range(1, _NEGOTIATION_ATTEMPTS + 1):
             self.running = False
             try:
                 yield Reconnect(within_s, after_s)
                 yield from self.start()
             except (ConnectionLostError, NoAnswerError, RobotRefused):  # still booting, or our inputs not yet released
-                if attempt == _AGREEING_ATTEMPTS:
+                if attempt == _NEGOTIATION_ATTEMPTS:
                     raise
-                after_s = _BETWEEN_ATTEMPTS_S
+                after_s = _RETRY_S
             else:
                 self.reconnects += 1
                 return
 
     # receiving
 
-    def _surviving(self, what: Callable[[], Flow[State]]) -> Flow[State]:
+    def _with_reconnect(self, operation: Callable[[], Flow[State]]) -> Flow[State]:
         while True:
             try:
-                return (yield from what())
+                return (yield from operation())
             except _LOST:
                 if not self._reconnect_s:
                     raise
@@ -275,19 +275,19 @@ class RTDECore:
     def _receive(self) -> Flow[State]:
         self._check_running()
         while not self._arrived:
-            self._take((yield None))
+            self._feed((yield None))
         return self._read(self._arrived.popleft())
 
     def _latest(self) -> Flow[State]:
         self._check_running()
         try:
             while data := (yield POLL):
-                self._take(data)
+                self._feed(data)
         except _LOST:
             if not self._arrived:  # otherwise return what arrived before; the next call raises
                 raise
         while not self._arrived:
-            self._take((yield None))
+            self._feed((yield None))
         self.skipped += len(self._arrived) - 1
         newest = self._arrived.pop()
         self._arrived.clear()
@@ -305,7 +305,7 @@ class RTDECore:
 
     def take(self, data: bytes) -> list[State]:
         """Return the states that these bytes complete, for a caller that reads the connection itself."""
-        self._take(data)
+        self._feed(data)
         states = [self._read(arrived) for arrived in self._arrived]
         self._arrived.clear()
         return states
@@ -330,7 +330,7 @@ class RTDECore:
         available = self._wanted
         reply = yield from self._request(codec.SetupOutputs(available, frequency_hz), codec.SetupOutputsReply)
         if self._ignore_unavailable and NOT_FOUND in reply.types:
-            available = _found(available, reply.types)
+            available = _available(available, reply.types)
             reply = yield from self._request(codec.SetupOutputs(available, frequency_hz), codec.SetupOutputsReply)
         self._outputs = Recipe.of(available, OUTPUT_FIELDS)
         _check(self._outputs, reply.types)
@@ -352,13 +352,13 @@ class RTDECore:
     def _request(self, request: codec.Request, kind: type[ReplyKind]) -> Flow[ReplyKind]:
         yield request.encode(self._protocol)
         while not self._replies:
-            self._take((yield None))
+            self._feed((yield None))
         reply = self._replies.popleft()
         if not isinstance(reply, kind):
             raise RemoteProtocolError(f"expected a {kind.__name__}, received a {type(reply).__name__}")
         return reply
 
-    def _take(self, data: bytes) -> None:
+    def _feed(self, data: bytes) -> None:
         """Sort received packages into states, texts and replies."""
         for package in self._decoder.feed(data):
             if package.type == codec.PackageType.DATA_PACKAGE:  # hundreds per second: decoded only when read
@@ -371,7 +371,7 @@ class RTDECore:
                 self._replies.append(reply)
 
 
-def _found(names: tuple[str, ...], types: tuple[str, ...]) -> tuple[str, ...]:
+def _available(names: tuple[str, ...], types: tuple[str, ...]) -> tuple[str, ...]:
     found = tuple(name for name, kind in zip(names, types, strict=False) if kind != NOT_FOUND)
     if not found:
         raise RobotRefused("RTDE recipe", f"it has none of {', '.join(names)}", "request other variables")

@@ -17,7 +17,7 @@ from urproto.primary.messages import ErrorCodeMessage, RuntimeExceptionMessage, 
 from urproto.primary.state import RobotStateData
 
 MAY_RUN: Final = (SafetyMode.NORMAL, SafetyMode.REDUCED, SafetyMode.RECOVERY)
-GRAVE: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
+FATAL_LEVELS: Final = (ReportLevel.VIOLATION, ReportLevel.FAULT, ReportLevel.CRITICAL_FAULT)
 """Error codes of these levels end a program."""
 
 # Start of a program, after blank lines and comments.
@@ -37,14 +37,14 @@ _numbers = itertools.count(1)
 class Script:
     """A program ready to be sent.
 
-    shift: number of lines added before the caller's text. last_words: the text that it sends (textmsg) at its end;
+    shift: number of lines added before the caller's text. end_message: the text that it sends (textmsg) at its end;
     empty if it sends none.
     """
 
     name: str
     text: str
     shift: int = 0
-    last_words: str = ""
+    end_message: str = ""
 
     def line(self, reported: int) -> int:
         """The line in the caller's text for a line that a controller reports, both from 1."""
@@ -71,7 +71,7 @@ def prepare(text: str, name: str | None = None) -> Script:
     return Script(head[2], text)
 
 
-def telling_its_end(script: Script) -> Script:
+def with_end_message(script: Script) -> Script:
     """Add a line to a program that shows that it has reached its end and was not stopped.
 
     The program is returned unchanged if that is not possible: if it may end early (halt, return), or if its last line
@@ -83,7 +83,7 @@ def telling_its_end(script: Script) -> Script:
         return script
     words = f"{script.name} has come to its end"
     text = f'{script.text[: end.start()]}{end[1]}  textmsg("{words}")\n{script.text[end.start() :]}'
-    return replace(script, text=text, last_words=words)
+    return replace(script, text=text, end_message=words)
 
 
 def is_secondary(text: str) -> bool:
@@ -100,7 +100,7 @@ def _wrapped(text: str, name: str) -> Script:
 
 @dataclass(frozen=True, slots=True)
 class ScriptResult:
-    """Result of a program that ran to its end or was stopped; controllers do not report which (`telling_its_end`).
+    """Result of a program that ran to its end or was stopped; controllers do not report which (`with_end_message`).
 
     texts: its textmsg() output. errors: error codes reported meanwhile, none of them fatal.
     """
@@ -113,19 +113,19 @@ class ScriptResult:
 class ScriptRun:
     """Collects the messages about a running program. failing: levels of error codes that count as its failure."""
 
-    def __init__(self, script: Script, failing: Collection[ReportLevel] = GRAVE) -> None:
+    def __init__(self, script: Script, failing: Collection[ReportLevel] = FATAL_LEVELS) -> None:
         self.script = script
         self._failing = failing
         self._texts: list[str] = []
         self._errors: list[ErrorCodeMessage] = []
         self._stopped: SafetyMode | int | None = None
         self._states_since = 0
-        self._came_to_its_end = not script.last_words
+        self._reached_end = not script.end_message
 
     def watch(self, message: PrimaryMessage) -> None:
         """Process a message. Raises ScriptFailedError for one that ends the program."""
-        if isinstance(message, TextMessage) and self.script.last_words and message.text == self.script.last_words:
-            self._came_to_its_end = True
+        if isinstance(message, TextMessage) and self.script.end_message and message.text == self.script.end_message:
+            self._reached_end = True
         elif isinstance(message, TextMessage):
             self._texts.append(message.text)
         elif isinstance(message, RuntimeExceptionMessage):
@@ -139,9 +139,9 @@ class ScriptRun:
             self._stopped = message.safety_mode
         elif isinstance(message, RobotStateData):
             self._states_since += self._stopped is not None
-        self._judge()
+        self._check_safety_stop()
 
-    def _judge(self) -> None:
+    def _check_safety_stop(self) -> None:
         """Raise ScriptFailedError for a safety stop once its error code is known, which may come before or after it."""
         if self._stopped is not None and (self._errors or self._states_since > 1):
             codes = ", ".join(f"{error.label} {error.text}" for error in self._errors)
@@ -151,6 +151,6 @@ class ScriptRun:
         return ScriptFailedError(line, column, text, self.script.name, tuple(self._errors))
 
     def result(self) -> ScriptResult:
-        if not self._came_to_its_end:
+        if not self._reached_end:
             raise self.failed("it was stopped before its end: by a user, or by another program that replaced it")
         return ScriptResult(self.script.name, tuple(self._texts), tuple(self._errors))

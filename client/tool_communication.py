@@ -32,7 +32,7 @@ _logger = logging.getLogger(__name__)
 class ToolCommunication:
     """Provides the device as long as the context is open; ``run`` keeps it connected to the robot.
 
-    device: path of a link to the pseudo terminal. say: called with a message when the connection is lost and when it is
+    device: path of a link to the pseudo terminal. report: called with a message when the connection is lost or
     restored. Bytes that cannot be delivered, because one side is not connected or does not read, are lost, as on any
     serial line.
     """
@@ -42,12 +42,12 @@ class ToolCommunication:
         host: str,
         port: int = PORT,
         device: Path = Path("/tmp/ttyUR"),
-        say: Callable[[str], None] = _logger.info,
+        report: Callable[[str], None] = _logger.info,
     ) -> None:
         self.host = host
         self.port = port
         self.device = device
-        self._say = say
+        self._report = report
         self._near = self._far = -1
         self._stream: _Stream | None = None
 
@@ -76,10 +76,10 @@ class ToolCommunication:
             if self._stream is not None:
                 await self._stream.lost.wait()
                 self._stream = None
-                self._say(f"{self.host}:{self.port} closed the connection; trying again")
+                self._report(f"{self.host}:{self.port} closed the connection; trying again")
             try:
                 self._stream = await self._connect()
-                self._say(f"{self.host}:{self.port} is connected again")
+                self._report(f"{self.host}:{self.port} is connected again")
             except RobotUnreachableError:
                 await asyncio.sleep(_PAUSE_S)
 

@@ -122,7 +122,7 @@ def configure(
         typer.Option(help="Device on the tool's serial line (e-Series): echo, pty, or the path of a serial port."),
     ] = None,
     gripper: Annotated[
-        str | None, typer.Option(help="Gripper mounted on the arm: robotiq-2f-85 or robotiq-2f-140.")
+        str | None, typer.Option(help="Gripper mounted on the arm: robotiq-2f-85, robotiq-2f-140 or robotiq-hand-e.")
     ] = None,
     gripper_object: Annotated[
         float | None, typer.Option(help="Width of the object between the gripper's fingers, in mm.")

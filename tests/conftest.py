@@ -14,7 +14,7 @@ import pytest
 from hypothesis import settings
 
 from tests.budget import examples
-from urproto.testing.leaks import Belongings
+from urproto.testing.leaks import Resources
 
 # Examples have no deadline, since load is not a bug. In CI they are the same every time, elsewhere they are random.
 settings.register_profile("project", deadline=None, derandomize="CI" in os.environ, max_examples=examples(25))
@@ -66,10 +66,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(autouse=True)
 def leaves_nothing_behind() -> Iterator[None]:
     """Fail a test that leaves a Python thread or a listening socket of this process behind."""
-    allowed = Belongings.now()
+    allowed = Resources.now()
     yield
-    complaints = allowed.complaints()
-    assert not complaints, f"left behind: {complaints}"
+    leaks = allowed.leaks()
+    assert not leaks, f"left behind: {leaks}"
 
 
 @pytest.fixture(autouse=True)

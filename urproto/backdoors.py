@@ -54,11 +54,11 @@ def leads_behind_a_robot(address: str, port: int) -> bool:
     numeric = LOOPBACK_OF.get(str(target), str(target))
     anywhere = "0.0.0.0" if target.version == 4 else "::"
     return _is_marked(_name_of(numeric, port)) or (
-        _is_marked(_name_of(anywhere, port)) and _is_here(numeric, target.version)
+        _is_marked(_name_of(anywhere, port)) and _is_local(numeric, target.version)
     )
 
 
-def _is_here(address: str, version: int) -> bool:
+def _is_local(address: str, version: int) -> bool:
     """Whether the address belongs to this machine."""
     family = socket.AF_INET if version == 4 else socket.AF_INET6
     try:
@@ -72,9 +72,9 @@ def _is_here(address: str, version: int) -> bool:
 def _is_marked(name: str) -> bool:
     if name in _marked or sys.platform != "linux":
         return name in _marked
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as asking:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as probe:
         try:
-            asking.connect(name)
+            probe.connect(name)
         except ConnectionRefusedError:
             return False
     return True

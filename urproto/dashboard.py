@@ -164,7 +164,7 @@ def not_understood(line: str) -> str:
 
 
 def is_not_understood(reply: str) -> bool:
-    """True for the reply to an unknown command, whatever its quotes."""
+    """True for the reply to an unknown command, with any kind of quotation marks."""
     return reply.lower().startswith("could not understand")
 
 
@@ -174,7 +174,7 @@ def encode_line(text: str) -> bytes:
 
 
 class LineDecoder:
-    """Splits a stream into lines, whatever its chunks. A CR before the LF is dropped."""
+    """Splits a stream into lines; its chunks may be of any size. A CR before the LF is dropped."""
 
     def __init__(self, max_line: int = MAX_LINE) -> None:
         self._max_line = max_line

@@ -105,7 +105,7 @@ class TooLong:
 
 
 class StatementDecoder:
-    """Splits a stream into lines, whatever its chunks; an incomplete line is never returned.
+    """Splits a stream into lines; its chunks may be of any size; an incomplete line is never returned.
 
     A CR before the LF is dropped. The rest of a line over the limit is skipped.
     """
@@ -125,12 +125,12 @@ class StatementDecoder:
         *ended, rest = data.split(b"\n")
         lines: list[str | TooLong] = []
         for part in ended:
-            self._take(part)
+            self._append(part)
             lines.append(self._line())
-        self._take(rest)
+        self._append(rest)
         return lines
 
-    def _take(self, part: bytes) -> None:
+    def _append(self, part: bytes) -> None:
         self._buffer += part
         if len(self._buffer) > self._max_line:
             self._over = True

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import asyncio
 
     from emulator.control.control import VirtualRobot
-    from urproto.testing.leaks import Belongings
+    from urproto.testing.leaks import Resources
     from urproto.testing.process import EmulatorProcess
 
 _DEFAULT_MODEL: Final = "ur3"
@@ -26,7 +26,7 @@ _MARKERS: Final = (
 
 _started: "pytest.StashKey[list[EmulatorProcess]]" = pytest.StashKey()
 _failed: "pytest.StashKey[bool]" = pytest.StashKey()
-_allowed: "pytest.StashKey[Belongings | None]" = pytest.StashKey()  # of the current test, if it uses robots
+_allowed: "pytest.StashKey[Resources | None]" = pytest.StashKey()  # of the current test, if it uses robots
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -167,9 +167,9 @@ def _ur_tasks(request: pytest.FixtureRequest) -> Iterator[None]:
     before = _tasks(loops)
     yield
     left = _tasks(loops) - before
-    if left and _is_judged(request.node):
+    if left and _is_checked_for_leaks(request.node):
         names = ", ".join(sorted(f"{task.get_name()} ({_coroutine_name(task)})" for task in left))
-        _complain([f"asyncio tasks: {names}"])
+        _fail_for_leaks([f"asyncio tasks: {names}"])
 
 
 def _tasks(loops: "list[asyncio.AbstractEventLoop]") -> "set[asyncio.Task[Any]]":
@@ -189,9 +189,9 @@ def pytest_runtest_setup(item: pytest.Item) -> Generator[None, object, object]:
     __tracebackhide__ = True
     item.stash[_failed] = False
     if _uses_robots(item):
-        from urproto.testing.leaks import Belongings
+        from urproto.testing.leaks import Resources
 
-        item.config.stash[_allowed] = Belongings.now()
+        item.config.stash[_allowed] = Resources.now()
     return (yield)
 
 
@@ -218,8 +218,8 @@ def pytest_runtest_teardown(item: pytest.Item) -> Generator[None, object, object
     finally:
         allowed = item.config.stash.get(_allowed, None)
         item.config.stash[_allowed] = None
-    if allowed is not None and _is_judged(item) and (complaints := allowed.complaints()):
-        _complain(complaints)
+    if allowed is not None and _is_checked_for_leaks(item) and (complaints := allowed.leaks()):
+        _fail_for_leaks(complaints)
     return result
 
 
@@ -227,12 +227,12 @@ def _uses_robots(item: pytest.Item) -> bool:
     return not _FIXTURES.isdisjoint(getattr(item, "fixturenames", ()))
 
 
-def _is_judged(item: pytest.Item) -> bool:
+def _is_checked_for_leaks(item: pytest.Item) -> bool:
     """Whether a test is checked for leaks. A failed test rarely cleans up, and its failure is report enough."""
     return not item.stash.get(_failed, False) and item.get_closest_marker("ur_leaves_things") is None
 
 
-def _complain(left: list[str]) -> None:
+def _fail_for_leaks(left: list[str]) -> None:
     pytest.fail("left behind by the test: " + "; ".join(left), pytrace=False)
 
 

@@ -41,17 +41,17 @@ class Set:
 
 
 @dataclass(frozen=True, slots=True)
-class Unclear:
+class InvalidRequest:
     """A line that is neither a ``GET`` nor a ``SET``."""
 
     text: str
 
 
-Request = Get | Set | Unclear
+Request = Get | Set | InvalidRequest
 
 
 class RequestDecoder:
-    """Decodes the byte stream of a client to requests, whatever its chunks.
+    """Decodes the byte stream of a client to requests; its chunks may be of any size.
 
     A ``GET`` without a line end is complete if nothing follows for a while: call ``flush`` then.
     """
@@ -89,14 +89,14 @@ def _parse(text: str) -> Request:
     if found := _GET.fullmatch(text):
         return Get(found[1])
     if found := _SET.fullmatch(text):
-        values = [(name, _whole(word)) for name, word in _VALUE.findall(found[1])]
+        values = [(name, _parse_whole_number(word)) for name, word in _VALUE.findall(found[1])]
         assigned = tuple((name, value) for name, value in values if value is not None)
         if len(assigned) == len(values):
             return Set(assigned)
-    return Unclear(text)
+    return InvalidRequest(text)
 
 
-def _whole(word: str) -> int | None:
+def _parse_whole_number(word: str) -> int | None:
     """Parse a whole number; programs also send it as a float."""
     try:
         value = number(word)

@@ -99,7 +99,7 @@ def times6(rows: Sequence[Sequence[float]], vector: Sequence[float]) -> Vector6:
     return (x, y, z, rx, ry, rz)
 
 
-# of three: the first three of what is given
+# of three: the first three of the given components
 
 
 def add3(a: Sequence[float], b: Sequence[float]) -> Vector3:

@@ -37,7 +37,7 @@ class WorldFileError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
+class ObjectDescription:
     """An object. shape: as in the file. sizes: its numbers [m]. mesh: its file. pose (6,): [m, rotation vector].
 
     material: the given entries of `MATERIAL`. moving: the given entries of `MOVING`, unparsed.
@@ -56,8 +56,8 @@ class WorldDescription:
     """The contents of a world file. things: objects by name. tool: None without one. links: whether the arm's links
     make contact. sections: the given sections of `SECTIONS`, unparsed."""
 
-    things: Mapping[str, Thing]
-    tool: Thing | None = None
+    things: Mapping[str, ObjectDescription]
+    tool: ObjectDescription | None = None
     links: bool = False
     sections: Mapping[str, Any] = field(default_factory=dict)
 
@@ -85,7 +85,7 @@ def _world(content: Any, shapes: Collection[str]) -> WorldDescription:
     return WorldDescription(described, tool, links, {key: top[key] for key in SECTIONS if key in top})
 
 
-def read_description(name: str, given: Any, shapes: Collection[str], *, tool: bool = False) -> Thing:
+def read_description(name: str, given: Any, shapes: Collection[str], *, tool: bool = False) -> ObjectDescription:
     """Parse the description of one object; a tool has no material. Raises ValueError."""
     fields = _fields(name, given, (*shapes, "pose", *(() if tool else (*MATERIAL, *MOVING))))
     moving: dict[str, Any] = {key: fields.pop(key) for key in MOVING if key in fields}
@@ -103,15 +103,15 @@ def read_description(name: str, given: Any, shapes: Collection[str], *, tool: bo
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     mesh, numbers = (sizes, ()) if isinstance(sizes, str) else ("", sizes)
-    return Thing(shape, numbers, (x, y, z, rx, ry, rz), material, mesh, moving)
+    return ObjectDescription(shape, numbers, (x, y, z, rx, ry, rz), material, mesh, moving)
 
 
 def _fields(name: str, given: Any, known: Collection[str]) -> dict[str, Any]:
     if not isinstance(given, dict):
         raise ValueError(f"{name} must be a mapping of {', '.join(known)}, not {quoted(given)}")
-    strange = [key for key in given if key not in known]
-    if strange:
-        raise ValueError(f"{name} has {quoted(strange[0])}; allowed are {', '.join(known)}")
+    unknown = [key for key in given if key not in known]
+    if unknown:
+        raise ValueError(f"{name} has {quoted(unknown[0])}; allowed are {', '.join(known)}")
     return dict(given)
 
 

@@ -142,32 +142,32 @@ def _reason(content: bytes) -> str:
         return ""
 
 
-Wanted = tuple[CameraDescription, str]
+Subscription = tuple[CameraDescription, str]
 """A camera, and the form of its images."""
 
 
 class CameraFollower:
     """Fetches images in a thread until it is closed; use it with ``with``.
 
-    wanted: called before each round; returns the images to fetch. take: called with each image, in that thread. tell:
-    called once with the reason when images stop arriving, and again when they are back.
+    subscriptions: called before each round; returns the images to fetch. receive: called with each image, in that
+    thread. report: called once with the reason when images stop arriving, and again when they are back.
     """
 
     def __init__(
         self,
         client: CameraClient,
-        wanted: Callable[[], Iterable[Wanted]],
+        subscriptions: Callable[[], Iterable[Subscription]],
         rate_hz: float,
-        take: Callable[[Shot], object],
-        tell: Callable[[str], object],
+        receive: Callable[[Shot], object],
+        report: Callable[[str], object],
     ) -> None:
         self._client = client
-        self._wanted = wanted
-        self._every_s = 1.0 / rate_hz
-        self._take = take
-        self._tell = tell
+        self._subscriptions = subscriptions
+        self._period_s = 1.0 / rate_hz
+        self._receive = receive
+        self._report_change = report
         self._problem = ""
-        self._over = threading.Event()
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._follow, name="cameras", daemon=True)
 
     def __enter__(self) -> Self:
@@ -181,7 +181,7 @@ class CameraFollower:
 
     def close(self) -> None:
         """End the thread without waiting for an image that is being rendered."""
-        self._over.set()
+        self._closing.set()
         with suppress(OSError):
             self._client.interrupt()
         self._thread.join()
@@ -189,22 +189,22 @@ class CameraFollower:
 
     def _follow(self) -> None:
         next_s = time.monotonic()
-        while not self._over.is_set():
-            wait_s = self._every_s if self._round() else _RETRY_S
+        while not self._closing.is_set():
+            wait_s = self._period_s if self._fetch_all() else _RETRY_S
             next_s = max(next_s + wait_s, time.monotonic())
-            self._over.wait(next_s - time.monotonic())
+            self._closing.wait(next_s - time.monotonic())
 
-    def _round(self) -> bool:
+    def _fetch_all(self) -> bool:
         """Fetch one image of each; return whether all arrived."""
         try:
-            for camera, form in self._wanted():
+            for camera, form in self._subscriptions():
                 shot = self._client.shot(camera, form)
-                if self._over.is_set():
+                if self._closing.is_set():
                     return True
-                self._take(shot)
+                self._receive(shot)
                 self._report("")
         except CameraError as error:
-            if not self._over.is_set():
+            if not self._closing.is_set():
                 self._report(str(error))
             return False
         return True
@@ -212,4 +212,4 @@ class CameraFollower:
     def _report(self, problem: str) -> None:
         if problem != self._problem:
             self._problem = problem
-            self._tell(problem or "the cameras deliver images again")
+            self._report_change(problem or "the cameras deliver images again")

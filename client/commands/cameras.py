@@ -72,12 +72,12 @@ def follow_cameras(opened: ExitStack, options: CameraOptions) -> Callable[[], li
         client.shot(camera, form)  # raises now if the emulator cannot render it
     shots: SimpleQueue[Shot] = SimpleQueue()
 
-    def take(shot: Shot) -> None:
+    def enqueue(shot: Shot) -> None:
         if shots.qsize() < _MAX_PENDING:
             shots.put(shot)
 
-    def report(what: str) -> None:
-        typer.echo(f"note: {what}", err=True)
+    def report(message: str) -> None:
+        typer.echo(f"note: {message}", err=True)
 
-    opened.enter_context(CameraFollower(client, lambda: subscriptions, options.rate_hz, take, report))
+    opened.enter_context(CameraFollower(client, lambda: subscriptions, options.rate_hz, enqueue, report))
     return lambda: [shots.get() for _ in range(shots.qsize())]

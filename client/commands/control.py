@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Protocol, TypeAlias
 
 import typer
 
-from client.commands.following import MotionProgress
+from client.commands.following import ProgressBar
 from client.controllers import (
     ControlledRobot,
     ControllersFile,
@@ -253,13 +253,13 @@ async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str, s
     """
     number = await arm.ask("send_goal", controller=name, trajectory=asdict(trajectory))
     try:
-        with MotionProgress(title) as progress:
+        with ProgressBar(title) as progress:
             waiting = False
             while "error_code" not in (goal := await arm.ask("goal", goal=number)):
                 state = await arm.ask("robot_state")
                 if seen is not None:
                     await seen(state)
-                waiting = _say_waiting(state, progress, waiting)
+                waiting = _print_stop(state, progress, waiting)
                 progress.update(goal["progress"], _note(state))
                 await asyncio.sleep(_POLL_S)
             progress.update(1.0 if goal["error_code"] == 0 else goal["progress"])
@@ -289,12 +289,12 @@ async def until(arm: Arm, time_s: float) -> None:
         await asyncio.sleep(_POLL_S)
 
 
-def _say_waiting(state: Mapping[str, Any], progress: MotionProgress, before: bool) -> bool:
+def _print_stop(state: Mapping[str, Any], progress: ProgressBar, before: bool) -> bool:
     """Whether a safety stop holds the arm. Prints what to do about it when the stop begins."""
     mode = SafetyMode[state["safety_mode"]]
     waiting = mode not in _FREE
     if waiting and not before:
-        progress.say(
+        progress.print_line(
             f"the arm waits: its safety mode is {mode.name}. Find the cause. {_RELEASE.get(mode, _ON_THE_PENDANT)} "
             "The goal then continues; Ctrl-C aborts it."
         )
@@ -309,7 +309,7 @@ def _note(state: Mapping[str, Any]) -> str:
     return f"slider {100.0 * slider:.0f} %" if slider < 1.0 else ""
 
 
-def say_result(title: str, result: Result, *, err: bool = False) -> None:
+def print_result(title: str, result: Result, *, err: bool = False) -> None:
     """Print the result as one line; exit with status 1 if the goal was not reached. err: print to standard error."""
     typer.echo(f"{title}: {result.error_code.name}: {result.error_string}", err=err)
     if result.error_code is not ErrorCode.SUCCESSFUL:

@@ -92,7 +92,7 @@ async def serve(options: ManagerOptions) -> None:
                     await asyncio.Event().wait()
 
 
-def _ask(robot_ip: str, port_offset: int, do: str, **arguments: Any) -> Any:
+def _request(robot_ip: str, port_offset: int, do: str, **arguments: Any) -> Any:
     """Send one request to the running manager. Raises NoManagerError, ControllerError."""
 
     async def work() -> Any:
@@ -102,10 +102,10 @@ def _ask(robot_ip: str, port_offset: int, do: str, **arguments: Any) -> Any:
     return asyncio.run(work())
 
 
-def _each(robot_ip: str, port_offset: int, do: str, names: Sequence[str], done: str) -> None:
+def _request_for_each(robot_ip: str, port_offset: int, do: str, names: Sequence[str], done: str) -> None:
     """Send the same request for one controller after the other."""
     for name in names:
-        _ask(robot_ip, port_offset, do, name=name)
+        _request(robot_ip, port_offset, do, name=name)
         typer.echo(f"Successfully {done} {name}")
 
 
@@ -113,7 +113,7 @@ def _each(robot_ip: str, port_offset: int, do: str, names: Sequence[str], done: 
 def types_command(robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0, as_json: AsJson = False) -> None:
     """List the controller types of the running manager or, without one, of this program."""
     try:
-        found = _ask(robot_ip, port_offset, "list_controller_types")
+        found = _request(robot_ip, port_offset, "list_controller_types")
     except NoManagerError:
         found = available_types()
     if as_json:
@@ -139,7 +139,7 @@ def list_command(
     if controllers is not None:
         _list_file(controllers, as_json)
         return
-    found = _ask(robot_ip, port_offset, "list_controllers")
+    found = _request(robot_ip, port_offset, "list_controllers")
     if as_json:
         print_json(found)
         return
@@ -187,12 +187,12 @@ def load_command(
     file = controllers_file(controllers) if controllers is not None else None
     for name in names:
         given = {} if file is None else {"type": file.type_of(name), "parameters": file.parameters_of(name)}
-        for note in _ask(robot_ip, port_offset, "load_controller", name=name, **given)["notes"]:
+        for note in _request(robot_ip, port_offset, "load_controller", name=name, **given)["notes"]:
             typer.echo(f"note: {note}", err=True)
         if set_state is not None:
-            _ask(robot_ip, port_offset, "configure_controller", name=name)
+            _request(robot_ip, port_offset, "configure_controller", name=name)
         if set_state is SetState.ACTIVE:
-            _ask(robot_ip, port_offset, "switch_controller", activate=[name])
+            _request(robot_ip, port_offset, "switch_controller", activate=[name])
         into = f" into state {set_state.value}" if set_state else ""
         typer.echo(f"Successfully loaded controller {name}{into}")
 
@@ -200,32 +200,32 @@ def load_command(
 @controllers_app.command("configure")
 def configure_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Configure loaded controllers: from unconfigured to inactive, or inactive ones once more."""
-    _each(robot_ip, port_offset, "configure_controller", names, "configured")
+    _request_for_each(robot_ip, port_offset, "configure_controller", names, "configured")
 
 
 @controllers_app.command("cleanup")
 def cleanup_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Take inactive controllers back to unconfigured."""
-    _each(robot_ip, port_offset, "cleanup_controller", names, "cleaned up")
+    _request_for_each(robot_ip, port_offset, "cleanup_controller", names, "cleaned up")
 
 
 @controllers_app.command("unload")
 def unload_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Unload controllers that are not active."""
-    _each(robot_ip, port_offset, "unload_controller", names, "unloaded")
+    _request_for_each(robot_ip, port_offset, "unload_controller", names, "unloaded")
 
 
 @controllers_app.command("activate")
 def activate_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Activate inactive controllers: all of them in the same cycle, or none."""
-    _ask(robot_ip, port_offset, "switch_controller", activate=names)
+    _request(robot_ip, port_offset, "switch_controller", activate=names)
     typer.echo(f"Successfully activated {', '.join(names)}")
 
 
 @controllers_app.command("deactivate")
 def deactivate_command(names: _Names, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0) -> None:
     """Deactivate active controllers: all of them in the same cycle, or none."""
-    _ask(robot_ip, port_offset, "switch_controller", deactivate=names)
+    _request(robot_ip, port_offset, "switch_controller", deactivate=names)
     typer.echo(f"Successfully deactivated {', '.join(names)}")
 
 
@@ -248,7 +248,7 @@ def switch_command(
     if not start and not stop:
         raise typer.BadParameter("nothing to switch: give --activate or --deactivate, or both")
     strictness = STRICT if strict else BEST_EFFORT
-    done = _ask(robot_ip, port_offset, "switch_controller", activate=start, deactivate=stop, strictness=strictness)
+    done = _request(robot_ip, port_offset, "switch_controller", activate=start, deactivate=stop, strictness=strictness)
     requested = {**dict.fromkeys(start, "activated"), **dict.fromkeys(set(stop) - set(start), "deactivated")}
     for name, word in requested.items():
         if name not in done[word]:
@@ -265,7 +265,7 @@ def parameters_command(
     name: _Name, robot_ip: RobotIP = "127.0.0.1", port_offset: PortOffset = 0, as_json: AsJson = False
 ) -> None:
     """List the parameters of a loaded controller."""
-    found = _ask(robot_ip, port_offset, "list_parameters", name=name)
+    found = _request(robot_ip, port_offset, "list_parameters", name=name)
     if as_json:
         print_json({key: one["value"] for key, one in found.items()})
         return
@@ -297,7 +297,7 @@ def set_parameters_command(
             values[key] = load_yaml(text)
         except NotYaml as error:
             raise typer.BadParameter(f"{key}: {text!r} is not a YAML value: {error}") from None
-    _ask(robot_ip, port_offset, "set_parameters", name=name, parameters=values)
+    _request(robot_ip, port_offset, "set_parameters", name=name, parameters=values)
     typer.echo(f"Successfully set {', '.join(values)} of {name}")
 
 

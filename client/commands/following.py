@@ -27,7 +27,7 @@ PortOffset: TypeAlias = Annotated[
 _LINE_S: Final = 5.0  # between two lines, to keep the log of a long motion short
 
 
-class MotionProgress:
+class ProgressBar:
     """Progress bar of one motion: a context manager to `update` now and then.
 
     Writes to standard error: a bar on a terminal, otherwise a line every few seconds.
@@ -37,7 +37,7 @@ class MotionProgress:
         self._title = title
         self._console = console or Console(stderr=True, highlight=False)
         self._now_s = now_s
-        self._began_s = self._said_s = now_s()
+        self._began_s = self._printed_s = now_s()
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -62,11 +62,11 @@ class MotionProgress:
         now_s = self._now_s()
         text = f"{now_s - self._began_s:.0f} s, {note}" if note else f"{now_s - self._began_s:.0f} s"
         self._bar.update(self._task, completed=share, note=text)
-        if not self._console.is_terminal and now_s - self._said_s >= _LINE_S:
-            self._said_s = now_s
-            self.say(f"{self._title}: {100.0 * share:.0f} % after {text}")
+        if not self._console.is_terminal and now_s - self._printed_s >= _LINE_S:
+            self._printed_s = now_s
+            self.print_line(f"{self._title}: {100.0 * share:.0f} % after {text}")
 
-    def say(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         """Print a separate line above the bar."""
         self._console.print(text, markup=False, soft_wrap=not self._console.is_terminal)
 
@@ -85,12 +85,12 @@ class Interrupts:
 
     def __init__(self) -> None:
         self._waiting = False
-        self._came = False
+        self._interrupted = False
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():  # only the main thread receives signals
-            self._before = {number: signal.signal(number, self._take) for number in _SIGNALS}
+            self._before = {number: signal.signal(number, self._handle) for number in _SIGNALS}
         return self
 
     def __exit__(
@@ -99,18 +99,18 @@ class Interrupts:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def wait(self, what: Callable[[], Any]) -> Any:
+    def wait(self, function: Callable[[], Any]) -> Any:
         """Call a function that may be interrupted, and return its result. Raises KeyboardInterrupt."""
         self._waiting = True
         try:
-            if self._came:
+            if self._interrupted:
                 raise KeyboardInterrupt
-            return what()
+            return function()
         finally:
             self._waiting = False
 
-    def _take(self, number: int, frame: FrameType | None) -> None:
-        self._came = True
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._interrupted = True
         if self._waiting:
             self._waiting = False  # already here: a second signal may arrive before `wait` resets it
             raise KeyboardInterrupt

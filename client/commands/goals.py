@@ -17,9 +17,9 @@ from client.commands.control import (
     SpeedSlider,
     Target,
     follow,
+    print_result,
     rest,
     run,
-    say_result,
     until,
 )
 from client.commands.following import PortOffset, RobotIP
@@ -117,7 +117,7 @@ async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
     async with target.open() as arm:
         await target.activate(arm, name)
         result = await follow(arm, name, trajectory, "goal")
-    say_result("goal", result)
+    print_result("goal", result)
 
 
 async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -> None:
@@ -130,19 +130,19 @@ async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -
             for number, goal in enumerate(goals.goals):
                 last = number == len(goals.goals) - 1 and done == rounds - 1
                 title = f"{goal.name} ({number + 1}/{len(goals.goals)})"
-                await _one(arm, goals, goal, title, time_s, last)
+                await _execute_goal(arm, goals, goal, title, time_s, last)
             done += 1
 
 
-async def _one(arm: Arm, goals: GoalFile, goal: NamedGoal, title: str, time_s: float, last: bool) -> None:
+async def _execute_goal(arm: Arm, goals: GoalFile, goal: NamedGoal, title: str, time_s: float, last: bool) -> None:
     began_s = (await arm.ask("robot_state"))["time_s"]
     if goals.commands:
-        typer.echo(f"{goal.name}: {_listed(goal.point.positions)}")
+        typer.echo(f"{goal.name}: {_format(goal.point.positions)}")
         await arm.ask("forward_command", controller=goals.controller, values=goal.point.positions, hold=True)
     else:
         point = replace(goal.point, time_from_start_s=time_s)
         trajectory = JointTrajectory(goals.joints or JOINT_NAMES, (point,))
-        say_result(goal.name, await follow(arm, goals.controller, trajectory, title))
+        print_result(goal.name, await follow(arm, goals.controller, trajectory, title))
     if goals.commands or not last:
         await until(arm, began_s + goals.wait_s)
 
@@ -184,7 +184,7 @@ async def forward(
         await arm.ask("forward_command", controller=name, values=values, time_s=ramp_s, hold=True)
         try:
             if position:
-                await _arrival(arm, values)
+                await _wait_for_arrival(arm, values)
             else:
                 await until(arm, begin_s + time_s)
         finally:
@@ -195,20 +195,20 @@ async def forward(
     typer.echo(f"{name}: the arm is at {', '.join(f'{q:.3f}' for q in reached.values())} rad")
 
 
-async def _arrival(arm: Arm, values: Sequence[float]) -> None:
+async def _wait_for_arrival(arm: Arm, values: Sequence[float]) -> None:
     """Wait until the joints have reached the values. Raises MotionError if they stop elsewhere."""
-    stood_s: float | None = None
+    standstill_since_s: float | None = None
     while True:
         state = await arm.ask("robot_state")
         away = max(abs(q - value) for q, value in zip(state["positions"].values(), values, strict=True))
         if away < _ARRIVED_RAD:
             return
         waits = state["safety_mode"] not in ("NORMAL", "REDUCED") or not state["at_rest"]
-        stood_s = None if waits else stood_s or state["time_s"]
-        if stood_s is not None and state["time_s"] > stood_s + _STANDSTILL_S:
+        standstill_since_s = None if waits else standstill_since_s or state["time_s"]
+        if standstill_since_s is not None and state["time_s"] > standstill_since_s + _STANDSTILL_S:
             raise MotionError("forward position", f"the arm stopped {away:.3f} rad away: check the robot's log")
         await until(arm, state["time_s"] + _POLL_S)
 
 
-def _listed(values: Sequence[float]) -> str:
+def _format(values: Sequence[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)

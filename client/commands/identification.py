@@ -11,7 +11,7 @@ from client.commands.control import MakeReady
 from client.commands.following import PortOffset, RobotIP
 from client.commands.record import (
     Overwrite,
-    check_and_ask,
+    check_and_confirm,
     check_free,
     exclusive_motion,
     move_along,
@@ -145,7 +145,7 @@ def excite_command(
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
     with exclusive_motion(robot_ip, ports), Robot(robot_ip, robot_ports=ports, outputs=_FIELDS) as robot:
         path = excitation(model_of_robot(robot_ip, port_offset), robot.q, duration, bounds, seed)
-        check_and_ask(robot_ip, robot, path, yes=yes)
+        check_and_confirm(robot_ip, robot, path, yes=yes)
         if make_ready:
             robot.make_ready()
         with Recorder(output, _FIELDS, {"robot": robot_ip}) as recorder:

@@ -75,9 +75,9 @@ def show_command(
         return
     for name, found in chosen.items():
         typer.echo(f"{SECTIONS[name].title} ({name}){'' if found else ': none'}")
-        for row in _rows_set(name, found):
+        for row in _nonempty_rows(name, found):
             fields = SECTIONS[name].fields
-            typer.echo("  " + ", ".join(f"{field.title}: {_shown(field, row[field.name])}" for field in fields))
+            typer.echo("  " + ", ".join(f"{field.title}: {_format(field, row[field.name])}" for field in fields))
 
 
 @installation_app.command("set")
@@ -95,7 +95,7 @@ def set_command(
     """
     root = open_installation(path)
     try:
-        change_setting(root, section, row, dict(map(_assigned, values)))
+        change_setting(root, section, row, dict(map(_parse_assignment, values)))
     except (SettingError, DocumentError) as error:
         raise FileError(path, str(error)) from None
     save_installation(root, path)
@@ -115,7 +115,7 @@ def check_command(path: _Installation) -> None:
     typer.echo(f"{path}: no problems found")
 
 
-def _assigned(text: str) -> tuple[str, Any]:
+def _parse_assignment(text: str) -> tuple[str, Any]:
     name, sign, value = text.partition("=")
     if not sign:
         raise ClientError(f"{text!r} is not FIELD=VALUE")
@@ -125,12 +125,12 @@ def _assigned(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def _rows_set(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _nonempty_rows(name: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The rows worth printing: most I/O signals have neither a name nor an action."""
     return rows if name != "io" else [row for row in rows if row["name"] or row["action"] not in ("", "NONE")]
 
 
-def _shown(field: Field, value: Any) -> str:
+def _format(field: Field, value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None or value == "":

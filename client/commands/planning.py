@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from client.commands.control import Arm, MakeReady, RecordOption, Seen, Target, follow, run, say_result
+from client.commands.control import Arm, MakeReady, RecordOption, Seen, Target, follow, print_result, run
 from client.commands.following import PortOffset, RobotIP
-from client.commands.planning_goals import angles, constraints, item
+from client.commands.planning_goals import angles, constraints, parse_item
 from client.commands.record import Overwrite, check_free
 from client.commands.scene_drawing import model_named
 from client.controllers import JOINT_NAMES, JointTrajectory, Result
@@ -114,7 +114,7 @@ def plan_command(
     async def work() -> None:
         from client.planning import Planner, PlanningScene
 
-        items = [item(goal, planner, degrees) for goal in goals]
+        items = [parse_item(goal, planner, degrees) for goal in goals]
         if start is not None and model is not None:
             around = _scene(PlanningScene(model_named(model), padding_m=padding), scene)
             if safety is not None:
@@ -140,7 +140,7 @@ def plan_command(
         _draw(plan, around, markers)
         if execute:
             result = await _execute(plan, target, controller, around if drawn else None)
-            say_result("plan", result, err=as_json)
+            print_result("plan", result, err=as_json)
 
     run(work())
 
@@ -153,10 +153,10 @@ async def _execute(plan: "Plan", target: Target, controller: str, drawn: "Planni
     )
     async with target.open() as arm:
         state = await arm.ask("robot_state")
-        stands = state["positions"]  # by name, with the manager's prefix, base to wrist 3
-        plan.check_start(list(stands.values()))
+        current = state["positions"]  # by name, with the manager's prefix, base to wrist 3
+        plan.check_start(list(current.values()))
         await target.activate(arm, controller)
-        trajectory = JointTrajectory.sampled(tuple(stands), *samples)
+        trajectory = JointTrajectory.sampled(tuple(current), *samples)
         if drawn is None:
             return await follow(arm, controller, trajectory, "plan")
         draw = _drawer(arm, drawn, plan)

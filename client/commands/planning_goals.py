@@ -27,7 +27,7 @@ _OR: Final = re.compile(r"\s+or\s+")
 _KINDS: Final = "six joint angles, a pose p[x,y,z,rx,ry,rz], or a named configuration: home, up, test_configuration"
 
 
-def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
+def parse_item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
     """Parse a motion: ``[PLANNER] GOAL [or GOAL]... [blend=R] [interim=x,y,z] [center=x,y,z]``, lengths in m.
 
     planner: for a motion that names none. degrees: whether joint angles are in degrees. Raises typer.BadParameter,
@@ -47,7 +47,7 @@ def item(text: str, planner: str, degrees: bool) -> "MotionSequenceItem":
         planner, rest = first, after.strip()
     each = [_goal(part, degrees) for part in _OR.split(rest)]
     goal: Goal = each[0] if len(each) == 1 else GoalSet(each)
-    points = {name: _three(extras[name], text) for name in ("interim", "center") if name in extras}
+    points = {name: _parse_vector(extras[name], text) for name in ("interim", "center") if name in extras}
     if points or planner == "CIRC":
         if not isinstance(goal, PoseGoal) or planner != "CIRC":
             raise typer.BadParameter(
@@ -91,7 +91,7 @@ def constraints(
     if orientation is not None:
         _, _, _, *turn = scene.kinematics.forward(start_rad, tcp_offset)
         a, b, c = turn
-        turned = OrientationConstraint((a, b, c), _three(orientation, "--keep-orientation"))
+        turned = OrientationConstraint((a, b, c), _parse_vector(orientation, "--keep-orientation"))
     if box is not None:
         x, y, z, *middle = numbers(
             box, 6, f"--keep-within {box!r}: give six numbers, the edge lengths of the box and its centre [m]"
@@ -100,8 +100,8 @@ def constraints(
     return PathConstraints(turned, place, tcp_offset)
 
 
-def _three(text: str, where: str) -> Vector3:
-    x, y, z = numbers(text.strip("[]"), 3, f"{where}: {text!r} is not three numbers x,y,z")
+def _parse_vector(text: str, option: str) -> Vector3:
+    x, y, z = numbers(text.strip("[]"), 3, f"{option}: {text!r} is not three numbers x,y,z")
     return (x, y, z)
 
 

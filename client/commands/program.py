@@ -83,15 +83,15 @@ def show_command(
     editor = open_program(path)
     rows = editor.rows()
     if as_json:
-        print_json([{**_plain(row), "form": editor.form(row.id)["fields"]} for row in rows])
+        print_json([{**_as_dict(row), "form": editor.form(row.id)["fields"]} for row in rows])
         return
     width = len(str(len(rows)))
     for row in rows:
-        typer.echo(f"{row.number:>{width}} {'  ' * row.depth}{row.title}{_remark(row)}")
+        typer.echo(f"{row.number:>{width}} {'  ' * row.depth}{row.title}{_note(row)}")
         if forms:
             for field in editor.form(row.id)["fields"]:
                 indent = " " * (width + 3 + 2 * row.depth)
-                typer.echo(f"{indent}{field['title']}: {_shown(field['value'])}{_unit(field)}")
+                typer.echo(f"{indent}{field['title']}: {_format(field['value'])}{_unit(field)}")
 
 
 @program_app.command("check")
@@ -143,17 +143,17 @@ def _save(editor: ProgramEditor, path: Path) -> None:
         raise FileError(path, str(error)) from None
 
 
-def _plain(row: Row) -> dict[str, Any]:
+def _as_dict(row: Row) -> dict[str, Any]:
     return {name: getattr(row, name) for name in row.__slots__}
 
 
-def _remark(row: Row) -> str:
+def _note(row: Row) -> str:
     if row.suppressed_itself:
         return "  (suppressed)"
     return f"  <- {row.problem}" if row.problem else ""
 
 
-def _shown(value: Any) -> str:
+def _format(value: Any) -> str:
     if isinstance(value, dict):
         return json.dumps(value)
     return "-" if value is None or value == "" else {True: "yes", False: "no"}.get(value, str(value))

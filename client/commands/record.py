@@ -23,7 +23,7 @@ from client.commands.cameras import (
     CameraRate,
     follow_cameras,
 )
-from client.commands.following import Interrupts, MotionProgress, PortOffset, RobotIP, Sink, follow
+from client.commands.following import Interrupts, PortOffset, ProgressBar, RobotIP, Sink, follow
 from client.commands.scene_drawing import DrawnServer, model_of_robot, scene_drawing
 from client.connection import DEFAULT_TIMEOUT_S
 from client.controllers.remote import check_no_manager
@@ -134,7 +134,7 @@ def replay_command(
     path = joint_path(read_with_remarks(file), speed)
     ports = {name: port + port_offset for name, port in ROBOT_PORTS.items()}
     with exclusive_motion(robot_ip, ports), Robot(robot_ip, robot_ports=ports) as robot:
-        check_and_ask(robot_ip, robot, path, yes=yes)
+        check_and_confirm(robot_ip, robot, path, yes=yes)
         if make_ready:
             robot.make_ready()
         robot.move_j(path.start_rad, speed_rad_s=_APPROACH_RAD_S, acceleration_rad_s2=_APPROACH_RAD_S2)
@@ -157,7 +157,7 @@ def exclusive_motion(robot_ip: str, ports: Mapping[str, int]) -> Iterator[None]:
         raise typer.Exit(_INTERRUPTED) from None
 
 
-def check_and_ask(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool) -> None:
+def check_and_confirm(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool) -> None:
     """Check the path against the limits of the robot; ask for confirmation unless it is on this machine.
 
     Raises URError, or typer.Exit if the answer is no.
@@ -167,7 +167,7 @@ def check_and_ask(robot_ip: str, robot: Robot, path: JointPath, *, yes: bool) ->
         raise RobotRefused("replay", "it does not report its limits", "check that its primary port (30001) answers")
     path.check(arm)
     if not yes and not _on_this_machine(robot_ip):
-        _ask(robot_ip, robot, path)
+        _confirm(robot_ip, robot, path)
 
 
 def _on_this_machine(address: str) -> bool:
@@ -178,11 +178,11 @@ def _on_this_machine(address: str) -> bool:
         return False
 
 
-def _ask(address: str, robot: Robot, path: JointPath) -> None:
-    away = max(abs(a - b) for a, b in zip(robot.q, path.start_rad, strict=True))
+def _confirm(address: str, robot: Robot, path: JointPath) -> None:
+    distance_rad = max(abs(a - b) for a, b in zip(robot.q, path.start_rad, strict=True))
     question = (
-        f"The arm at {address} will move by up to {away:.2f} rad to the start of the path, and then along it for "
-        f"{path.duration_s:.1f} s. Obstacles are not checked. Is the path clear?"
+        f"The arm at {address} will move by up to {distance_rad:.2f} rad to the start of the path, and then along it "
+        f"for {path.duration_s:.1f} s. Obstacles are not checked. Is the path clear?"
     )
     if not sys.stdin.isatty():
         raise ClientError(f"{question} There is no terminal to answer from: pass --yes if it is")
@@ -196,7 +196,7 @@ def move_along(robot: Robot, path: JointPath, what: str) -> None:
     what: title of the progress bar.
     """
     robot.sequence(path.points(), wait=False)
-    with MotionProgress(what) as progress:
+    with ProgressBar(what) as progress:
         done_s, last_s = 0.0, robot.state.timestamp_s
         while robot.moving:
             try:
@@ -248,7 +248,7 @@ def record_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Record a robot's states, until Ctrl-C."""
-    names = _chosen(fields)
+    names = _parse_fields(fields)
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
     if cameras.names and file.suffix.lower() != ".mcap":
         raise RecordingError(f"{file}: only .mcap files can contain camera images")
@@ -262,7 +262,7 @@ def record_command(
         shots = follow_cameras(opened, cameras)
         info = {"robot": robot_ip, "polyscope": str(robot.core.version), "rate_hz": f"{robot.core.rate_hz:g}"}
         recorder = opened.enter_context(Recorder(file, names, info))
-        typer.echo(f"recording {_what(robot, names)} to {file}. Ctrl-C ends it.", err=True)
+        typer.echo(f"recording {_describe_source(robot, names)} to {file}. Ctrl-C ends it.", err=True)
         pictures = 0
 
         def write(state: Mapping[str, Any]) -> None:
@@ -323,7 +323,7 @@ def stream_command(
     cameras = CameraOptions.of(robot_ip, port_offset, camera_port, camera, camera_rate, depth)
     if cameras.names and not foxglove:
         raise typer.BadParameter("--camera needs --foxglove: PlotJuggler shows no images")
-    names = _chosen(fields)
+    names = _parse_fields(fields)
     drawing = scene_drawing(scene, plan, names, robot_ip, port_offset)
     with ExitStack() as opened:
         interrupts = opened.enter_context(Interrupts())
@@ -340,8 +340,8 @@ def stream_command(
             typer.echo(f"Foxglove: open a connection to {listen.rpartition(':')[0]}:{server.port}", err=True)
         for writer in writers:
             opened.callback(writer.close)
-        typer.echo(f"streaming {_what(robot, names)}. Ctrl-C ends it.", err=True)
-        follow(robot, _stamped(writers, server, shots), interrupts, duration)
+        typer.echo(f"streaming {_describe_source(robot, names)}. Ctrl-C ends it.", err=True)
+        follow(robot, _timestamped_sink(writers, server, shots), interrupts, duration)
 
 
 def convert_command(
@@ -377,7 +377,7 @@ def check_free(path: Path, overwrite: bool) -> None:
         raise RecordingError(f"{path} exists: choose another name, or pass --overwrite")
 
 
-def _chosen(fields: Sequence[str] | None) -> tuple[str, ...]:
+def _parse_fields(fields: Sequence[str] | None) -> tuple[str, ...]:
     parts = [name.strip() for part in fields or ["default"] for name in part.split(",")]
     return field_names(name for name in parts if name)
 
@@ -398,12 +398,14 @@ def _connect(
     return connected
 
 
-def _what(robot: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
+def _describe_source(robot: rtde.BlockingRTDEClient, names: Sequence[str]) -> str:
     source = f"{robot.host} (PolyScope {robot.core.version})"
     return f"{len(names)} variables of {source} at {robot.core.rate_hz:g} Hz"
 
 
-def _stamped(writers: Sequence[Writer], pictured: FoxgloveServer | None, shots: Callable[[], list[Shot]]) -> list[Sink]:
+def _timestamped_sink(
+    writers: Sequence[Writer], picture_server: FoxgloveServer | None, shots: Callable[[], list[Shot]]
+) -> list[Sink]:
     """A sink that passes each state to all writers, and images to the Foxglove server, with this machine's time."""
     stamps = Stamps()
 
@@ -412,8 +414,8 @@ def _stamped(writers: Sequence[Writer], pictured: FoxgloveServer | None, shots: 
             for writer in writers:
                 writer.write(values, time_ns)
         for shot in shots():
-            if pictured is not None and (taken_ns := stamps.at(shot.time_s)) is not None:
-                pictured.write_shot(shot, taken_ns)
+            if picture_server is not None and (taken_ns := stamps.at(shot.time_s)) is not None:
+                picture_server.write_shot(shot, taken_ns)
 
     return [write]
 

@@ -17,7 +17,7 @@ from client import dashboard, primary, rtde
 from client.calibration import calibration_of, is_nominal, write_calibration
 from client.commands.following import Interrupts, PortOffset, RobotIP, Sink, follow
 from client.connection import DEFAULT_TIMEOUT_S
-from client.dashboard_commands import WORDS, judged
+from client.dashboard_commands import WORDS, checked_command
 from client.decoding import formatting
 from client.errors import FileError
 from client.rtde import unknown_fields
@@ -74,8 +74,8 @@ def send_command(
 ) -> None:
     """Send a script and wait until it runs. Exit status 1 if it is not URScript, or if an error or a stop ends it.
 
-    With --wait, the program writes one more line to the robot's log, which tells its regular end from a stop. Programs
-    that use halt or return do not get that line.
+    With --wait, the program writes one more line to the robot's log, which distinguishes its regular end from a stop.
+    Programs that use halt or return do not get that line.
     """
     text = from_bytes(file.read_bytes())
     if "\0" in text:
@@ -89,7 +89,7 @@ def send_command(
             robot.run(robot.core.send_secondary(text))
             typer.echo(f"sent {file}")
             return
-        run = robot.run(robot.core.start(text, to_its_end=wait))
+        run = robot.run(robot.core.start(text, require_end=wait))
         typer.echo(f"{run.script.name} is running")
         if wait:
             robot.run(robot.core.finish(run), float("inf"))
@@ -111,7 +111,7 @@ def dashboard_command(
     """Send one dashboard command and print the answer. Exit status 1 if it is unknown, refused or fails."""
     with dashboard.BlockingDashboardClient(robot_ip, dashboard.PORT + port_offset) as robot:
         try:
-            answer, done = robot.ask(judged(line)), True
+            answer, done = robot.ask(checked_command(line)), True
         except RobotRefused as refusal:
             if not as_json:
                 raise
@@ -191,12 +191,12 @@ def state_table(state: Mapping[str, Any], title: str) -> Table:
         table.add_column(str(index) if width > 1 else "value", justify="right")
     table.add_column("unit")
     for name, values in rows.items():
-        cells = [_cell(name, value) for value in values] + [""] * (width - len(values))
+        cells = [_format_cell(name, value) for value in values] + [""] * (width - len(values))
         table.add_row(name, *cells, OUTPUT_FIELDS[name].unit)
     return table
 
 
-def _cell(name: str, value: Any) -> str:
+def _format_cell(name: str, value: Any) -> str:
     return f"{value:.4f}" if isinstance(value, float) else formatting.value(value, name)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from client import primary
-from client.calibration import calibration_of, described
+from client.calibration import calibrated_model, calibration_of
 from client.errors import FileError, RecordingError
 from client.recording.live import FoxgloveServer
 from urproto.errors import RobotRefused
@@ -35,7 +35,7 @@ def model_of_robot(host: str, port_offset: int = 0) -> RobotModel:
 def _model(robot: primary.BlockingPrimaryClient) -> RobotModel:
     calibration = calibration_of(robot.run(robot.core.kinematics_info()))
     arm = robot.run(robot.core.configuration_data())
-    model = described(arm, calibration)
+    model = calibrated_model(arm, calibration)
     if model is None:
         known = ", ".join(MODELS)
         what = f"robot type {arm.robot_type}, sub type {arm.sub_type}"

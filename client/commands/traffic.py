@@ -16,7 +16,7 @@ import typer
 
 from client.commands.following import PortOffset, RobotIP
 from client.decoding.codecs import CODECS, Side
-from client.decoding.session import Choice, InputForm, Session
+from client.decoding.session import Choice, DecodingSession, InputForm
 from client.decoding.streams import Line
 from client.traffic.ports import ask_identity, choose_ports
 from client.traffic.proxy import Proxy, Route, driver_routes, robot_routes
@@ -50,13 +50,13 @@ def decode_command(
 ) -> None:
     """Print captured traffic of any controller port, one line per message. Exit status 1 for unreadable data (!)."""
     chosen = CODECS[codec.value] if codec else None
-    session = Session(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
+    session = DecodingSession(Choice(chosen, side, tuple(port or ()), port_offset, form), _as_json if as_json else None)
     with ExitStack() as opened:
         source = _stdin() if file == "-" else _open(file, opened)
         try:
-            _pump(source, session)
+            _decode_all(source, session)
         except KeyboardInterrupt:  # how an endless stream usually ends
-            _show(session.end())
+            _print_lines(session.end())
     if session.problems:
         raise typer.Exit(_UNREADABLE)
 
@@ -78,13 +78,13 @@ def _open(file: str, opened: ExitStack) -> BufferedReader:
         raise typer.BadParameter(f"cannot read {file}: {error.strerror}") from error
 
 
-def _pump(source: BufferedIOBase, session: Session) -> None:
+def _decode_all(source: BufferedIOBase, session: DecodingSession) -> None:
     while data := source.read1(_CHUNK):
-        _show(session.feed(data))
-    _show(session.end())
+        _print_lines(session.feed(data))
+    _print_lines(session.end())
 
 
-def _show(lines: Iterable[str]) -> None:
+def _print_lines(lines: Iterable[str]) -> None:
     sys.stdout.write("".join(f"{line}\n" for line in lines))  # in one write: Ctrl-C between lines would lose the rest
     sys.stdout.flush()
 
@@ -148,7 +148,7 @@ def replay_traffic_command(
 
 
 async def _play(recording: Recording, listen: str, speed: float, loop: bool, port_offset: int) -> None:
-    robot = ReplayRobot(recording, listen, speed=speed, loop=loop, port_offset=port_offset, say=typer.echo)
+    robot = ReplayRobot(recording, listen, speed=speed, loop=loop, port_offset=port_offset, report=typer.echo)
     async with robot:
         for name, port in robot.ports.items():
             typer.echo(f"{name}: {listen}:{port}")

@@ -157,15 +157,15 @@ class ControlledRobot(ControlLoop):
         link = self.driver.robot
         if link.configuration is None:
             return
-        stands = dict(zip((self.prefix + joint for joint in JOINT_NAMES), self.driver.state["actual_q"], strict=True))
+        current = dict(zip((self.prefix + joint for joint in JOINT_NAMES), self.driver.state["actual_q"], strict=True))
         names = trajectory.joint_names
-        targets = [stands | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
-        moves = [points.movej([target[joint] for joint in stands]) for target in targets]
-        Reach(link.configuration, (0.0,) * 6, tuple(stands.values())).check("the trajectory", moves)
+        targets = [current | dict(zip(names, point.positions, strict=False)) for point in trajectory.points]
+        moves = [points.movej([target[joint] for joint in current]) for target in targets]
+        Reach(link.configuration, (0.0,) * 6, tuple(current.values())).check("the trajectory", moves)
         if not speeds:
             return
         start = JointTrajectoryPoint((), (0.0,) * len(names))
-        check_speeds([stands, *targets], [start, *trajectory.points], link.configuration.qd_max)
+        check_speeds([current, *targets], [start, *trajectory.points], link.configuration.qd_max)
 
     def check_primitives(self, primitives: Sequence[MotionPrimitive]) -> None:
         """Raise OutOfReachError for the first primitive out of reach, and LocalProtocolError for numbers too large.

@@ -88,7 +88,7 @@ def _at(point: JointTrajectoryPoint, time_from_start_s: float) -> JointTrajector
 Coefficients = tuple[float, float, float, float, float, float]
 
 
-class Segment:
+class SplineSegment:
     """The motion from one point to the next: joints (n,), time [s] counted from the first one."""
 
     __slots__ = ("_duration_s", "_effort", "_polynomials")
@@ -213,7 +213,7 @@ class Path:
         self._before = JointTrajectoryPoint()
         self._before_s = 0.0
         self._times: list[float] = []
-        self._segment: tuple[int, Segment] | None = None
+        self._segment: tuple[int, SplineSegment] | None = None
 
     @property
     def size(self) -> int:
@@ -281,5 +281,5 @@ class Path:
         before_s = self._times[index - 1] if index else self._before_s
         if self._segment is None or self._segment[0] != index:
             before = self.points[index - 1] if index else self._before
-            self._segment = index, Segment(before, self.points[index], self._times[index] - before_s)
+            self._segment = index, SplineSegment(before, self.points[index], self._times[index] - before_s)
         return self._segment[1].at(time_s - before_s)

@@ -30,7 +30,7 @@ _ABORT: Final = f"{PASSTHROUGH}/abort"
 _logger = logging.getLogger(__name__)
 
 
-class Execution:
+class TrajectoryExecution:
     """At most one trajectory that the robot executes itself, and a callback for its end."""
 
     def __init__(self, driver: ArmDriver, spawn: Spawn) -> None:
@@ -85,7 +85,7 @@ class PassthroughExecution(HandedOver):
 
     def __init__(self, commands: URCommands, driver: ArmDriver, spawn: Spawn) -> None:
         self._commands = commands
-        self._execution = Execution(driver, spawn)
+        self._execution = TrajectoryExecution(driver, spawn)
         self._trajectory: list[TrajectoryPoint] = []
         self._last_s = 0.0
         self._active = False
@@ -139,7 +139,7 @@ class PrimitivesExecution(HandedOver):
     def __init__(self, commands: URCommands, states: URStates, driver: ArmDriver, spawn: Spawn) -> None:
         self._commands = commands.part(PRIMITIVE_COMMANDS)
         self._states = states
-        self._execution = Execution(driver, spawn)
+        self._execution = TrajectoryExecution(driver, spawn)
         self._sequence: list[TrajectoryPoint] | None = None  # between two markers
         self._stopping = False
         states[STATUS], states[READY] = float(ExecutionStatus.IDLE), 0.0

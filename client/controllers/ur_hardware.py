@@ -133,7 +133,7 @@ class URHardware:
             return None
         if time_s < self._absent_until_s:
             return None
-        if why := self._driver.lost_why:
+        if why := self._driver.loss_reason:
             return f"the control program on the robot has ended, since {why}: make sure it runs, then activate again"
         return _ENDED
 

@@ -7,7 +7,7 @@ from enum import Enum
 from ipaddress import IPv4Address, IPv6Address, ip_address
 
 from client.decoding import external, formatting, modbus, rtde, states
-from client.decoding.packets import Endpoint
+from client.decoding.packets import SocketAddress
 from client.decoding.streams import Framing, Line, LineStream, Stream, problem
 from urproto import dashboard, interpreter
 from urproto.errors import RemoteProtocolError
@@ -69,7 +69,7 @@ class BytesStream:
         yield problem(f"offset {self._offset}: {len(data)} bytes of no known protocol: {formatting.value(data)}")
         self._offset += len(data)
 
-    def lost(self, size: int) -> None:
+    def skip(self, size: int) -> None:
         """Count the lost bytes."""
         self._offset += size
 
@@ -89,7 +89,7 @@ _MACS = {True: bytes.fromhex("020000000001"), False: bytes.fromhex("020000000002
 class ConnectionFrames:
     """Ethernet frames of one connection. number: distinguishes connections between the same ends."""
 
-    def __init__(self, client: Endpoint, server: Endpoint, number: int = 0) -> None:
+    def __init__(self, client: SocketAddress, server: SocketAddress, number: int = 0) -> None:
         addresses = _addresses(client.address, server.address)
         self._ends = {True: (addresses[0], client.port), False: (addresses[1], server.port)}
         self._next = {True: _first_number(2 * number), False: _first_number(2 * number + 1)}
@@ -188,12 +188,12 @@ class Codec:
 
 
 def _rtde() -> Channel:
-    conversation = rtde.Conversation()
+    conversation = rtde.RTDEConversation()
     return Channel(conversation.robot, conversation.client, conversation.unknown)
 
 
 def _modbus() -> Channel:
-    conversation = modbus.Conversation()
+    conversation = modbus.ModbusConversation()
     return Channel(conversation.robot, conversation.client, conversation.unknown)
 
 

@@ -9,14 +9,14 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from client.decoding.packets import Endpoint, Segment
+from client.decoding.packets import SocketAddress, TcpSegment
 
 MAX_CONNECTIONS = 256  # tracked at the same time; beyond that, the one that was silent longest is dropped
 _MAX_HELD = 256  # segments
 _MAX_HELD_BYTES = 1 << 18
 _MAX_WAIT_NS = 2_000_000_000  # of the capture's time; guess: a lost segment is retransmitted sooner
-_SETTLING = 64  # segments without a SYN, or time, after which a connection counts as older than the capture
-_SETTLING_NS = 1_000_000_000
+_START_SEGMENTS = 64  # segments without a SYN, or time, after which a connection counts as older than the capture
+_START_NS = 1_000_000_000
 _NUMBERS = 1 << 32
 
 
@@ -24,16 +24,16 @@ _NUMBERS = 1 << 32
 class Data:
     """Bytes of one direction, in order."""
 
-    source: Endpoint
+    source: SocketAddress
     data: bytes
     time_ns: int | None
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class Gap:
     """This many bytes of a direction are not in the capture."""
 
-    source: Endpoint
+    source: SocketAddress
     size: int
     time_ns: int | None
 
@@ -42,20 +42,20 @@ class Lost:
 class Closed:
     """This end sends no more data."""
 
-    source: Endpoint
+    source: SocketAddress
     time_ns: int | None
 
 
-Event = Data | Lost | Closed
-Ends = frozenset[Endpoint]
+Event = Data | Gap | Closed
+Ends = frozenset[SocketAddress]
 
 
-def opens(segment: Segment) -> bool:
+def opens(segment: TcpSegment) -> bool:
     """Whether a segment is the first of a connection."""
     return segment.syn and segment.ack is None
 
 
-def possible_servers(segment: Segment) -> list[Endpoint]:
+def possible_servers(segment: TcpSegment) -> list[SocketAddress]:
     """The possible servers of a segment's connection, the likeliest first."""
     if opens(segment):
         return [segment.destination]
@@ -65,7 +65,7 @@ def possible_servers(segment: Segment) -> list[Endpoint]:
 @dataclass(slots=True)
 class _Piece:
     start: int
-    segment: Segment
+    segment: TcpSegment
     arrival: int
 
     @property
@@ -77,7 +77,7 @@ class _Piece:
 class _Direction:
     """One direction. Positions count from the first known byte; ``next`` is the position to be returned next."""
 
-    source: Endpoint
+    source: SocketAddress
     base: int | None = None  # sequence number of position 0
     syn: int | None = None
     next: int = 0
@@ -114,27 +114,27 @@ class _Direction:
         return min(self.held, key=lambda piece: (piece.start, piece.end), default=None)
 
 
-class Connection:
+class Reassembly:
     """Both directions of the connections between two ends, one connection after the other."""
 
-    def __init__(self, ends: tuple[Endpoint, Endpoint]) -> None:
+    def __init__(self, ends: tuple[SocketAddress, SocketAddress]) -> None:
         self._ends = ends
-        self._fresh()
+        self._reset()
 
-    def _fresh(self) -> None:
+    def _reset(self) -> None:
         self._directions = {end: _Direction(end) for end in self._ends}
-        self._settled = False
+        self._started = False
         self._arrivals = 0
         self._now: int | None = None
         self._first_ns: int | None = None
 
-    def add(self, segment: Segment) -> Iterator[Event]:
+    def add(self, segment: TcpSegment) -> Iterator[Event]:
         """Take a segment; return the events it completes."""
         direction = self._directions[segment.source]
         if segment.syn:
-            if self._is_another(direction, segment):
+            if self._is_new_connection(direction, segment):
                 yield from self.finish()
-                self._fresh()
+                self._reset()
                 direction = self._directions[segment.source]
             direction.begin(segment.sequence)
         self._now = segment.time_ns if segment.time_ns is not None else self._now
@@ -149,7 +149,7 @@ class Connection:
 
     def finish(self) -> Iterator[Event]:
         """Finish: return all remaining events."""
-        self._settle()
+        self._start_directions()
         yield from self._drain()
         while any(direction.held for direction in self._directions.values()):
             yield from self._give_up()
@@ -159,7 +159,7 @@ class Connection:
                 direction.ended = True
                 yield Closed(direction.source, self._now)
 
-    def _is_another(self, direction: _Direction, segment: Segment) -> bool:
+    def _is_new_connection(self, direction: _Direction, segment: TcpSegment) -> bool:
         """Whether a SYN opens a new connection between the same ports."""
         if direction.syn is not None:
             return direction.syn != segment.sequence
@@ -167,7 +167,7 @@ class Connection:
             return direction.ended
         return not 0 <= direction.next - direction.position((segment.sequence + 1) % _NUMBERS) < _NUMBERS // 4
 
-    def _hold(self, direction: _Direction, segment: Segment) -> None:
+    def _hold(self, direction: _Direction, segment: TcpSegment) -> None:
         if direction.ended or not (segment.data or segment.missing or segment.fin):
             return
         start = direction.position((segment.sequence + segment.syn) % _NUMBERS)
@@ -179,30 +179,30 @@ class Connection:
     # returning events
 
     def _drain(self) -> Iterator[Event]:
-        if not self._settled and not self._may_settle():
+        if not self._started and not self._can_start():
             return
-        self._settle()
+        self._start_directions()
         while (direction := next(filter(self._is_ready, self._directions.values()), None)) is not None:
-            yield from self._give(direction)
+            yield from self._emit(direction)
 
-    def _may_settle(self) -> bool:
+    def _can_start(self) -> bool:
         directions = self._directions.values()
         if all(direction.started for direction in directions):
             return True
         waited = (self._now or 0) - (self._first_ns or 0)
-        return sum(len(direction.held) for direction in directions) >= _SETTLING or waited > _SETTLING_NS
+        return sum(len(direction.held) for direction in directions) >= _START_SEGMENTS or waited > _START_NS
 
-    def _settle(self) -> None:
-        self._settled = True
+    def _start_directions(self) -> None:
+        self._started = True
         for direction in self._directions.values():
             if not direction.started and direction.held:
                 direction.begin_anywhere()
 
     def _is_ready(self, direction: _Direction) -> bool:
         first = direction.first
-        return first is not None and first.start <= direction.next and not self._unheard(direction, first)
+        return first is not None and first.start <= direction.next and not self._missing_before(direction, first)
 
-    def _unheard(self, direction: _Direction, piece: _Piece) -> int:
+    def _missing_before(self, direction: _Direction, piece: _Piece) -> int:
         """Number of missing bytes of the other direction that the sender of a piece had already received."""
         other = self._other(direction)
         if piece.segment.ack is None or not other.started or other.ended:
@@ -213,7 +213,7 @@ class Connection:
         first, second = self._ends
         return self._directions[second if direction.source == first else first]
 
-    def _give(self, direction: _Direction) -> Iterator[Event]:
+    def _emit(self, direction: _Direction) -> Iterator[Event]:
         piece = direction.first
         assert piece is not None
         direction.held.remove(piece)
@@ -222,7 +222,7 @@ class Connection:
             direction.next += len(data)
             yield Data(source, data, segment.time_ns)
         if piece.end > direction.next:
-            yield Lost(source, piece.end - direction.next, segment.time_ns)
+            yield Gap(source, piece.end - direction.next, segment.time_ns)
             direction.next = piece.end
         if segment.fin and piece.end == direction.next:
             direction.next += 1  # a FIN is counted
@@ -234,7 +234,7 @@ class Connection:
 
     def _overdue(self) -> bool:
         held = [piece for direction in self._directions.values() for piece in direction.held]
-        if not held or not self._settled:
+        if not held or not self._started:
             return False
         if len(held) > _MAX_HELD or sum(len(piece.segment.data) for piece in held) > _MAX_HELD_BYTES:
             return True
@@ -248,33 +248,33 @@ class Connection:
         piece = direction.first
         assert piece is not None
         if piece.start > direction.next:
-            yield Lost(direction.source, piece.start - direction.next, piece.segment.time_ns)
+            yield Gap(direction.source, piece.start - direction.next, piece.segment.time_ns)
             direction.next = piece.start
-        other, unheard = self._other(direction), self._unheard(direction, piece)
+        other, unheard = self._other(direction), self._missing_before(direction, piece)
         if unheard and not other.held:
-            yield Lost(other.source, unheard, piece.segment.time_ns)
+            yield Gap(other.source, unheard, piece.segment.time_ns)
             other.next += unheard
-        yield from self._give(direction)
+        yield from self._emit(direction)
 
 
-class Connections:
+class Reassemblies:
     """All connections of a capture; each event comes with the two ends of its connection."""
 
     def __init__(self) -> None:
-        self._known: OrderedDict[Ends, Connection] = OrderedDict()
+        self._known: OrderedDict[Ends, Reassembly] = OrderedDict()
 
-    def add(self, segment: Segment) -> Iterator[tuple[Ends, Event]]:
+    def add(self, segment: TcpSegment) -> Iterator[tuple[Ends, Event]]:
         """Take a segment; return the events it completes."""
         ends = frozenset((segment.source, segment.destination))
         if ends not in self._known:
-            self._known[ends] = Connection((segment.source, segment.destination))
+            self._known[ends] = Reassembly((segment.source, segment.destination))
         self._known.move_to_end(ends)
         for event in self._known[ends].add(segment):
             yield ends, event
         if len(self._known) > MAX_CONNECTIONS:
-            silent_ends, silent = self._known.popitem(last=False)
-            for event in silent.finish():
-                yield silent_ends, event
+            oldest_ends, oldest_connection = self._known.popitem(last=False)
+            for event in oldest_connection.finish():
+                yield oldest_ends, event
 
     def finish(self) -> Iterator[tuple[Ends, Event]]:
         """The capture has ended."""

@@ -82,22 +82,22 @@ RESULTS = Framing("result", 4, ReplyDecoder.size, _is_result)
 
 def reverse_stream() -> FramedStream:
     """Messages from the driver on the reverse interface."""
-    return FramedStream(REVERSE, _lines_of(ReverseMessage.decode, _reverse))
+    return FramedStream(REVERSE, _reader(ReverseMessage.decode, _reverse))
 
 
 def trajectory_stream() -> FramedStream:
     """Messages from the driver on the trajectory interface."""
-    return FramedStream(TRAJECTORY, _lines_of(TrajectoryPoint.decode, _point))
+    return FramedStream(TRAJECTORY, _reader(TrajectoryPoint.decode, _point))
 
 
 def command_stream() -> FramedStream:
     """Messages from the driver on the script command interface."""
-    return FramedStream(COMMANDS, _lines_of(ScriptCommand.decode, _command))
+    return FramedStream(COMMANDS, _reader(ScriptCommand.decode, _command))
 
 
 def result_stream() -> Stream:
     """Messages from the robot on the trajectory and script command interfaces."""
-    return _Greeted(FramedStream(RESULTS, _lines_of(ReplyDecoder.decode, _reply)))
+    return _Greeted(FramedStream(RESULTS, _reader(ReplyDecoder.decode, _reply)))
 
 
 class _Greeted:
@@ -108,7 +108,7 @@ class _Greeted:
         self._unread: bytes | None = b""  # None once it has been shown, or if there is none
 
     def feed(self, data: bytes) -> Iterator[Line]:
-        """Take bytes, tell what they complete."""
+        """Take bytes; return lines for the messages they complete."""
         if self._unread is not None:
             data = self._unread + data
             if (greeting := split_greeting(data)) is None:
@@ -121,22 +121,22 @@ class _Greeted:
             data = rest
         yield from self._rest.feed(data)
 
-    def lost(self, size: int) -> None:
-        """So many bytes are missing here."""
+    def skip(self, size: int) -> None:
+        """Note that this many bytes are missing here (0: unknown)."""
         self._unread = None
-        self._rest.lost(size)
+        self._rest.skip(size)
 
     def end(self) -> Iterator[Line]:
-        """No more bytes come."""
+        """Finish the stream; return lines for the unfinished rest."""
         if self._unread:
             unread, self._unread = self._unread, None
             yield from self._rest.feed(unread)
         yield from self._rest.end()
 
 
-def _lines_of(decode: Callable[[bytes], Any], tell: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
+def _reader(decode: Callable[[bytes], Any], describe: Callable[[Any], str]) -> Callable[[bytes], Iterator[Line]]:
     def read(data: bytes) -> Iterator[Line]:
-        yield Line(tell(decode(data)))
+        yield Line(describe(decode(data)))
 
     return read
 

@@ -29,16 +29,16 @@ def _size(header: bytes) -> int:
 FRAMING = Framing("Modbus", _HEADER.size, _size, lambda header: True)
 
 
-class Conversation:
+class ModbusConversation:
     """Both directions of one connection."""
 
     def __init__(self) -> None:
         self._requests: OrderedDict[tuple[int, int], ModbusRequest] = OrderedDict()
         self.robot = FramedStream(FRAMING, self._from_robot)
         self.client = FramedStream(FRAMING, self._from_client)
-        self.unknown = FramedStream(FRAMING, self._from_somebody)
+        self.unknown = FramedStream(FRAMING, self._from_unknown)
 
-    def _from_somebody(self, data: bytes) -> Iterator[Line]:
+    def _from_unknown(self, data: bytes) -> Iterator[Line]:
         yield from (self._from_robot if _is_answer(data[_HEADER.size :]) else self._from_client)(data)
 
     def _from_client(self, data: bytes) -> Iterator[Line]:
@@ -60,9 +60,9 @@ class Conversation:
         if frame.pdu[0] & _ERROR_BIT and len(frame.pdu) == 2:
             yield Line(f"{head}: refused, {_exception(frame.pdu[1])}" + (f" ({_request(request)})" if request else ""))
         elif request is None:
-            yield Line(f"{head}: {_alone(frame.pdu)}")
+            yield Line(f"{head}: {_without_request(frame.pdu)}")
         else:
-            yield Line(f"{head}: {_answered(request, modbus.decode_response(request, frame.pdu))}")
+            yield Line(f"{head}: {_with_values(request, modbus.decode_response(request, frame.pdu))}")
 
 
 def _frame(data: bytes) -> Frame:
@@ -97,7 +97,7 @@ def _request(request: ModbusRequest) -> str:
     return f"{request.address} := {values}" if request.values else _span(request)
 
 
-def _answered(request: ModbusRequest, values: tuple[int, ...]) -> str:
+def _with_values(request: ModbusRequest, values: tuple[int, ...]) -> str:
     return f"{_span(request)} = {formatting.value(values)}" if values else f"{_request(request)} done"
 
 
@@ -106,7 +106,7 @@ def _span(request: ModbusRequest) -> str:
     return f"{request.address}..{last}" if request.count > 1 else str(request.address)
 
 
-def _alone(pdu: bytes) -> str:
+def _without_request(pdu: bytes) -> str:
     """An answer whose request was not captured: bits in whole bytes, words, or the repeated request."""
     if not _is_answer(pdu) or pdu[0] not in _READS:
         return f"{formatting.value(pdu[1:])} (the request was not seen)"

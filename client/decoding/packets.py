@@ -24,7 +24,7 @@ class UnreadablePacketError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Endpoint:
+class SocketAddress:
     """One end of a connection."""
 
     address: str
@@ -35,11 +35,11 @@ class Endpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
+class TcpSegment:
     """One TCP segment. missing: bytes at the end of its data that were not captured. ack: None if it has none."""
 
-    source: Endpoint
-    destination: Endpoint
+    source: SocketAddress
+    destination: SocketAddress
     sequence: int
     ack: int | None
     data: bytes
@@ -50,7 +50,7 @@ class Segment:
     time_ns: int | None
 
 
-def tcp_segment(packet: Packet) -> Segment | None:
+def tcp_segment(packet: Packet) -> TcpSegment | None:
     """The segment in a packet; None if the packet contains something else. Raises UnreadablePacketError."""
     strip = _LINKS.get(packet.link)
     if strip is None:
@@ -99,14 +99,14 @@ _LINKS: dict[int, Callable[[bytes], bytes]] = {
 # IP and TCP
 
 
-def _of_ip(data: bytes, time_ns: int | None) -> Segment | None:
+def _of_ip(data: bytes, time_ns: int | None) -> TcpSegment | None:
     version = data[0] >> 4
     if version == 4:
         return _of_ipv4(data, time_ns)
     return _of_ipv6(data, time_ns) if version == 6 else None
 
 
-def _of_ipv4(data: bytes, time_ns: int | None) -> Segment | None:
+def _of_ipv4(data: bytes, time_ns: int | None) -> TcpSegment | None:
     header = (data[0] & 15) * 4
     total, fragment, protocol = struct.unpack_from(">2xH2xHxB", data)
     if protocol != _TCP:
@@ -117,7 +117,7 @@ def _of_ipv4(data: bytes, time_ns: int | None) -> Segment | None:
     return _of_tcp(data[header:], size, data[12:16], data[16:20], time_ns)
 
 
-def _of_ipv6(data: bytes, time_ns: int | None) -> Segment | None:
+def _of_ipv6(data: bytes, time_ns: int | None) -> TcpSegment | None:
     payload, protocol = struct.unpack_from(">4xHB", data)
     place = 40
     while protocol in _IPV6_EXTENSIONS:
@@ -130,15 +130,15 @@ def _of_ipv6(data: bytes, time_ns: int | None) -> Segment | None:
     return _of_tcp(data[place:], size, data[8:24], data[24:40], time_ns)
 
 
-def _of_tcp(data: bytes, size: int, source: bytes, destination: bytes, time_ns: int | None) -> Segment:
+def _of_tcp(data: bytes, size: int, source: bytes, destination: bytes, time_ns: int | None) -> TcpSegment:
     ports = struct.unpack_from(">2H", data)
     sequence, ack, offset, flags = struct.unpack_from(">2I2B", data, 4)
     header = (offset >> 4) * 4
     wanted = max(0, size - header)
     payload = data[header : header + wanted]  # anything after it pads a short frame
-    return Segment(
-        Endpoint(str(ip_address(source)), ports[0]),
-        Endpoint(str(ip_address(destination)), ports[1]),
+    return TcpSegment(
+        SocketAddress(str(ip_address(source)), ports[0]),
+        SocketAddress(str(ip_address(destination)), ports[1]),
         sequence,
         ack if flags & _ACK else None,
         payload,

@@ -82,7 +82,7 @@ class _Recipe:
         usable = len(self._types) == len(types)
         self._struct = struct.Struct(">" + "".join(kind.layout for kind in self._types)) if usable else None
 
-    def tell(self, data: bytes) -> str | None:
+    def format(self, data: bytes) -> str | None:
         """The values; None if the bytes do not match this recipe."""
         if self._struct is None or len(data) != self._struct.size:
             return None
@@ -102,7 +102,7 @@ class _Setups:
         self._count = 0
         self._recipes: dict[int, _Recipe] = {}
 
-    def ask(self, names: tuple[str, ...]) -> None:
+    def add_request(self, names: tuple[str, ...]) -> None:
         """Note a request; its recipe is assumed to get the next number until a reply arrives."""
         self._requests.append(names)
         self._count += 1
@@ -110,64 +110,64 @@ class _Setups:
         if self._count < _MAX_RECIPES:
             self._recipes.setdefault(self._count, _Recipe(names, types, " (recipe guessed, no reply was seen)"))
 
-    def answer(self, number: int, types: tuple[str, ...]) -> None:
+    def add_reply(self, number: int, types: tuple[str, ...]) -> None:
         """Note a reply to the oldest unanswered request."""
         names = self._requests.popleft() if self._requests else ()
         self._recipes[number] = _Recipe(names, types)
 
-    def tell(self, number: int, data: bytes) -> str:
+    def format(self, number: int, data: bytes) -> str:
         """A data package as text, as far as its recipe is known."""
         known = self._recipes.get(number)
-        text = known.tell(data) if known else None
+        text = known.format(data) if known else None
         if text is not None:
             return text
         why = "it does not fit the recipe" if known else "the recipe's set-up was not seen"
         return f"{_raw(data)} ({why})"
 
 
-class Conversation:
+class RTDEConversation:
     """Both directions of one connection. unknown: a stream whose direction is recognised from its packages."""
 
     def __init__(self) -> None:
         self._protocol = 1
-        self._agreed = False  # whether the protocol version is certain
+        self._protocol_known = False  # whether the protocol version is certain
         self._requested_protocol = codec.KNOWN_PROTOCOLS[-1]  # if only replies were captured
         self._outputs = _Setups()
         self._inputs = _Setups()
         self._unknown = Sender.ROBOT
         self.robot = FramedStream(FRAMING, self._from_robot)
         self.client = FramedStream(FRAMING, self._from_client)
-        self.unknown = FramedStream(FRAMING, self._from_somebody)
+        self.unknown = FramedStream(FRAMING, self._from_unknown)
 
-    def _from_somebody(self, data: bytes) -> Iterator[Line]:
+    def _from_unknown(self, data: bytes) -> Iterator[Line]:
         self._unknown = sender_of(data) or self._unknown
         yield from (self._from_robot if self._unknown is Sender.ROBOT else self._from_client)(data)
 
     def _from_robot(self, data: bytes) -> Iterator[Line]:
         package = _package(data)
         if package.type == PackageType.SETUP_OUTPUTS and package.payload[:1] < b"A":
-            self._protocol, self._agreed = 2, True  # a number comes first; types begin with a letter
+            self._protocol, self._protocol_known = 2, True  # a number comes first; types begin with a letter
         reply = codec.decode_reply(package, self._protocol)
         match reply:
             case codec.ProtocolReply():
-                self._protocol, self._agreed = (self._requested_protocol if reply.accepted else 1), True
+                self._protocol, self._protocol_known = (self._requested_protocol if reply.accepted else 1), True
             case codec.SetupOutputsReply():
-                self._agreed = True
-                self._outputs.answer(reply.recipe_id, reply.types)
+                self._protocol_known = True
+                self._outputs.add_reply(reply.recipe_id, reply.types)
             case codec.SetupInputsReply():
-                self._inputs.answer(reply.recipe_id, reply.types)
-            case codec.OutputData() if not self._agreed:
+                self._inputs.add_reply(reply.recipe_id, reply.types)
+            case codec.OutputData() if not self._protocol_known:
                 yield Line(f"data: {_raw(package.payload)} (the set-up was not seen)")
                 return
             case codec.OutputData():
-                yield Line(f"data {reply.recipe_id}: {self._outputs.tell(reply.recipe_id, reply.data)}")
+                yield Line(f"data {reply.recipe_id}: {self._outputs.format(reply.recipe_id, reply.data)}")
                 return
-        yield _described("reply", package.type, reply)
+        yield _describe("reply", package.type, reply)
 
     def _from_client(self, data: bytes) -> Iterator[Line]:
         package = _package(data)
         if package.type == PackageType.SETUP_OUTPUTS and package.payload[:1] in (b"?", b"@"):
-            self._protocol, self._agreed = (
+            self._protocol, self._protocol_known = (
                 2,
                 True,
             )  # a frequency from 2^-255 Hz up comes first, never the start of a name
@@ -176,13 +176,13 @@ class Conversation:
             case codec.RequestProtocol():
                 self._requested_protocol = request.version
             case codec.SetupOutputs():
-                self._outputs.ask(request.names)
+                self._outputs.add_request(request.names)
             case codec.SetupInputs():
-                self._inputs.ask(request.names)
+                self._inputs.add_request(request.names)
             case codec.InputData():
-                yield Line(f"input {request.recipe_id}: {self._inputs.tell(request.recipe_id, request.data)}")
+                yield Line(f"input {request.recipe_id}: {self._inputs.format(request.recipe_id, request.data)}")
                 return
-        yield _described("request", package.type, request)
+        yield _describe("request", package.type, request)
 
 
 def _raw(data: bytes) -> str:
@@ -194,7 +194,7 @@ def _package(data: bytes) -> codec.Package:
     return codec.Package(kind, data[_HEADER.size : size])
 
 
-def _described(what: str, kind: int, item: object) -> Line:
+def _describe(what: str, kind: int, item: object) -> Line:
     name = PackageType(kind).name.lower()
     if isinstance(item, codec.TextMessage | codec.ClientMessage):
         level = mode_name(codec.MessageLevel, item.level)

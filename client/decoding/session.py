@@ -12,15 +12,15 @@ from client.decoding.codecs import Channel, Codec, Side, codec_of_port, guess
 from client.decoding.connections import (
     MAX_CONNECTIONS,
     Closed,
-    Connections,
     Data,
     Ends,
     Event,
-    Lost,
+    Gap,
+    Reassemblies,
     opens,
     possible_servers,
 )
-from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment
+from client.decoding.packets import SocketAddress, TcpSegment, UnreadablePacketError, tcp_segment
 from client.decoding.streams import Line, Stream, problem
 from urproto.errors import RemoteProtocolError
 
@@ -68,7 +68,7 @@ class Choice:
         return port in self.ports if self.ports else codec_of_port(port - self.port_offset) is not None
 
 
-class Session:
+class DecodingSession:
     """Decodes one input. problems: number of lines about unreadable data. form: formats a line."""
 
     def __init__(self, choice: Choice, form: Callable[[Line], str] | None = None) -> None:
@@ -157,16 +157,16 @@ class _Hex:
         """Take text; return lines for the messages that its complete lines contain."""
         self._text += data
         while not self._broken and (end := self._text.find(b"\n") + 1 or len(self._text) > _MAX_HEX_LINE):
-            yield from self._take(bytes(self._text[:end]))
+            yield from self._read(bytes(self._text[:end]))
             del self._text[:end]
 
     def end(self) -> Iterator[Line]:
         """Return lines for the rest."""
         if not self._broken:
-            yield from self._take(bytes(self._text))
+            yield from self._read(bytes(self._text))
         yield from self._raw.end()
 
-    def _take(self, line: bytes) -> Iterator[Line]:
+    def _read(self, line: bytes) -> Iterator[Line]:
         digits = _HEX_NOISE.sub(b"", line)
         try:
             data = bytes.fromhex(digits.decode("ascii"))
@@ -197,12 +197,12 @@ class _Guessed:
         else:
             yield from self._stream.feed(data)
 
-    def lost(self, size: int) -> None:
+    def skip(self, size: int) -> None:
         """Guess from the following bytes instead."""
         if self._stream is None:
             self._head.clear()
         else:
-            self._stream.lost(size)
+            self._stream.skip(size)
 
     def end(self) -> Iterator[Line]:
         """Decide with the bytes so far; return lines for the rest."""
@@ -230,15 +230,15 @@ class _Guessed:
 
 
 @dataclass(slots=True)
-class _Followed:
+class _Tracked:
     """A tracked connection: its server, and the decoder of each end's bytes."""
 
-    server: Endpoint
+    server: SocketAddress
     codec: Codec | None
-    streams: dict[Endpoint, Stream] = field(default_factory=dict)
+    streams: dict[SocketAddress, Stream] = field(default_factory=dict)
     channels: dict[str, Channel] = field(default_factory=dict)
 
-    def stream(self, source: Endpoint) -> Stream:
+    def stream(self, source: SocketAddress) -> Stream:
         """The decoder of an end's bytes."""
         if source not in self.streams:
             stream: Stream = _Guessed(self.channels, None, source == self.server)
@@ -248,7 +248,7 @@ class _Followed:
             self.streams[source] = stream
         return self.streams[source]
 
-    def close(self, source: Endpoint) -> Stream:
+    def close(self, source: SocketAddress) -> Stream:
         """Close an end; when both are closed, forget the state of their protocol."""
         stream = self.streams.pop(source)
         if not self.streams:
@@ -262,8 +262,8 @@ class _Capture:
     def __init__(self, choice: Choice, reader: PacketReader | None) -> None:
         self._choice = choice
         self._reader = reader
-        self._connections = Connections()
-        self._followed: OrderedDict[Ends, _Followed] = OrderedDict()
+        self._connections = Reassemblies()
+        self._tracked: OrderedDict[Ends, _Tracked] = OrderedDict()
         self._left_out: Counter[int] = Counter()
         self._unreadable: Counter[str] = Counter()
         self._begun = False
@@ -279,7 +279,7 @@ class _Capture:
             return
         try:
             for packet in self._reader.feed(data):
-                yield from self._take(packet)
+                yield from self._read(packet)
         except RemoteProtocolError as error:
             self._broken = True
             yield problem(str(error))
@@ -287,7 +287,7 @@ class _Capture:
     def end(self) -> Iterator[Line]:
         """Return lines for the rest, and for everything left out."""
         for ends, event in self._connections.finish():
-            yield from self._tell(ends, event)
+            yield from self._lines(ends, event)
         if self._reader is not None and self._reader.rest and not self._broken:
             yield problem(f"the capture file ends {self._reader.rest} bytes into a packet")
         for why, count in self._unreadable.items():
@@ -296,7 +296,7 @@ class _Capture:
             ports = ", ".join(str(port) for port, _ in self._left_out.most_common(_LISTED))
             yield Line(f"# {self._left_out.total()} TCP packets of other ports were left out ({ports}); see --port")
 
-    def _take(self, packet: Packet) -> Iterator[Line]:
+    def _read(self, packet: Packet) -> Iterator[Line]:
         if not self._begun and packet.time_ns is not None:
             self._begun = True
             yield Line(f"# the capture begins {_time(packet.time_ns, '%Y-%m-%d %H:%M:%S.%f')} UTC")
@@ -307,25 +307,25 @@ class _Capture:
         except UnreadablePacketError as error:
             self._unreadable[str(error)] += 1
             return
-        if segment is not None and self._is_followed(segment):
+        if segment is not None and self._is_tracked(segment):
             for ends, event in self._connections.add(segment):
-                yield from self._tell(ends, event)
+                yield from self._lines(ends, event)
 
-    def _is_followed(self, segment: Segment) -> bool:
+    def _is_tracked(self, segment: TcpSegment) -> bool:
         """Whether a segment's connection is to be shown; determines its server."""
         ends = frozenset((segment.source, segment.destination))
-        if ends in self._followed and not opens(segment):
-            self._followed.move_to_end(ends)
+        if ends in self._tracked and not opens(segment):
+            self._tracked.move_to_end(ends)
             return True
         candidates = possible_servers(segment)
         server = next((end for end in candidates if self._choice.wants(end.port)), None)
         if server is None:
             self._leave_out(candidates[0].port)
             return False
-        if ends not in self._followed or self._followed[ends].server != server:
-            self._followed[ends] = _Followed(server, self._choice.codec_of(server.port))
-        if len(self._followed) > 2 * MAX_CONNECTIONS:  # more than are followed: the oldest has ended
-            self._followed.popitem(last=False)
+        if ends not in self._tracked or self._tracked[ends].server != server:
+            self._tracked[ends] = _Tracked(server, self._choice.codec_of(server.port))
+        if len(self._tracked) > 2 * MAX_CONNECTIONS:  # more than are followed: the oldest has ended
+            self._tracked.popitem(last=False)
         return True
 
     def _leave_out(self, port: int) -> None:
@@ -333,19 +333,19 @@ class _Capture:
         if len(self._left_out) > _MAX_COUNTED:
             self._left_out = Counter(dict(self._left_out.most_common(_LISTED)))
 
-    def _tell(self, ends: Ends, event: Event) -> Iterator[Line]:
-        followed = self._followed[ends]
+    def _lines(self, ends: Ends, event: Event) -> Iterator[Line]:
+        tracked = self._tracked[ends]
         match event:
             case Data():
-                lines = followed.stream(event.source).feed(event.data)
-            case Lost():
-                followed.stream(event.source).lost(event.size)
+                lines = tracked.stream(event.source).feed(event.data)
+            case Gap():
+                tracked.stream(event.source).skip(event.size)
                 lines = iter([problem(f"{event.size} bytes are not in the capture")])
             case Closed():
-                followed.stream(event.source)
-                lines = followed.close(event.source).end()
+                tracked.stream(event.source)
+                lines = tracked.close(event.source).end()
         destination = next((end for end in ends if end != event.source), event.source)
-        protocol = followed.codec.name if followed.codec else ""
+        protocol = tracked.codec.name if tracked.codec else ""
         for line in lines:
             yield Line(line.text, line.problem, event.time_ns, str(event.source), str(destination), protocol)
 

@@ -41,7 +41,7 @@ class Stream(Protocol):
     def feed(self, data: bytes) -> Iterator[Line]:
         """Take bytes; return lines for the messages they complete."""
 
-    def lost(self, size: int) -> None:
+    def skip(self, size: int) -> None:
         """Note that this many bytes are missing here (0: unknown)."""
 
     def end(self) -> Iterator[Line]:
@@ -81,7 +81,7 @@ class FramedStream:
         self._read = read
         self._buffer = bytearray()
         self._offset = 0  # of the buffer's first byte in the stream
-        self._in_step = True
+        self._synchronised = True
         self._garbage: tuple[int, str] | None = None  # its offset, and the reason
 
     def feed(self, data: bytes) -> Iterator[Line]:
@@ -89,11 +89,11 @@ class FramedStream:
         self._buffer += data
         yield from self._advance(final=False)
 
-    def lost(self, size: int) -> None:
+    def skip(self, size: int) -> None:
         """Drop the unfinished message and look for the next one."""
         self._offset += len(self._buffer) + size
         self._buffer.clear()
-        self._in_step = False
+        self._synchronised = False
 
     def end(self) -> Iterator[Line]:
         """Finish the stream: look for messages in the rest, and report it."""
@@ -102,18 +102,18 @@ class FramedStream:
 
     def _advance(self, final: bool) -> Iterator[Line]:
         while self._buffer:
-            if not self._in_step and not (yield from self._find_step(final)):
+            if not self._synchronised and not (yield from self._find_sync(final)):
                 return
             size = self._size()
             if size and len(self._buffer) >= size:
                 yield from self._message(size)
             elif size is None:
-                self._leave_step()
+                self._lose_sync()
             elif not final:
                 return
             else:
-                self._begin_garbage(f"the stream ends {len(self._buffer)} bytes into a message" + _of(size))
-                self._leave_step()
+                self._begin_garbage(f"the stream ends {len(self._buffer)} bytes into a message" + _of_size(size))
+                self._lose_sync()
 
     def _size(self) -> int | None:
         """Size of the message that starts here: 0 if not known yet, None if it is not a message."""
@@ -155,19 +155,19 @@ class FramedStream:
             yield problem(f"offset {start}: {until - start} bytes are not valid {self._framing.name} data: {reason}")
         self._garbage = None
 
-    def _leave_step(self) -> None:
+    def _lose_sync(self) -> None:
         self._drop(1)
-        self._in_step = False
+        self._synchronised = False
 
-    def _find_step(self, final: bool) -> Generator[Line, None, bool]:
+    def _find_sync(self, final: bool) -> Generator[Line, None, bool]:
         """Skip to the next position where a message seems to start; return whether there is one."""
         for start in range(len(self._buffer)):
-            begins = self._begins_at(start)
+            begins = self._starts_at(start)
             if begins or (begins is None and not final):
                 self._drop(start)
                 if begins:
                     yield from self._garbage_until(self._offset)
-                    self._in_step = True
+                    self._synchronised = True
                 return bool(begins)
         self._drop(len(self._buffer))
         if self._garbage is not None and self._offset - self._garbage[0] > _MAX_GARBAGE:
@@ -175,7 +175,7 @@ class FramedStream:
             self._begin_garbage("as before")
         return False
 
-    def _begins_at(self, start: int) -> bool | None:
+    def _starts_at(self, start: int) -> bool | None:
         """Whether a message seems to start at this position; None if more bytes are needed."""
         header = bytes(self._buffer[start : start + self._framing.header])
         if len(header) < self._framing.header:
@@ -188,7 +188,7 @@ class FramedStream:
         return self._framing.plausible(bytes(self._buffer[end : end + self._framing.header]))
 
 
-def _of(size: int) -> str:
+def _of_size(size: int) -> str:
     return f" of {size}" if size else ""
 
 
@@ -198,9 +198,9 @@ class LineStream:
     unfinished: also show text that does not end with a line feed (yet), for protocols that do not always send one.
     """
 
-    def __init__(self, read: Callable[[str], Iterable[Line]], longest: int, *, unfinished: bool = False) -> None:
+    def __init__(self, read: Callable[[str], Iterable[Line]], max_length: int, *, unfinished: bool = False) -> None:
         self._read = read
-        self._longest = longest
+        self._max_length = max_length
         self._unfinished = unfinished
         self._buffer = bytearray()
 
@@ -208,28 +208,28 @@ class LineStream:
         """Take bytes; return the lines they complete."""
         *ended, rest = data.split(b"\n")
         for part in ended:
-            yield from self._take(part)
-            yield from self._tell()
-        yield from self._take(rest)
+            yield from self._append(part)
+            yield from self._flush()
+        yield from self._append(rest)
         if self._unfinished and self._buffer:
-            yield from self._tell()
+            yield from self._flush()
 
-    def lost(self, size: int) -> None:
+    def skip(self, size: int) -> None:
         """Mark the current line as truncated."""
         self._buffer += b"..."
 
     def end(self) -> Iterator[Line]:
         """Return the last, unfinished line."""
         if self._buffer:
-            yield from self._tell()
+            yield from self._flush()
 
-    def _take(self, part: bytes) -> Iterator[Line]:
+    def _append(self, part: bytes) -> Iterator[Line]:
         self._buffer += part
-        while len(self._buffer) > self._longest:
-            yield from self._read(from_bytes(self._buffer[: self._longest]))
-            del self._buffer[: self._longest]
+        while len(self._buffer) > self._max_length:
+            yield from self._read(from_bytes(self._buffer[: self._max_length]))
+            del self._buffer[: self._max_length]
 
-    def _tell(self) -> Iterator[Line]:
+    def _flush(self) -> Iterator[Line]:
         text = from_bytes(self._buffer.removesuffix(b"\r"))
         self._buffer.clear()
         yield from self._read(text)

@@ -24,9 +24,9 @@ Component = TypeVar("Component")
 Entered = TypeVar("Entered")
 Owner = TypeVar("Owner")
 Params = ParamSpec("Params")
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
-Form = TypeVar("Form", bound=Callable[..., Any])
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Blocking(Generic[Inner]):
@@ -102,7 +102,7 @@ class Blocking(Generic[Inner]):
         loop.close()
 
 
-class Part(Generic[Component]):
+class BlockingPart(Generic[Component]):
     """Blocking counterpart of a component of the object that a `Blocking` owns; ``pick`` returns the component."""
 
     def __init__(self, whole: Blocking[Any], pick: Callable[[Any], Component]) -> None:
@@ -136,24 +136,24 @@ def blocking(method: Callable[Concatenate[Owner, Params], Result]) -> Callable[C
 def blocking(method: Callable[..., Any]) -> Callable[..., Any]:
     """Return the blocking form of a method, plain or async, of the object that a `Blocking` owns."""
 
-    async def do(inner: Any, args: Any, kwargs: Any) -> Any:
+    async def invoke(inner: Any, args: Any, kwargs: Any) -> Any:
         result = method(inner, *args, **kwargs)
         return await result if inspect.isawaitable(result) else result
 
     def call(self: Blocking[Any], *args: Any, **kwargs: Any) -> Any:
-        return self.call(do(self.inner, args, kwargs))
+        return self.call(invoke(self.inner, args, kwargs))
 
     return named_after(method, call)
 
 
-def named_after(method: Callable[..., Any], form: Form) -> Form:
+def named_after(method: Callable[..., Any], function: Function) -> Function:
     """Give the blocking form of a method the method's name and docstring."""
-    functools.update_wrapper(form, method)
-    form.__dict__.pop("__wrapped__")  # otherwise `inspect` takes the blocking form for a coroutine function too
-    return form
+    functools.update_wrapper(function, method)
+    function.__dict__.pop("__wrapped__")  # otherwise `inspect` takes the blocking form for a coroutine function too
+    return function
 
 
-def straight(
+def direct(
     method: Callable[Concatenate[Owner, Params], Result],
 ) -> Callable[Concatenate[Any, Params], Result]:
     """Return the blocking form of a thread-safe method: it is called directly, bypassing the event loop."""
@@ -172,22 +172,22 @@ def blocking_context(
 @overload
 def blocking_context(
     method: Callable[
-        Concatenate[Owner, Params], AbstractAsyncContextManager[Callable[Given, Coroutine[Any, Any, Result]]]
+        Concatenate[Owner, Params], AbstractAsyncContextManager[Callable[Arguments, Coroutine[Any, Any, Result]]]
     ],
-) -> Callable[Concatenate[Any, Params], AbstractContextManager[Callable[Given, Result]]]: ...
+) -> Callable[Concatenate[Any, Params], AbstractContextManager[Callable[Arguments, Result]]]: ...
 def blocking_context(method: Callable[..., Any]) -> Callable[..., Any]:
     """Return the blocking form of a method that returns an asynchronous context of None or of a coroutine function."""
 
     @contextmanager
     def enter(self: Blocking[Any], *args: Any, **kwargs: Any) -> Iterator[Any]:
-        with carried(self, method(self.inner, *args, **kwargs)) as do:
-            yield None if do is None else lambda *given, **named: self.call(do(*given, **named))
+        with entered_context(self, method(self.inner, *args, **kwargs)) as invoke:
+            yield None if invoke is None else lambda *given, **named: self.call(invoke(*given, **named))
 
     return named_after(method, enter)
 
 
 @contextmanager
-def carried(owner: Blocking[Any], context: AbstractAsyncContextManager[Entered]) -> Iterator[Entered]:
+def entered_context(owner: Blocking[Any], context: AbstractAsyncContextManager[Entered]) -> Iterator[Entered]:
     """Enter and leave an asynchronous context in the owner's event loop, from the caller's thread."""
     entered = owner.call(_enter(context))
     try:

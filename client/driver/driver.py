@@ -15,11 +15,11 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Any
 
-from client.driver.blocking import Blocking, blocking, straight
+from client.driver.blocking import Blocking, blocking, direct
 from client.driver.config import DriverConfig, calibration_problem
 from client.driver.control_program import DECELERATION, SPEED_ACCELERATION, check_servo_parameters
 from client.driver.endpoint import MAX_REAL_TIME_S, ReverseEndpoint, ScriptSender
-from client.driver.program import ProgramSupervisor, Pulse
+from client.driver.program import KeepAliveThread, ProgramSupervisor
 from client.driver.results import ScriptCommandEndpoint, TrajectoryEndpoint
 from client.driver.robot import RobotLink
 from client.driver.trajectories import Trajectories
@@ -61,7 +61,7 @@ class URDriver:
     In the order of this file:
 
     - state: `version`, `state`, `next_state`
-    - control program: `start_program`, `stop_program`, `wait_for_program`, `program_running`, `lost_why`
+    - control program: `start_program`, `stop_program`, `wait_for_program`, `program_running`, `loss_reason`
     - safety and speed: `protective_stopped`, `on_safety_mode`, `recover`, `set_speed_slider`
     - setpoints: `servoj`, `servo_pose`, `speedj`, `speedl`, `torque`, `idle`; `start_freedrive` to `stop_freedrive`
     - trajectories: `execute`; `start_trajectory`, `trajectory_result`, `cancel_trajectory`; `start_stream`, `stream`,
@@ -83,14 +83,14 @@ class URDriver:
     """The port for the points of trajectories."""
     commands: ScriptCommandEndpoint
     """The port for commands and questions."""
-    pulse: Pulse
+    keep_alive: KeepAliveThread
     """Keeps the program alive, or ends it if its watchdog is not kicked."""
 
     def __init__(self, robot: str, **options: Any) -> None:
         self.config = DriverConfig(robot=robot, **options)
         self.robot = RobotLink(self.config)
         self.program = program = ProgramSupervisor(self.config, self.robot)
-        self.reverse, self.sender, self.pulse = program.reverse, program.sender, program.pulse
+        self.reverse, self.sender, self.keep_alive = program.reverse, program.sender, program.keep_alive
         self.trajectory, self.commands = program.trajectory, program.commands
         self._trajectories = Trajectories(self.config, self.robot, program)
         self._open = AsyncExitStack()
@@ -133,13 +133,13 @@ class URDriver:
 
     @property
     def program_running(self) -> bool:
-        """True while the control program is connected, and has not ended or been told to end."""
+        """True while the control program is connected, and has not ended or been stopped."""
         return self.program.running
 
     @property
-    def lost_why(self) -> str:
+    def loss_reason(self) -> str:
         """Why the last control program ended, if this machine was the cause; otherwise empty."""
-        return self.program.lost_why
+        return self.program.loss_reason
 
     def program_text(self) -> str:
         """The control program in the form that the URCap receives."""
@@ -363,7 +363,7 @@ class URDriver:
         robot checks for contact once per message from the driver, so send setpoints in every control period.
         """
         self.robot.require("start_tool_contact")
-        self.commands.forget_results()
+        self.commands.clear_results()
         self.commands.send(ScriptCommand(ScriptCommandKind.START_TOOL_CONTACT, to_words(direction_base)))
 
     def end_tool_contact(self) -> None:
@@ -495,15 +495,15 @@ class BlockingURDriver(Blocking[URDriver]):
     recover = blocking(URDriver.recover)
     set_speed_slider = blocking(URDriver.set_speed_slider)
 
-    servoj = straight(URDriver.servoj)
-    servo_pose = straight(URDriver.servo_pose)
-    speedj = straight(URDriver.speedj)
-    speedl = straight(URDriver.speedl)
-    torque = straight(URDriver.torque)
-    idle = straight(URDriver.idle)
-    start_freedrive = straight(URDriver.start_freedrive)
-    keep_freedrive = straight(URDriver.keep_freedrive)
-    stop_freedrive = straight(URDriver.stop_freedrive)
+    servoj = direct(URDriver.servoj)
+    servo_pose = direct(URDriver.servo_pose)
+    speedj = direct(URDriver.speedj)
+    speedl = direct(URDriver.speedl)
+    torque = direct(URDriver.torque)
+    idle = direct(URDriver.idle)
+    start_freedrive = direct(URDriver.start_freedrive)
+    keep_freedrive = direct(URDriver.keep_freedrive)
+    stop_freedrive = direct(URDriver.stop_freedrive)
 
     execute = blocking(URDriver.execute)
     start_trajectory = blocking(URDriver.start_trajectory)
@@ -540,9 +540,9 @@ class BlockingURDriver(Blocking[URDriver]):
         return feed.wait(feed.count, self.inner.config.silence_s)
 
     @property
-    def lost_why(self) -> str:
+    def loss_reason(self) -> str:
         """Why the last control program ended, if this machine was the cause; otherwise empty."""
-        return self.inner.lost_why
+        return self.inner.loss_reason
 
     @property
     def program_running(self) -> bool:

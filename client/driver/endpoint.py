@@ -59,14 +59,14 @@ def read_timeout_ms(mode: ControlMode, timeout_s: float, period_s: float) -> int
         return _STOP_MS
     if timeout_s == 0.0 and not mode.real_time:
         return 0
-    longest = MAX_REAL_TIME_S if mode.real_time else _MAX_TIMEOUT_MS / 1000.0
-    return max(1, round(1000.0 * min(max(timeout_s, period_s), longest)))
+    limit_s = MAX_REAL_TIME_S if mode.real_time else _MAX_TIMEOUT_MS / 1000.0
+    return max(1, round(1000.0 * min(max(timeout_s, period_s), limit_s)))
 
 
 _MAX_UNSENT: Final = 8192  # bytes of a trajectory, in addition to the system's buffers; guess
 _HINT: Final = "start the program on the robot and wait for it"
 _MAX_WAITING: Final = 8  # connections that have not proved themselves yet, per port; guess
-_PROOF_TIMEOUT_S: Final = 10.0  # how long such a connection may wait; guess
+_AUTHENTICATION_TIMEOUT_S: Final = 10.0  # how long such a connection may wait; guess
 _ACCEPTING: Final = 3  # rounds of the event loop from accepting a connection to connection_made: a task, and a call
 
 _logger = logging.getLogger(__name__)
@@ -77,9 +77,9 @@ class Peer(asyncio.Protocol):
 
     address: str
     """Address of the client."""
-    proven: bool
+    authenticated: bool
     """True once it has sent the token."""
-    arrived_s: float
+    accepted_s: float
     """Time of the connection, by the event loop's clock [s]."""
     unread: bytes | None
     """The beginning of its greeting; None once the greeting is complete, or ruled out."""
@@ -89,10 +89,10 @@ class Peer(asyncio.Protocol):
         self._may_write = asyncio.Event()
         self._may_write.set()
         self._loop = asyncio.get_running_loop()
-        self.gone = self._loop.create_future()
+        self.closed = self._loop.create_future()
         self.address = ""
-        self.proven = False
-        self.arrived_s = self._loop.time()
+        self.authenticated = False
+        self.accepted_s = self._loop.time()
         self.unread = b""
         self.transport: asyncio.Transport
         self._socket: socket.socket
@@ -131,7 +131,7 @@ class Peer(asyncio.Protocol):
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.transport.set_write_buffer_limits(_MAX_UNSENT)
-        self._endpoint._arrived(self)
+        self._endpoint._on_accepted(self)
 
     def data_received(self, data: bytes) -> None:
         self._endpoint._received(self, data)
@@ -145,8 +145,8 @@ class Peer(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._may_write.set()
         self._socket.close()
-        self.gone.set_result(None)
-        self._endpoint._left(self)
+        self.closed.set_result(None)
+        self._endpoint._on_closed(self)
 
 
 async def _finish_accepting(server: asyncio.Server) -> None:
@@ -204,7 +204,7 @@ class Endpoint:
         while self._peers:
             peer = next(iter(self._peers))
             peer.transport.close() if not peer.transport.get_write_buffer_size() else peer.abort()
-            await peer.gone
+            await peer.closed
 
     @property
     def connected(self) -> bool:
@@ -254,18 +254,18 @@ class Endpoint:
 
     # what connections report
 
-    def _arrived(self, peer: Peer) -> None:
+    def _on_accepted(self, peer: Peer) -> None:
         self._peers.add(peer)
         robot = self._peer
         if robot is None and not self.token:
             self.admit(peer)
-        elif robot is not None and robot.address != peer.address and (robot.proven or not self.token):
+        elif robot is not None and robot.address != peer.address and (robot.authenticated or not self.token):
             self._reject(peer, f"this port serves {robot.address}")
         else:
             if len(self.waiting) >= _MAX_WAITING:  # reject the oldest: this driver's program proves itself immediately
                 self._reject(self.waiting[0], f"{_MAX_WAITING} other connections are waiting")
             self.waiting.append(peer)
-            asyncio.get_running_loop().call_later(_PROOF_TIMEOUT_S, self._reject_unproven, peer)
+            asyncio.get_running_loop().call_later(_AUTHENTICATION_TIMEOUT_S, self._reject_unauthenticated, peer)
 
     def admit(self, peer: Peer) -> None:
         """Take this connection for the robot's from now on; the previous one is closed."""
@@ -274,17 +274,17 @@ class Endpoint:
         before, self._peer = self._peer, None
         if before is not None:
             before.abort()
-            self._lost(before)
+            self._on_disconnected(before)
         self._peer = peer
-        self._found(peer)
+        self._on_connected(peer)
 
     def _received(self, peer: Peer, data: bytes) -> None:
         if peer.unread is not None:
-            data = self._greeted(peer, peer.unread + data)
+            data = self._check_greeting(peer, peer.unread + data)
         if data and peer is self._peer:
             self.data_received(data)
 
-    def _greeted(self, peer: Peer, data: bytes) -> bytes:
+    def _check_greeting(self, peer: Peer, data: bytes) -> bytes:
         """Check the first data of a connection for a greeting; return the data after it."""
         greeting = split_greeting(data)
         if greeting is None:
@@ -295,7 +295,7 @@ class Endpoint:
         if token is None and peer is not self._peer:
             self._reject(peer, f"it is not a control program, it sent {data[:40]!r}")
         elif token and token == self.token:
-            peer.proven = True
+            peer.authenticated = True
             if peer is not self._peer:
                 self.admit(peer)
         return rest
@@ -306,17 +306,19 @@ class Endpoint:
             self.waiting.remove(peer)
         peer.abort()
 
-    def _reject_unproven(self, peer: Peer) -> None:
+    def _reject_unauthenticated(self, peer: Peer) -> None:
         if peer in self.waiting:
-            self._reject(peer, f"it did not identify itself as the robot's program within {_PROOF_TIMEOUT_S:g} s")
+            self._reject(
+                peer, f"it did not identify itself as the robot's program within {_AUTHENTICATION_TIMEOUT_S:g} s"
+            )
 
-    def _left(self, peer: Peer) -> None:
+    def _on_closed(self, peer: Peer) -> None:
         self._peers.discard(peer)
         if peer in self.waiting:
             self.waiting.remove(peer)
         if peer is self._peer:
             self._peer = None
-            self._lost(peer)
+            self._on_disconnected(peer)
             if self.waiting and not self.token:
                 self.admit(self.waiting[0])
 
@@ -326,21 +328,21 @@ class Endpoint:
         """Handle bytes from the robot; the base class expects none."""
         _logger.info("unexpected data from the robot on port %d: %r", self.port, data[:80])
 
-    def _found(self, peer: Peer) -> None:
-        self._tell(True)
+    def _on_connected(self, peer: Peer) -> None:
+        self._notify(True)
 
-    def _lost(self, peer: Peer) -> None:
-        self._tell(False)
+    def _on_disconnected(self, peer: Peer) -> None:
+        self._notify(False)
 
-    def _tell(self, connected: bool) -> None:
+    def _notify(self, connected: bool) -> None:
         notify(self.listeners, connected)
 
 
-def notify(listeners: Sequence[Callable[..., object]], *news: object) -> None:
+def notify(listeners: Sequence[Callable[..., object]], *arguments: object) -> None:
     """Call every listener; the exception of one is logged and does not affect the others."""
     for listener in tuple(listeners):
         try:
-            listener(*news)
+            listener(*arguments)
         except Exception:
             _logger.exception("a callback failed")
 
@@ -365,7 +367,7 @@ class ScriptSender(Endpoint):
         self._program = program
         self._unread: dict[Peer, bytes] = {}
 
-    def _arrived(self, peer: Peer) -> None:
+    def _on_accepted(self, peer: Peer) -> None:
         self._peers.add(peer)
         self._unread[peer] = b""
 
@@ -385,7 +387,7 @@ class ScriptSender(Endpoint):
         self.requests += 1
         peer.transport.write(to_bytes(self._program()) + b"\n")
 
-    def _left(self, peer: Peer) -> None:
+    def _on_closed(self, peer: Peer) -> None:
         self._peers.discard(peer)
         self._unread.pop(peer, None)
 
@@ -436,7 +438,7 @@ class ReverseEndpoint(Endpoint):
         self._lock = threading.RLock()
         self._sent_s = 0.0  # time of the last message, by the monotonic clock
         self._timeout_s = 0.0  # how long the robot waits after that
-        self._was_late = ""  # why the arm was stopped, until the sender of setpoints has been told
+        self._late_reason = ""  # why the arm was stopped, until it has been reported to the sender of setpoints
 
     def setpoint(self, mode: ControlMode, values: Sequence[float], timeout_s: float = SETPOINT_TIMEOUT_S) -> None:
         """Send one setpoint (6,) of a real-time mode, in the units of `ReverseMessage.setpoint`.
@@ -449,9 +451,9 @@ class ReverseEndpoint(Endpoint):
             peer = self.peer
             now = time.monotonic()
             if self.mode.real_time and self._sent_s:
-                self._note_gap(now - self._sent_s)
-            if self._was_late:
-                why, self._was_late = self._was_late, ""
+                self._record_gap(now - self._sent_s)
+            if self._late_reason:
+                why, self._late_reason = self._late_reason, ""
                 raise LateSetpointError("a stream of setpoints", why)
             if not self.mode.real_time:
                 self.stream = StreamStatistics()
@@ -462,7 +464,7 @@ class ReverseEndpoint(Endpoint):
         """Send that there is nothing to do; a moving arm is brought to rest."""
         with self._lock:
             self._rest(timeout_s)
-            self._was_late = ""
+            self._late_reason = ""
 
     def _rest(self, timeout_s: float) -> None:
         self._send(ReverseMessage.keep_alive(self._timeout_ms(ControlMode.IDLE, timeout_s)))
@@ -495,37 +497,37 @@ class ReverseEndpoint(Endpoint):
     def end_late_stream(self) -> None:
         """Keep the program running if setpoints stop for longer than the robot waits; the arm is then at rest."""
         with self._lock:
-            if self.mode.real_time and self.quiet_s > self._timeout_s:
-                self._note_gap(self.quiet_s)
+            if self.mode.real_time and self.silence_s > self._timeout_s:
+                self._record_gap(self.silence_s)
 
-    def take_late(self) -> str:
+    def pop_late_reason(self) -> str:
         """Return why the arm was stopped, if it was for a late setpoint that has not been reported yet; else ""."""
-        why, self._was_late = self._was_late, ""
+        why, self._late_reason = self._late_reason, ""
         return why
 
-    def note_late(self, why: str) -> None:
+    def report_late(self, why: str) -> None:
         """Take note of the robot's message that a setpoint was late."""
         with self._lock:
             if self.connected and self.mode.real_time:
-                self._be_late(why)
+                self._handle_late(why)
 
     @property
-    def quiet_s(self) -> float:
+    def silence_s(self) -> float:
         """Time since the last message to the current or last robot [s]."""
         return time.monotonic() - self._sent_s if self._sent_s else 0.0
 
-    def _note_gap(self, gap_s: float) -> None:
+    def _record_gap(self, gap_s: float) -> None:
         self.stream.longest_gap_s = max(self.stream.longest_gap_s, gap_s)
         self.stream.skipped += max(0, round(gap_s / self.period_s) - 1)
         if gap_s > self._timeout_s:
-            self._be_late(
+            self._handle_late(
                 f"this machine sent no setpoint for {1000.0 * gap_s:.0f} ms, and the robot waits only "
                 f"{1000.0 * self._timeout_s:.0f} ms"
             )
 
-    def _be_late(self, why: str) -> None:
+    def _handle_late(self, why: str) -> None:
         self.stream.late += 1
-        self._was_late = why
+        self._late_reason = why
         _logger.warning("the arm was stopped: %s (%s)", why, self.stream)
         self._rest(KEEP_ALIVE_TIMEOUT_S)  # the program waits for this; the next setpoint begins a new motion
 
@@ -541,10 +543,10 @@ class ReverseEndpoint(Endpoint):
         self.mode = message.mode
         self._sent_s, self._timeout_s = now, message.read_timeout_ms / 1000.0
 
-    def _tell(self, connected: bool) -> None:
+    def _notify(self, connected: bool) -> None:
         with self._lock:
             self.mode = ControlMode.IDLE
-            self._was_late = ""
+            self._late_reason = ""
             if connected:
                 self._sent_s = 0.0
-        super()._tell(connected)
+        super()._notify(connected)

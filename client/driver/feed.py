@@ -57,7 +57,7 @@ class StateFeed:
         self._gates: deque[threading.Lock] = deque()  # one per waiting thread; released to wake it
         self._closing = threading.Event()
         self._client: BlockingRTDEClient | None = None
-        self._thread = threading.Thread(target=self._work, name="robot's states", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="robot's states", daemon=True)
 
     def open(self) -> BlockingRTDEClient:
         """Connect, receive the first state and start the thread; blocks.
@@ -66,7 +66,7 @@ class StateFeed:
         """
         client = self._client = self._connect()
         try:
-            self._take(client.receive())
+            self._receive(client.receive())
         except BaseException:
             client.close()
             raise
@@ -104,7 +104,7 @@ class StateFeed:
         client.__enter__()
         return client
 
-    def _work(self) -> None:
+    def _run(self) -> None:
         try:
             real_time_thread(self._realtime)
         except OSError as error:
@@ -113,14 +113,14 @@ class StateFeed:
             assert self._client is not None
             try:
                 for state in self._client.states(self._silence_s):
-                    self._take(state)
+                    self._receive(state)
             except (ClientError, RemoteProtocolError) as error:
                 if not self._closing.is_set():
                     _logger.error("no state from the robot: %s", error)
-                    self._fall_silent()
+                    self._report_silence()
                     self._reconnect()
 
-    def _take(self, state: State) -> None:
+    def _receive(self, state: State) -> None:
         self.state = state
         self.count += 1
         self.silent = False
@@ -132,7 +132,7 @@ class StateFeed:
         while self._gates:
             self._gates.popleft().release()
 
-    def _fall_silent(self) -> None:
+    def _report_silence(self) -> None:
         self.silent = True
         self._open_gates()
         self._on_silence()

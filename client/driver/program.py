@@ -32,44 +32,44 @@ _END_TIMEOUT_S: Final = 2.0  # guess: a ramp to rest from full speed takes 0.8 s
 _CHECK_S: Final = 0.02  # guess: interval of the check for missing setpoints
 _KEEP_ALIVE_S: Final = 0.1
 _SETTLE_S: Final = 0.5  # guess: connections of one program are accepted within this
-_GREETING_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
+_TOKEN_DELAY_S: Final = 0.2  # guess: a connection that is silent for this long is not this driver's program
 _LINGER_S: Final = 2.0  # guess: a disconnected program has ended within this, by the robot's state too
 
 _logger = logging.getLogger(__name__)
 
 
-class Pulse:
+class KeepAliveThread:
     """Sends keep-alive messages from a dedicated thread; use it with ``with``.
 
-    every_s: interval; timeout_s: how long the program waits for the next message. Two events end the program: a
+    period_s: interval; timeout_s: how long the program waits for the next message. Two events end the program: a
     watchdog that is not kicked, if the owner has set one, and an event loop that hangs for ``hang_s``, that is, does
-    not call `breathe`. Otherwise this thread would keep the arm moving while the rest of the program hangs.
+    not call `report_alive`. Otherwise this thread would keep the arm moving while the rest of the program hangs.
     """
 
-    bitten: str
+    stop_reason: str
     """Why the watchdog ended the program, until the next one starts; otherwise empty."""
 
     def __init__(
         self,
         reverse: ReverseEndpoint,
-        every_s: float,
+        period_s: float,
         timeout_s: float,
         realtime: RealTime = "auto",
         hang_s: float = 0.0,
     ) -> None:
         self._reverse = reverse
-        self._every_s = every_s
+        self._period_s = period_s
         self._timeout_s = timeout_s
         self._realtime = realtime
         self._ended = threading.Event()
         self._watchdog_s = 0.0
         self._kicked_s = 0.0
-        self._hang_s = hang_s
-        self._breathed_s = time.monotonic()
-        self.bitten = ""
-        self._thread = threading.Thread(target=self._work, name="driver's pulse", daemon=True)
+        self._hang_timeout_s = hang_s
+        self._loop_alive_s = time.monotonic()
+        self.stop_reason = ""
+        self._thread = threading.Thread(target=self._run, name="driver's keep-alive", daemon=True)
 
-    def __enter__(self) -> "Pulse":
+    def __enter__(self) -> "KeepAliveThread":
         self._thread.start()
         return self
 
@@ -77,40 +77,40 @@ class Pulse:
         self._ended.set()
         self._thread.join()
 
-    def watch(self, longest_s: float) -> None:
-        """End the program if `kick` is not called for ``longest_s``; 0 disables the watchdog."""
-        if not longest_s >= 0.0:
-            raise LocalProtocolError(f"a watchdog timeout is 0 s (off) or more, not {longest_s}")
+    def watch(self, timeout_s: float) -> None:
+        """End the program if `kick` is not called for ``timeout_s``; 0 disables the watchdog."""
+        if not timeout_s >= 0.0:
+            raise LocalProtocolError(f"a watchdog timeout is 0 s (off) or more, not {timeout_s}")
         self.kick()
-        self._watchdog_s = longest_s
+        self._watchdog_s = timeout_s
 
     def kick(self) -> None:
         """Report that the owner is alive."""
         self._kicked_s = time.monotonic()
 
-    def breathe(self) -> None:
+    def report_alive(self) -> None:
         """Report that the event loop is alive."""
-        self._breathed_s = time.monotonic()
+        self._loop_alive_s = time.monotonic()
 
-    def _work(self) -> None:
+    def _run(self) -> None:
         try:
             real_time_thread(self._realtime)
         except OSError as error:
             _logger.error("%s", error)
-        due_s = time.monotonic() + self._every_s
-        while not self._ended.wait(min(_CHECK_S, self._every_s)):
+        due_s = time.monotonic() + self._period_s
+        while not self._ended.wait(min(_CHECK_S, self._period_s)):
             try:
-                due_s = self._beat(due_s)
+                due_s = self._cycle(due_s)
             except Exception:
                 _logger.debug("no program to keep alive", exc_info=True)  # it has just disconnected
 
-    def _beat(self, due_s: float) -> float:
+    def _cycle(self, due_s: float) -> float:
         if not self._reverse.connected:
             return due_s
         now = time.monotonic()
-        if why := self._hangs(now):
-            if not self.bitten:
-                self.bitten = why
+        if why := self._hang_reason(now):
+            if not self.stop_reason:
+                self.stop_reason = why
                 self._watchdog_s = 0.0  # a caller that restarts the program sets it again
                 _logger.error("%s: the control program is stopped", why)
                 self._reverse.stop()
@@ -119,15 +119,15 @@ class Pulse:
         if now < due_s:
             return due_s
         self._reverse.continue_mode(self._timeout_s)
-        return now + self._every_s
+        return now + self._period_s
 
-    def _hangs(self, now: float) -> str:
+    def _hang_reason(self, now: float) -> str:
         """Say why the arm must not keep moving; "" if it may."""
         if self._watchdog_s and now - self._kicked_s > self._watchdog_s:
             late_s = now - self._kicked_s
             return f"the watchdog was not kicked for {late_s:.2f} s, its timeout is {self._watchdog_s:g} s"
-        if self._hang_s and now - self._breathed_s > self._hang_s:
-            return f"the event loop of this program has hung for {now - self._breathed_s:.1f} s"
+        if self._hang_timeout_s and now - self._loop_alive_s > self._hang_timeout_s:
+            return f"the event loop of this program has hung for {now - self._loop_alive_s:.1f} s"
         return ""
 
 
@@ -145,7 +145,7 @@ class ProgramSupervisor:
     """Sends the points of trajectories."""
     commands: ScriptCommandEndpoint
     """Sends commands and questions, during any motion."""
-    pulse: Pulse
+    keep_alive: KeepAliveThread
     """Keeps the program alive from a dedicated thread."""
     losses: int
     """Number of programs that ended because of this machine."""
@@ -155,7 +155,7 @@ class ProgramSupervisor:
         self.sender = ScriptSender(self.text, config.sender_port)
         self.trajectory = TrajectoryEndpoint(config.trajectory_port)
         self.commands = ScriptCommandEndpoint(config.command_port)
-        self.pulse = Pulse(
+        self.keep_alive = KeepAliveThread(
             self.reverse, config.keep_alive_s, config.keep_alive_timeout_s, config.realtime, config.hang_s
         )
         self._config = config
@@ -163,15 +163,15 @@ class ProgramSupervisor:
         self._own_address = ""
         self._has_played = False  # the robot's state has shown it running
         self.losses = 0
-        self._lost_why = ""  # why the last of them ended
+        self._loss_reason = ""  # why the last of them ended
         self._losses_before = 0  # losses before the current or last program connected
         self._restart: asyncio.Task[None] | None = None
-        self._one_at_a_time = asyncio.Lock()  # held while a program is being started or stopped
+        self._start_stop_lock = asyncio.Lock()  # held while a program is being started or stopped
         self._partners: dict[Endpoint, Peer | None] = {}
         self._token = secrets.token_hex(8)  # protects against accidental connections, not against eavesdroppers
         self._starting = False  # this driver's program is being started; it will send the token
         self._seen_ended = True  # the robot's state has shown the end of the last connected program
-        self._left_s = 0.0  # when that program disconnected, by the event loop's clock
+        self._disconnected_s = 0.0  # when that program disconnected, by the event loop's clock
         self._played_since_s: float | None = None  # since when any program has been playing, by the robot's clock
         self._open = AsyncExitStack()
         self.reverse.listeners.append(self._program_changed)
@@ -187,12 +187,12 @@ class ProgramSupervisor:
                 endpoint.token = self._token
                 endpoint.host = self._own_address if self._config.listen_on is None else self._config.listen_on
                 await opening.enter_async_context(endpoint)
-            self._robot.on_silence.append(self._robot_is_silent)
+            self._robot.on_silence.append(self._on_silence)
             self._robot.on_text.append(self._on_text)
             self._robot.on_modes.append(self._track_end)
             self._track_end(self._robot.state)
-            opening.enter_context(self.pulse)
-            opening.push_async_callback(cancel, asyncio.create_task(self._breathe()))
+            opening.enter_context(self.keep_alive)
+            opening.push_async_callback(cancel, asyncio.create_task(self._report_alive()))
             self._open = opening.pop_all()
         return self
 
@@ -212,7 +212,7 @@ class ProgramSupervisor:
 
     @property
     def running(self) -> bool:
-        """True while the control program is connected, and has not ended or been told to end."""
+        """True while the control program is connected, and has not ended or been stopped."""
         return self.reverse.connected and self.reverse.mode is not ControlMode.STOPPED and not self._has_ended
 
     @property
@@ -224,13 +224,13 @@ class ProgramSupervisor:
         return self._has_played and state in _ENDED
 
     @property
-    def lost_why(self) -> str:
+    def loss_reason(self) -> str:
         """Why the last control program ended, if this machine was the cause; otherwise empty.
 
         The text is kept while the replacement program runs, because a task that waits for a motion may ask only then.
         """
         lost = self.running or self.losses > self._losses_before
-        return (self._lost_why if lost else "") or self.pulse.bitten
+        return (self._loss_reason if lost else "") or self.keep_alive.stop_reason
 
     def control_program(self) -> ControlProgram:
         """The program with this driver's address, ports and token."""
@@ -255,18 +255,18 @@ class ProgramSupervisor:
         """Start or restart the program, and wait until it is connected; see `URDriver.start_program`."""
         was_running = self.running
         await self._cancel_restart()
-        async with self._one_at_a_time:
+        async with self._start_stop_lock:
             if self.running and not was_running:
                 return  # another task has started it meanwhile
             await self._start()
-            self._lost_why = ""
+            self._loss_reason = ""
 
     async def _start(self) -> None:
         self._check_modes()
         await self._end_old_program()
-        self.pulse.bitten = ""
-        self.pulse.breathe()
-        self._robot.forget_errors()
+        self.keep_alive.stop_reason = ""
+        self.keep_alive.report_alive()
+        self._robot.clear_errors()
         self._starting = self._config.headless
         try:
             if self._config.headless:
@@ -280,7 +280,7 @@ class ProgramSupervisor:
     async def stop(self) -> None:
         """End the program, which stops the arm; does nothing if it is not running."""
         await self._cancel_restart()
-        async with self._one_at_a_time:
+        async with self._start_stop_lock:
             if self.reverse.connected:
                 self.reverse.stop()
                 await self.reverse.wait_disconnected(_END_TIMEOUT_S)
@@ -351,7 +351,7 @@ class ProgramSupervisor:
             self.reverse.keep_alive(self._config.keep_alive_timeout_s)
             asyncio.get_running_loop().call_later(_SETTLE_S, self._expect_partners, self.reverse.current_peer)
             return
-        self._left_s = asyncio.get_running_loop().time()
+        self._disconnected_s = asyncio.get_running_loop().time()
         partners, self._partners = self._partners, {}
         for peer in partners.values():  # only this program's: a new one may have connected already
             if peer is not None:
@@ -393,28 +393,28 @@ class ProgramSupervisor:
         Three silent connections from one address are taken for such a program while the robot's state shows that a
         program is running which is not the one that was connected last.
         """
-        vacant = not self.reverse.connected
-        if self._starting or self._played_since_s is None or not (vacant or self._seen_ended):
+        disconnected = not self.reverse.connected
+        if self._starting or self._played_since_s is None or not (disconnected or self._seen_ended):
             return
-        if self._robot.state["timestamp"] - self._played_since_s < _GREETING_S:
+        if self._robot.state["timestamp"] - self._played_since_s < _TOKEN_DELAY_S:
             return  # this driver's program has not had time to send its token yet, by the robot's clock
         now_s = asyncio.get_running_loop().time()
-        if (vacant and not self._seen_ended and now_s - self._left_s < _LINGER_S) or (
-            not vacant and self.reverse.peer.proven
+        if (disconnected and not self._seen_ended and now_s - self._disconnected_s < _LINGER_S) or (
+            not disconnected and self.reverse.peer.authenticated
         ):
             return
-        ends = (self.trajectory, self.commands, self.reverse)
-        for address in {peer.address for peer in self.reverse.waiting if now_s - peer.arrived_s > _GREETING_S}:
-            newest = [[peer for peer in end.waiting if peer.address == address][-1:] for end in ends]
+        endpoints = (self.trajectory, self.commands, self.reverse)
+        for address in {peer.address for peer in self.reverse.waiting if now_s - peer.accepted_s > _TOKEN_DELAY_S}:
+            newest = [[peer for peer in end.waiting if peer.address == address][-1:] for end in endpoints]
             if all(newest):
                 _logger.warning("a control program that is not this driver's connected from %s", address)
-                for end, (peer,) in zip(ends, newest, strict=True):
+                for end, (peer,) in zip(endpoints, newest, strict=True):
                     end.admit(peer)
                 return
 
-    async def _breathe(self) -> None:
+    async def _report_alive(self) -> None:
         while True:
-            self.pulse.breathe()
+            self.keep_alive.report_alive()
             self._admit_foreign_program()
             await asyncio.sleep(_KEEP_ALIVE_S)
 
@@ -423,20 +423,20 @@ class ProgramSupervisor:
     def _on_text(self, text: str) -> None:
         """Handle the control program's messages about its driver."""
         if text == LATE_TEXT:
-            self.reverse.note_late("the robot waited too long for the next setpoint")
-        elif text == GONE_TEXT and not self.pulse.bitten and not self._one_at_a_time.locked():
+            self.reverse.report_late("the robot waited too long for the next setpoint")
+        elif text == GONE_TEXT and not self.keep_alive.stop_reason and not self._start_stop_lock.locked():
             # While a program is being started or stopped, this text comes from the previous program. Restarting then
             # would end the program that the caller has just started.
             self.losses += 1
-            self._lost_why = (
+            self._loss_reason = (
                 "the robot received nothing from this machine for too long "
-                f"({self.reverse.quiet_s:.1f} s by this machine's clock), or the network failed"
+                f"({self.reverse.silence_s:.1f} s by this machine's clock), or the network failed"
             )
-            _logger.warning("the control program has ended: %s", self._lost_why)
+            _logger.warning("the control program has ended: %s", self._loss_reason)
             if self._config.restart and self._config.headless and self._restart is None:
-                self._restart = asyncio.create_task(self._start_again())
+                self._restart = asyncio.create_task(self._restart_program())
 
-    async def _start_again(self) -> None:
+    async def _restart_program(self) -> None:
         """Restart a program that ended because of this machine. The arm rests until the next motion."""
         try:
             await self.reverse.wait_disconnected(_END_TIMEOUT_S)
@@ -444,7 +444,7 @@ class ProgramSupervisor:
                 while self._robot.state["runtime_state"] != RuntimeState.STOPPED:
                     await self._robot.next_state()
             self._restart = None  # from here on it is no longer cancelled, but waited for
-            async with self._one_at_a_time:
+            async with self._start_stop_lock:
                 await self._start()
             _logger.warning("the control program has been restarted; the arm rests until it is moved")
         except (URError, TimeoutError) as error:
@@ -457,7 +457,7 @@ class ProgramSupervisor:
         if restart is not None and restart is not asyncio.current_task():
             await cancel(restart)
 
-    def _robot_is_silent(self) -> None:
+    def _on_silence(self) -> None:
         peer = self.reverse.current_peer
         if peer is not None:
             _logger.error("the robot sends nothing: its program is disconnected")

@@ -53,7 +53,7 @@ class ResultEndpoint(Endpoint):
             raise ProgramEndedError(self.port, self.doing)
         return result
 
-    def forget_results(self) -> None:
+    def clear_results(self) -> None:
         """Discard results that no caller has fetched."""
         while not self._results.empty():
             self._results.get_nowait()
@@ -66,14 +66,14 @@ class ResultEndpoint(Endpoint):
             _logger.error("port %d: %s; the connection is closed", self.port, error)
             self.peer.abort()
 
-    def _found(self, peer: Peer) -> None:
+    def _on_connected(self, peer: Peer) -> None:
         self._decoder = MessageDecoder.results()
-        self.forget_results()
-        super()._found(peer)
+        self.clear_results()
+        super()._on_connected(peer)
 
-    def _lost(self, peer: Peer) -> None:
+    def _on_disconnected(self, peer: Peer) -> None:
         self._results.put_nowait(None)  # wakes waiting callers
-        super()._lost(peer)
+        super()._on_disconnected(peer)
 
 
 class TrajectoryEndpoint(ResultEndpoint):
@@ -92,7 +92,7 @@ class TrajectoryEndpoint(ResultEndpoint):
         messages = [point.encode() for point in points]
         peer = self.peer
         for start in range(0, len(messages), _POINTS_AT_ONCE):
-            if peer.gone.done():
+            if peer.closed.done():
                 raise ProgramEndedError(self.port, self.doing)
             await peer.write_all(b"".join(messages[start : start + _POINTS_AT_ONCE]))
 
@@ -106,7 +106,7 @@ class ScriptCommandEndpoint(ResultEndpoint):
         super().__init__(port, host)
         self._replies = ReplyDecoder()
         self._answers: asyncio.Queue[Answer | None] = asyncio.Queue()
-        self._ask_lock = asyncio.Lock()
+        self._query_lock = asyncio.Lock()
 
     async def ask(
         self, question: Question, arguments: Sequence[Sequence[float] | None] = (), number: int = 0
@@ -116,7 +116,7 @@ class ScriptCommandEndpoint(ResultEndpoint):
         arguments: up to three (6,); None lets the robot use its present value. Raises ProgramEndedError if the program
         ends before it answers, and NoAnswerError if it does not answer, for example because it is paused.
         """
-        async with self._ask_lock:
+        async with self._query_lock:
             while not self._answers.empty():  # left by a caller that did not wait for it
                 self._answers.get_nowait()
             for index, values in enumerate(arguments):
@@ -144,13 +144,13 @@ class ScriptCommandEndpoint(ResultEndpoint):
             _logger.error("port %d: %s; the connection is closed", self.port, error)
             self.peer.abort()
 
-    def _found(self, peer: Peer) -> None:
+    def _on_connected(self, peer: Peer) -> None:
         self._replies = ReplyDecoder()
-        super()._found(peer)
+        super()._on_connected(peer)
 
-    def _lost(self, peer: Peer) -> None:
+    def _on_disconnected(self, peer: Peer) -> None:
         self._answers.put_nowait(None)  # wakes waiting callers
-        super()._lost(peer)
+        super()._on_disconnected(peer)
 
     def send(self, command: ScriptCommand) -> None:
         """Send one command."""

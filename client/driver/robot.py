@@ -74,7 +74,7 @@ class RobotLink:
         self.on_text = []
         self.dashboard = None
         self.version = PolyscopeVersion(0, 0)
-        self.feed = StateFeed(self._rtde, self._arrived, self._fell_silent, config.silence_s, config.realtime)
+        self.feed = StateFeed(self._rtde, self._receive_state, self._on_feed_silence, config.silence_s, config.realtime)
         self._inputs: RTDEClient | None = None
         self._recipes: list[tuple[str, ...]] = []
         self._write_lock = asyncio.Lock()
@@ -88,7 +88,7 @@ class RobotLink:
         self._last_modes: tuple[int, ...] = ()  # as seen by the event loop
         self._delivery_scheduled = False  # their delivery to the event loop is scheduled
         self._awaited = False  # a task waits for the next state
-        self._news = asyncio.Event()
+        self._changed = asyncio.Event()
         self._stopped_at_s: float | None = None  # since when a protective stop has been in effect
 
     async def __aenter__(self) -> Self:
@@ -176,7 +176,7 @@ class RobotLink:
         while self.feed.count == before:
             try:
                 async with timeout(self.config.silence_s):
-                    await self._news.wait()
+                    await self._changed.wait()
             except TimeoutError:
                 if self.feed.silent:
                     where = self.config.robot, self.config.robot_ports["rtde"]
@@ -218,11 +218,11 @@ class RobotLink:
         """Wait until the robot reports an error in a script."""
         return await self._exceptions.get()
 
-    def take_script_error(self) -> ScriptFailedError | None:
+    def pop_script_error(self) -> ScriptFailedError | None:
         """Return the oldest script error that has not been fetched yet; None without one."""
         return None if self._exceptions.empty() else self._exceptions.get_nowait()
 
-    def forget_errors(self) -> None:
+    def clear_errors(self) -> None:
         """Discard the errors of earlier scripts."""
         while not self._exceptions.empty():
             self._exceptions.get_nowait()
@@ -300,7 +300,7 @@ class RobotLink:
 
     # incoming data; the first two methods run in the feed's thread
 
-    def _arrived(self, state: Mapping[str, Any]) -> None:
+    def _receive_state(self, state: Mapping[str, Any]) -> None:
         modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
         if not (self.on_state or self._awaited or modes != self._reported_modes):
             return
@@ -308,14 +308,14 @@ class RobotLink:
         self._undelivered.append(state)
         if not self._delivery_scheduled:
             self._delivery_scheduled = True
-            self._in_loop(self._deliver)
+            self._call_in_loop(self._deliver)
 
-    def _fell_silent(self) -> None:
-        self._in_loop(self._deliver_silence)
+    def _on_feed_silence(self) -> None:
+        self._call_in_loop(self._deliver_silence)
 
-    def _in_loop(self, do: Callable[[], object]) -> None:
+    def _call_in_loop(self, callback: Callable[[], object]) -> None:
         with suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(do)
+            self._loop.call_soon_threadsafe(callback)
 
     def _deliver(self) -> None:
         self._delivery_scheduled = False
@@ -325,11 +325,11 @@ class RobotLink:
             modes = (state["robot_mode"], state["safety_mode"], state["runtime_state"])
             if modes != self._last_modes:
                 self._last_modes = modes
-                self._note_protective_stop(state)
+                self._track_protective_stop(state)
                 notify(self.on_modes, state)
         self._wake()
 
-    def _note_protective_stop(self, state: Mapping[str, Any]) -> None:
+    def _track_protective_stop(self, state: Mapping[str, Any]) -> None:
         if state["safety_mode"] != SafetyMode.PROTECTIVE_STOP:
             self._stopped_at_s = None
         elif self._stopped_at_s is None:
@@ -342,7 +342,7 @@ class RobotLink:
 
     def _wake(self) -> None:
         self._awaited = False
-        news, self._news = self._news, asyncio.Event()
+        news, self._changed = self._changed, asyncio.Event()
         news.set()
 
     async def _watch_messages(self) -> None:

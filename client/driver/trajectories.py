@@ -94,7 +94,7 @@ class Trajectories:
     async def _begin(self, action: TrajectoryAction, count: int) -> None:
         if self._executing:
             await self.cancel()
-        self._port.forget_results()
+        self._port.clear_results()
         self._reverse.trajectory(action, count, self._timeout_s)
         self._executing, self._cancelling, self._streamed = True, False, None
 

@@ -24,8 +24,8 @@ _HARMONICS: Final = 8
 _ATTEMPTS: Final = 20  # sets of phases for each size
 _SIZES: Final = (1.0, 0.8, 0.6, 0.45)
 _MARGIN_M: Final = 0.05  # between links
-_ALONG: Final = np.linspace(0.0, 1.0, 5)  # points along a link at which distances are checked
-_LINKS: Final = (*product((0, 1), (3, 4, 5)), (0, 2))  # pairs that can collide, base to wrist 3
+_AXIS_SHARES: Final = np.linspace(0.0, 1.0, 5)  # points along a link at which distances are checked
+_CHECKED_PAIRS: Final = (*product((0, 1), (3, 4, 5)), (0, 2))  # pairs that can collide, base to wrist 3
 _DOING: Final = "the excitation"
 
 
@@ -53,7 +53,7 @@ def excitation(
     for size in _SIZES:
         for _ in range(_ATTEMPTS):
             offset, speed = _scaled(time_s, _waves(time_s, chance), model, bounds, size)
-            if _clear(links, start + offset, bounds.floor_m):
+            if _is_clear(links, start + offset, bounds.floor_m):
                 return JointPath(time_s, start + offset, speed)
     raise OutOfReachError(
         _DOING,
@@ -69,8 +69,8 @@ def _waves(time_s: Array, chance: np.random.Generator) -> Array:
     turning = 2.0 * np.pi * _BASE_HZ * time_s[:, None, None] * harmonics[None, :, None] + phases
     weights = (0.3 + sizes / (2.0 * np.pi)) / np.sqrt(harmonics)[:, None]
     u = np.clip(np.minimum(time_s, time_s[-1] - time_s) / min(_RAMP_S, time_s[-1] / 3.0), 0.0, 1.0)
-    swell = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-    return np.asarray(swell[:, None] * (np.sin(turning) * weights).sum(axis=1))
+    envelope = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    return np.asarray(envelope[:, None] * (np.sin(turning) * weights).sum(axis=1))
 
 
 def _scaled(time_s: Array, waves: Array, model: RobotModel, bounds: Bounds, size: float) -> tuple[Array, Array]:
@@ -78,26 +78,26 @@ def _scaled(time_s: Array, waves: Array, model: RobotModel, bounds: Bounds, size
     speed = np.gradient(waves, time_s, axis=0)
     speed[[0, -1]] = 0.0
     rate = np.gradient(speed, time_s, axis=0)
-    fastest = np.minimum(bounds.speed_rad_s, 0.9 * np.array(model.qd_max))
+    max_speed = np.minimum(bounds.speed_rad_s, 0.9 * np.array(model.qd_max))
     allowed = (
         (waves, bounds.angle_rad * size),
-        (speed, fastest),
+        (speed, max_speed),
         (1.2 * rate, bounds.acceleration_rad_s2),  # the cubics between the knots may peak higher than the knots
     )
-    scale = np.min([most / np.abs(values).max(axis=0) for values, most in allowed], axis=0)
+    scale = np.min([limit / np.abs(values).max(axis=0) for values, limit in allowed], axis=0)
     return scale * waves, scale * speed
 
 
-def _clear(links: ArmCapsules, path: Array, floor_m: float) -> bool:
+def _is_clear(links: ArmCapsules, path: Array, floor_m: float) -> bool:
     """Whether the arm stays above the floor and clear of itself along the path."""
     radii = np.array(links.radii)
     for q in path[::2].tolist():
         ends = np.array(links.axes(q))
         if (ends[1:, 1, 2] - radii[1:]).min() < floor_m:
             return False
-        points = ends[:, None, 0] + _ALONG[None, :, None] * (ends[:, None, 1] - ends[:, None, 0])
-        for a, b in _LINKS:
-            apart = np.linalg.norm(points[a][:, None] - points[b][None], axis=-1).min()
-            if apart < radii[a] + radii[b] + _MARGIN_M:
+        points = ends[:, None, 0] + _AXIS_SHARES[None, :, None] * (ends[:, None, 1] - ends[:, None, 0])
+        for a, b in _CHECKED_PAIRS:
+            separation_s = np.linalg.norm(points[a][:, None] - points[b][None], axis=-1).min()
+            if separation_s < radii[a] + radii[b] + _MARGIN_M:
                 return False
     return True

@@ -35,8 +35,8 @@ class Error:
     """Error of one field in one joint while the joint moves, in the field's unit.
 
     range: range of the recorded values in motion. rms, p99: root mean square and 99th percentile of the error. share:
-    rms divided by range. These four are None for a joint that hardly moved. rest: rms while the whole arm stands
-    still; None if it never does.
+    rms divided by range. These four are None for a joint that hardly moved. rest: rms while the whole arm is at rest;
+    None if it never is.
     """
 
     field: str
@@ -98,17 +98,19 @@ def check_model(samples: Samples, model: RobotModel, payload: Payload) -> None:
     """Raise RecordingError if the target moments belong to another arm; the error names the arm that they fit."""
     if "target_moment" not in samples.fields:
         return
-    if (off := _off(samples, model, payload)) is None:
+    if (deviation := _model_error(samples, model, payload)) is None:
         return
-    fitting = [name for name in MODELS if name != model.name and _off(samples, load_model(name), payload) is None]
-    who = f"; it fits a {' or a '.join(load_model(name).title for name in fitting)}" if fitting else ""
+    fitting = [
+        name for name in MODELS if name != model.name and _model_error(samples, load_model(name), payload) is None
+    ]
+    hint = f"; it fits a {' or a '.join(load_model(name).title for name in fitting)}" if fitting else ""
     raise RecordingError(
-        f"target_moment differs by {off:.1f} Nm (rms) from that of a {model.title} with {payload.mass_kg:g} kg{who}: "
-        "give the right --model and --payload"
+        f"target_moment differs by {deviation:.1f} Nm (rms) from that of a {model.title} with {payload.mass_kg:g} "
+        f"kg{hint}: give the right --model and --payload"
     )
 
 
-def _off(samples: Samples, model: RobotModel, payload: Payload) -> float | None:
+def _model_error(samples: Samples, model: RobotModel, payload: Payload) -> float | None:
     """Error (rms) of the target moments for this arm [Nm]; None if it is small enough."""
     rows = samples.rows(_CHECKED_STATES)
     moment = samples.fields["target_moment"][rows]
@@ -150,13 +152,13 @@ def _errors(samples: Samples, predicted: dict[str, Array]) -> Iterator[Error]:
     for name, values in predicted.items():
         # actual currents are compared unfiltered: noise is part of a measurement
         recorded = samples.raw[name] if name == "actual_current" else samples.fields[name]
-        off = values - recorded
+        deviation = values - recorded
         for joint, label in enumerate(JOINT_LABELS):
-            rest = _rms(off[resting, joint]) if resting.any() else None
+            rest = _rms(deviation[resting, joint]) if resting.any() else None
             if not samples.moves(joint):
                 yield Error(name, label, UNITS[name], None, None, None, None, rest)
                 continue
-            error = off[moving[:, joint], joint]
+            error = deviation[moving[:, joint], joint]
             range_ = float(np.ptp(recorded[moving[:, joint], joint]))
             p99 = float(np.percentile(np.abs(error), 99.0))
             yield Error(name, label, UNITS[name], range_, _rms(error), p99, _rms(error) / max(range_, 1e-9), rest)

@@ -37,7 +37,7 @@ class Identified:
     drives: parameters of the recorded arm where the recording determines them, otherwise the model's. errors: their
     standard errors, by the names of `Drivetrain`; None in joints that keep the model's value. kept: one line for each
     value kept from the model, with the reason. payload: the mounted payload, from the currents, beyond the one set on
-    the controller; None if there is none. told: the payload set on the controller.
+    the controller; None if there is none. controller_payload: the payload set on the controller.
     """
 
     model: RobotModel
@@ -45,7 +45,7 @@ class Identified:
     errors: Mapping[str, tuple[float | None, ...]]
     kept: tuple[str, ...]
     payload: Payload | None
-    told: Payload
+    controller_payload: Payload
     samples: Samples
 
     @property
@@ -56,7 +56,7 @@ class Identified:
     @property
     def mounted(self) -> Payload:
         """The whole mounted payload."""
-        return self.told if self.payload is None else _together(self.payload, self.told)
+        return self.controller_payload if self.payload is None else _combined(self.payload, self.controller_payload)
 
     def to_mapping(self) -> dict[str, Any]:
         """The entries of an arm file, as ``ur-emulator --arm FILE`` reads it."""
@@ -74,21 +74,21 @@ def identify(recording: Recording, model: RobotModel, payload: Payload | None = 
     Raises RecordingError if nothing can be identified: too little motion, no currents, another arm.
     """
     samples = samples_of(recording)
-    told = payload or recorded_payload(recording)
+    controller_payload = payload or recorded_payload(recording)
     if not any(map(samples.moves, range(6))):
         raise RecordingError(
             "no joint moves at 0.1 rad/s or more for two seconds, so nothing can be identified: record a motion of "
             "ur-client excite"
         )
-    check_model(samples, model, told)
-    return _Fit(samples, model, told).result()
+    check_model(samples, model, controller_payload)
+    return _Fit(samples, model, controller_payload).result()
 
 
 class _Fit:
     """The fits, one after the other: each builds on the results of the earlier ones."""
 
-    def __init__(self, samples: Samples, model: RobotModel, told: Payload) -> None:
-        self._samples, self._model, self._told = samples, model, told
+    def __init__(self, samples: Samples, model: RobotModel, controller_payload: Payload) -> None:
+        self._samples, self._model, self._controller_payload = samples, model, controller_payload
         self._before = drivetrain_of(model)
         self._values = {name: list(values) for name, values in self._before.to_mapping().items()}
         self._errors: dict[str, list[float | None]] = {name: [None] * 6 for name in self._values}
@@ -96,7 +96,7 @@ class _Fit:
         self._payload: Payload | None = None
 
     def result(self) -> Identified:
-        rigid = moments(self._model, self._told, self._samples, slice(None))
+        rigid = moments(self._model, self._controller_payload, self._samples, slice(None))
         if "target_moment" in self._samples.fields:
             self._rotors(rigid)
             if "target_current" in self._samples.fields:
@@ -115,13 +115,15 @@ class _Fit:
             raise RecordingError(f"nothing can be identified: {'; '.join(self._kept)}")
         drives = Drivetrain.from_mapping(self._values)
         errors = {name: tuple(values) for name, values in self._errors.items()}
-        return Identified(self._model, drives, errors, tuple(self._kept), self._payload, self._told, self._samples)
+        return Identified(
+            self._model, drives, errors, tuple(self._kept), self._payload, self._controller_payload, self._samples
+        )
 
     def _rotors(self, rigid: Array) -> None:
         rest = self._samples.fields["target_moment"] - rigid
         for joint in self._moving_joints("its rotor"):
             rows = self._samples.moving[:, joint]
-            self._take(joint, ("rotor_kg_m2",), self._samples.qdd[rows, joint, None], rest[rows, joint])
+            self._fit(joint, ("rotor_kg_m2",), self._samples.qdd[rows, joint, None], rest[rows, joint])
 
     def _constants(self) -> None:
         """Torque constants from the joints' load at rest; for unloaded joints from motion, together with friction."""
@@ -130,12 +132,12 @@ class _Fit:
         for joint, label in enumerate(JOINT_LABELS):
             rows = resting & (np.abs(moment[:, joint]) > _MIN_LOAD_NM)
             if rows.sum() >= _MIN_STATES:
-                self._take(joint, ("torque_constants_Nm_A",), current[rows, joint, None], moment[rows, joint])
+                self._fit(joint, ("torque_constants_Nm_A",), current[rows, joint, None], moment[rows, joint])
             elif self._samples.moves(joint):
                 rows = self._samples.moving[:, joint]
                 friction = self._samples.smooth(known_features(self._samples.qd))[rows, joint]
                 columns = np.column_stack([current[rows, joint], -friction])
-                self._take(joint, ("torque_constants_Nm_A",), columns, moment[rows, joint])
+                self._fit(joint, ("torque_constants_Nm_A",), columns, moment[rows, joint])
             else:
                 self._kept.append(f"{label}: is not loaded and hardly moves; its torque constant is kept")
 
@@ -146,7 +148,7 @@ class _Fit:
         features = self._samples.smooth(known_features(self._samples.qd))
         for joint in self._moving_joints("the friction that the controller knows"):
             rows = self._samples.moving[:, joint]
-            self._take(joint, names, features[rows, joint], loss[rows, joint])
+            self._fit(joint, names, features[rows, joint], loss[rows, joint])
 
     def _true_friction(self, rigid: Array) -> None:
         """Friction, fitted with a payload unknown to the controller: a body on the last link (see Pinocchio)."""
@@ -157,7 +159,7 @@ class _Fit:
         loss = loss - self._unknown_load(loss, features)
         for joint in self._moving_joints("its friction"):
             rows = samples.moving[:, joint]
-            self._take(joint, ("coulomb_Nm", "viscous_Nm_s"), features[rows, joint], loss[rows, joint])
+            self._fit(joint, ("coulomb_Nm", "viscous_Nm_s"), features[rows, joint], loss[rows, joint])
 
     def _unknown_load(self, loss: Array, features: Array) -> Array:
         """Torques of payload unknown to the controller (n, 6); zeros if there is none."""
@@ -170,15 +172,15 @@ class _Fit:
             friction[:, joint, 2 * joint : 2 * joint + 2] = features[rows, joint]
         weights = 1.0 / np.maximum(loss[rows].std(axis=0), 1e-6)
         columns = np.concatenate([regressor, friction], axis=2) * weights[None, :, None]
-        found, error = _fitted(columns, loss[rows] * weights)
+        found, error = _least_squares(columns, loss[rows] * weights)
         mass, mass_error = float(found[0]), float(error[0])
         if mass < _PAYLOAD_KG or mass_error > _UNCERTAIN * mass:
             return none
         kg, cog = dynamics.payload_of(found[:10].tolist())
         self._payload = Payload(kg, cog)
-        told = moments(self._model, self._told, samples, slice(None))
-        together = moments(self._model, _together(self._payload, self._told), samples, slice(None))
-        return together - told
+        controller_payload = moments(self._model, self._controller_payload, samples, slice(None))
+        together = moments(self._model, _combined(self._payload, self._controller_payload), samples, slice(None))
+        return together - controller_payload
 
     def _noise(self) -> None:
         """White noise, from second differences of the recorded currents, to which motion hardly contributes."""
@@ -200,33 +202,33 @@ class _Fit:
                 self._values[name][joint] = size
                 self._errors[name][joint] = size / np.sqrt(count / 3.0)
 
-    def _moving_joints(self, what: str) -> Iterator[int]:
+    def _moving_joints(self, quantity: str) -> Iterator[int]:
         for joint, label in enumerate(JOINT_LABELS):
             if self._samples.moves(joint):
                 yield joint
             else:
-                self._kept.append(f"{label}: hardly moves; {what} is kept")
+                self._kept.append(f"{label}: hardly moves; {quantity} is kept")
 
-    def _take(self, joint: int, names: tuple[str, ...], columns: Array, wanted: Array) -> None:
+    def _fit(self, joint: int, names: tuple[str, ...], columns: Array, target: Array) -> None:
         """Fit, and accept values that are certain enough. columns: (n, k); the first of them belong to ``names``."""
-        found, errors = _fitted(columns[:, None, :], wanted[:, None])
+        found, errors = _least_squares(columns[:, None, :], target[:, None])
         for name, value, error in zip(names, found.tolist(), errors.tolist(), strict=False):
             if not np.isfinite(error) or value <= 0.0 or error > _UNCERTAIN * value:
-                what = f"{name} ({value:.3g} +- {error:.2g})"
-                self._kept.append(f"{JOINT_LABELS[joint]}: the motion does not determine {what}, which is kept")
+                quantity = f"{name} ({value:.3g} +- {error:.2g})"
+                self._kept.append(f"{JOINT_LABELS[joint]}: the motion does not determine {quantity}, which is kept")
             else:
                 self._values[name][joint] = value
                 self._errors[name][joint] = error
 
 
-def _fitted(columns: Array, wanted: Array) -> tuple[Array, Array]:
+def _least_squares(columns: Array, target: Array) -> tuple[Array, Array]:
     """Least-squares fit (k,) of (n, m, k) to (n, m), and its standard errors; infinite for undetermined columns."""
     count = columns.shape[-1]
-    shown = np.flatnonzero(np.abs(columns).max(axis=(0, 1), initial=0.0) > 0.0)
+    used = np.flatnonzero(np.abs(columns).max(axis=(0, 1), initial=0.0) > 0.0)
     found, errors = np.zeros(count), np.full(count, np.inf)
-    if len(wanted) < _PIECES * count:
+    if len(target) < _PIECES * count:
         return found, errors
-    parts = [(columns[piece][..., shown], wanted[piece]) for piece in np.array_split(np.arange(len(wanted)), _PIECES)]
+    parts = [(columns[piece][..., used], target[piece]) for piece in np.array_split(np.arange(len(target)), _PIECES)]
     squares = [np.tensordot(part, part, ((0, 1), (0, 1))) for part, _ in parts]
     products = [np.tensordot(part, values, ((0, 1), (0, 1))) for part, values in parts]
     total, product = np.sum(squares, axis=0), np.sum(products, axis=0)
@@ -235,13 +237,13 @@ def _fitted(columns: Array, wanted: Array) -> tuple[Array, Array]:
     def solved(square: Array, right: Array) -> Array:
         return np.asarray(np.linalg.lstsq(square / np.outer(scale, scale), right / scale, rcond=1e-9)[0] / scale)
 
-    every = np.array([solved(total - one, product - other) for one, other in zip(squares, products, strict=True)])
-    spread = ((every - every.mean(axis=0)) ** 2).sum(axis=0) * (_PIECES - 1) / _PIECES
-    found[shown], errors[shown] = solved(total, product), np.sqrt(spread)
+    jackknife = np.array([solved(total - one, product - other) for one, other in zip(squares, products, strict=True)])
+    spread = ((jackknife - jackknife.mean(axis=0)) ** 2).sum(axis=0) * (_PIECES - 1) / _PIECES
+    found[used], errors[used] = solved(total, product), np.sqrt(spread)
     return found, errors
 
 
-def _together(one: Payload, other: Payload) -> Payload:
+def _combined(one: Payload, other: Payload) -> Payload:
     mass = one.mass_kg + other.mass_kg
     x, y, z = ((one.mass_kg * a + other.mass_kg * b) / mass for a, b in zip(one.cog_m, other.cog_m, strict=True))
     return Payload(mass, (x, y, z))

@@ -64,7 +64,7 @@ class Samples:
 
     @property
     def resting(self) -> NDArray[np.bool_]:
-        """Whether the arm stands still throughout the window of the low-pass (n,)."""
+        """Whether the arm is at rest throughout the window of the low-pass (n,)."""
         quiet = np.abs(self.qd).max(axis=1) < RESTS_RAD_S
         return np.asarray((self.smooth(quiet[:, None].astype(float))[:, 0] > 0.999) & self.whole)
 

@@ -182,11 +182,11 @@ class _Writer:
         self._write(self._table(made, times, counted))
         numbers: dict[str, NDArray[Any]] = {_STATE: made.state, _ACTION: made.action, "timestamp": times, **counted}
         found = {
-            name: stats.of_numbers(np.asarray(values, np.float64).reshape(len(made), -1))
+            name: stats.number_statistics(np.asarray(values, np.float64).reshape(len(made), -1))
             for name, values in numbers.items()
         }
         for camera, pictures in made.pictures.items():
-            found[_PICTURES + camera] = stats.of_pictures(pictures)
+            found[_PICTURES + camera] = stats.picture_statistics(pictures)
         chunk, place = self._place
         self._rows.append(
             {
@@ -221,7 +221,7 @@ class _Writer:
         pq.write_table(pa.Table.from_pylist(self._rows), episodes)
         pq.write_table(_tasks_table(self._tasks), self._folder / "meta/tasks.parquet")
         features = self._stats[0]
-        every = {name: stats.together([found[name] for found in self._stats]) for name in features}
+        every = {name: stats.combined([found[name] for found in self._stats]) for name in features}
         self._write_json("stats.json", {name: {k: v.tolist() for k, v in part.items()} for name, part in every.items()})
         self._write_json("info.json", self._info())
 
@@ -238,7 +238,9 @@ class _Writer:
         if not self._rows:
             self._sizes, self.cameras = sizes, tuple(sizes)
         elif sizes != self._sizes:
-            raise RecordingError(f"it has images of {_sized(sizes)}, but earlier recordings of {_sized(self._sizes)}")
+            raise RecordingError(
+                f"it has images of {_sizes_text(sizes)}, but earlier recordings of {_sizes_text(self._sizes)}"
+            )
 
     def _table(self, made: Episode, times: NDArray[np.float32], counted: Mapping[str, NDArray[np.int64]]) -> "pa.Table":
         import pyarrow as pa
@@ -332,5 +334,5 @@ def _tasks_table(tasks: Mapping[str, int]) -> "pa.Table":
     return table.replace_schema_metadata({"pandas": json.dumps(described)})
 
 
-def _sized(sizes: Mapping[str, tuple[int, int]]) -> str:
+def _sizes_text(sizes: Mapping[str, tuple[int, int]]) -> str:
     return ", ".join(f"{camera} ({size[1]}x{size[0]})" for camera, size in sizes.items()) or "no camera"

@@ -21,7 +21,7 @@ _MIN_SAMPLES, _MAX_SAMPLES, _POWER = 100, 10_000, 0.75
 _LARGE, _SMALL = 300, 150
 
 
-def of_numbers(values: Array) -> Statistics:
+def number_statistics(values: Array) -> Statistics:
     """Statistics of a feature's numbers over an episode (n, k)."""
     names, shares = list(_QUANTILES), list(_QUANTILES.values())
     return {
@@ -34,7 +34,7 @@ def of_numbers(values: Array) -> Statistics:
     }
 
 
-def of_pictures(pictures: Sequence[bytes]) -> Statistics:
+def picture_statistics(pictures: Sequence[bytes]) -> Statistics:
     """Statistics of the colours of an episode's images, 0 to 1, each (3, 1, 1).
 
     Raises RecordingError for data that is not JPEG, and for images of different sizes.
@@ -49,10 +49,12 @@ def of_pictures(pictures: Sequence[bytes]) -> Statistics:
             counted += np.bincount(_downsampled(picture)[..., colour].ravel(), minlength=_SHADES)
     if len(sizes) > 1:
         raise RecordingError(f"the images of one camera have {len(sizes)} different sizes")
-    return {name: values.reshape(3, 1, 1) for name, values in _of_shades(shades).items()} | {"count": np.array([count])}
+    return {name: values.reshape(3, 1, 1) for name, values in _shade_statistics(shades).items()} | {
+        "count": np.array([count])
+    }
 
 
-def _of_shades(counts: Array) -> dict[str, Array]:
+def _shade_statistics(counts: Array) -> dict[str, Array]:
     """Statistics from the number of occurrences of each shade, (colours, shades)."""
     values, shares = np.arange(_SHADES) / (_SHADES - 1), counts / counts.sum(axis=1, keepdims=True)
     mean, below = shares @ values, np.cumsum(shares, axis=1)
@@ -84,7 +86,7 @@ def _downsampled(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return picture[::step, ::step]
 
 
-def together(parts: Sequence[Statistics]) -> Statistics:
+def combined(parts: Sequence[Statistics]) -> Statistics:
     """Combine the statistics of several episodes. Quantiles are averaged, which is an approximation, as in LeRobot."""
     counts = np.array([part["count"][0] for part in parts], np.float64)
     shares = counts / counts.sum()

@@ -14,12 +14,12 @@ from client.planning.goals import PoseGoal
 from client.planning.industrial import (
     BlendedMotion,
     MotionSequenceItem,
-    Segment,
+    PlannedSegment,
     blended_motions,
     first_collision,
     interpolator_for,
 )
-from client.planning.lines import TURN_RAD_M, Line
+from client.planning.lines import TURN_RAD_M, StraightLine
 from client.planning.parameterisation import Array
 from client.planning.path import PiecewisePath
 from urproto.robots import Joints
@@ -51,11 +51,11 @@ def cartesian_motions(
     """See `Planner.compute_cartesian_path`."""
     _check(waypoints, max_step_m, jump_thresholds, blend_radius_m)
     interpolator = interpolator_for(checker, PoseGoal((), tcp_offset))
-    segments: list[Segment] = []
+    segments: list[PlannedSegment] = []
     lengths: list[float] = []
     fraction, reason, q = 0.0, "", start
     for number, waypoint in enumerate(waypoints):
-        line = Line(interpolator.pose(q), waypoint)
+        line = StraightLine(interpolator.pose(q), waypoint)
         found = interpolator.interpolate(line, q, max_step_m)
         path, share, reason = found.path, found.reached, found.stopped_by
         if path is not None:
@@ -64,7 +64,9 @@ def cartesian_motions(
         if path is not None:
             a, b, c, d, e, f = path.at(path.length)[:6].tolist()
             q = (a, b, c, d, e, f)
-            segments.append(Segment(path, (segments[-1].waypoints[-1] if segments else start, q), interpolator.pose))
+            segments.append(
+                PlannedSegment(path, (segments[-1].waypoints[-1] if segments else start, q), interpolator.pose)
+            )
             lengths.append(share * line.length_m)
         fraction = (number + share) / len(waypoints)
         if share < 1.0:
@@ -101,7 +103,7 @@ def _truncate(
     avoid_collisions: bool,
 ) -> tuple[PiecewisePath | None, float, str]:
     """The part of a line before its first jump or collision, its share of the line, and why it ends there."""
-    jump = _jump(path, max(1, round(steps * share)), jump_thresholds)
+    jump = _find_jump(path, max(1, round(steps * share)), jump_thresholds)
     if jump is not None:
         share, angle = jump
         reason = f"a joint would move {angle:.3f} rad in the next step, more than the jump threshold allows"
@@ -111,7 +113,7 @@ def _truncate(
     return path.subpath(0.0, share) if share > 0.0 else None, share, reason
 
 
-def _jump(path: PiecewisePath, steps: int, thresholds: tuple[float, float]) -> tuple[float, float] | None:
+def _find_jump(path: PiecewisePath, steps: int, thresholds: tuple[float, float]) -> tuple[float, float] | None:
     """Where the first jump is, and the largest joint motion in that step; None for a path without jumps."""
     factor, farthest = thresholds
     samples: Array = np.linspace(0.0, path.length, steps + 1)

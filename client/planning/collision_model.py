@@ -18,10 +18,10 @@ from client.planning.solids import (
     at,
     capsule_around,
     extent_of,
+    max_distance_of,
     placed,
     placed_capsule,
     placed_cylinder,
-    reach_of,
     solid,
 )
 from urproto.robots.calibration import Chain, chain_of
@@ -74,7 +74,7 @@ class GeometryLayer:
         self.names.append((one, other))
         return len(self.names) - 1
 
-    def finish(self, data: Any, padding_m: float) -> None:
+    def prepare(self, data: Any, padding_m: float) -> None:
         """Prepare for queries; nothing can be added afterwards."""
         self._joints = data
         self.data = self.geometry.createData()
@@ -82,7 +82,7 @@ class GeometryLayer:
             request.security_margin = padding_m
         self._results = list(self.data.collisionResults)  # updated in place
         moved = [(self._moved[pair.first], self._moved[pair.second]) for pair in self.geometry.collisionPairs]
-        self.levers = np.array([self._lever(*two) for two in moved]).reshape(-1, 6)
+        self.levers = np.array([self._lever_arms(*two) for two in moved]).reshape(-1, 6)
 
     def move(self, q_rad: _Vector) -> None:
         """Place all geometries for a configuration (6,) [rad]."""
@@ -109,7 +109,7 @@ class GeometryLayer:
         results: Sequence[Any] = self.data.distanceResults
         return results
 
-    def _lever(self, one: tuple[int, float], other: tuple[int, float]) -> _Vector:
+    def _lever_arms(self, one: tuple[int, float], other: tuple[int, float]) -> _Vector:
         (inner, _), (outer, far) = sorted((one, other))
         lever = np.zeros(6)
         for joint in range(outer, inner, -1):
@@ -138,8 +138,8 @@ class CollisionModel:
         self._add_objects()
         self._add_safety()
         data = arm.createData()
-        self.coarse.finish(data, scene.padding_m)
-        self.fine.finish(data, scene.padding_m)
+        self.coarse.prepare(data, scene.padding_m)
+        self.fine.prepare(data, scene.padding_m)
 
     def _add_links(self) -> None:
         model = self._scene.model
@@ -161,7 +161,7 @@ class CollisionModel:
         objects = self._scene.objects
         carried = [name for name, obj in objects.items() if obj.attached]
         for name, obj in objects.items():
-            extent_m = reach_of(name, obj) if obj.attached else 0.0
+            extent_m = max_distance_of(name, obj) if obj.attached else 0.0
             self._add(name, 6 if obj.attached else 0, placed(obj.pose), solid(name, obj), extent_m)
         for name in objects:
             if name in carried:

@@ -42,7 +42,7 @@ class OrientationConstraint:
         target = (0.0, 0.0, 0.0, *self.orientation)
         r = rotvec_to_matrix(*pose_trans(pose_inv(target), (0.0, 0.0, 0.0, *pose[3:]))[3:])
         turns = (atan2(-r[5], r[8]), asin(max(-1.0, min(1.0, r[2]))), atan2(-r[1], r[0]))
-        return _beyond(np.array(turns), np.array(self.tolerance_rad))
+        return _excess_over(np.array(turns), np.array(self.tolerance_rad))
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class PositionConstraint:
     def excess(self, pose: Pose) -> Array:
         """How far the TCP is outside the box along its axes [m] (3,), with its sign."""
         inside = pose_trans(pose_inv(self.pose), pose)[:3]
-        return _beyond(np.array(inside), 0.5 * np.array(self.size))
+        return _excess_over(np.array(inside), 0.5 * np.array(self.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class PathConstraints:
             for axis, over in zip(_AXES, () if part is None else part.excess(pose), strict=False):
                 if over:
                     broken.append(
-                        f"the TCP {name} {axis} by {_short(abs(scale * over))} {unit} more than the constraint allows"
+                        f"the TCP {name} {axis} by {_format(abs(scale * over))} {unit} more than the constraint allows"
                     )
         return "; ".join(broken)
 
@@ -127,16 +127,16 @@ class ConstrainedChecker(CollisionChecker):
         return self.scene.kinematics.forward((a, b, c, d, e, f), self.constraints.tcp_offset or ZERO6)
 
 
-def _beyond(values: Array, most: Array) -> Array:
-    over: Array = np.sign(values) * np.maximum(abs(values) - most - 1e-9, 0.0)
+def _excess_over(values: Array, limit: Array) -> Array:
+    over: Array = np.sign(values) * np.maximum(abs(values) - limit - 1e-9, 0.0)
     return over
 
 
-def _check(what: str, values: Sequence[float], least: float) -> None:
-    if len(values) != 3 or not all(isfinite(value) and value >= least for value in values):
-        bound = "" if least < 0.0 else ", 0 or above"
+def _check(what: str, values: Sequence[float], minimum: float) -> None:
+    if len(values) != 3 or not all(isfinite(value) and value >= minimum for value in values):
+        bound = "" if minimum < 0.0 else ", 0 or above"
         raise PlanningError(f"{what}: must be three finite numbers{bound}, not {list(values)}")
 
 
-def _short(number: float) -> str:
+def _format(number: float) -> str:
     return f"{number:.0f}" if number >= 100.0 else f"{number:.3g}"

@@ -20,7 +20,7 @@ from client.planning.lines import (
     Arc,
     CartesianInterpolator,
     Interpolation,
-    Line,
+    StraightLine,
     ToolPath,
     arc_about,
     arc_through,
@@ -105,7 +105,7 @@ class MotionSequenceItem:
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
+class PlannedSegment:
     """One motion.
 
     path: None if nothing moves. waypoints: the configurations at its corners. pose_of: forward kinematics to the TCP of
@@ -118,17 +118,17 @@ class Segment:
     shortcutting_s: float = 0.0
 
 
-def ptp_segment(checker: CollisionChecker, start: Joints, goal: Goal) -> Segment:
+def ptp_segment(checker: CollisionChecker, start: Joints, goal: Goal) -> PlannedSegment:
     """PTP: all joints go straight to the goal and arrive together. Raises the same as `goal_configurations`."""
     end = goal_configurations(goal, start, checker)[0]
     apart = max(abs(one - other) for one, other in zip(start, end, strict=True)) > _DISTINCT_RAD
     path = RoundedPath([start, end]).with_columns(COLUMNS) if apart else None
-    return Segment(path, (start, end), interpolator_for(checker, goal).pose)
+    return PlannedSegment(path, (start, end), interpolator_for(checker, goal).pose)
 
 
 def cartesian_segment(
     checker: CollisionChecker, start: Joints, goal: Goal, name: str, limits: CartesianLimits
-) -> Segment:
+) -> PlannedSegment:
     """LIN or CIRC. Raises IncompletePathError, PlanningError."""
     interpolator = interpolator_for(checker, goal)
     tool_path = _tool_path(interpolator.pose(start), goal, name)
@@ -139,7 +139,7 @@ def cartesian_segment(
             found.reached,
             found.q_end,
         )
-    return Segment(_limit_centripetal(found, tool_path, limits), (start, found.q_end), interpolator.pose)
+    return PlannedSegment(_limit_centripetal(found, tool_path, limits), (start, found.q_end), interpolator.pose)
 
 
 def _limit_centripetal(found: Interpolation, tool_path: ToolPath, limits: CartesianLimits) -> PiecewisePath | None:
@@ -168,7 +168,7 @@ def _tool_path(start: Pose, goal: Goal, name: str) -> ToolPath:
             raise PlanningError(
                 "LIN needs a pose: give a PoseGoal; for joint angles, that is scene.kinematics.forward(q, tcp_offset)"
             )
-        return Line(start, goal.pose)
+        return StraightLine(start, goal.pose)
     if not isinstance(goal, CircGoal):
         raise PlanningError("CIRC needs a point of its circle: give a CircGoal")
     points = [point for point in (goal.interim, goal.center) if point is not None]
@@ -221,7 +221,7 @@ class BlendedMotion:
         return scalings_at
 
 
-def blended_motions(segments: Sequence[Segment], items: Sequence[MotionSequenceItem]) -> Iterator[BlendedMotion]:
+def blended_motions(segments: Sequence[PlannedSegment], items: Sequence[MotionSequenceItem]) -> Iterator[BlendedMotion]:
     """Join the motions that blend. Raises PlanningError for a radius that is too large."""
     paths: list[tuple[PiecewisePath, int, tuple[float, float]]] = []
     for number, (segment, item) in enumerate(zip(segments, items, strict=True)):
@@ -254,7 +254,7 @@ def _blended_motion(paths: Sequence[tuple[PiecewisePath, int, tuple[float, float
 
 
 def blend(
-    one: PiecewisePath, other: PiecewisePath, corner: Segment, radius_m: float, number: int
+    one: PiecewisePath, other: PiecewisePath, corner: PlannedSegment, radius_m: float, number: int
 ) -> tuple[PiecewisePath, PiecewisePath, PiecewisePath]:
     """Blend two motions within a sphere about the goal of the first: what remains of them, and the curve between.
 
@@ -262,13 +262,13 @@ def blend(
     """
     center = corner.pose_of(corner.waypoints[-1])[:3]
 
-    def away(path: PiecewisePath, s: float) -> float:
+    def distance_from_center(path: PiecewisePath, s: float) -> float:
         return dist(corner.pose_of(path.at(s)[:6].tolist())[:3], center)
 
     radius = radius_m
     for _ in range(_SHRINKINGS):
-        leave = _crossing(one, one.gridpoints[::-1].tolist(), away, radius)
-        arrive = _crossing(other, other.gridpoints.tolist(), away, radius)
+        leave = _crossing(one, one.gridpoints[::-1].tolist(), distance_from_center, radius)
+        arrive = _crossing(other, other.gridpoints.tolist(), distance_from_center, radius)
         if leave is None or arrive is None:
             raise PlanningError(
                 f"the blend radius of motion {number}, {1000 * radius_m:g} mm, is too large: motion "
@@ -280,7 +280,7 @@ def blend(
         end[0][6:] += one(np.array([one.length]))[0][0, 6:]  # the distances that the TCP has covered add up
         size = 2.5 * inside
         between = PiecewisePath(hermite(begin, end, size)[None], [size])
-        if all(away(between, s) <= radius_m * 1.001 for s in np.linspace(0.0, size, _SAMPLES)):
+        if all(distance_from_center(between, s) <= radius_m * 1.001 for s in np.linspace(0.0, size, _SAMPLES)):
             return one.subpath(0.0, leave), between, scaled.subpath(inside, scaled.length)
         radius *= 0.7
     raise PlanningError(
@@ -289,15 +289,18 @@ def blend(
 
 
 def _crossing(
-    path: PiecewisePath, samples: Sequence[float], away: Callable[[PiecewisePath, float], float], radius_m: float
+    path: PiecewisePath,
+    samples: Sequence[float],
+    distance_from_center: Callable[[PiecewisePath, float], float],
+    radius_m: float,
 ) -> float | None:
     """Where the TCP leaves the sphere, searching outwards from its centre."""
     inside = samples[0]
     for place in samples[1:]:
-        if away(path, place) >= radius_m:
+        if distance_from_center(path, place) >= radius_m:
             for _ in range(_BISECTIONS):
                 middle = 0.5 * (inside + place)
-                inside, place = (middle, place) if away(path, middle) < radius_m else (inside, middle)
+                inside, place = (middle, place) if distance_from_center(path, middle) < radius_m else (inside, middle)
             return place
         inside = place
     return None

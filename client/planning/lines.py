@@ -50,7 +50,7 @@ class ToolPath(Protocol):
         """First and second derivative by the share: (6,) each, linear and angular, along base axes."""
 
 
-class Line:
+class StraightLine:
     """A straight line from one pose to another, with uniform rotation about one axis."""
 
     def __init__(self, start: Sequence[float], goal: Sequence[float]) -> None:
@@ -75,7 +75,7 @@ class Arc:
     def __init__(
         self, start: Sequence[float], goal: Sequence[float], center: Array, axis: Array, angle_rad: float
     ) -> None:
-        self._orientation = Line((*center, *start[3:]), (*center, *goal[3:]))  # only its orientations are used
+        self._orientation = StraightLine((*center, *start[3:]), (*center, *goal[3:]))  # only its orientations are used
         self._out = np.array(start[:3], dtype=float) - center
         self._across = np.cross(axis, self._out)
         self._center, self._angle = center, angle_rad
@@ -243,11 +243,11 @@ class CartesianInterpolator:
         flange = pose_trans(pose, self._flange)
         if not self._kinematics.inverse_all(flange, q):
             where = f"p[{', '.join(f'{value:.4f}' for value in pose)}]"
-            beside, least = self._distance_from_base_axis(flange), abs(self._model.dh.d[3])
-            if beside < least:
+            offset_m, least = self._distance_from_base_axis(flange), abs(self._model.dh.d[3])
+            if offset_m < least:
                 return (
-                    f"{where} would bring the wrist to {1000 * beside:.0f} mm from the base's axis, and it cannot come "
-                    f"nearer than {1000 * least:.0f} mm: go around the base, with CIRC or PTP"
+                    f"{where} would bring the wrist to {1000 * offset_m:.0f} mm from the base's axis, and it cannot "
+                    f"come nearer than {1000 * least:.0f} mm: go around the base, with CIRC or PTP"
                 )
             return f"{where} is out of the reach of a {self._model.title}"
         if self._inverse(tool_path, share, q) is None:
@@ -263,12 +263,12 @@ class CartesianInterpolator:
 
     def _singularity(self, q: Joints) -> str:
         """The nearest singularity, by the factors of the Jacobian's determinant."""
-        beside = self._distance_from_base_axis(self._kinematics.forward(q))
+        offset_m = self._distance_from_base_axis(self._kinematics.forward(q))
         found = {
             f"wrist singularity (wrist 2 at {q[4]:.3f} rad)": abs(sin(q[4])),
             f"elbow singularity (elbow at {q[2]:.3f} rad)": abs(sin(q[2])),
-            f"shoulder singularity (the wrist is {1000 * beside:.0f} mm from the base's axis)": (
-                abs(beside - abs(self._model.dh.d[3])) / self._model.reach_m
+            f"shoulder singularity (the wrist is {1000 * offset_m:.0f} mm from the base's axis)": (
+                abs(offset_m - abs(self._model.dh.d[3])) / self._model.reach_m
             ),
         }
         name = min(found, key=found.__getitem__)

@@ -92,21 +92,21 @@ def parameterise(
     step_s: time between samples. scalings: shares of the limits that may be used; where they change, the larger ones
     apply while the acceleration changes.
     """
-    scalings = scalings or _unscaled
+    scalings = scalings or _unit_scalings
     speeds = _velocity_profile(path, gridpoints, limits, scalings(gridpoints))
     when = _times(gridpoints, speeds)
     smooth_s = float(np.max(limits.acceleration / limits.jerk))
     stretch = 1.0
     for _ in range(_MAX_ITERATIONS):
         trajectory, behind, ahead = _sampled(path, gridpoints, speeds, when, smooth_s, stretch, step_s)
-        excess = _excess(trajectory, limits, np.maximum(scalings(behind), scalings(ahead)))
+        excess = _time_stretch(trajectory, limits, np.maximum(scalings(behind), scalings(ahead)))
         if excess <= 1.0 + 1e-6:
             break
         stretch *= excess * 1.001
     return trajectory
 
 
-def _unscaled(s: Array) -> Array:
+def _unit_scalings(s: Array) -> Array:
     return np.ones((len(s), 2))
 
 
@@ -197,7 +197,7 @@ def _profile(when: Array, s: Array, speed: Array, times: Array) -> tuple[Array, 
     return area, place, np.where(moving, speed[i] + acceleration[i] * t, 0.0)
 
 
-def _excess(trajectory: Trajectory, limits: Limits, allowed: Array) -> float:
+def _time_stretch(trajectory: Trajectory, limits: Limits, allowed: Array) -> float:
     """The factor by which the trajectory is too fast for its limits; at most 1 if it respects them all."""
     step = float(trajectory.times_s[1] - trajectory.times_s[0])
     jerk = np.diff(trajectory.qdd, axis=0) / step

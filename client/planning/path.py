@@ -98,7 +98,7 @@ class PiecewisePath:
         coefficients, sizes = self.coefficients[first : last + 1].copy(), self.sizes[first : last + 1].copy()
         sizes[-1] = high - self.starts[last]
         before = low - self.starts[first]
-        coefficients[0] = _shifted(coefficients[0], before)
+        coefficients[0] = _shift_origin(coefficients[0], before)
         sizes[0] -= before
         return PiecewisePath(coefficients, sizes, self._parts)
 
@@ -139,7 +139,7 @@ def hermite(begin: Sequence[Array], end: Sequence[Array], size: float) -> Array:
     return of_t / size ** _POWERS[:, None]
 
 
-def _shifted(coefficients: Array, by: float) -> Array:
+def _shift_origin(coefficients: Array, by: float) -> Array:
     """The same polynomial with its origin moved."""
     shift = np.array([[comb(j, k) * by ** (j - k) if j >= k else 0.0 for j in range(6)] for k in range(6)])
     moved: Array = shift @ coefficients
@@ -162,7 +162,7 @@ class RoundedPath(PiecewisePath):
         directions = legs / lengths[:, None]
         share = np.broadcast_to(np.asarray(roundness, dtype=float), (max(0, len(corners) - 2),))
         around = zip(lengths[:-1].tolist(), lengths[1:].tolist(), share.tolist(), strict=True)
-        cut = [_cut(one, other, r) for one, other, r in around]
+        cut = [_corner_length(one, other, r) for one, other, r in around]
         pieces, sizes = [], []
         before = [0.0, *cut]
         after = [*cut, 0.0]
@@ -180,11 +180,11 @@ def rounded_corner(before: Array, corner: Array, after: Array, roundness: float)
     """Just the corner of a `RoundedPath` through these three points (6,) [rad]."""
     legs = (corner - before, after - corner)
     one, other = (float(np.linalg.norm(leg)) for leg in legs)
-    cut = _cut(one, other, roundness)
+    cut = _corner_length(one, other, roundness)
     return PiecewisePath(_corner(corner, legs[0] / one, legs[1] / other, cut)[None], [2.5 * cut])
 
 
-def _cut(before: float, after: float, roundness: float) -> float:
+def _corner_length(before: float, after: float, roundness: float) -> float:
     """The length [rad] that a corner takes of each neighbouring segment."""
     return float(roundness * min(_MAX_CORNER_RAD, _MAX_CORNER_SHARE * before, _MAX_CORNER_SHARE * after))
 

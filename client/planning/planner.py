@@ -26,7 +26,7 @@ from client.planning.industrial import (
     CartesianLimits,
     IncompletePathError,
     MotionSequenceItem,
-    Segment,
+    PlannedSegment,
     blended_motions,
     cartesian_segment,
     first_collision,
@@ -178,7 +178,7 @@ class Planner:
         start = self._checked_start(start_rad)
         began_s = time.perf_counter()
         self.check_start(start)
-        segments: list[Segment] = []
+        segments: list[PlannedSegment] = []
         for item in items:
             begin = segments[-1].waypoints[-1] if segments else start
             segments.append(self._segment(begin, item, time_limit_s, seed))
@@ -219,10 +219,10 @@ class Planner:
         max_step_m: largest distance between computed configurations (3.5 rad of rotation count as 1 m).
         jump_threshold: the path ends before a step whose joint-space distance exceeds this multiple of the average
         step. revolute_jump_threshold_rad: it ends before a step in which one joint moves farther than this. 0 disables
-        either check. The arm never changes its kinematic branch on a line, whatever the thresholds. avoid_collisions:
-        the path ends before a collision. blend_radius_m: 0 stops at each waypoint; larger radii are reduced to what the
-        lines leave room for. The plan's ``stopped_by`` says why the fraction is below 1. Raises StartInCollisionError,
-        PlanningError.
+        either check. The arm never changes its kinematic branch on a line, regardless of the thresholds.
+        avoid_collisions: the path ends before a collision. blend_radius_m: 0 stops at each waypoint; larger radii are
+        reduced to what the lines leave room for. The plan's ``stopped_by`` says why the fraction is below 1. Raises
+        StartInCollisionError, PlanningError.
         """
         limits = self.limits.scaled(velocity_scaling, acceleration_scaling)
         start = self._checked_start(start_rad)
@@ -276,12 +276,12 @@ class Planner:
 
     def _checked_start(self, start_rad: Sequence[float]) -> Joints:
         check_length(start_rad, "the start must be six joint angles")
-        start = _six(start_rad)
+        start = _as_joints(start_rad)
         if not all(map(isfinite, start)):
             raise PlanningError(f"the start has joint angles that are not finite: {list(start)}")
         return start
 
-    def _segment(self, start: Joints, item: MotionSequenceItem, time_limit_s: float, seed: int) -> Segment:
+    def _segment(self, start: Joints, item: MotionSequenceItem, time_limit_s: float, seed: int) -> PlannedSegment:
         if item.planner == "PTP":
             return ptp_segment(self.checker, start, item.goal)
         if item.planner in INDUSTRIAL:
@@ -299,7 +299,7 @@ class Planner:
         path = self._shortcut(path, Random(seed))
         curve = self._rounded(path).with_columns(COLUMNS) if len(path) > 1 else None
         pose_of = interpolator_for(self.checker, item.goal).pose
-        return Segment(curve, tuple(_six(q) for q in path), pose_of, time.perf_counter() - began_s)
+        return PlannedSegment(curve, tuple(_as_joints(q) for q in path), pose_of, time.perf_counter() - began_s)
 
     def _check_free(self, part: BlendedMotion, items: Sequence[MotionSequenceItem]) -> None:
         """Raise IncompletePathError if a motion is in collision. Motions from a search alone were checked already."""
@@ -319,7 +319,7 @@ class Planner:
             f"{which} is free for {100 * fraction:.0f} % of its path, then {self.checker.violation(q)}. To plan around "
             "it, use RRTConnect",
             fraction,
-            _six(part.path.at(float(part.path.starts[piece]))[:6]),
+            _as_joints(part.path.at(float(part.path.starts[piece]))[:6]),
         )
 
     # searching
@@ -350,10 +350,10 @@ class Planner:
 
     def _shortcut(self, path: list[Array], random: Random) -> list[Array]:
         """Try to connect random places of the path directly, where that is shorter and free."""
-        path = self._reduce_vertices(_distinct(path))
+        path = self._reduce_vertices(_without_duplicates(path))
         for _ in range(_SHORTCUT_ATTEMPTS if len(path) > 2 else 0):
             path = self._try_shortcut(path, random)
-        return self._reduce_vertices(_distinct(path))
+        return self._reduce_vertices(_without_duplicates(path))
 
     def _reduce_vertices(self, path: list[Array]) -> list[Array]:
         """Remove each waypoint that the arm can bypass on a straight segment."""
@@ -372,10 +372,10 @@ class Planner:
         i, j = (int(np.searchsorted(ends, at, side="right")) - 1 for at in (low, high))
         if i == j:
             return path
-        begin, end = (_at(path, ends, k, at) for k, at in ((i, low), (min(j, len(path) - 2), high)))
+        begin, end = (_interpolated(path, ends, k, at) for k, at in ((i, low), (min(j, len(path) - 2), high)))
         if high - low - float(np.linalg.norm(end - begin)) < 1e-3 or not self._motion_is_valid(begin, end):
             return path
-        return _distinct([*path[: i + 1], begin, end, *path[j + 1 :]])
+        return _without_duplicates([*path[: i + 1], begin, end, *path[j + 1 :]])
 
     def _motion_is_valid(self, one: Array, other: Array) -> bool:
         """Check single configurations first, which is cheap: most shortcuts collide near their middle."""
@@ -408,7 +408,7 @@ class Planner:
         return RoundedPath(path, roundness)
 
 
-def _distinct(path: Sequence[Array]) -> list[Array]:
+def _without_duplicates(path: Sequence[Array]) -> list[Array]:
     kept = [path[0]]
     for q in path[1:]:
         if float(np.linalg.norm(q - kept[-1])) > _DISTINCT_RAD:
@@ -416,13 +416,13 @@ def _distinct(path: Sequence[Array]) -> list[Array]:
     return kept
 
 
-def _at(path: Sequence[Array], ends: Array, i: int, distance: float) -> Array:
+def _interpolated(path: Sequence[Array], ends: Array, i: int, distance: float) -> Array:
     share = (distance - float(ends[i])) / float(ends[i + 1] - ends[i])
     at: Array = path[i] + share * (path[i + 1] - path[i])
     return at
 
 
-def _six(q: Sequence[float] | Array) -> Joints:
+def _as_joints(q: Sequence[float] | Array) -> Joints:
     a, b, c, d, e, f = (float(value) for value in q)
     return (a, b, c, d, e, f)
 

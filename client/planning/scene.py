@@ -17,7 +17,7 @@ from client.errors import SceneError
 from urproto.robots import Kinematics, RobotModel, kinematics_of, load_model
 from urproto.robots.pose import Pose, pose_inv, pose_trans
 from urproto.vectors import ZERO6, Vector3
-from urproto.worldfile import Thing, WorldFileError, read_world_file
+from urproto.worldfile import ObjectDescription, WorldFileError, read_world_file
 from urscript.polyscope.document import DocumentError, read_document
 from urscript.polyscope.safety_configuration import BoundaryMode, SafetyConfiguration
 from urscript.polyscope.safety_configuration import Plane as SafetyPlane
@@ -137,7 +137,7 @@ class PlanningScene:
 
     def add(self, name: str, shape: Shape, pose: Sequence[float] = ZERO6) -> None:
         """Add an object, or replace the one with this name. Raises SceneError."""
-        self._put(name, SceneObject(_validated(name, shape), _pose(name, pose)))
+        self._add_object(name, SceneObject(_validated(name, shape), _pose(name, pose)))
 
     def attach(self, name: str, shape: Shape | None = None, pose: Sequence[float] = ZERO6) -> None:
         """Attach an object to the flange: a tool, or a gripped part. Raises SceneError.
@@ -149,7 +149,7 @@ class PlanningScene:
             shape = self._find(name).shape
         if isinstance(shape, Plane):
             raise SceneError(f"{name} is an infinite plane: an arm cannot carry it")
-        self._put(name, SceneObject(_validated(name, shape), _pose(name, pose), attached=True))
+        self._add_object(name, SceneObject(_validated(name, shape), _pose(name, pose), attached=True))
 
     def pick(self, name: str, q_rad: Sequence[float]) -> None:
         """Attach an object of the scene where it is, with the arm in this configuration (6,) [rad]."""
@@ -164,11 +164,11 @@ class PlanningScene:
         obj = self._find(name)
         if not obj.attached:
             raise SceneError(f"{name} is not attached")
-        self._put(name, SceneObject(obj.shape, pose_trans(self.kinematics.forward(q_rad), obj.pose)))
+        self._add_object(name, SceneObject(obj.shape, pose_trans(self.kinematics.forward(q_rad), obj.pose)))
 
     def move(self, name: str, pose: Sequence[float]) -> None:
         """Give an object another pose."""
-        self._put(name, replace(self._find(name), pose=_pose(name, pose)))
+        self._add_object(name, replace(self._find(name), pose=_pose(name, pose)))
 
     def remove(self, name: str) -> None:
         """Remove an object."""
@@ -181,12 +181,12 @@ class PlanningScene:
 
     def allow(self, one: str, other: str) -> None:
         """Allow two objects, an object and a link, or two links to touch."""
-        self._allowed.add(frozenset((self._known(one), self._known(other))))
+        self._allowed.add(frozenset((self._check_name(one), self._check_name(other))))
         self.revision += 1
 
     def forbid(self, one: str, other: str) -> None:
         """Undo `allow`."""
-        self._allowed.discard(frozenset((self._known(one), self._known(other))))
+        self._allowed.discard(frozenset((self._check_name(one), self._check_name(other))))
         self.revision += 1
 
     def allows(self, one: str, other: str) -> bool:
@@ -248,7 +248,7 @@ class PlanningScene:
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from None
 
-    def _put(self, name: str, obj: SceneObject) -> None:
+    def _add_object(self, name: str, obj: SceneObject) -> None:
         if not name or name in LINKS:
             raise SceneError(f"{name!r} cannot name an object: it is empty or the name of a link")
         self._objects[name] = obj
@@ -259,7 +259,7 @@ class PlanningScene:
             raise SceneError(f"the scene has no object {name!r}; it has {', '.join(sorted(self._objects)) or 'none'}")
         return self._objects[name]
 
-    def _known(self, name: str) -> str:
+    def _check_name(self, name: str) -> str:
         if name not in LINKS:
             self._find(name)
         return name
@@ -268,7 +268,7 @@ class PlanningScene:
 _SHAPES: Final = ("plane", "box", "sphere", "cylinder", "mesh")
 
 
-def _shape(obj: Thing, folder: Path) -> Shape:
+def _shape(obj: ObjectDescription, folder: Path) -> Shape:
     match obj.shape, obj.sizes:
         case "box", (x, y, z):
             return Box((x, y, z))

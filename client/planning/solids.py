@@ -11,8 +11,7 @@ import pinocchio as pin
 from client.errors import SceneError
 from client.planning.scene import Box, Cylinder, Hull, Mesh, Plane, SceneObject, Sphere
 from urproto.robots.pose import Pose, rotvec_to_matrix
-from urproto.robots.shapes import Capsule
-from urproto.robots.shapes import Cylinder as LinkCylinder
+from urproto.robots.shapes import Capsule, LinkCylinder
 from urproto.vectors import Vector3, add3, cross, dot, scaled3, sub3, unit
 
 _RIM_CORNERS: Final = 24  # corners of a polygon around a cylinder's end
@@ -40,17 +39,19 @@ def _axis_frame(start: Vector3, end: Vector3) -> tuple[Any, float]:
 
 def capsule_around(start: Vector3, end: Vector3, parts: Sequence[LinkCylinder]) -> Capsule:
     """The thinnest capsule about this axis that contains the cylinders."""
-    return Capsule(start, end, max(_distance_to_segment(point, start, end) for part in parts for point in _rims(part)))
+    return Capsule(
+        start, end, max(_distance_to_segment(point, start, end) for part in parts for point in _rim_points(part))
+    )
 
 
 def extent_of(part: LinkCylinder | Capsule) -> float:
     """Distance [m] of its farthest point from the joint that its link begins with."""
     if isinstance(part, Capsule):
         return max(hypot(*part.start), hypot(*part.end)) + part.radius
-    return max(hypot(*point) for point in _rims(part))
+    return max(hypot(*point) for point in _rim_points(part))
 
 
-def _rims(part: LinkCylinder) -> Iterator[Vector3]:
+def _rim_points(part: LinkCylinder) -> Iterator[Vector3]:
     """Corners of polygons around both ends. A convex shape that contains them contains the cylinder."""
     axis = unit(sub3(part.end, part.start), (0.0, 0.0, 1.0))
     across = unit(cross(axis, (1.0, 0.0, 0.0) if abs(axis[0]) < 0.9 else (0.0, 1.0, 0.0)), (1.0, 0.0, 0.0))
@@ -124,7 +125,7 @@ def hull_of(mesh: Mesh) -> tuple[list[list[float]], list[list[int]]]:
     return hull.points().tolist(), triangles
 
 
-def reach_of(name: str, obj: SceneObject) -> float:
+def max_distance_of(name: str, obj: SceneObject) -> float:
     """Distance [m] of the farthest point of an attached object from the flange."""
     away = hypot(*obj.pose[:3])
     match obj.shape:

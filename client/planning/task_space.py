@@ -16,7 +16,7 @@ import numpy as np
 
 from client.errors import PlanningError
 from client.planning.constraints import ConstrainedChecker
-from client.planning.industrial import Segment, blend, first_collision
+from client.planning.industrial import PlannedSegment, blend, first_collision
 from client.planning.lines import CartesianInterpolator
 from client.planning.parameterisation import Array
 from client.planning.path import PiecewisePath, concatenate
@@ -109,12 +109,12 @@ class TaskSpaceSearch:
         tcp = checker.constraints.tcp_offset or ZERO6
         self._interpolator = CartesianInterpolator(model, self._kinematics, tcp)
         self._flange = pose_inv(tcp)
-        self._start, self._branch = start, self._branch_of(start)
-        self._goals = [goal for goal in goals if self._branch_of(goal) == self._branch]
+        self._start, self._branch = start, self._ik_branch(start)
+        self._goals = [goal for goal in goals if self._ik_branch(goal) == self._branch]
         self._any_turn = any_turn
         self._space = TaskSpace(checker, [self._interpolator.pose(q) for q in (start, *self._goals)])
 
-    def find(self, planner: str, limit_s: float, seed: int) -> Segment | None:
+    def find(self, planner: str, limit_s: float, seed: int) -> PlannedSegment | None:
         """The motion to a goal, or None if none was found."""
         if not self._goals:
             return None
@@ -138,7 +138,7 @@ class TaskSpaceSearch:
                 return self._rounded(segments)
         return None
 
-    def _branch_of(self, q: Joints) -> tuple[bool, bool, bool]:
+    def _ik_branch(self, q: Joints) -> tuple[bool, bool, bool]:
         """Shoulder, elbow and wrist: within one branch, the configuration is a continuous function of the pose."""
         x, y, *_ = pose_trans(
             self._kinematics.forward(q), (0.0, 0.0, -self._checker.scene.model.dh.d[5], 0.0, 0.0, 0.0)
@@ -148,11 +148,11 @@ class TaskSpaceSearch:
     def _is_free(self, at: Array) -> bool:
         flange = pose_trans(self._space.pose(at), self._flange)
         solutions = self._kinematics.inverse_all(flange)
-        return any(self._branch_of(q) == self._branch and self._checker.is_free(q) for q in solutions)
+        return any(self._ik_branch(q) == self._branch and self._checker.is_free(q) for q in solutions)
 
-    def _interpolated(self, path: Sequence[Array]) -> list[Segment]:
+    def _interpolated(self, path: Sequence[Array]) -> list[PlannedSegment]:
         """The joint motions along a path; empty if a joint cannot follow, collides, or ends at another turn."""
-        q, segments = self._start, list[Segment]()
+        q, segments = self._start, list[PlannedSegment]()
         for one, other in pairwise(path):
             found = self._interpolator.interpolate(CoordinateLine(self._space, one, other), q)
             if found.stopped_by:
@@ -164,7 +164,7 @@ class TaskSpaceSearch:
             coefficients = found.path.coefficients.copy()
             coefficients[:, :, 6:] = 0.0  # the tool has no limits here
             curve = PiecewisePath(coefficients, found.path.sizes, 4)
-            segments.append(Segment(curve, (q, found.q_end), self._interpolator.pose))
+            segments.append(PlannedSegment(curve, (q, found.q_end), self._interpolator.pose))
             q = found.q_end
         arrived = self._any_turn or any(np.allclose(q, goal, atol=1e-6) for goal in self._goals)
         return segments if arrived else []
@@ -180,7 +180,7 @@ class TaskSpaceSearch:
                 del path[i + 1 : j]
         return path
 
-    def _rounded(self, segments: Sequence[Segment]) -> Segment | None:
+    def _rounded(self, segments: Sequence[PlannedSegment]) -> PlannedSegment | None:
         """Blend the motions, with radii as large as constraints and obstacles allow; None if a corner allows none."""
         assert segments[0].path is not None
         done: list[PiecewisePath] = []
@@ -202,7 +202,7 @@ class TaskSpaceSearch:
             done += (one, between)
             last = other
         waypoints = (segments[0].waypoints[0], *(segment.waypoints[-1] for segment in segments))
-        return Segment(concatenate([*done, last]), waypoints, self._interpolator.pose)
+        return PlannedSegment(concatenate([*done, last]), waypoints, self._interpolator.pose)
 
 
 def _turn_matrix(a: float, b: float, c: float) -> Array:

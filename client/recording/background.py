@@ -182,7 +182,7 @@ def work(pipe: BinaryIO) -> int:
         with Recorder(path, names, info) as recorder:
             sys.stdout.buffer.write(_READY)
             sys.stdout.buffer.flush()
-            for item in iter(_reading(pipe), None):
+            for item in iter(_reader_of(pipe), None):
                 if isinstance(item, _Markers):
                     problem = _write_markers(recorder, item) or problem
                 elif isinstance(item[0], str):
@@ -207,7 +207,7 @@ def _write_markers(recorder: Recorder, item: _Markers) -> str:
     return ""
 
 
-def _reading(pipe: BinaryIO) -> Callable[[], Any]:
+def _reader_of(pipe: BinaryIO) -> Callable[[], Any]:
     """A function that returns the next item, or None at the end, even if the sender died within the last item."""
 
     def read() -> Any:

@@ -72,7 +72,7 @@ class MessageType:
         self.definition = definition
         parts = _SEPARATOR.split(definition)
         own = name.replace("/msg/", "/")
-        texts = {own: parts[0]} | dict(zip(_plain(parts[1::2]), parts[2::2], strict=True))
+        texts = {own: parts[0]} | dict(zip(_short_names(parts[1::2]), parts[2::2], strict=True))
         self.structs = {name: tuple(_fields(text, name)) for name, text in texts.items()}
         self._put, self._get = self._codec(own, ())
         self.names = tuple(field.name for field in self.structs[own])
@@ -94,12 +94,12 @@ class MessageType:
             raise RecordingError(f"a message of type {self.name} does not match its definition: {error}") from error
         return fields
 
-    def _codec(self, type_name: str, inside: tuple[str, ...]) -> tuple[Put, Get]:
+    def _codec(self, type_name: str, parent: tuple[str, ...]) -> tuple[Put, Get]:
         """Encoder and decoder of a message type."""
-        if type_name not in self.structs or type_name in inside:
+        if type_name not in self.structs or type_name in parent:
             raise RecordingError(f"the definition of {self.name} does not define {type_name}")
         fields = {
-            field.name: self._field(field.type, field.count, (*inside, type_name)) for field in self.structs[type_name]
+            field.name: self._field(field.type, field.count, (*parent, type_name)) for field in self.structs[type_name]
         }
 
         def put(out: bytearray, values: Mapping[str, Any]) -> None:
@@ -111,11 +111,11 @@ class MessageType:
 
         return lambda out, values: put(out, values or {}), get
 
-    def _field(self, kind: str, count: int | None, inside: tuple[str, ...]) -> tuple[Put, Get]:
+    def _field(self, kind: str, count: int | None, parent: tuple[str, ...]) -> tuple[Put, Get]:
         if kind in _NUMBERS:
             return _number(_NUMBERS[kind]) if count is None else _numbers(_NUMBERS[kind], count)
-        put, get = (_put_string, _get_string) if kind == "string" else self._codec(kind, inside)
-        return (put, get) if count is None else _several(put, get, count)
+        put, get = (_put_string, _get_string) if kind == "string" else self._codec(kind, parent)
+        return (put, get) if count is None else _sequence_codec(put, get, count)
 
 
 class _Cursor:
@@ -137,12 +137,12 @@ class _Cursor:
         return values
 
 
-def _plain(names: list[str]) -> Iterator[str]:
+def _short_names(names: list[str]) -> Iterator[str]:
     return (name.replace("/msg/", "/") for name in names)
 
 
-def _fields(text: str, inside: str) -> Iterator[Field]:
-    """The fields in the definition of the type ``inside``."""
+def _fields(text: str, parent: str) -> Iterator[Field]:
+    """The fields in the definition of the type ``parent``."""
     for line in text.splitlines():
         line = line.split("#")[0].strip()
         if not line or _CONSTANT.match(line):
@@ -152,15 +152,15 @@ def _fields(text: str, inside: str) -> Iterator[Field]:
             raise RecordingError(f"invalid line in a message definition: {line!r}")
         count = match["count"] or ""
         fixed = int(count) if count.isdigit() else 0
-        yield Field(match["name"], _resolved(match["type"], inside), fixed if match["array"] else None)
+        yield Field(match["name"], _resolved(match["type"], parent), fixed if match["array"] else None)
 
 
-def _resolved(kind: str, inside: str) -> str:
+def _resolved(kind: str, parent: str) -> str:
     """A type's full name; without a package, the type belongs to the same package."""
     kind = _SHORT_NAMES.get(kind, kind.replace("/msg/", "/"))
     if "/" in kind or kind in _NUMBERS or kind == "string":
         return kind
-    return f"{inside.split('/')[0]}/{kind}"
+    return f"{parent.split('/')[0]}/{kind}"
 
 
 def _align(out: bytearray, size: int) -> None:
@@ -199,7 +199,7 @@ def _numbers(letter: str, count: int) -> tuple[Put, Get]:
     return put, get
 
 
-def _several(put_one: Put, get_one: Get, count: int) -> tuple[Put, Get]:
+def _sequence_codec(put_one: Put, get_one: Get, count: int) -> tuple[Put, Get]:
     def put(out: bytearray, values: Any) -> None:
         values = values or ()
         if count:

@@ -175,7 +175,7 @@ def message_type(name: str) -> MessageType:
 
 def rtde_type(names: Iterable[str]) -> MessageType:
     """The message type with these RTDE variables as fields."""
-    fields = (f"{_ROS_TYPES[OUTPUT_FIELDS[name].type.name]} {ros_name(name)}{_remark(name)}" for name in names)
+    fields = (f"{_ROS_TYPES[OUTPUT_FIELDS[name].type.name]} {ros_name(name)}{_comment(name)}" for name in names)
     return _complete(RTDE_TYPE, (_STAMPED, *fields))
 
 
@@ -184,7 +184,7 @@ def ros_name(name: str) -> str:
     return name.lower()
 
 
-def _remark(name: str) -> str:
+def _comment(name: str) -> str:
     field = OUTPUT_FIELDS[name]
     unit = f" [{field.unit}]" if field.unit else ""
     return f"  # {name}{unit}: {field.doc}"

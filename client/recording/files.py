@@ -97,7 +97,7 @@ class Recorder:
         self.count += 1
         if self._failure:
             return
-        with self._noting_failure():
+        with self._recording_failure():
             self._writer.write({name: values[name] for name in self.names}, time_ns)
 
     def write_controller(self, controller: str, state: Any) -> None:
@@ -107,7 +107,7 @@ class Recorder:
         """
         writer, time_ns = self._mcap("states of controllers"), self._stamps.of(state.time_s)
         if time_ns is not None and not self._failure:
-            with self._noting_failure():
+            with self._recording_failure():
                 writer.write_controller(controller, state, time_ns)
 
     def write_markers(self, topic: str, markers: Sequence[Mapping[str, Any]], time_s: float) -> None:
@@ -117,7 +117,7 @@ class Recorder:
         """
         writer, message, time_ns = self._mcap("markers"), markers_message(markers), self._stamps.of(time_s)
         if time_ns is not None and not self._failure:
-            with self._noting_failure():
+            with self._recording_failure():
                 writer.write_markers(topic, message, time_ns)
 
     def _mcap(self, what: str) -> McapWriter:
@@ -134,7 +134,7 @@ class Recorder:
             raise RecordingError(f"{self.path}: only .mcap files can contain camera images")
         time_ns = self._stamps.at(shot.time_s)
         if time_ns is not None and not self._failure:
-            with self._noting_failure():
+            with self._recording_failure():
                 self._writer.write_shot(shot, time_ns)
 
     def close(self) -> None:
@@ -142,21 +142,21 @@ class Recorder:
         if self._closed:
             return
         self._closed = True
-        with self._noting_failure():
+        with self._recording_failure():
             self._writer.close()
 
         if self._failure:
-            raise self._failure_reported()
+            raise self._failure_error()
 
     @contextmanager
-    def _noting_failure(self) -> Iterator[None]:
+    def _recording_failure(self) -> Iterator[None]:
         try:
             yield
         except RecordingError as error:
             self._failure = str(error)
-            raise self._failure_reported() from error
+            raise self._failure_error() from error
 
-    def _failure_reported(self) -> RecordingError:
+    def _failure_error(self) -> RecordingError:
         lost = self.count - self._writer.saved
         saved = f"{self._writer.saved} states are certainly in the file"
         return RecordingError(
@@ -205,13 +205,13 @@ def remarks(info: Info) -> list[str]:
 def _with_times(path: Path, recording: Recording) -> Recording:
     """Leave out states without a valid time. Raises RecordingError if no others remain."""
     stamps = recording["timestamp"]
-    sound = np.isfinite(stamps) & (np.abs(stamps) < MAX_TIMESTAMP_S)
-    if bad := int(len(sound) - sound.sum()):
-        if bad == len(sound):
-            raise RecordingError(f"{path}: none of its {bad} states has a valid timestamp")
+    valid = np.isfinite(stamps) & (np.abs(stamps) < MAX_TIMESTAMP_S)
+    if invalid := int(len(valid) - valid.sum()):
+        if invalid == len(valid):
+            raise RecordingError(f"{path}: none of its {invalid} states has a valid timestamp")
         parts = [recording.info["left_out"]] if "left_out" in recording.info else []
-        left_out = "; ".join([*parts, f"{bad} of {len(sound)} states have no valid timestamp and are left out"])
-        values = {name: array[sound] for name, array in recording.values.items()}
+        left_out = "; ".join([*parts, f"{invalid} of {len(valid)} states have no valid timestamp and are left out"])
+        values = {name: array[valid] for name, array in recording.values.items()}
         return replace(recording, values=values, info={**recording.info, "left_out": left_out})
     return recording
 

@@ -97,7 +97,7 @@ class PlotJugglerSocket:
     def write(self, values: Mapping[str, Any], time_ns: int) -> None:
         """Send a state. Raises RecordingError if PlotJuggler has closed the connection."""
         try:
-            self._socket.send(f"{{{','.join(_parts(values, time_ns))}}}")
+            self._socket.send(f"{{{','.join(_json_members(values, time_ns))}}}")
         except self._failures as error:
             raise RecordingError(f"{self._address} no longer accepts states: {error}") from error
 
@@ -112,7 +112,7 @@ def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
     The robot's own clock is called ``robot_time``. Variables that are not finite are left out: JSON cannot express
     them, and PlotJuggler stops its server when it receives invalid JSON.
     """
-    head, *parts = _parts(values, time_ns)
+    head, *parts = _json_members(values, time_ns)
     packed, size = [head], len(head) + 1
     for part in parts:
         if size + 1 + len(part) > _MAX_DATAGRAM and len(packed) > 1:
@@ -123,15 +123,15 @@ def datagrams(values: Mapping[str, Any], time_ns: int) -> Iterator[bytes]:
     yield f"{{{','.join(packed)}}}".encode()
 
 
-def _parts(values: Mapping[str, Any], time_ns: int) -> Iterator[str]:
+def _json_members(values: Mapping[str, Any], time_ns: int) -> Iterator[str]:
     """The members of a JSON object, starting with the time."""
     yield f'"timestamp":{time_ns * 1e-9:.6f}'
     for name, value in values.items():
-        if _finite(value):
+        if _is_finite(value):
             yield f'"{"robot_time" if name == "timestamp" else name}":{json.dumps(value, separators=(",", ":"))}'
 
 
-def _finite(value: Any) -> bool:
+def _is_finite(value: Any) -> bool:
     return all(map(math.isfinite, value if isinstance(value, tuple | list) else (value,)))
 
 

@@ -119,11 +119,11 @@ def read_mcap(path: Path) -> Recording:
     content = _Content()
     with path.open("rb") as file:
         damage = Damage()
-        content.take(records_of(file, damage))
+        content.read(records_of(file, damage))
         if damage.chunks:  # they may have contained channels that other chunks need, which the end of the file repeats
             file.seek(0)
             channels, content, damage = content.channels, _Content(), Damage()
-            content.take([*channels, *records_of(file, damage)])
+            content.read([*channels, *records_of(file, damage)])
     content.info |= damage.remarks(content.unreadable)
     return content.recording(path)
 
@@ -198,13 +198,13 @@ class _Content:
         self._began_ns: dict[str, int] = {}
         self._controllers: dict[int, TrackingBuilder] = {}  # by channel
 
-    def take(self, records: Iterable[object]) -> None:
+    def read(self, records: Iterable[object]) -> None:
         with extra("record", _WHAT):
             from mcap.records import Channel, Message, Metadata, Schema
         for record in records:
             if isinstance(record, Message):
                 try:
-                    self._take_message(record.channel_id, record.log_time, record.data)
+                    self._decode_message(record.channel_id, record.log_time, record.data)
                 except RecordingError as error:
                     self.unreadable += 1
                     self._problem = self._problem or error
@@ -215,9 +215,9 @@ class _Content:
                 self._schemas[record.id] = record
             elif isinstance(record, Channel):
                 self.channels.append(record)
-                self._take_channel(record)
+                self._add_channel(record)
 
-    def _take_channel(self, channel: "Channel") -> None:
+    def _add_channel(self, channel: "Channel") -> None:
         schema = self._schemas.get(channel.schema_id)
         if channel.id in self._types or schema is None:
             return
@@ -233,12 +233,12 @@ class _Content:
             self._rtde_channel = channel.id
             self._rtde = Columns(names)
 
-    def _take_message(self, channel: int, time_ns: int, data: bytes) -> None:
+    def _decode_message(self, channel: int, time_ns: int, data: bytes) -> None:
         if channel not in self._types:
             return
         message = self._types[channel].decode(data)
         try:
-            self._take(channel, time_ns, message)
+            self._add_message(channel, time_ns, message)
         except (
             KeyError,
             ValueError,
@@ -250,7 +250,7 @@ class _Content:
                 f"a message of type {self._types[channel].name} has unexpected fields: {error}"
             ) from error
 
-    def _take(self, channel: int, time_ns: int, message: Mapping[str, Any]) -> None:
+    def _add_message(self, channel: int, time_ns: int, message: Mapping[str, Any]) -> None:
         if channel in self._controllers:
             self._controllers[channel].add(_stamp_s(message, time_ns), message)
         elif self._rtde is not None and channel == self._rtde_channel:
@@ -282,7 +282,7 @@ class _Content:
     def _trackings(self, topic: str) -> dict[str, Tracking]:
         began_s = self._joints_began_s if topic == _JOINT_STATES else self._began_ns.get(topic, 0) * 1e-9
         found = (controller for controller in self._controllers.values() if controller.joints)
-        return {controller.source: controller.built(began_s) for controller in found}
+        return {controller.source: controller.build(began_s) for controller in found}
 
 
 def _joint_values(message: Mapping[str, Any], time_ns: int) -> dict[str, Any]:

@@ -72,7 +72,7 @@ class JointPath:
             raise MotionError(
                 _DOING,
                 f"{JOINT_LABELS[joint]} would need {most[segment, joint]:.2f} {unit} at {self.time_s[segment]:.2f} s, "
-                f"above its limit of {limits[joint]:.2f} {unit}: try --speed {_floor(self.speed * worst**-power)}",
+                f"above its limit of {limits[joint]:.2f} {unit}: try --speed {_round_down(self.speed * worst**-power)}",
             )
 
     def _speeds(self) -> Array:
@@ -121,7 +121,7 @@ def joint_path(recording: Recording, speed: float = 1.0) -> JointPath:
     if not np.isfinite(q).all():
         raise RecordingError("some recorded joint angles are not numbers")
     _check_gaps(time_s, q, 0.0 if qd is None else _GAP_S)
-    path = _dense_enough(time_s, q, np.gradient(q, time_s, axis=0) if qd is None else qd)
+    path = _dense_path(time_s, q, np.gradient(q, time_s, axis=0) if qd is None else qd)
     return JointPath(path.time_s / speed, path.q_rad, path.qd_rad_s * speed, speed)
 
 
@@ -145,7 +145,7 @@ def _speeds(recording: Recording) -> Array | None:
     return qd if np.isfinite(qd).all() else None
 
 
-def _dense_enough(time_s: Array, q: Array, qd: Array) -> JointPath:
+def _dense_path(time_s: Array, q: Array, qd: Array) -> JointPath:
     qd[[0, -1]] = 0.0
     stride = max(1, round(_KNOTS_S / float(np.median(np.diff(time_s)))))
     while True:
@@ -160,7 +160,7 @@ def _deviation(path: JointPath, time_s: Array, q: Any) -> float:
     return float(np.max(np.abs(path.at(time_s) - q)))
 
 
-def _floor(speed: float) -> float:
+def _round_down(speed: float) -> float:
     """Round down to two digits."""
     digits = 1 - math.floor(math.log10(speed))
     return math.floor(speed * 10.0**digits) / 10.0**digits

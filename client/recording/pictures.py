@@ -81,8 +81,8 @@ def _transforms(frames: Iterable[Transform], time_ns: int) -> dict[str, Any]:
                 "header": header(time_ns, frame.parent),
                 "child_frame_id": frame.child,
                 "transform": {
-                    "translation": _named("xyz", frame.pose[:3]),
-                    "rotation": _named("xyzw", rotvec_to_quaternion(*frame.pose[3:])),
+                    "translation": _by_letter("xyz", frame.pose[:3]),
+                    "rotation": _by_letter("xyzw", rotvec_to_quaternion(*frame.pose[3:])),
                 },
             }
             for frame in frames
@@ -90,5 +90,5 @@ def _transforms(frames: Iterable[Transform], time_ns: int) -> dict[str, Any]:
     }
 
 
-def _named(names: str, values: Sequence[float]) -> dict[str, float]:
+def _by_letter(names: str, values: Sequence[float]) -> dict[str, float]:
     return dict(zip(names, values, strict=True))

@@ -155,7 +155,7 @@ def _figure(kind: "type[Figure]", picture: _Picture, title: str) -> "Figure":
     figure.get_layout_engine().set(h_pad=0.03, w_pad=0.04)  # type: ignore[union-attr, call-arg]
     every = figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for axes, panel in zip(every, panels, strict=True):
-        for begin_s, end_s, _ in _stops(picture.recording):
+        for begin_s, end_s, _ in _safety_stops(picture.recording):
             axes.axvspan(begin_s, end_s, color=_STOPPED, alpha=0.1, linewidth=0.0)
         panel.draw(axes, picture)
         axes.margins(x=0.0)
@@ -176,7 +176,7 @@ def _add_legend(figure: "Figure", axes: "Axes", picture: _Picture, title: str) -
         lines.append(Line2D([], [], color="black", label="desired", **_DESIRED))
         head.append(f"desired by: {picture.tracking.source}")
     lines.append(Line2D([], [], color="black", label="actual", **_ACTUAL))
-    for text in dict.fromkeys(text for _, _, text in _stops(picture.recording)):
+    for text in dict.fromkeys(text for _, _, text in _safety_stops(picture.recording)):
         lines.append(Patch(color=_STOPPED, alpha=0.15, linewidth=0.0, label=text))
     figure.legend(
         handles=lines,
@@ -187,7 +187,7 @@ def _add_legend(figure: "Figure", axes: "Axes", picture: _Picture, title: str) -
     )
 
 
-def _stops(recording: Recording) -> Iterator[tuple[float, float, str]]:
+def _safety_stops(recording: Recording) -> Iterator[tuple[float, float, str]]:
     """Start, end [s] and name of each interval in which the safety system held the arm."""
     if "safety_mode" not in recording:
         return
@@ -244,7 +244,7 @@ def _error_panel(kind: str, label: str, unit: str, height_in: float) -> _Panel:
     def drawn(axes: "Axes", picture: _Picture) -> None:
         error = _error(picture.tracking, kind)
         axes.plot(picture.tracking.time_s, error, linewidth=0.9)
-        _annotate(axes, f"largest {np.nanmax(np.abs(error)):.4f} {unit}")
+        _set_note(axes, f"largest {np.nanmax(np.abs(error)):.4f} {unit}")
         axes.set_ylabel(f"{label}\n[{unit}]")
 
     return _Panel(height_in, lambda picture: bool(np.isfinite(_error(picture.tracking, kind)).any()), drawn)
@@ -253,7 +253,7 @@ def _error_panel(kind: str, label: str, unit: str, height_in: float) -> _Panel:
 def _draw_path_deviation(axes: "Axes", picture: _Picture) -> None:
     deviation = picture.tracking.path_deviation()
     axes.plot(picture.tracking.time_s, deviation, color="black", linewidth=0.9)
-    _annotate(axes, f"largest {np.nanmax(deviation):.4f} rad")
+    _set_note(axes, f"largest {np.nanmax(deviation):.4f} rad")
     if picture.limit_rad is not None:
         axes.axhline(picture.limit_rad, color=_STOPPED, linewidth=0.8, linestyle="--")
     axes.set_ylabel("path deviation\n[rad]")
@@ -279,7 +279,7 @@ def _speeds(recording: Recording) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _annotate(axes: "Axes", text: str) -> None:
+def _set_note(axes: "Axes", text: str) -> None:
     axes.set_title(text, loc="right", fontsize="small", pad=2.0)
 
 
@@ -304,11 +304,11 @@ def _page(picture: _Picture, figure: "Figure", title: str) -> str:
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
         "<style>body{font-family:sans-serif;margin:2em} td,th{padding:.2em 1em;text-align:right}"
         "svg{width:100%;max-width:70em;height:auto}</style></head><body>\n"
-        f"<h1>{escape(title)}</h1>\n{_facts(picture)}\n{svg[svg.index('<svg') :]}\n</body></html>\n"
+        f"<h1>{escape(title)}</h1>\n{_summary(picture)}\n{svg[svg.index('<svg') :]}\n</body></html>\n"
     )
 
 
-def _facts(picture: _Picture) -> str:
+def _summary(picture: _Picture) -> str:
     recording, tracking = picture.recording, picture.tracking
     length = f"<p>{len(recording)} states, {recording.time_s[-1]:.2f} s</p>"
     if not tracking.compared:

@@ -38,7 +38,7 @@ def read_pictures(path: Path) -> dict[str, RecordedPictures]:
     """
     with path.open("rb") as file:
         content = _Content()
-        content.take(records_of(file, Damage()))
+        content.read(records_of(file, Damage()))
     return content.pictures()
 
 
@@ -48,16 +48,16 @@ class _Content:
     def __init__(self) -> None:
         self._schemas: dict[int, Schema] = {}
         self._cameras: dict[int, tuple[str, MessageType]] = {}  # by channel
-        self._taken: dict[str, list[tuple[int, bytes]]] = {}
+        self._images: dict[str, list[tuple[int, bytes]]] = {}
 
-    def take(self, records: Iterable[object]) -> None:
+    def read(self, records: Iterable[object]) -> None:
         with extra("record", "an MCAP file"):
             from mcap.records import Channel, Message, Schema
         for record in records:
             if isinstance(record, Schema):
                 self._schemas[record.id] = record
             elif isinstance(record, Channel):
-                self._take_channel(record)
+                self._add_channel(record)
             elif isinstance(record, Message) and record.channel_id in self._cameras:
                 camera, kind = self._cameras[record.channel_id]
                 message = kind.decode(record.data)
@@ -66,9 +66,9 @@ class _Content:
                     picture = bytes([*message["data"]])  # unpacked, because bytes(number) would be that many zeros
                 except (KeyError, ValueError, TypeError, OverflowError) as error:
                     raise RecordingError(f"a message of type {kind.name} has unexpected fields: {error}") from error
-                self._taken.setdefault(camera, []).append((taken_ns, picture))
+                self._images.setdefault(camera, []).append((taken_ns, picture))
 
-    def _take_channel(self, channel: "Channel") -> None:
+    def _add_channel(self, channel: "Channel") -> None:
         schema, match = self._schemas.get(channel.schema_id), _TOPIC.fullmatch(channel.topic)
         if match is None or schema is None or schema.name != COMPRESSED:
             return
@@ -78,8 +78,8 @@ class _Content:
 
     def pictures(self) -> dict[str, RecordedPictures]:
         found = {}
-        for camera, taken in self._taken.items():
-            taken.sort(key=itemgetter(0))
-            times, data = zip(*taken, strict=True)
+        for camera, images in self._images.items():
+            images.sort(key=itemgetter(0))
+            times, data = zip(*images, strict=True)
             found[camera] = RecordedPictures(np.array(times, np.int64), data)
         return found

@@ -102,13 +102,13 @@ class Recording:
         if controller is None and self.controllers:
             return max(self.controllers.values(), key=lambda tracking: len(tracking.time_s))
         if controller in (None, ROBOT):
-            return self._robots_tracking()
+            return self._tracking_of_robot()
         if controller not in self.controllers:
             known = ", ".join((*self.controllers, ROBOT))
             raise RecordingError(f"{controller} is not a controller in the recording: choose one of {known}")
         return self.controllers[controller]
 
-    def _robots_tracking(self) -> Tracking:
+    def _tracking_of_robot(self) -> Tracking:
         actual_q = self["actual_q"]
         nothing = np.full_like(actual_q, np.nan)
         desired_q, desired_qd, actual_qd = (

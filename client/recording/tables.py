@@ -31,7 +31,7 @@ class CsvWriter:
         self.saved = 0
         self._names = tuple(names)
         self._file = OutputFile(path)
-        self._writer = csv.writer(_Lines(self._file))
+        self._writer = csv.writer(_TextFile(self._file))
         self._writer.writerow(column for name in self._names for column in _columns(name))
 
     def write(self, values: Mapping[str, Any], time_ns: int = 0) -> None:
@@ -45,7 +45,7 @@ class CsvWriter:
         self._file.close()
 
 
-class _Lines:
+class _TextFile:
     """Writes text to a binary file."""
 
     def __init__(self, file: OutputFile) -> None:
@@ -87,7 +87,7 @@ class NpzWriter:
         try:
             if self.saved:
                 with path.open("rb") as states:
-                    _journal(states, self._columns)
+                    _read_unfinished(states, self._columns)
             arrays = {_INFO: np.array(json.dumps(self._info)), **self._columns.arrays()}
             with whole.open("wb") as file:
                 np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -157,7 +157,7 @@ def _row(rows: Any) -> list[str] | None:
     return row
 
 
-def _journal(file: BinaryIO, columns: Columns | None = None) -> Recording:
+def _read_unfinished(file: BinaryIO, columns: Columns | None = None) -> Recording:
     """Read a file that an `NpzWriter` has not finished. Raises RecordingError."""
     try:
         file.seek(len(_UNFINISHED))
@@ -183,7 +183,7 @@ def read_npz(path: Path) -> Recording:
     broken = []
     with path.open("rb") as opened:
         if opened.read(len(_UNFINISHED)) == _UNFINISHED:
-            return _journal(opened)
+            return _read_unfinished(opened)
         opened.seek(0)
         try:
             with np.load(opened, allow_pickle=False) as file:

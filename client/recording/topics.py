@@ -83,7 +83,7 @@ class Topics:
     """The topics that a set of RTDE variables allows, and the messages for each state."""
 
     def __init__(self, names: Collection[str]) -> None:
-        everything = Topic(RTDE_TOPIC, rtde_type(names), frozenset(names), _same)
+        everything = Topic(RTDE_TOPIC, rtde_type(names), frozenset(names), _with_ros_names)
         self.topics = (everything, *(topic for topic in _TOPICS if topic.needs <= set(names)))
         self._published: dict[str, tuple[int, Values]] = {}
 
@@ -128,7 +128,7 @@ def _point(point: Any) -> Values:
     return {name: getattr(point, name) for name in ("positions", "velocities", "accelerations", "effort")}
 
 
-def _same(values: Values) -> Values:
+def _with_ros_names(values: Values) -> Values:
     return {ros_name(name): value for name, value in values.items()}
 
 

@@ -94,19 +94,19 @@ class TrackingBuilder:
         self._times.append(time_s)
         for (point, kind), numbers in self._numbers.items():
             given = message[point if point in message else _OLD[point]]
-            numbers.extend(_ordered(given[kind], order))
+            numbers.extend(_reordered(given[kind], order))
 
-    def built(self, began_s: float) -> Tracking:
+    def build(self, began_s: float) -> Tracking:
         """The collected states. began_s: start of the recording, in the time of the messages."""
         shape = (len(self._times), len(self.joints))
-        columns = [self.joints.index(joint) for joint in _in_usual_order(self.joints)]
+        columns = [self.joints.index(joint) for joint in _in_arm_order(self.joints)]
         desired_q, q, qd = (np.array(numbers).reshape(shape)[:, columns] for numbers in self._numbers.values())
         time_s = np.array(self._times) - began_s
-        joints = _in_usual_order(self.joints)
-        return Tracking(self.source, joints, time_s, desired_q, q, _rates(desired_q, time_s), qd)
+        joints = _in_arm_order(self.joints)
+        return Tracking(self.source, joints, time_s, desired_q, q, _differentiate(desired_q, time_s), qd)
 
 
-def _rates(values: Array, time_s: Array) -> Array:
+def _differentiate(values: Array, time_s: Array) -> Array:
     """Rate of change of each column, as a central difference over three states."""
     rates = np.full_like(values, np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -115,11 +115,11 @@ def _rates(values: Array, time_s: Array) -> Array:
     return rates
 
 
-def _ordered(numbers: Sequence[float], order: Sequence[int]) -> list[float]:
+def _reordered(numbers: Sequence[float], order: Sequence[int]) -> list[float]:
     return [numbers[index] for index in order] if numbers else [float("nan")] * len(order)
 
 
-def _in_usual_order(joints: tuple[str, ...]) -> tuple[str, ...]:
+def _in_arm_order(joints: tuple[str, ...]) -> tuple[str, ...]:
     """Sort the joints from the base to wrist 3; their names may have a prefix."""
     known = [usual for usual in JOINT_NAMES if sum(joint.endswith(usual) for joint in joints) == 1]
     if len(known) != len(joints):

@@ -6,7 +6,15 @@ from functools import partial
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from client.dashboard_commands import Operation
-from client.driver.blocking import Blocking, Part, blocking, blocking_context, carried, named_after, straight
+from client.driver.blocking import (
+    Blocking,
+    BlockingPart,
+    blocking,
+    blocking_context,
+    direct,
+    entered_context,
+    named_after,
+)
 from client.driver.endpoint import StreamStatistics
 from client.driver.scheduling import real_time
 from client.robot.contact import Contact, Force
@@ -24,7 +32,7 @@ Answer = TypeVar("Answer")
 Given = ParamSpec("Given")
 
 
-class BlockingKinematics(Part[Kinematics]):
+class BlockingKinematics(BlockingPart[Kinematics]):
     """Blocking counterpart of `Kinematics`."""
 
     forward = blocking(Kinematics.forward)
@@ -39,7 +47,7 @@ class BlockingKinematics(Part[Kinematics]):
     pose_trans = staticmethod(Kinematics.pose_trans)
 
 
-class BlockingDynamics(Part[Dynamics]):
+class BlockingDynamics(BlockingPart[Dynamics]):
     """Blocking counterpart of `Dynamics`."""
 
     mass_matrix = blocking(Dynamics.mass_matrix)
@@ -48,7 +56,7 @@ class BlockingDynamics(Part[Dynamics]):
     target_accelerations = blocking(Dynamics.target_accelerations)
 
 
-class BlockingContact(Part[Contact]):
+class BlockingContact(BlockingPart[Contact]):
     """Blocking counterpart of `Contact`."""
 
     steps = blocking(Contact.steps)
@@ -57,7 +65,7 @@ class BlockingContact(Part[Contact]):
     stop_detection = blocking(Contact.stop_detection)
 
 
-class BlockingForce(Part[Force]):
+class BlockingForce(BlockingPart[Force]):
     """Blocking counterpart of `Force`."""
 
     zero_sensor = blocking(Force.zero_sensor)
@@ -66,32 +74,32 @@ class BlockingForce(Part[Force]):
     set_external_wrench = blocking(Force.set_external_wrench)
 
 
-class BlockingPlannedMotion(Part[PlannedMotion]):
+class BlockingPlannedMotion(BlockingPart[PlannedMotion]):
     """Blocking counterpart of `PlannedMotion`."""
 
     model = blocking(PlannedMotion.model)
-    tcp_offset = straight(PlannedMotion.tcp_offset)
+    tcp_offset = direct(PlannedMotion.tcp_offset)
     plan = blocking(PlannedMotion.plan)
     plan_sequence = blocking(PlannedMotion.plan_sequence)
     compute_cartesian_path = blocking(PlannedMotion.compute_cartesian_path)
     execute = blocking(PlannedMotion.execute)
 
 
-class BlockingIO(Part[IO]):
+class BlockingIO(BlockingPart[IO]):
     """Blocking counterpart of `IO`."""
 
     set_analog_voltage = blocking(IO.set_analog_voltage)
     set_analog_current = blocking(IO.set_analog_current)
-    analog_in = straight(IO.analog_in)
-    analog_out = straight(IO.analog_out)
+    analog_in = direct(IO.analog_in)
+    analog_out = direct(IO.analog_out)
     set_tool_voltage = blocking(IO.set_tool_voltage)
     set_int_register = blocking(IO.set_int_register)
     set_double_register = blocking(IO.set_double_register)
-    int_register = straight(IO.int_register)
-    double_register = straight(IO.double_register)
+    int_register = direct(IO.int_register)
+    double_register = direct(IO.double_register)
 
 
-class BlockingPrograms(Part[Programs]):
+class BlockingPrograms(BlockingPart[Programs]):
     """Blocking counterpart of `Programs`."""
 
     send = blocking(Programs.send)
@@ -100,7 +108,7 @@ class BlockingPrograms(Part[Programs]):
     run_file = blocking(Programs.run_file)
 
 
-class BlockingDashboard(Part[Dashboard]):
+class BlockingDashboard(BlockingPart[Dashboard]):
     """Blocking counterpart of `Dashboard`."""
 
     def ask(self, operation: Operation[Answer]) -> Answer:
@@ -145,7 +153,7 @@ def _streaming(
         self: Blocking[AsyncRobot], /, *args: Given.args, **kwargs: Given.kwargs
     ) -> Iterator[Callable[[Sequence[float]], RobotState]]:
         realtime = self.inner.driver.config.realtime
-        with carried(self, method(self.inner, *args, **kwargs)) as follow, real_time(realtime):
+        with entered_context(self, method(self.inner, *args, **kwargs)) as follow, real_time(realtime):
             yield partial(follow.from_thread, self.call)
 
     return named_after(method, enter)
@@ -188,9 +196,9 @@ class Robot(Blocking[AsyncRobot]):
     progress = blocking(AsyncRobot.progress)
 
     ask = blocking(AsyncRobot.ask)
-    need_program = blocking(AsyncRobot.need_program)
-    free = blocking(AsyncRobot.free)
-    start_again = blocking(AsyncRobot.start_again)
+    require_program = blocking(AsyncRobot.require_program)
+    check_free = blocking(AsyncRobot.check_free)
+    restart_program = blocking(AsyncRobot.restart_program)
     tcp_offset = blocking(AsyncRobot.tcp_offset)
     history = blocking(AsyncRobot.history)
     is_steady = blocking(AsyncRobot.is_steady)
@@ -212,8 +220,8 @@ class Robot(Blocking[AsyncRobot]):
     set_target_payload = blocking(AsyncRobot.set_target_payload)
     set_gravity = blocking(AsyncRobot.set_gravity)
     set_tcp = blocking(AsyncRobot.set_tcp)
-    set_watchdog = straight(AsyncRobot.set_watchdog)
-    kick_watchdog = straight(AsyncRobot.kick_watchdog)
+    set_watchdog = direct(AsyncRobot.set_watchdog)
+    kick_watchdog = direct(AsyncRobot.kick_watchdog)
     trigger_protective_stop = blocking(AsyncRobot.trigger_protective_stop)
     set_speed_slider = blocking(AsyncRobot.set_speed_slider)
 

@@ -28,7 +28,7 @@ class Contact:
 
     async def start_detection(self, direction_base: Sequence[float] = _ANY) -> None:
         """Let the robot check for contact in every control period, and remember the first one."""
-        await self._readiness.need_program("contact")
+        await self._readiness.require_program("contact")
         self._driver.start_contact_detection(direction_base)
 
     async def detected(self) -> bool:
@@ -37,7 +37,7 @@ class Contact:
 
     async def stop_detection(self) -> bool:
         """Stop checking, and return whether a contact occurred."""
-        await self._readiness.need_program("contact")
+        await self._readiness.require_program("contact")
         self._driver.stop_contact_detection()
         return await self.detected()
 
@@ -55,7 +55,7 @@ class Force:
 
     async def set_mode_parameters(self, damping: float = 0.025, gain_scaling: float = 0.5) -> None:
         """Set parameters of the active force mode: damping 0 to 1, gain scaling 0 to 2 (e-Series only)."""
-        await self._readiness.need_program("force mode")
+        await self._readiness.require_program("force mode")
         self._driver.set_force_mode_parameters(damping, gain_scaling)
 
     async def use_external_sensor(
@@ -69,7 +69,7 @@ class Force:
 
         sensor_mass_kg, offset_m (3,) and cog_m (3,): the sensor's mass, measuring point and centre of gravity.
         """
-        await self._readiness.need_program("external sensor")
+        await self._readiness.require_program("external sensor")
         self._driver.ft_rtde_input_enable(enabled, sensor_mass_kg, offset_m, cog_m)
 
     async def set_external_wrench(self, wrench: Sequence[float]) -> None:

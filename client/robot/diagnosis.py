@@ -51,8 +51,8 @@ class Diagnosis:
 
     def watch(self) -> None:
         """Start watching; the driver must be connected."""
-        self.driver.on_safety_mode(self._safety_changed)
-        self.driver.robot.on_silence.append(self._fell_silent)
+        self.driver.on_safety_mode(self._on_safety_mode)
+        self.driver.robot.on_silence.append(self._on_silence)
 
     @property
     def silent(self) -> bool:
@@ -81,7 +81,7 @@ class Diagnosis:
     async def refuse_in_stop(self, doing: str) -> None:
         """Like `check_safety`, but wait for the cause, which arrives on another connection than the mode."""
         if self.driver.robot.safety_mode not in MOVABLE:
-            await self.hear(lambda: bool(self.reported()))
+            await self.wait_for_messages(lambda: bool(self.reported()))
         self.check_safety(doing)
 
     def unreachable(self, doing: str) -> RobotUnreachableError:
@@ -90,7 +90,7 @@ class Diagnosis:
         reason = f"the connection was lost, or the robot stopped sending, during {doing}"
         return RobotUnreachableError(config.robot, config.robot_ports["rtde"], reason)
 
-    async def explanation(self, doing: str) -> Exception:
+    async def end_error(self, doing: str) -> Exception:
         """Return the exception that says why ``doing`` ended, as far as the robot reports it."""
         failure = await self._last_failure()
         if self.silent:
@@ -102,15 +102,15 @@ class Diagnosis:
         if failure is not None and _means_out_of_reach(failure):
             return OutOfReachError(doing, failure.text)
         advice = "make_ready() starts it again"
-        if self.driver.lost_why and not self.driver.pulse.bitten:
+        if self.driver.loss_reason and not self.driver.keep_alive.stop_reason:
             advice = "the next motion starts it again"
-        return ProgramEndedError(self.driver.reverse.port, doing, self._why(failure), advice)
+        return ProgramEndedError(self.driver.reverse.port, doing, self._end_reason(failure), advice)
 
-    async def hear(self, heard: Callable[[], bool]) -> None:
-        """Wait until ``heard`` returns True, for as long as messages on another connection may be delayed."""
+    async def wait_for_messages(self, received: Callable[[], bool]) -> None:
+        """Wait until ``received`` returns True, for as long as messages on another connection may be delayed."""
         with suppress(TimeoutError):
             async with timeout(_MESSAGE_DELAY_S):
-                while not heard():
+                while not received():
                     await asyncio.sleep(_POLL_INTERVAL_S)
 
     async def in_local_control(self) -> bool:
@@ -135,43 +135,43 @@ class Diagnosis:
             for report in self.driver.robot.reports
             if ReportLevel.WARNING <= report.level < ReportLevel.DEVELOPER_DEBUG
         ]
-        return _described(grave[-1]) if grave else ""
+        return _describe(grave[-1]) if grave else ""
 
     async def _last_failure(self) -> ScriptFailedError | None:
         """The script error that ended the program, if any; other messages that explain the end have arrived by then."""
         failures: list[ScriptFailedError] = []
 
-        def heard() -> bool:
-            if failure := self.driver.robot.take_script_error():
+        def received() -> bool:
+            if failure := self.driver.robot.pop_script_error():
                 failures.append(failure)
             stopped = self.driver.robot.safety_mode not in MOVABLE and self.reported()
-            return bool(failures or self.silent or stopped or self.driver.lost_why)
+            return bool(failures or self.silent or stopped or self.driver.loss_reason)
 
-        await self.hear(heard)
+        await self.wait_for_messages(received)
         return failures[0] if failures else None
 
-    def _why(self, failure: ScriptFailedError | None) -> str:
+    def _end_reason(self, failure: ScriptFailedError | None) -> str:
         if failure is not None:
             return str(failure)
-        if self.driver.lost_why:
-            return self.driver.lost_why
+        if self.driver.loss_reason:
+            return self.driver.loss_reason
         mode = self.driver.robot.robot_mode
         if mode is not RobotMode.RUNNING:
             return f"the robot's mode is {mode.name}"
         return self.reported() or "it was stopped on the robot, or another program replaced it"
 
-    def _safety_changed(self, mode: SafetyMode) -> None:
+    def _on_safety_mode(self, mode: SafetyMode) -> None:
         if mode in MOVABLE:
             self.driver.robot.reports.clear()  # they belong to a stop that is over
         else:
             self.alarm.set()
 
-    def _fell_silent(self) -> None:
+    def _on_silence(self) -> None:
         self._state_at_silence = self.driver.state
         self.alarm.set()
 
 
-def _described(report: ErrorCodeMessage) -> str:
+def _describe(report: ErrorCodeMessage) -> str:
     return f"{report.label} {report.text}".strip()
 
 

@@ -16,7 +16,7 @@ from client.robot.diagnosis import Diagnosis
 from client.robot.io import IO
 from client.robot.kinematics import Dynamics, Kinematics
 from client.robot.motion import MotionRunner
-from client.robot.moves import MotionProgress, Moves, six, turn_of
+from client.robot.moves import MotionProgress, Moves, check_six, frame_rotation
 from client.robot.planned import PlannedMotion
 from client.robot.programs import Dashboard, Programs
 from client.robot.readiness import Readiness
@@ -86,10 +86,9 @@ class AsyncRobot:
     """The robot's dashboard."""
 
     def __init__(self, host: str, **options: Any) -> None:
-        free = _FREE_PORTS if options.get("headless", True) else {}
+        defaults = {"outputs_if_any": MORE_OUTPUTS, **(_FREE_PORTS if options.get("headless", True) else {})}
         outputs = tuple(dict.fromkeys((*OUTPUTS, *options.pop("outputs", ()))))
-        more = {"outputs_if_any": MORE_OUTPUTS}
-        self.driver = URDriver(host, **(free | more | options), outputs=outputs)
+        self.driver = URDriver(host, **(defaults | options), outputs=outputs)
         self._diagnosis = Diagnosis(self.driver)
         self._readiness = Readiness(self.driver, self._diagnosis)
         self._motion = MotionRunner(self._readiness)
@@ -312,8 +311,8 @@ class AsyncRobot:
         frame: axes of the velocity: "base", "tool" (the TCP's axes, which turn with it), or those of a pose in the base
         frame (6,). Call it again to change the velocity: there is no stop in between.
         """
-        turn = turn_of(frame)
-        values = six("a velocity", velocity)
+        turn = frame_rotation(frame)
+        values = check_six("a velocity", velocity)
 
         def send(state: RobotState) -> None:
             x, y, z = state.pose_base_tcp[3:] if turn is None else turn
@@ -453,7 +452,7 @@ class AsyncRobot:
         axes: 1 for each free axis (6,). frame_base: the frame of these axes, as a pose in the base frame (6,) [m,
         rotation vector]. Freeing only some axes requires PolyScope 5.10 or newer.
         """
-        async with self._motion.holding("freedrive"):
+        async with self._motion.exclusive("freedrive"):
             self.driver.set_freedrive_axes(axes, frame_base)
             await self._motion.settle("freedrive")
             self.driver.start_freedrive()
@@ -490,7 +489,7 @@ class AsyncRobot:
             if self.driver.program_running:  # force mode ends with the program
                 self.driver.end_force_mode()
         if not self.driver.program_running:
-            raise await self._readiness.explanation("force_mode")
+            raise await self._readiness.end_error("force_mode")
         if not self.moving:
             await self._motion.come_to_rest()
 
@@ -539,11 +538,11 @@ class AsyncRobot:
 
         Without a watchdog the arm keeps moving as long as this process lives, even if the caller's own loop hangs.
         """
-        self.driver.pulse.watch(longest_s)
+        self.driver.keep_alive.watch(longest_s)
 
     def kick_watchdog(self) -> None:
         """Report that the caller's own program is alive; takes no time."""
-        self.driver.pulse.kick()
+        self.driver.keep_alive.kick()
 
     async def trigger_protective_stop(self) -> None:
         """Put the robot into a protective stop, as after a collision, from any motion. See `recover`."""
@@ -559,8 +558,7 @@ class AsyncRobot:
         """Joint angles (6,) [rad] as measured ``steps`` control periods ago; PolyScope 5.4 or newer."""
         if steps < 0:
             raise LocalProtocolError(f"history goes back 0 periods or more, not {steps}")
-        question = Question.JOINT_POSITIONS_HISTORY
-        return cast(Joints, await self.ask("history", question, number=steps, gate="contact"))
+        return cast(Joints, await self.ask("history", Question.JOINT_POSITIONS_HISTORY, number=steps, gate="contact"))
 
     async def is_steady(self) -> bool:
         """Whether the arm has been at rest for a while, and is in neither force mode nor freedrive."""
@@ -576,9 +574,9 @@ class AsyncRobot:
 
     # for custom control programs
 
-    async def need_program(self, doing: str) -> None:
+    async def require_program(self, doing: str) -> None:
         """Make sure that the control program runs, starting it as a motion would; raises why it does not."""
-        await self._readiness.need_program(doing)
+        await self._readiness.require_program(doing)
 
     async def ask(
         self,
@@ -591,10 +589,10 @@ class AsyncRobot:
         """Ask the control program a question and return its answer; see `URDriver.ask`."""
         return await self._readiness.ask(doing, question, *arguments, number=number, gate=gate)
 
-    async def free(self, doing: str) -> None:
+    async def check_free(self, doing: str) -> None:
         """Raise LocalProtocolError while a motion or context uses the arm, or the unreported failure of a motion."""
         await self._motion.check_free(doing)
 
-    async def start_again(self, doing: str) -> None:
+    async def restart_program(self, doing: str) -> None:
         """Start the control program again, after a program of the caller has run."""
         await self._readiness.start(doing)

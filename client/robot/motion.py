@@ -15,7 +15,7 @@ from urproto.errors import LocalProtocolError
 from urproto.external_control import ControlMode
 
 _REST_S: Final = 5.0  # guess: a ramp to rest takes less than one second
-_SETTLE_STATES: Final = 3  # guess: a command beside the motion is read within one control period
+_SETTLE_STATES: Final = 3  # guess: a command sent during a motion is read within one control period
 _DEFAULTS: Final[Mapping[str, float | None]] = {
     "acceleration": SPEED_ACCELERATION,
     "deceleration_rad_s2": DECELERATION,
@@ -43,7 +43,7 @@ class MotionRunner:
         self._has_context = False
         self._awaited: asyncio.Task[None] | None = None  # the last motion with a waiting caller; it cannot be replaced
         self._replaced: WeakKeyDictionary[asyncio.Task[None], str] = WeakKeyDictionary()
-        self._tuned: Mapping[str, float | None] = _DEFAULTS  # how setpoints are followed
+        self._stream_parameters: Mapping[str, float | None] = _DEFAULTS  # how setpoints are followed
         self.driver.on_program_state(self._program_changed)
 
     @property
@@ -64,7 +64,7 @@ class MotionRunner:
         return self._motion is not None and not self._motion.done()
 
     @property
-    def taken(self) -> bool:
+    def busy(self) -> bool:
         """True while a motion or a context is using the arm."""
         return self.moving or self._has_context
 
@@ -80,28 +80,28 @@ class MotionRunner:
             await self._replace(doing, rolling=rolling)
         await self.check_free(doing)
         self.diagnosis.alarm.clear()
-        await self.readiness.need_program(doing)
+        await self.readiness.require_program(doing)
         if self.stops != stops:  # by another task during the await; the arm may have been claimed then, too
             raise MotionStoppedError(doing, "stop() was called")
-        self.check_nobody_moves(doing)
+        self.check_not_busy(doing)
 
     async def check_free(self, doing: str) -> None:
         """Make sure that no motion or context is using the arm.
 
         Raises LocalProtocolError, or the failure of a motion that has not been reported to a caller yet.
         """
-        self.check_nobody_moves(doing)
+        self.check_not_busy(doing)
         await self.wait_done()
 
-    def check_nobody_moves(self, doing: str) -> None:
+    def check_not_busy(self, doing: str) -> None:
         """Raise LocalProtocolError while a motion or a context is using the arm."""
-        if self.taken:
+        if self.busy:
             raise LocalProtocolError(f"{doing} has to wait for {self.doing}: wait_done() or stop() first")
 
     async def launch(self, doing: str, work: Callable[[], Coroutine[Any, Any, None]], wait: bool) -> None:
         """Start a motion. With ``wait``, wait for its end; cancelling the caller then ends the motion."""
         self.doing = doing
-        motion = self._motion = asyncio.create_task(self._guarded(work))
+        motion = self._motion = asyncio.create_task(self._run(work))
         if not wait:
             return
         self._awaited = motion
@@ -113,7 +113,7 @@ class MotionRunner:
             raise
 
     @asynccontextmanager
-    async def holding(self, doing: str) -> AsyncIterator[None]:
+    async def exclusive(self, doing: str) -> AsyncIterator[None]:
         """A context that has exclusive use of the arm; leaving it brings the arm to rest."""
         await self.ready(doing)
         self.doing, self._has_context = doing, True
@@ -126,7 +126,7 @@ class MotionRunner:
         finally:
             self._has_context = False
         if not self.driver.program_running or self.diagnosis.alarm.is_set():
-            raise await self.readiness.explanation(doing)
+            raise await self.readiness.end_error(doing)
         await self.come_to_rest()
 
     async def settle(self, doing: str) -> None:
@@ -137,10 +137,10 @@ class MotionRunner:
     async def tune(self, doing: str, **parameters: float | None) -> None:
         """Set how setpoints are followed; parameters are those of `URDriver.set_stream_parameters`."""
         parameters = {name: value for name, value in ({**_DEFAULTS, **parameters}).items() if value is not None}
-        if parameters == self._tuned:
+        if parameters == self._stream_parameters:
             return
         self.driver.set_stream_parameters(**parameters)  # type: ignore[arg-type] # names of floats
-        self._tuned = parameters
+        self._stream_parameters = parameters
         await self.settle(doing)
 
     # waiting and stopping
@@ -220,7 +220,7 @@ class MotionRunner:
             with suppress(ClientError, LocalProtocolError):  # no trajectory is under way, or it ended some other way
                 await self.driver.trajectory_result(_REST_S)
 
-    async def _guarded(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    async def _run(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
         """Run the motion, and raise the cause if it fails, or if the robot stops for safety while the program waits."""
         doing = self.doing
         task = asyncio.create_task(work())
@@ -232,11 +232,11 @@ class MotionRunner:
         finally:
             await _cancelled(task)
             await _cancelled(alarm)
-        raise await self.readiness.explanation(doing)
+        raise await self.readiness.end_error(doing)
 
     def _program_changed(self, connected: bool) -> None:
         if connected:
-            self._tuned = _DEFAULTS  # a newly started program has the defaults
+            self._stream_parameters = _DEFAULTS  # a newly started program has the defaults
 
 
 def _failed(motion: "asyncio.Task[None]") -> bool:

@@ -69,9 +69,11 @@ class Moves:
         if result is TrajectoryResult.FAILURE:
             raise MotionError(doing, "its points did not reach the robot in time: check the network")
         if result is TrajectoryResult.CANCELED and not popups:
-            await self._diagnosis.hear(lambda: bool(popups or program.losses > losses or program.pulse.bitten))
-        if result is TrajectoryResult.CANCELED and (program.losses > losses or program.pulse.bitten):
-            raise await self._motion.readiness.explanation(doing)
+            await self._diagnosis.wait_for_messages(
+                lambda: bool(popups or program.losses > losses or program.keep_alive.stop_reason)
+            )
+        if result is TrajectoryResult.CANCELED and (program.losses > losses or program.keep_alive.stop_reason):
+            raise await self._motion.readiness.end_error(doing)
         if result is TrajectoryResult.CANCELED and popups:
             raise MotionError(doing, popups[-1].text)
         if result is TrajectoryResult.CANCELED:
@@ -89,15 +91,15 @@ class Moves:
             raise LocalProtocolError(f"the duration of {doing} must be above 0 s, not {duration_s}")
         await self._motion.ready(doing, rolling=True)
         await self._motion.tune(doing, acceleration=acceleration)
-        self._motion.check_nobody_moves(doing)
+        self._motion.check_not_busy(doing)
         send(self._motion.state)  # raises here, in the caller, if the values cannot be sent
         self._points = ()
-        await self._motion.launch(doing, partial(self._sending, doing, send, duration_s), wait)
+        await self._motion.launch(doing, partial(self._send_for, doing, send, duration_s), wait)
 
-    async def _sending(self, doing: str, send: Callable[[RobotState], None], duration_s: float) -> None:
-        until = self._motion.state.timestamp_s + duration_s
+    async def _send_for(self, doing: str, send: Callable[[RobotState], None], duration_s: float) -> None:
+        end_s = self._motion.state.timestamp_s + duration_s
         try:
-            while (state := self._motion.state).timestamp_s < until:
+            while (state := self._motion.state).timestamp_s < end_s:
                 send(state)
                 await self._diagnosis.next_state(doing)
         finally:
@@ -116,7 +118,7 @@ class Moves:
         """Move the TCP until the tool touches something, and return to where the contact began."""
         doing = "move_until_contact"
         self._driver.robot.require("contact")
-        work = partial(self._approach, doing, six("a velocity", velocity), direction_base, timeout_s)
+        work = partial(self._approach, doing, check_six("a velocity", velocity), direction_base, timeout_s)
         await self._motion.ready(doing)
         await self._motion.tune(doing, acceleration=acceleration)
         self._points = ()
@@ -127,10 +129,10 @@ class Moves:
     ) -> None:
         self._driver.start_tool_contact(direction_base)
         result = asyncio.create_task(self._driver.tool_contact_result())
-        until = self._motion.state.timestamp_s + timeout_s
+        end_s = self._motion.state.timestamp_s + timeout_s
         try:
             while not result.done():
-                if self._motion.state.timestamp_s >= until:
+                if self._motion.state.timestamp_s >= end_s:
                     raise MotionError(doing, f"the tool touched nothing within {timeout_s:g} s")
                 self._driver.speedl(velocity, MAX_REAL_TIME_S)
                 await self._diagnosis.next_state(doing)
@@ -146,15 +148,15 @@ class Moves:
         await self._motion.come_to_rest()
 
 
-def six(what: str, values: Sequence[float]) -> tuple[float, ...]:
+def check_six(name: str, values: Sequence[float]) -> tuple[float, ...]:
     """Check that these are six numbers that can be sent. Raises LocalProtocolError."""
     to_words(values)
     if len(values) != 6:
-        raise LocalProtocolError(f"{what} has 6 numbers, not {len(values)}")
+        raise LocalProtocolError(f"{name} has 6 numbers, not {len(values)}")
     return tuple(values)
 
 
-def turn_of(frame: str | Sequence[float]) -> Sequence[float] | None:
+def frame_rotation(frame: str | Sequence[float]) -> Sequence[float] | None:
     """The rotation vector of a frame in the base frame; None for the tool's."""
     if frame == "base":
         return (0.0, 0.0, 0.0)
@@ -162,4 +164,4 @@ def turn_of(frame: str | Sequence[float]) -> Sequence[float] | None:
         return None
     if isinstance(frame, str):
         raise LocalProtocolError(f'a frame is "base", "tool" or a pose, not {frame!r}')
-    return six("the pose of a frame", frame)[3:]
+    return check_six("the pose of a frame", frame)[3:]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from client.calibration import shaped
+from client.calibration import require_model
 from client.errors import PathBlockedError, PlanningError
 from client.robot.moves import Moves
 from client.robot.state import RobotState
@@ -32,7 +32,7 @@ class PlannedMotion:
 
     async def model(self) -> RobotModel:
         """The arm for a `PlanningScene`, calibrated if the robot is. Raises PlanningError for an unknown arm."""
-        return shaped(self._driver.robot.configuration, await self._driver.robot.kinematics())
+        return require_model(self._driver.robot.configuration, await self._driver.robot.kinematics())
 
     def tcp_offset(self) -> Pose:
         """Flange to the robot's TCP. Raises PlanningError before the robot has reported it."""

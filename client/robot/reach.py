@@ -48,16 +48,16 @@ class Reach:
     def check(self, doing: str, points: Sequence[TrajectoryPoint]) -> None:
         """Raise OutOfReachError for the first point that the arm cannot reach."""
         for number, point in enumerate(points):
-            problem = self._problem(point)
+            problem = self._find_problem(point)
             if problem is not None:
                 which = f"point {number} " if len(points) > 1 else "the target "
                 raise OutOfReachError(doing, which + problem, number)
 
-    def _problem(self, point: TrajectoryPoint) -> str | None:
+    def _find_problem(self, point: TrajectoryPoint) -> str | None:
         if point.type in _JOINTS:
             return self._beyond_limits(point.target)
         if not self._reachable(point.target):
-            return f"p[{_listed(point.target)}] has no joint angles within the arm's limits: choose a nearer pose"
+            return f"p[{_format(point.target)}] has no joint angles within the arm's limits: choose a nearer pose"
         return None
 
     def _beyond_limits(self, q_rad: Sequence[float]) -> str | None:
@@ -72,16 +72,16 @@ class Reach:
             return True
         flange = pose_trans(pose_base_tcp, self._tcp_inverse)
         scales = (1.0, 1.0 - _SLACK, 1.0 + _SLACK)
-        return any(self._solves(self._kinematics, self._moved(flange, scale)) for scale in scales)
+        return any(self._has_solution(self._kinematics, self._scaled(flange, scale)) for scale in scales)
 
-    def _moved(self, pose: Pose, scale: float) -> Pose:
+    def _scaled(self, pose: Pose, scale: float) -> Pose:
         """Move a pose towards the shoulder (scale below 1) or away from it."""
         height = self._arm.dh_d[0]
         x, y, z, *turn = pose
         rx, ry, rz = turn
         return (x * scale, y * scale, height + (z - height) * scale, rx, ry, rz)
 
-    def _solves(self, kinematics: Kinematics, flange: Pose) -> bool:
+    def _has_solution(self, kinematics: Kinematics, flange: Pose) -> bool:
         return kinematics.inverse_near(flange, self._q_rad, *self._limits) is not None
 
 
@@ -93,5 +93,5 @@ def reach_of(link: RobotLink, q_rad: Sequence[float]) -> Reach | None:
     return Reach(arm, state.cartesian.tcp_offset, q_rad, link.calibration)
 
 
-def _listed(values: Sequence[float]) -> str:
+def _format(values: Sequence[float]) -> str:
     return ", ".join(f"{value:.4f}" for value in values)

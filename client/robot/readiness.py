@@ -42,10 +42,10 @@ class Readiness:
         """See `AsyncRobot.recover`."""
         if not self.driver.protective_stopped:
             await self.diagnosis.refuse_in_stop("recover")
-        await self._reporting("recover", self.driver.recover())
+        await self._start_program("recover", self.driver.recover())
         self._reported_running = True
 
-    async def need_program(self, doing: str) -> None:
+    async def require_program(self, doing: str) -> None:
         """Make sure that the control program is running and accepts commands; see `AsyncRobot.need_program`."""
         if self.diagnosis.silent:
             raise self.diagnosis.unreachable(doing)
@@ -58,8 +58,8 @@ class Readiness:
         if self.driver.robot.robot_mode is not RobotMode.RUNNING:
             mode = self.driver.robot.robot_mode.name
             raise RobotRefused(doing, f"its mode is {mode}", "make_ready() powers it on and releases its brakes")
-        if self._reported_running and (not self.driver.lost_why or self.driver.pulse.bitten):
-            raise await self.explanation(doing)
+        if self._reported_running and (not self.driver.loss_reason or self.driver.keep_alive.stop_reason):
+            raise await self.end_error(doing)
         await self.start(doing)
 
     async def start(self, doing: str) -> None:
@@ -67,7 +67,7 @@ class Readiness:
         link = self.driver.robot
         link.reports.clear()
         link.popups.clear()
-        await self._reporting(doing, self.driver.start_program())
+        await self._start_program(doing, self.driver.start_program())
         self._reported_running = True
 
     async def ask(
@@ -79,19 +79,19 @@ class Readiness:
         gate: str | None = None,
     ) -> tuple[float, ...]:
         """Ask the control program a question and return its answer; see `URDriver.ask`."""
-        await self.need_program(doing)
+        await self.require_program(doing)
         try:
             return await self.driver.ask(question, *arguments, number=number, gate=gate)
         except PROGRAM_GONE:
-            raise await self.explanation(doing) from None
+            raise await self.end_error(doing) from None
         except NoAnswerError:
             await self.diagnosis.refuse_in_stop(doing)
             raise
 
-    async def explanation(self, doing: str) -> Exception:
+    async def end_error(self, doing: str) -> Exception:
         """Return the exception that says why ``doing`` ended, as far as the robot reports it."""
-        error = await self.diagnosis.explanation(doing)
-        if isinstance(error, OutOfReachError):  # the target ended the program, nobody did so on purpose
+        error = await self.diagnosis.end_error(doing)
+        if isinstance(error, OutOfReachError):  # the target ended the program, so this was not on purpose
             self._reported_running = False  # so the next motion may restart it
         return error
 
@@ -110,10 +110,10 @@ class Readiness:
             advice = f"check the pendant; e-Series: {_REMOTE}"
             raise RobotRefused("brake release", f"after {_POWER_UP_S:g} s its mode is {mode}", advice) from None
 
-    async def _reporting(self, doing: str, start: Coroutine[Any, Any, None]) -> None:
+    async def _start_program(self, doing: str, starting: Coroutine[Any, Any, None]) -> None:
         """Await the start of the program, and find the cause if it fails."""
         try:
-            await start
+            await starting
         except ProgramNotRunningError as error:
             if await self.diagnosis.in_local_control():
                 why, advice = LOCAL_CONTROL

@@ -32,11 +32,11 @@ class Settings:
         """Switch a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
         group, index = digital_signal(check_signal(number))
         await self._send_statement(group.statement(index, on))
-        await self._take_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
+        await self._wait_for_effect(f"digital output {number}", lambda state: state.digital_out(number) is bool(on))
 
     async def set_tcp(self, pose_flange_tcp: Sequence[float]) -> None:
         """Set the TCP as a pose in the flange frame (6,) [m, rotation vector]; not possible during a motion."""
-        if self._motion.taken:
+        if self._motion.busy:
             await self._motion.check_free("set_tcp")
         to_words(pose_flange_tcp)
         if len(pose_flange_tcp) != 6:
@@ -45,36 +45,36 @@ class Settings:
             self._driver.set_tcp(pose_flange_tcp)
         else:
             await self._send_statement(f"set_tcp(p[{', '.join(str(float(value)) for value in pose_flange_tcp)}])")
-        await self._take_effect("set_tcp", lambda _: self._tcp_is(pose_flange_tcp))
+        await self._wait_for_effect("set_tcp", lambda _: self._has_tcp(pose_flange_tcp))
 
     async def set_speed_slider(self, fraction: float) -> None:
         """Set the speed slider, 0.01 to 1, which scales the speed of every motion."""
         await self._driver.set_speed_slider(fraction)
-        await self._take_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
+        await self._wait_for_effect("speed slider", lambda state: abs(state.speed_fraction - fraction) < 1e-3)
 
     async def trigger_protective_stop(self) -> None:
         """Put the robot into a protective stop, as after a collision, from any motion."""
         await self._send_statement("protective_stop()")
-        await self._take_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
+        await self._wait_for_effect("protective stop", lambda state: state.safety_mode == SafetyMode.PROTECTIVE_STOP)
 
     async def _send_statement(self, statement: str) -> None:
         await self._driver.robot.send_script(f"sec setting():\n  {statement}\nend")
 
-    async def _take_effect(self, what: str, done: Callable[[RobotState], bool]) -> None:
+    async def _wait_for_effect(self, title: str, done: Callable[[RobotState], bool]) -> None:
         try:
             await self._motion.wait_for(done, _EFFECT_S)
         except TimeoutError:
-            await self._diagnosis.refuse_in_stop(what)
-            raise RobotRefused(what, *await self._why_no_effect()) from None
+            await self._diagnosis.refuse_in_stop(title)
+            raise RobotRefused(title, *await self._no_effect_reason()) from None
 
     @property
     def _accepts_commands(self) -> bool:
         """True if the control program executes commands, that is, no pause or stop is in effect."""
         return not self._diagnosis.paused and self._driver.robot.safety_mode in MOVABLE
 
-    async def _why_no_effect(self) -> tuple[str, str]:
+    async def _no_effect_reason(self) -> tuple[str, str]:
         link = self._driver.robot
-        failure = link.take_script_error()
+        failure = link.pop_script_error()
         why = str(failure) if failure else self._diagnosis.reported()
         if not why and await self._diagnosis.in_local_control():
             return LOCAL_CONTROL
@@ -82,7 +82,7 @@ class Settings:
             return f"its mode is {link.robot_mode.name}", "make_ready() powers it on and releases its brakes"
         return f"{why or 'nothing changed'} within {_EFFECT_S:g} s", "check the pendant and its log"
 
-    def _tcp_is(self, pose_flange_tcp: Sequence[float]) -> bool:
+    def _has_tcp(self, pose_flange_tcp: Sequence[float]) -> bool:
         state = self._driver.robot.primary_state
         if state is None or state.cartesian is None:
             return False

@@ -96,7 +96,10 @@ class RobotState:
 
     @property
     def wrench_base(self) -> Joints:
-        """Wrench at the TCP, in the axes of the base frame (6,) [N, Nm]."""
+        """Wrench (6,) [N, Nm] in the axes of the base frame: about the flange on e-Series, at the TCP on CB3.
+
+        An external sensor (`Force.use_external_sensor`) is reported at the TCP on e-Series too.
+        """
         return cast(Joints, self.values["actual_TCP_force"])
 
     @property

@@ -33,8 +33,8 @@ class Follow:
 
     async def __call__(self, setpoint: Sequence[float]) -> RobotState:
         """Send a setpoint from the event loop."""
-        if not self._put(setpoint):
-            raise await self._motion.readiness.explanation(self._doing)
+        if not self._send_setpoint(setpoint):
+            raise await self._motion.readiness.end_error(self._doing)
         if self._feed.count > self._seen:
             await asyncio.sleep(0)
         else:
@@ -44,8 +44,8 @@ class Follow:
 
     def from_thread(self, call: Callable[[Coroutine[Any, Any, Any]], Any], setpoint: Sequence[float]) -> RobotState:
         """Send a setpoint from a thread, bypassing the event loop; ``call`` runs a coroutine in the loop and waits."""
-        if not self._put(setpoint):
-            raise call(self._motion.readiness.explanation(self._doing))
+        if not self._send_setpoint(setpoint):
+            raise call(self._motion.readiness.end_error(self._doing))
         try:
             self._feed.wait(self._seen, self._silence_s)
         except ClientError:
@@ -53,7 +53,7 @@ class Follow:
         self._seen = self._feed.count
         return RobotState.of(self._feed.state)
 
-    def _put(self, setpoint: Sequence[float]) -> bool:
+    def _send_setpoint(self, setpoint: Sequence[float]) -> bool:
         """Send a setpoint; False if the stream has ended for a cause that the caller has to find out."""
         if self._motion.stops != self._stops:
             raise MotionStoppedError(self._doing, "stop() was called")
@@ -78,11 +78,11 @@ async def setpoint_stream(
     tuning: Mapping[str, float | None] = _UNCHANGED,
 ) -> AsyncIterator[Follow]:
     """Reserve the arm for setpoints sent through ``send``; logs statistics of the stream at its end."""
-    async with motion.holding(doing):
+    async with motion.exclusive(doing):
         await motion.tune(doing, **tuning)
         motion.driver.robot.popups.clear()
         yield Follow(motion, doing, send)
-        if why := motion.driver.reverse.take_late():
+        if why := motion.driver.reverse.pop_late_reason():
             raise LateSetpointError(doing, why)
         stream = motion.driver.reverse.stream
         level = logging.WARNING if stream.skipped > _LATE_SHARE * stream.sent else logging.INFO

@@ -30,7 +30,7 @@ from client.controllers.passthrough import PassthroughTrajectoryController
 from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
 from client.ros2.host import NodeHost, interface, interface_if_any
-from client.ros2.topics import Moment, seconds, set_point, trajectory
+from client.ros2.topics import CommandContext, seconds, set_point, trajectory
 from client.ros2.transforms import Transforms, pose_in
 from urproto.errors import URError
 from urproto.robots.pose import Pose
@@ -101,7 +101,7 @@ class _Action:
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _take_accepted(self) -> Any:
+    def _pop_accepted(self) -> Any:
         accepted, self._accepted = self._accepted, None
         assert accepted is not None
         return accepted
@@ -119,26 +119,26 @@ class _GoalAction(_Action):
     """An action of a controller whose goals have a `GoalHandle`."""
 
     def __init__(self, host: NodeHost, node: Node, controller: Any) -> None:
-        self._goals: dict[bytes, _Begun] = {}
+        self._goals: dict[bytes, _RunningGoal] = {}
         super().__init__(host, node, controller)
 
     async def _send(self, request: Any) -> GoalHandle:
         """Send the goal to the controller, in the event loop. Raises URError if the goal is refused."""
         raise NotImplementedError
 
-    async def _begin(self, request: Any) -> "_Begun":
-        begun = _Begun(await self._send(request), self._host.ending(self._node))
-        begun.handle.on_end.append(begun.ended.set_result)
-        return begun
+    async def _begin(self, request: Any) -> "_RunningGoal":
+        running = _RunningGoal(await self._send(request), self._host.ending(self._node))
+        running.handle.on_end.append(running.ended.set_result)
+        return running
 
     async def _execute(self, goal: Any) -> Any:
-        begun = self._take_accepted()
-        begun.goal, self._goals[bytes(goal.goal_id.uuid)] = goal, begun
-        result = await begun.ended
+        running = self._pop_accepted()
+        running.goal, self._goals[bytes(goal.goal_id.uuid)] = goal, running
+        result = await running.ended
         del self._goals[bytes(goal.goal_id.uuid)]
-        if begun.handle.status is GoalStatus.SUCCEEDED:
+        if running.handle.status is GoalStatus.SUCCEEDED:
             goal.succeed()
-        elif begun.handle.status is GoalStatus.CANCELED and goal.is_cancel_requested:
+        elif running.handle.status is GoalStatus.CANCELED and goal.is_cancel_requested:
             goal.canceled()
         else:
             goal.abort()
@@ -146,8 +146,8 @@ class _GoalAction(_Action):
 
     def _stop(self, goal: Any) -> None:
         """Cancel the controller's goal, unless this one was replaced or has ended."""
-        begun = self._goals.get(bytes(goal.goal_id.uuid))
-        if begun is not None and self._controller.goal is begun.handle:
+        running = self._goals.get(bytes(goal.goal_id.uuid))
+        if running is not None and self._controller.goal is running.handle:
             self._controller.cancel()
 
 
@@ -162,27 +162,27 @@ class FollowTrajectoryAction(_GoalAction):
         super().__init__(host, node, controller)
 
     async def _send(self, request: Any) -> GoalHandle:
-        goal = _goal(request, Moment(self._robot.manager.time_s, time.time_ns()), self._controller)
+        goal = _goal(request, CommandContext(self._robot.manager.time_s, time.time_ns()), self._controller)
         self._controller.check_active()
         self._controller.check(goal.trajectory)
         self._robot.check_reach(goal.trajectory, speeds=False)  # speeds: by tolerances, as in ros2_controllers
         handle: GoalHandle = self._controller.send_goal(goal)
         return handle
 
-    async def _begin(self, request: Any) -> "_Begun":
-        begun = await super()._begin(request)
-        begun.handle.on_feedback.append(lambda feedback: self._on_feedback(begun, feedback))
-        return begun
+    async def _begin(self, request: Any) -> "_RunningGoal":
+        running = await super()._begin(request)
+        running.handle.on_feedback.append(lambda feedback: self._on_feedback(running, feedback))
+        return running
 
-    def _on_feedback(self, begun: "_Begun", feedback: Feedback) -> None:
+    def _on_feedback(self, running: "_RunningGoal", feedback: Feedback) -> None:
         """Note feedback to publish, in the event loop, within a control cycle."""
-        if begun.goal is None or 0.0 <= feedback.time_s - begun.fed_back_s < _FEEDBACK_S:
+        if running.goal is None or 0.0 <= feedback.time_s - running.fed_back_s < _FEEDBACK_S:
             return
-        begun.fed_back_s = feedback.time_s
-        self._host.loop.call_soon(self._publish, begun, feedback)
+        running.fed_back_s = feedback.time_s
+        self._host.loop.call_soon(self._publish, running, feedback)
 
-    def _publish(self, begun: "_Begun", feedback: Feedback) -> None:
-        if begun.handle.done:
+    def _publish(self, running: "_RunningGoal", feedback: Feedback) -> None:
+        if running.handle.done:
             return
         message = self._type.Feedback()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
@@ -192,10 +192,10 @@ class FollowTrajectoryAction(_GoalAction):
         set_point(message.error, feedback.error)
         if hasattr(message, "index"):
             message.index = feedback.index
-        begun.goal.publish_feedback(message)
+        running.goal.publish_feedback(message)
 
 
-class _Begun:
+class _RunningGoal:
     """A goal that the controller executes for a client."""
 
     def __init__(self, handle: GoalHandle, ended: Any) -> None:
@@ -205,7 +205,7 @@ class _Begun:
         self.fed_back_s = -1.0
 
 
-def _goal(request: Any, now: Moment, controller: Any) -> FollowJointTrajectory:
+def _goal(request: Any, now: CommandContext, controller: Any) -> FollowJointTrajectory:
     """Convert a request to a goal. Raises ControllerError for features that this controller lacks."""
     if request.multi_dof_trajectory.points or request.component_path_tolerance or request.component_goal_tolerance:
         raise controller.error("trajectories of joints with several degrees of freedom are not supported by this arm")
@@ -277,7 +277,7 @@ class ToolContactAction(_Action):
         return call, ended
 
     async def _execute(self, goal: Any) -> Any:
-        call, ended = self._take_accepted()
+        call, ended = self._pop_accepted()
         success = await ended
         if success:
             goal.succeed()

@@ -73,7 +73,7 @@ class CameraNode:
         self._static = self.node.create_publisher(interface(_FRAMES), "/tf_static", LATCHED)
         self._static.publish(_transforms(fixed, time.time_ns()))
         self._moving = self.node.create_publisher(interface(_FRAMES), "/tf", QoSProfile(depth=100))
-        self._takers: Mapping[str, Callable[[Shot, int], None]] = {
+        self._publishers_by_form: Mapping[str, Callable[[Shot, int], None]] = {
             "rgb.npy": self._rgb,
             "rgb.jpg": self._jpeg,
             "depth.npy": self._depth,
@@ -81,7 +81,7 @@ class CameraNode:
         }
         host.spin(self.node)
         warn = self.node.get_logger().warning
-        self._follower = CameraFollower(client, lambda: self._subscribed(), rate_hz, self._take, warn)
+        self._follower = CameraFollower(client, lambda: self._required_images(), rate_hz, self._publish_shot, warn)
         self._follower.__enter__()
 
     def set_robot_time(self, time_s: float) -> None:
@@ -93,7 +93,7 @@ class CameraNode:
         self._follower.close()
         self._host.close(self.node)
 
-    def _subscribed(self) -> Iterator[tuple[CameraDescription, str]]:
+    def _required_images(self) -> Iterator[tuple[CameraDescription, str]]:
         """The fewest images that cover all subscriptions; colours and depth are of the same moment."""
         for camera, topics in self._topics.items():
             rgb, depth = (
@@ -105,12 +105,12 @@ class CameraNode:
             if _has_subscribers(topics.compressed) or (_has_subscribers(topics.info) and not rgb):
                 yield camera, "rgb.jpg"
 
-    def _take(self, shot: Shot) -> None:
+    def _publish_shot(self, shot: Shot) -> None:
         robot_s, seen_ns = self._robot_time
         time_ns = seen_ns - round(max(0.0, robot_s - shot.time_s) * _NS) if seen_ns else time.time_ns()
         if moving := moving_frames(shot, self._prefix):
             self._moving.publish(_transforms(moving, time_ns))
-        self._takers[shot.form](shot, time_ns)
+        self._publishers_by_form[shot.form](shot, time_ns)
 
     def _rgbd(self, shot: Shot, time_ns: int) -> None:
         self._rgb(shot, time_ns)

@@ -80,21 +80,21 @@ class ControllerManagerNode:
             if not self.node.has_parameter(name):
                 self.node.declare_parameter(name, value)
 
-    def _refused(self, what: str, error: URError) -> str:
-        self.node.get_logger().error(f"{what}: {error}")
+    def _log_refusal(self, operation: str, error: URError) -> str:
+        self.node.get_logger().error(f"{operation}: {error}")
         return str(error)
 
     # controllers
 
     def list_controllers(self, request: Any, response: Any) -> Any:
         """List the loaded controllers, in the order in which they were loaded."""
-        response.controller = self._host.do(lambda: [self._described(one) for one in self._loaded()])
+        response.controller = self._host.do(lambda: [self._state_message(one) for one in self._loaded()])
         return response
 
     def _loaded(self) -> list[Controller[Any]]:
         return [self._manager.controller(info.name) for info in self._manager.list_controllers()]
 
-    def _described(self, controller: Controller[Any]) -> Any:
+    def _state_message(self, controller: Controller[Any]) -> Any:
         message = interface("controller_manager_msgs/msg/ControllerState")()
         message.name = controller.name
         message.type = controller.type_name
@@ -120,7 +120,7 @@ class ControllerManagerNode:
         try:
             if not name:
                 raise ControllerError("load_controller", "the name of the controller is empty")
-            type_name, parameters = self._given(name)
+            type_name, parameters = self._type_and_parameters(name)
             self._host.wait(self._running.load(name, type_name, parameters))
         except (ClientError, OSError) as error:
             self.node.get_logger().error(f"load_controller: {error}")
@@ -129,7 +129,7 @@ class ControllerManagerNode:
         response.ok = True
         return response
 
-    def _given(self, name: str) -> tuple[str | None, dict[str, Any] | None]:
+    def _type_and_parameters(self, name: str) -> tuple[str | None, dict[str, Any] | None]:
         """Type and parameters given by parameters of this node; None for those of the controllers file."""
         type_name = self._text(f"{name}.type") or None
         files = self._texts(f"{name}.params_file")
@@ -156,11 +156,11 @@ class ControllerManagerNode:
                 self._manager.cleanup(request.name)
             self._manager.configure(request.name)
 
-        return self._done("configure_controller", configure, response)
+        return self._try("configure_controller", configure, response)
 
     def cleanup_controller(self, request: Any, response: Any) -> Any:
         """Take a controller from inactive to unconfigured."""
-        return self._done("cleanup_controller", lambda: self._manager.cleanup(request.name), response)
+        return self._try("cleanup_controller", lambda: self._manager.cleanup(request.name), response)
 
     def unload_controller(self, request: Any, response: Any) -> Any:
         """Unload a controller, and end its node."""
@@ -168,7 +168,7 @@ class ControllerManagerNode:
             self._host.wait(self._running.unload(request.name))
             response.ok = True
         except ClientError as error:
-            self._refused("unload_controller", error)
+            self._log_refusal("unload_controller", error)
             response.ok = False
         return response
 
@@ -178,11 +178,11 @@ class ControllerManagerNode:
         response.ok = False
         return response
 
-    def _done(self, what: str, work: Callable[[], object], response: Any) -> Any:
+    def _try(self, operation: str, work: Callable[[], object], response: Any) -> Any:
         try:
             self._host.do(work)
         except ClientError as error:
-            self._refused(what, error)
+            self._log_refusal(operation, error)
             response.ok = False
         else:
             response.ok = True
@@ -198,7 +198,7 @@ class ControllerManagerNode:
             self._host.do(lambda: self._manager.switch(activate=start, deactivate=stop, best_effort=best_effort))
             response.ok = True
         except ClientError as error:
-            text, response.ok = self._refused("switch_controller", error), False
+            text, response.ok = self._log_refusal("switch_controller", error), False
         if hasattr(response, "message"):
             response.message = text
         return response
@@ -244,7 +244,7 @@ class ControllerManagerNode:
             self._host.wait(self._hardware.go_to(self._target_state(request.target_state)))
             response.ok = True
         except URError as error:
-            self._refused("set_hardware_component_state", error)
+            self._log_refusal("set_hardware_component_state", error)
             response.ok = False
         response.state = _message(self._hardware.state)
         return response

@@ -16,7 +16,7 @@ from client.ros2 import parameters, services
 from client.ros2.actions import serve_actions
 from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, interface_if_any
 from client.ros2.publishing import Outbox, publisher
-from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, Moment, Subscription
+from client.ros2.topics import PUBLICATIONS, SUBSCRIPTIONS, CommandContext, Subscription
 from client.ros2.transforms import Transforms
 from urproto.log_throttle import LogThrottle
 
@@ -113,16 +113,16 @@ class _Listener:
         self._reason = ""  # why the last one was refused
         self._throttle = LogThrottle(time.monotonic, _QUIET_S)
         if (kind := interface_if_any(row.type)) is not None:
-            node.create_subscription(kind, row.name, self._arrived, LATCHED if row.latched else SYSTEM_DEFAULT)
+            node.create_subscription(kind, row.name, self._on_message, LATCHED if row.latched else SYSTEM_DEFAULT)
 
-    def _arrived(self, message: Any) -> None:
+    def _on_message(self, message: Any) -> None:
         try:
-            command = self._row.command(message, Moment(self._robot.manager.time_s, time.time_ns()))
-            self._host.do(lambda: self._pass_on(command))
+            command = self._row.command(message, CommandContext(self._robot.manager.time_s, time.time_ns()))
+            self._host.do(lambda: self._deliver(command))
         except ClientError as error:
             self._log_refusal(str(error))
 
-    def _pass_on(self, command: Any) -> None:
+    def _deliver(self, command: Any) -> None:
         if isinstance(command, JointTrajectory):
             self._controller.check_active()
             controller: Any = self._controller

@@ -85,7 +85,7 @@ def _has_loaded(program: "tuple[ProgramState, str | None]", request: Any) -> boo
     return program == (ProgramState.STOPPED, PurePosixPath(request.filename).name)
 
 
-def _named(operation: Operation[Any], name: Callable[[Any], str | None]) -> Operation[Any]:
+def _with_program(operation: Operation[Any], name: Callable[[Any], str | None]) -> Operation[Any]:
     """An operation that fails if its answer does not name a program."""
 
     def read(reply: str) -> Any:
@@ -109,7 +109,7 @@ def _query(name: str, of_type: str, operation: Operation[Any], **values: Callabl
     return Service(name, of_type, _always(operation), {path.replace("__", "."): of for path, of in values.items()})
 
 
-def _itself(answer: Any) -> Any:
+def _identity(answer: Any) -> Any:
     return answer
 
 
@@ -153,33 +153,36 @@ SERVICES: Final = (
     ),
     Service(
         "generate_flight_report", "GenerateFlightReport",
-        lambda request: dashboard.generate_flight_report(request.report_type), {"report_id": _itself},
+        lambda request: dashboard.generate_flight_report(request.report_type), {"report_id": _identity},
     ),
     Service(
         "generate_support_file", "GenerateSupportFile",
-        lambda request: dashboard.generate_support_file(request.dir_path), {"generated_file_name": _itself},
+        lambda request: dashboard.generate_support_file(request.dir_path), {"generated_file_name": _identity},
     ),
     Service("raw_request", "RawRequest", lambda request: dashboard.command(request.query)),
     _query("get_robot_mode", "GetRobotMode", dashboard.ROBOT_MODE, robot_mode__mode=int),
     _query("get_safety_mode", "GetSafetyMode", dashboard.SAFETY_MODE, safety_mode__mode=int),
     _query("get_safety_status", "GetSafetyStatus", dashboard.SAFETY_STATUS, safety_status__status=int),
-    _query("program_running", "IsProgramRunning", dashboard.IS_RUNNING, program_running=_itself),
+    _query("program_running", "IsProgramRunning", dashboard.IS_RUNNING, program_running=_identity),
     _query(
         "program_state", "GetProgramState", _PROGRAM_STATE,
         state__state=lambda answer: answer[0].name, program_name=_second,
     ),
     _query(
-        "program_saved", "IsProgramSaved", _named(dashboard.IS_PROGRAM_SAVED, _second),
+        "program_saved", "IsProgramSaved", _with_program(dashboard.IS_PROGRAM_SAVED, _second),
         program_saved=lambda answer: answer[0], program_name=_second,
     ),
-    _query("get_loaded_program", "GetLoadedProgram", _named(dashboard.LOADED_PROGRAM, _itself), program_name=_itself),
-    _query("is_in_remote_control", "IsInRemoteControl", dashboard.IS_IN_REMOTE_CONTROL, remote_control=_itself),
+    _query(
+        "get_loaded_program", "GetLoadedProgram",
+        _with_program(dashboard.LOADED_PROGRAM, _identity), program_name=_identity,
+    ),
+    _query("is_in_remote_control", "IsInRemoteControl", dashboard.IS_IN_REMOTE_CONTROL, remote_control=_identity),
     _query("get_user_role", "GetUserRole", dashboard.USER_ROLE, user_role__role=lambda role: role.name),
     _query(
         "get_operational_mode", "GetOperationalMode", dashboard.OPERATIONAL_MODE,
         operational_mode__mode=lambda mode: mode.name,
     ),
-    _query("get_robot_model", "GetRobotModel", dashboard.ROBOT_MODEL, robot_model=_itself),
+    _query("get_robot_model", "GetRobotModel", dashboard.ROBOT_MODEL, robot_model=_identity),
     _query(
         "get_serial_number", "GetSerialNumber", dashboard.SERIAL_NUMBER,
         serial_number=lambda number: min(int(number), _MAX_UINT64),
@@ -250,14 +253,14 @@ class DashboardNode:
 
     def _connect(self, request: Any, response: Any) -> Any:
         if self._connected():
-            return _answered(response, False, f"{self._where} is connected already")
+            return _answered(response, False, f"{self._server_name} is connected already")
         try:
             self._open()
         except URError as error:
             self.node.get_logger().error(f"connect: {error}")
             return _answered(response, False, str(error))
         self._autoconnect = True
-        return _answered(response, True, f"{self._where} is connected")
+        return _answered(response, True, f"{self._server_name} is connected")
 
     def _perform(self, service: Service, request: Any) -> "tuple[str, Any]":
         """The robot's line and its meaning, once the effect shows."""
@@ -287,7 +290,7 @@ class DashboardNode:
     def _ask(self, operation: Operation[Any]) -> Any:
         if not self._connected():
             if not self._autoconnect:
-                raise ClientError(f"{self._where} is not connected: call ~/connect first")
+                raise ClientError(f"{self._server_name} is not connected: call ~/connect first")
             self._open()
         assert self._client is not None
         limit_s = self.node.get_parameter("receive_timeout").value
@@ -305,7 +308,7 @@ class DashboardNode:
     # the connection
 
     @property
-    def _where(self) -> str:
+    def _server_name(self) -> str:
         return f"the dashboard of {self._address}:{self._port}"
 
     def _connected(self) -> bool:

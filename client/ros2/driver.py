@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final
 
-from client.calibration import calibration_of, described
+from client.calibration import calibrated_model, calibration_of
 from client.cameras import CameraClient
 from client.controllers.broadcasters import JointStateBroadcaster
 from client.controllers.robot import ControlledRobot
@@ -27,7 +27,7 @@ from client.ros2.host import NodeHost
 from client.ros2.publishing import Outbox
 from client.ros2.state_helper import StateHelperNode
 from client.ros2.state_publisher import RobotStatePublisher
-from client.ros2.topics import Scene
+from client.ros2.topics import PublishingContext
 from client.ros2.trajectory_until import TrajectoryUntilNode
 from client.ros2.transforms import Transforms
 from client.ros2.urscript_interface import URScriptNode
@@ -95,12 +95,12 @@ class Ros2Driver:
     async def _open_nodes(self, opening: AsyncExitStack, host: NodeHost) -> None:
         running, robot, prefix = self.running, self.robot, self._options.tf_prefix
         manager = running.manager
-        scene = Scene(prefix, manager.hardware.states)
+        scene = PublishingContext(prefix, manager.hardware.states)
         outbox = Outbox(host, scene)
         opening.callback(outbox.close)
         manager.on_cycle.append(lambda: setattr(outbox, "time_s", manager.time_s))
         arm = robot.driver.robot.configuration
-        model = described(arm, calibration_of(await robot.driver.robot.kinematics())) if arm else None
+        model = calibrated_model(arm, calibration_of(await robot.driver.robot.kinematics())) if arm else None
         controllers = ControllerNodes(host, running, outbox, Transforms(host, scene))
         opening.push_async_callback(asyncio.to_thread, controllers.close_all)
         loaded = running.load_all()
@@ -117,8 +117,8 @@ class Ros2Driver:
             opening.push_async_callback(asyncio.to_thread, states.close)
         await asyncio.to_thread(ControllerManagerNode, host, running)
         await asyncio.to_thread(lambda: host.spin(host.node(running.component.name.lower())))
-        beside: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
-        for kind in beside:
+        nodes: tuple[Any, ...] = (DashboardNode, StateHelperNode, URScriptNode)
+        for kind in nodes:
             node = await asyncio.to_thread(kind, host, robot.robot)
             opening.push_async_callback(asyncio.to_thread, node.close)
         if self._options.cameras:

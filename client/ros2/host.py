@@ -128,7 +128,7 @@ class NodeHost:
         """Call a function in the event loop, between two control cycles; return its result or raise its error."""
         done: concurrent.futures.Future[Result] = concurrent.futures.Future()
 
-        def inside() -> None:  # not a coroutine, which would delay a setpoint by one more iteration of the loop
+        def run() -> None:  # not a coroutine, which would delay a setpoint by one more iteration of the loop
             try:
                 done.set_result(work())
             except BaseException as error:
@@ -136,7 +136,7 @@ class NodeHost:
                 if not isinstance(error, Exception):
                     raise
 
-        self.loop.call_soon_threadsafe(inside)
+        self.loop.call_soon_threadsafe(run)
         return done.result()
 
     def wait(self, work: Awaitable[Result]) -> Result:
@@ -158,7 +158,7 @@ class NodeHost:
         ended = self.ending(node)
         tasks = self._tasks[node]
 
-        def pass_on(task: concurrent.futures.Future[Any]) -> None:
+        def on_done(task: concurrent.futures.Future[Any]) -> None:
             tasks.discard(task)
             if task.cancelled():  # with the node
                 return
@@ -169,7 +169,7 @@ class NodeHost:
 
         task = asyncio.run_coroutine_threadsafe(work, self.loop)
         tasks.add(task)
-        task.add_done_callback(pass_on)
+        task.add_done_callback(on_done)
         return ended
 
 

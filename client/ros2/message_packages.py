@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import Final
 
 from client.errors import Ros2Error
-from client.ros2.message_builder import KINDS, Plan, python_folder
+from client.ros2.message_builder import KINDS, BuildPlan, python_folder
 
 Progress = Callable[[float, str], None]
 """Called with the progress, 0 to 1, and a description of the current step."""
@@ -177,10 +177,10 @@ def _installed(distribution: str) -> bool:
     return True
 
 
-def _plan(names: Sequence[str], installation: Ros2Installation) -> Plan:
+def _plan(names: Sequence[str], installation: Ros2Installation) -> BuildPlan:
     distribution = installation.distribution
     packages = [(name, _VERSIONS[name][distribution], definitions(name, distribution)) for name in names]
-    return Plan(packages, [str(prefix) for prefix in installation.prefixes], prefix="", scratch="")
+    return BuildPlan(packages, [str(prefix) for prefix in installation.prefixes], prefix="", scratch="")
 
 
 def definitions(package: str, distribution: str) -> dict[str, str]:
@@ -191,7 +191,7 @@ def definitions(package: str, distribution: str) -> dict[str, str]:
     return {f"{file.parent.name}/{file.name}": file.read_text(encoding="utf-8") for file in sorted(files)}
 
 
-def _key(plan: Plan, installation: Ros2Installation) -> str:
+def _key(plan: BuildPlan, installation: Ros2Installation) -> str:
     """The folder's name, which is different for everything that the libraries depend on."""
     numpy = importlib.metadata.version("numpy").split(".")[0]
     builder = [file.read_text(encoding="utf-8") for file in sorted(_BUILDER.glob("*.py"))]
@@ -228,7 +228,7 @@ def _lock(prefix: Path, progress: Progress | None) -> Iterator[None]:
         yield
 
 
-def _build(plan: Plan, prefix: Path, progress: Progress | None) -> None:
+def _build(plan: BuildPlan, prefix: Path, progress: Progress | None) -> None:
     for left in prefix.parent.glob(f"{prefix.name}.*/"):  # left by processes that died
         shutil.rmtree(left, ignore_errors=True)
     folder = Path(tempfile.mkdtemp(prefix=f"{prefix.name}.", dir=prefix.parent))
@@ -248,7 +248,7 @@ def _build(plan: Plan, prefix: Path, progress: Progress | None) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _run_builder(plan: Plan, log: Path, progress: Progress | None) -> None:
+def _run_builder(plan: BuildPlan, log: Path, progress: Progress | None) -> None:
     error = ""
     with log.open("w", encoding="utf-8") as stderr:
         builder = subprocess.Popen(
@@ -284,7 +284,7 @@ def _run_builder(plan: Plan, log: Path, progress: Progress | None) -> None:
         raise Ros2Error(f"cannot build the message packages {names}: {error or 'rosidl failed'}. Details: {log}")
 
 
-def _setup_file(prefix: Path, plan: Plan) -> str:
+def _setup_file(prefix: Path, plan: BuildPlan) -> str:
     index = os.pathsep.join(plan.prefixes)
     return (
         "# Source this, after the workspace if there is one: ros2 and other nodes then find these message packages.\n"

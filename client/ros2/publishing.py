@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 
 from client.controllers.controller import Topic
 from client.ros2.host import LATCHED, SYSTEM_DEFAULT, NodeHost, interface
-from client.ros2.topics import Publication, Scene
+from client.ros2.topics import Publication, PublishingContext
 
 _POLL_S: Final = 0.05  # interval at which subscribers are counted, which costs 2 us per topic
 
@@ -19,7 +19,7 @@ _POLL_S: Final = 0.05  # interval at which subscribers are counted, which costs 
 class Outbox:
     """Publishes the messages of controllers' topics. Call its methods in the event loop."""
 
-    def __init__(self, host: NodeHost, scene: Scene) -> None:
+    def __init__(self, host: NodeHost, scene: PublishingContext) -> None:
         self.scene = scene
         self.time_s = 0.0
         self._loop = host.loop
@@ -34,10 +34,10 @@ class Outbox:
     def add(self, topic: Topic[Any], publisher: Publisher, row: Publication) -> "_Channel":
         """Publish a topic from now on; a latched topic publishes its newest message immediately."""
         channel = _Channel(publisher, row)
-        channel.end = topic.subscribe(partial(self._note, channel))
+        channel.end = topic.subscribe(partial(self._enqueue, channel))
         self._channels.append(channel)
         if row.latched and topic.latest is not None:
-            self._note(channel, topic.latest)
+            self._enqueue(channel, topic.latest)
         return channel
 
     def remove(self, channel: "_Channel") -> None:
@@ -46,15 +46,15 @@ class Outbox:
         self._channels.remove(channel)
         self._due.pop(channel, None)
 
-    def _note(self, channel: "_Channel", message: Any) -> None:
+    def _enqueue(self, channel: "_Channel", message: Any) -> None:
         """Note a message, within a control cycle."""
         if not channel.has_subscribers or not channel.is_time(self.time_s):
             return
         if not self._due:
-            self._loop.call_soon(self._send)
+            self._loop.call_soon(self._publish_due)
         self._due[channel] = message
 
-    def _send(self) -> None:
+    def _publish_due(self) -> None:
         due, self._due = self._due, {}
         self.scene.sec, self.scene.nanosec = divmod(time.time_ns(), 1_000_000_000)
         for channel, message in due.items():
@@ -91,7 +91,7 @@ class _Channel:
         self._next_s = (self._next_s if in_step else time_s) + every_s
         return True
 
-    def publish(self, message: Any, scene: Scene) -> None:
+    def publish(self, message: Any, scene: PublishingContext) -> None:
         """Publish one message, unless it has no content."""
         if self.row.fill(self._message, message, scene):
             self._publisher.publish(self._message)

@@ -21,7 +21,7 @@ from client.controllers.settings import FrictionModelController, GravityUpdateCo
 from client.driver.availability import offers
 from client.errors import ClientError, ControllerError
 from client.ros2.host import NodeHost, interface
-from client.ros2.topics import Moment, seconds
+from client.ros2.topics import CommandContext, seconds
 from client.ros2.transforms import Transforms, pose_in
 from urproto.compat_asyncio import timeout
 from urproto.errors import URError
@@ -43,7 +43,7 @@ class Service:
     controller: type[Controller[Any]]
     name: str
     type: str
-    begin: Callable[[Any, Any, "Situation"], Call]
+    begin: Callable[[Any, Any, "ServiceContext"], Call]
     stamped: Callable[[Any], Any] | None = None
 
 
@@ -54,18 +54,18 @@ class Query:
     controller: type[Controller[Any]]
     name: str
     type: str
-    answer: Callable[[Any, Any, Any, Moment], None]
+    answer: Callable[[Any, Any, Any, CommandContext], None]
 
 
 @dataclass(frozen=True)
-class Situation:
+class ServiceContext:
     """Context of a request. version: the robot's. frames: poses in the base of the frames that the request names."""
 
     version: PolyscopeVersion
     frames: Mapping[str, Pose]
 
 
-def _set_io(controller: GPIOController, request: Any, situation: Situation) -> Call:
+def _set_io(controller: GPIOController, request: Any, situation: ServiceContext) -> Call:
     if request.fun == request.FUN_SET_DIGITAL_OUT:
         if request.state != request.state:
             raise controller.error(f"the state of digital output {request.pin} is not a number: use 0 (off) or 1 (on)")
@@ -77,14 +77,14 @@ def _set_io(controller: GPIOController, request: Any, situation: Situation) -> C
     raise controller.error(f"function {request.fun} of set_io is not available: use 1, 3 or 4")
 
 
-def _set_analog_output(controller: GPIOController, request: Any, situation: Situation) -> Call:
+def _set_analog_output(controller: GPIOController, request: Any, situation: ServiceContext) -> Call:
     data = request.data
     if data.domain not in (data.CURRENT, data.VOLTAGE):
         raise controller.error(f"the domain must be 0 (current) or 1 (voltage), not {data.domain}")
     return controller.set_analog_out(data.pin, data.state, voltage=data.domain == data.VOLTAGE)
 
 
-def _set_payload(controller: GPIOController, request: Any, situation: Situation) -> Call:
+def _set_payload(controller: GPIOController, request: Any, situation: ServiceContext) -> Call:
     """Set mass and centre of gravity, and inertia and transition time if possible.
 
     Requests have had the latter two since 2025; controllers have accepted them since 5.10.
@@ -97,7 +97,7 @@ def _set_payload(controller: GPIOController, request: Any, situation: Situation)
     return controller.set_payload(request.mass, centre, inertia, seconds(request.transition_time))
 
 
-def _set_gravity(controller: GravityUpdateController, request: Any, situation: Situation) -> Call:
+def _set_gravity(controller: GravityUpdateController, request: Any, situation: ServiceContext) -> Call:
     """Set the gravity. ROS gives the direction in which objects fall; the robot takes the opposite acceleration."""
     frame = situation.frames[request.gravity.header.frame_id]
     vector = request.gravity.vector
@@ -105,12 +105,12 @@ def _set_gravity(controller: GravityUpdateController, request: Any, situation: S
     return controller.set_gravity(turned[:3])
 
 
-def _set_friction(controller: FrictionModelController, request: Any, situation: Situation) -> Call:
+def _set_friction(controller: FrictionModelController, request: Any, situation: ServiceContext) -> Call:
     scales = request.parameters
     return controller.set_friction_model_parameters(list(scales.viscous_scale), list(scales.coulomb_scale))
 
 
-def _start_force_mode(controller: ForceModeController, request: Any, situation: Situation) -> Call:
+def _start_force_mode(controller: ForceModeController, request: Any, situation: ServiceContext) -> Call:
     wrench = request.wrench
     axes = ("x", "y", "z", "rx", "ry", "rz")
     limits, deviations = request.speed_limits, request.deviation_limits
@@ -128,11 +128,11 @@ def _start_force_mode(controller: ForceModeController, request: Any, situation: 
     )  # fmt: skip
 
 
-def _version(controller: URConfigurationController, request: Any, response: Any, now: Moment) -> None:
+def _version(controller: URConfigurationController, request: Any, response: Any, now: CommandContext) -> None:
     response.major, response.minor, response.bugfix, response.build = controller.robot_software_version()
 
 
-def _trajectory_state(controller: JointTrajectoryController, request: Any, response: Any, now: Moment) -> None:
+def _trajectory_state(controller: JointTrajectoryController, request: Any, response: Any, now: CommandContext) -> None:
     point = controller.sampled(now.robot_time_s(request.time))
     response.success, response.name = True, list(controller.joints)
     response.position = list(point.positions)
@@ -197,7 +197,7 @@ def _handler(
     async def ask(request: Any) -> None:
         frames = (row.stamped(request).header.frame_id,) if row.stamped else ()
         poses = await transforms.poses_in_base(frames, controller.error)
-        call = row.begin(controller, request, Situation(loop.driver.version, poses))
+        call = row.begin(controller, request, ServiceContext(loop.driver.version, poses))
         try:
             async with timeout(ANSWER_S):
                 await loop.answer(call)
@@ -225,7 +225,7 @@ def _query_handler(
     host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, query: Query
 ) -> Callable[[Any, Any], Any]:
     def handle(request: Any, response: Any) -> Any:
-        now = Moment(loop.manager.time_s, time.time_ns())
+        now = CommandContext(loop.manager.time_s, time.time_ns())
         try:
             host.do(lambda: query.answer(controller, request, response, now))
         except ClientError as error:

@@ -79,7 +79,7 @@ class StateHelperNode:
         return GoalResponse.ACCEPT
 
     async def _execute(self, handle: Any) -> Any:
-        why = await self._host.task(self.node, self._work(handle))
+        why = await self._host.task(self.node, self._execute_goal(handle))
         if why:
             self.node.get_logger().error(f"set_mode: {why}")
             handle.abort()
@@ -89,13 +89,13 @@ class StateHelperNode:
 
     # in the event loop
 
-    async def _work(self, handle: Any) -> str:
+    async def _execute_goal(self, handle: Any) -> str:
         """Execute a goal; return the reason if it fails, otherwise an empty string."""
         report = self._feedback(handle)
         self._link.on_modes.append(report)
         try:
             async with self._one_at_a_time:
-                await self._reach(handle.request)
+                await self._set_mode(handle.request)
         except URError as error:
             return str(error)
         finally:
@@ -120,7 +120,7 @@ class StateHelperNode:
     def _modes(self) -> "tuple[RobotMode, SafetyMode]":
         return self._link.robot_mode, self._link.safety_mode
 
-    async def _reach(self, goal: Any) -> None:
+    async def _set_mode(self, goal: Any) -> None:
         target = mode_of(RobotMode, goal.target_robot_mode)
         if target not in _COMMANDS:
             raise ClientError(f"{target.name} cannot be requested: choose POWER_OFF (3), IDLE (5) or RUNNING (7)")
@@ -129,7 +129,7 @@ class StateHelperNode:
         if self._link.robot_mode != target or self._link.safety_mode not in MOVABLE:
             await self._recover()
             await self._switch(target)
-        await self._until(lambda: self._link.robot_mode == target, target.name)
+        await self._wait_until(lambda: self._link.robot_mode == target, target.name)
         if goal.play_program and target is RobotMode.RUNNING and not self._driver.program_running:
             await self._play()
 
@@ -141,8 +141,8 @@ class StateHelperNode:
         if mode is SafetyMode.PROTECTIVE_STOP:
             await self._link.unlock_protective_stop()
         elif mode in _BROKEN:
-            await self._ask(dashboard.RESTART_SAFETY)
-            await self._until(self._is_safe_and_off, "POWER_OFF after its safety was restarted")
+            await self._send_dashboard(dashboard.RESTART_SAFETY)
+            await self._wait_until(self._is_safe_and_off, "POWER_OFF after its safety was restarted")
 
     def _is_safe_and_off(self) -> bool:
         return self._link.robot_mode is RobotMode.POWER_OFF and self._link.safety_mode in MOVABLE
@@ -160,23 +160,23 @@ class StateHelperNode:
             await self._driver.start_program()
             return
         await asyncio.sleep(_PLAY_AFTER_S)
-        await self._ask(dashboard.PLAY)
-        await self._until(lambda: self._link.state["runtime_state"] == RuntimeState.PLAYING, "PLAYING")
+        await self._send_dashboard(dashboard.PLAY)
+        await self._wait_until(lambda: self._link.state["runtime_state"] == RuntimeState.PLAYING, "PLAYING")
 
     async def _command(self, command: TextCommand) -> None:
         """Send a command through a new connection: one opened in local control takes no commands in remote control."""
         async with PrimaryClient(self._address, self._driver.config.robot_ports["primary"]) as primary:
             await primary.run(primary.core.command(command))
 
-    async def _ask(self, operation: "dashboard.Operation[None]") -> None:
+    async def _send_dashboard(self, operation: "dashboard.Operation[None]") -> None:
         ports = self._driver.config.robot_ports
         async with DashboardClient(self._address, ports["dashboard"], robot_api_port=ports.get("robot api")) as board:
             await board.ask(operation)
 
-    async def _until(self, reached: Callable[[], bool], what: str) -> None:
+    async def _wait_until(self, reached: Callable[[], bool], state_text: str) -> None:
         until_s = self._host.loop.time() + _EFFECT_S
         while not reached():
             if self._host.loop.time() > until_s:
                 modes = " and ".join(mode.name for mode in self._modes)
-                raise RobotRefused("set_mode", f"it is not {what} after {_EFFECT_S:g} s, but {modes}")
+                raise RobotRefused("set_mode", f"it is not {state_text} after {_EFFECT_S:g} s, but {modes}")
             await self._link.next_state()

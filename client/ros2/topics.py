@@ -40,7 +40,7 @@ _POSE: Final = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}"
 
 
 @dataclass
-class Scene:
+class PublishingContext:
     """Data that messages need in addition to what controllers publish.
 
     prefix: for the names of joints and frames. states: all state interfaces. frames: the arm's, if its model is known.
@@ -86,8 +86,8 @@ class Scene:
         for name in self.states.names:
             names.setdefault(name.rpartition("/")[0], []).append(name)
         return {
-            component: ([name.rpartition("/")[2] for name in theirs], self.states.lend(theirs))
-            for component, theirs in names.items()
+            component: ([name.rpartition("/")[2] for name in interfaces], self.states.lend(interfaces))
+            for component, interfaces in names.items()
         }
 
 
@@ -104,14 +104,14 @@ class Publication:
     source: str
     name: str
     type: str
-    fill: Callable[[Any, Any, Scene], bool]
+    fill: Callable[[Any, Any, PublishingContext], bool]
     latched: bool = False
     depth: int = 1
     every_s: float = 0.0
 
 
 @dataclass(frozen=True)
-class Moment:
+class CommandContext:
     """The current time by the robot's clock [s] and by this machine's [ns since 1970]."""
 
     robot_s: float
@@ -133,7 +133,7 @@ class Subscription:
     controller: type[Controller[Any]]
     name: str
     type: str
-    command: Callable[[Any, Moment], Any]
+    command: Callable[[Any, CommandContext], Any]
     hand_over: Callable[[Any, Any], object]
     latched: bool = False
 
@@ -141,7 +141,7 @@ class Subscription:
 # publications
 
 
-def _joint_states(message: Any, state: JointState, scene: Scene) -> bool:
+def _joint_states(message: Any, state: JointState, scene: PublishingContext) -> bool:
     scene.stamp(message.header, "base_link")
     message.name = state.name
     message.position = array("d", state.position)
@@ -150,7 +150,7 @@ def _joint_states(message: Any, state: JointState, scene: Scene) -> bool:
     return True
 
 
-def _dynamic_joint_states(message: Any, state: JointState, scene: Scene) -> bool:
+def _dynamic_joint_states(message: Any, state: JointState, scene: PublishingContext) -> bool:
     scene.stamp(message.header, "")
     make = interface("control_msgs/msg/InterfaceValue")
     message.joint_names = list(scene.components)
@@ -160,26 +160,26 @@ def _dynamic_joint_states(message: Any, state: JointState, scene: Scene) -> bool
     return True
 
 
-def _frames(message: Any, state: JointState, scene: Scene) -> bool:
+def _frames(message: Any, state: JointState, scene: PublishingContext) -> bool:
     if scene.frames is None:
         return False
     message.transforms = scene.frames.moving(state.name, state.position, scene.sec, scene.nanosec)
     return True
 
 
-def _speed_scaling(message: Any, percent: float, scene: Scene) -> bool:
+def _speed_scaling(message: Any, percent: float, scene: PublishingContext) -> bool:
     message.data = percent
     return True
 
 
-def _wrench(message: Any, wrench: WrenchStamped, scene: Scene) -> bool:
+def _wrench(message: Any, wrench: WrenchStamped, scene: PublishingContext) -> bool:
     scene.stamp(message.header, wrench.frame_id)
     _set_xyz(message.wrench.force, wrench.force)
     _set_xyz(message.wrench.torque, wrench.torque)
     return True
 
 
-def _pose(message: Any, pose: PoseStamped, scene: Scene) -> bool:
+def _pose(message: Any, pose: PoseStamped, scene: PublishingContext) -> bool:
     scene.stamp(message.header, pose.frame_id)
     _set_xyz(message.pose.position, pose.position)
     turn = message.pose.orientation
@@ -187,7 +187,7 @@ def _pose(message: Any, pose: PoseStamped, scene: Scene) -> bool:
     return True
 
 
-def _tcp_frame(message: Any, pose: PoseStamped, scene: Scene) -> bool:
+def _tcp_frame(message: Any, pose: PoseStamped, scene: PublishingContext) -> bool:
     if not message.transforms:
         message.transforms = [interface("geometry_msgs/msg/TransformStamped")()]
     transform = message.transforms[0]
@@ -196,7 +196,7 @@ def _tcp_frame(message: Any, pose: PoseStamped, scene: Scene) -> bool:
     return True
 
 
-def _io_states(message: Any, states: IOStates, scene: Scene) -> bool:
+def _io_states(message: Any, states: IOStates, scene: PublishingContext) -> bool:
     digital, analog = interface("ur_msgs/msg/Digital"), interface("ur_msgs/msg/Analog")
     message.digital_in_states = [digital(pin=pin, state=on) for pin, on in enumerate(states.digital_in)]
     message.digital_out_states = [digital(pin=pin, state=on) for pin, on in enumerate(states.digital_out)]
@@ -206,34 +206,36 @@ def _io_states(message: Any, states: IOStates, scene: Scene) -> bool:
         ("analog_out_states", states.analog_out, outputs),
     ):
         signals = enumerate(zip(values, domains, strict=True))
-        made = [analog(pin=pin, domain=max(domain, 0), state=_number(value)) for pin, (value, domain) in signals]
+        made = [
+            analog(pin=pin, domain=max(domain, 0), state=_finite_or_zero(value)) for pin, (value, domain) in signals
+        ]
         setattr(message, name, made)
     return True
 
 
-def _tool_data(message: Any, data: ToolData, scene: Scene) -> bool:
+def _tool_data(message: Any, data: ToolData, scene: PublishingContext) -> bool:
     message.analog_input_range2, message.analog_input_range3 = (max(kind, 0) for kind in data.analog_types)
-    message.analog_input2, message.analog_input3 = map(_number, data.analog_in)
-    message.tool_output_voltage = _whole(data.output_voltage)
-    message.tool_current = _number(data.output_current)
-    message.tool_temperature = _number(data.temperature)
-    message.tool_mode = _whole(data.mode)
+    message.analog_input2, message.analog_input3 = map(_finite_or_zero, data.analog_in)
+    message.tool_output_voltage = _unsigned(data.output_voltage)
+    message.tool_current = _finite_or_zero(data.output_current)
+    message.tool_temperature = _finite_or_zero(data.temperature)
+    message.tool_mode = _unsigned(data.mode)
     return True
 
 
-def _mode(message: Any, mode: int, scene: Scene) -> bool:
+def _mode(message: Any, mode: int, scene: PublishingContext) -> bool:
     if mode < 0:
         return False
     message.mode = mode
     return True
 
 
-def _running(message: Any, running: bool, scene: Scene) -> bool:
+def _running(message: Any, running: bool, scene: PublishingContext) -> bool:
     message.data = running
     return True
 
 
-def _controller_state(message: Any, state: ControllerState, scene: Scene) -> bool:
+def _controller_state(message: Any, state: ControllerState, scene: PublishingContext) -> bool:
     """Set the message; in Humble, the reference is called desired, the feedback actual, and there is no output."""
     scene.stamp(message.header, "")
     message.joint_names = state.joint_names
@@ -267,23 +269,23 @@ def _set_xyz(message: Any, values: Sequence[float]) -> None:
     message.x, message.y, message.z = values
 
 
-def _number(value: float) -> float:
+def _finite_or_zero(value: float) -> float:
     """The value, or 0 if the robot does not report it, as in ros2_control."""
     return value if math.isfinite(value) else 0.0
 
 
-def _whole(value: float) -> int:
+def _unsigned(value: float) -> int:
     return int(value) if value >= 0 else 0
 
 
 # subscriptions
 
 
-def _commands(message: Any, now: Moment) -> Sequence[float]:
+def _commands(message: Any, now: CommandContext) -> Sequence[float]:
     return tuple(message.data)
 
 
-def trajectory(message: Any, now: Moment) -> JointTrajectory:
+def trajectory(message: Any, now: CommandContext) -> JointTrajectory:
     """Convert a trajectory. Its stamp is in this machine's time, like all times in ROS; 0 means immediately."""
     stamp = message.header.stamp
     begin_s = now.robot_time_s(stamp) if stamp.sec or stamp.nanosec else 0.0
@@ -305,11 +307,11 @@ def seconds(duration: Any) -> float:
     return float(duration.sec + duration.nanosec * 1e-9)
 
 
-def _factor(message: Any, now: Moment) -> float:
+def _factor(message: Any, now: CommandContext) -> float:
     return float(message.factor)
 
 
-def _enable(message: Any, now: Moment) -> bool:
+def _enable(message: Any, now: CommandContext) -> bool:
     return bool(message.data)
 
 

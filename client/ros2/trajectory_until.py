@@ -35,7 +35,7 @@ class TrajectoryUntilNode:
     def __init__(self, host: NodeHost, controller: str = DEFAULT_CONTROLLER) -> None:
         self.node = host.node(NAME)
         self._host = host
-        self._both: _Both | None = None  # while a goal is being executed
+        self._goals: _RunningGoals | None = None  # while a goal is being executed
         self._group = ReentrantCallbackGroup()  # an answer comes while a callback of the server awaits it
         default = f"{controller or DEFAULT_CONTROLLER}/follow_joint_trajectory"
         self._motion = self._client("motion_controller_uri", default, interface(_MOTION))
@@ -62,10 +62,10 @@ class TrajectoryUntilNode:
     # in the node's thread
 
     async def _begin(self, goal: Any) -> bool:
-        self._both = await self._begun(goal)
-        return self._both is not None
+        self._goals = await self._begin_goals(goal)
+        return self._goals is not None
 
-    async def _begun(self, goal: Any) -> "_Both | None":
+    async def _begin_goals(self, goal: Any) -> "_RunningGoals | None":
         """Begin both actions, the contact first; if one rejects its goal, log the reason and return None."""
         if goal.until_type != self._type.Goal.TOOL_CONTACT:
             self._action.reject(f"there is no until_type {goal.until_type}: choose TOOL_CONTACT (0)")
@@ -81,23 +81,25 @@ class TrajectoryUntilNode:
         motion = self._motion.type.Goal()
         for name in ("trajectory", "path_tolerance", "goal_tolerance", "goal_time_tolerance"):
             setattr(motion, name, getattr(goal, name))
-        both = _Both(contact, self._host.ending(self.node))
-        both.motion = await self._sent(self._motion, motion, lambda message: self._on_feedback(both, message.feedback))
-        if both.motion is None:
+        goals = _RunningGoals(contact, self._host.ending(self.node))
+        goals.motion = await self._sent(
+            self._motion, motion, lambda message: self._on_feedback(goals, message.feedback)
+        )
+        if goals.motion is None:
             contact.cancel_goal_async()
             self._action.reject(f"{self._motion.uri} rejects the trajectory: see the log of its node")
             return None
-        return both
+        return goals
 
     async def _sent(self, client: "_Client", goal: Any, feed_back: Any = None) -> Any:
         """Send a goal; return its handle, or None if it is rejected or not answered."""
         answer = client.ros.send_goal_async(goal, feed_back)
-        if not await self._within(answer, _ANSWER_S):
+        if not await self._wait_for(answer, _ANSWER_S):
             answer.add_done_callback(lambda late: late.result().accepted and late.result().cancel_goal_async())
             return None
         return answer.result() if answer.result().accepted else None
 
-    async def _within(self, future: Any, longest_s: float) -> bool:
+    async def _wait_for(self, future: Any, timeout_s: float) -> bool:
         """Wait for a future, with a time limit; return whether it is done."""
         either = self._host.ending(self.node)
 
@@ -105,7 +107,7 @@ class TrajectoryUntilNode:
             if not either.done():
                 either.set_result(None)
 
-        timer = self.node.create_timer(longest_s, end, callback_group=self._group)
+        timer = self.node.create_timer(timeout_s, end, callback_group=self._group)
         future.add_done_callback(end)
         try:
             await either
@@ -114,31 +116,31 @@ class TrajectoryUntilNode:
         return bool(future.done())
 
     async def _cancel(self) -> None:
-        if self._both is not None:
-            self._both.cancel()
+        if self._goals is not None:
+            self._goals.cancel()
 
     async def _execute(self, goal: Any) -> Any:
-        both = self._both
-        assert both is not None
-        both.goal = goal
+        goals = self._goals
+        assert goals is not None
+        goals.goal = goal
         try:
-            return await self._ended(both)
+            return await self._ended(goals)
         finally:
-            both.cancel()  # the other one
-            self._both = None
+            goals.cancel()  # the other one
+            self._goals = None
 
-    async def _ended(self, both: "_Both") -> Any:
-        touched, moved = both.contact.get_result_async(), both.motion.get_result_async()
+    async def _ended(self, goals: "_RunningGoals") -> Any:
+        touched, moved = goals.contact.get_result_async(), goals.motion.get_result_async()
         for end in (touched, moved):
-            end.add_done_callback(both.end)
-        await both.ended
-        if both.goal.is_cancel_requested:
-            await self._within(moved, _GRACE_S)
+            end.add_done_callback(goals.end)
+        await goals.ended
+        if goals.goal.is_cancel_requested:
+            await self._wait_for(moved, _GRACE_S)
         elif moved.done() and moved.result().status == GoalStatus.STATUS_ABORTED:
-            await self._within(touched, _GRACE_S)
+            await self._wait_for(touched, _GRACE_S)
         if touched.done() and touched.result().status == GoalStatus.STATUS_SUCCEEDED:
             text = "Trajectory finished successfully by triggering until condition."
-            both.goal.succeed()
+            goals.goal.succeed()
             return self._type.Result(until_condition_result=self._type.Result.TRIGGERED, error_string=text)
         result = self._type.Result(until_condition_result=self._type.Result.NOT_TRIGGERED)
         if moved.done():
@@ -148,23 +150,23 @@ class TrajectoryUntilNode:
         else:
             status, what = touched.result().status, "Until action"
         if status == GoalStatus.STATUS_SUCCEEDED:
-            both.goal.succeed()
+            goals.goal.succeed()
             return result
         result.error_string = f"{result.error_string} {what} was {_ENDS.get(status, 'lost')}.".lstrip()
         self.node.get_logger().error(f"execute: {result.error_string}")
-        if both.goal.is_cancel_requested:
-            both.goal.canceled()
+        if goals.goal.is_cancel_requested:
+            goals.goal.canceled()
         else:
-            both.goal.abort()
+            goals.goal.abort()
         return result
 
-    def _on_feedback(self, both: "_Both", feedback: Any) -> None:
-        if both.goal is None or not both.goal.is_active:
+    def _on_feedback(self, goals: "_RunningGoals", feedback: Any) -> None:
+        if goals.goal is None or not goals.goal.is_active:
             return
         message = self._type.Feedback()
         for name in ("header", "joint_names", "desired", "actual", "error"):
             setattr(message, name, getattr(feedback, name))
-        both.goal.publish_feedback(message)
+        goals.goal.publish_feedback(message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +178,7 @@ class _Client:
     ros: ActionClient
 
 
-class _Both:
+class _RunningGoals:
     """The goals of the two actions, and this node's goal."""
 
     def __init__(self, contact: Any, ended: Any) -> None:

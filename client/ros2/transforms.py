@@ -13,7 +13,7 @@ from typing import Any, Final
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from client.ros2.host import NodeHost, interface
-from client.ros2.topics import TF_DEPTH, Scene
+from client.ros2.topics import TF_DEPTH, PublishingContext
 from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
 from urproto.text import quoted
 from urproto.vectors import ZERO6
@@ -29,7 +29,7 @@ Refuse = Callable[[str], Exception]
 class Transforms:
     """Frames of the arm and other frames. Call its methods in the event loop."""
 
-    def __init__(self, host: NodeHost, scene: Scene) -> None:
+    def __init__(self, host: NodeHost, scene: PublishingContext) -> None:
         self._host = host
         self._scene = scene
         self._one_at_a_time = asyncio.Lock()
@@ -41,10 +41,10 @@ class Transforms:
         """
         requested = set(frames)
         others = {frame for frame in requested if self._scene.pose_of(frame) is None}
-        linked = await self._listen(others) if others else {}
+        nearest_known = await self._listen(others) if others else {}
         poses = {}
         for frame in requested:
-            anchor, pose = linked.get(frame, (frame, ZERO6))
+            anchor, pose = nearest_known.get(frame, (frame, ZERO6))
             anchor_pose = self._scene.pose_of(anchor)
             if anchor_pose is None:
                 raise refuse(
@@ -75,8 +75,8 @@ class _Listener:
         node = host.node(_NODE, start_parameter_services=False, enable_rosout=False)
         kind = interface("tf2_msgs/msg/TFMessage")
         static = QoSProfile(depth=TF_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(kind, "/tf", self._hear, QoSProfile(depth=TF_DEPTH))
-        node.create_subscription(kind, "/tf_static", self._hear, static)
+        node.create_subscription(kind, "/tf", self._on_transforms, QoSProfile(depth=TF_DEPTH))
+        node.create_subscription(kind, "/tf_static", self._on_transforms, static)
         host.spin(node)
         try:
             self._complete.wait(_WAIT_S)
@@ -84,20 +84,22 @@ class _Listener:
             host.close(node)
         return self._found
 
-    def _hear(self, message: Any) -> None:
+    def _on_transforms(self, message: Any) -> None:
         for transform in message.transforms:
             if (pose := pose_of_transform(transform.transform)) is not None:
                 parent, child = transform.header.frame_id.lstrip("/"), transform.child_frame_id.lstrip("/")
                 self._links.setdefault(parent, {})[child] = pose
                 self._links.setdefault(child, {})[parent] = pose_inv(pose)
         for frame, name in self._frames.items():
-            if frame not in self._found and (link := linked(name, self._known, self._links)) is not None:
+            if frame not in self._found and (link := nearest_known(name, self._known, self._links)) is not None:
                 self._found[frame] = link
         if len(self._found) == len(self._frames):
             self._complete.set()
 
 
-def linked(frame: str, known: frozenset[str], links: Mapping[str, Mapping[str, Pose]]) -> tuple[str, Pose] | None:
+def nearest_known(
+    frame: str, known: frozenset[str], links: Mapping[str, Mapping[str, Pose]]
+) -> tuple[str, Pose] | None:
     """The known frame that is the fewest links away, and the pose of ``frame`` in it; None if none is linked."""
     reached: dict[str, Pose] = {frame: ZERO6}  # pose of each, in ``frame``
     queue = [frame]

@@ -14,12 +14,12 @@ from client.primary import STOP_PROGRAM, PrimaryClient
 from client.robot import AsyncRobot
 from client.ros2.host import NodeHost
 from client.ros2.one_goal import OneGoalAction
-from client.scripts import GRAVE, is_secondary
+from client.scripts import FATAL_LEVELS, is_secondary
 from urproto.errors import LocalProtocolError, URError
 from urproto.modes import ReportLevel
 
 NAME: Final = "urscript_interface"
-_WITH_WARNINGS: Final = (ReportLevel.WARNING, *GRAVE)
+_WITH_WARNINGS: Final = (ReportLevel.WARNING, *FATAL_LEVELS)
 
 
 class URScriptNode:
@@ -98,7 +98,7 @@ class URScriptNode:
     async def _run(self, goal: Any) -> None:
         if not any(line.split("#")[0].strip() for line in goal.program.splitlines()):
             raise LocalProtocolError("the script is empty except for comments")
-        failing = _WITH_WARNINGS if goal.fail_on_warnings else GRAVE
+        failing = _WITH_WARNINGS if goal.fail_on_warnings else FATAL_LEVELS
         start_s = goal.start_timeout.sec + goal.start_timeout.nanosec * 1e-9
         start_s = start_s if start_s > 0.0 else math.inf
         async with PrimaryClient(self._address, self._port) as primary:

@@ -49,7 +49,7 @@ def find_offset(first: Track, second: Track) -> Offset:
     columns = _informative_columns(first, second)
     if not columns:
         return Offset(second.times_s[0] - first.times_s[0], ())
-    step_s = _step(first, second)
+    step_s = _grid_step_s(first, second)
     candidates = [_most_similar(first, second, columns, step_s)]
     for names in (columns, [name for name in _PROGRAM if name in first.columns and name in second.columns]):
         begins = [_first_change(track, names) for track in (first, second)]
@@ -83,19 +83,23 @@ def _agreement_s(first: Track, second: Track, columns: list[str], offset_s: floa
 
 
 def _informative_columns(first: Track, second: Track) -> list[str]:
-    moving = [name for name in first.columns if name in second.columns and _moves(first, name) and _moves(second, name)]
+    moving = [
+        name
+        for name in first.columns
+        if name in second.columns and _is_moving(first, name) and _is_moving(second, name)
+    ]
     for base in _PREFERRED:
         if preferred := [name for name in moving if base_name(name).split(".")[0] == base]:
             return preferred[:_MAX_COLUMNS]
     return moving[:_MAX_COLUMNS]
 
 
-def _moves(track: Track, name: str) -> bool:
+def _is_moving(track: Track, name: str) -> bool:
     column = numbers(track.columns[name])
     return bool(np.isfinite(column).all() and np.ptp(column) > _MIN_CHANGE)
 
 
-def _step(first: Track, second: Track) -> float:
+def _grid_step_s(first: Track, second: Track) -> float:
     """Step of the grid on which both are compared [s]."""
     periods = [float(np.median(np.diff(numbers(track.times_s)))) for track in (first, second)]
     longest = max(track.times_s[-1] - track.times_s[0] for track in (first, second))
@@ -105,7 +109,7 @@ def _step(first: Track, second: Track) -> float:
 def _most_similar(first: Track, second: Track, columns: list[str], step_s: float) -> float:
     a, b = ([_sampled(track, name, step_s) for name in columns] for track in (first, second))
     coarse = second.times_s[0] - first.times_s[0] + _best_lag(a, b) * step_s
-    return _refined(first, second, columns, coarse, step_s)
+    return _refine(first, second, columns, coarse, step_s)
 
 
 def _sampled(track: Track, name: str, step_s: float) -> Numbers:
@@ -122,13 +126,13 @@ def _best_lag(a: list[Numbers], b: list[Numbers]) -> int:
     squares = np.zeros(len(lags))
     for one, other in zip(a, b, strict=True):
         middle, scale = float(other.mean()), float(other.std()) or 1.0
-        squares += _squares((one - middle) / scale, (other - middle) / scale, lags)
+        squares += _squared_differences((one - middle) / scale, (other - middle) / scale, lags)
     cost = np.where(overlap >= _MIN_OVERLAP * min(sizes), squares / np.maximum(overlap, 1), np.inf)
     good = np.flatnonzero(cost <= cost.min() + _EQUALLY_GOOD)
     return int(lags[good[np.argmax(overlap[good])]])
 
 
-def _squares(a: Numbers, b: Numbers, lags: NDArray[np.int64]) -> Numbers:
+def _squared_differences(a: Numbers, b: Numbers, lags: NDArray[np.int64]) -> Numbers:
     """The sum of (a[i] - b[i + lag])^2 over the overlap, for each lag."""
     size = 1 << (len(a) + len(b)).bit_length()
     products = np.fft.irfft(np.conj(np.fft.rfft(a, size)) * np.fft.rfft(b, size), size)[lags]
@@ -138,7 +142,7 @@ def _squares(a: Numbers, b: Numbers, lags: NDArray[np.int64]) -> Numbers:
     return squares
 
 
-def _refined(first: Track, second: Track, columns: list[str], coarse_s: float, step_s: float) -> float:
+def _refine(first: Track, second: Track, columns: list[str], coarse_s: float, step_s: float) -> float:
     """The best offset within a sample of the coarse one."""
     tries = coarse_s + np.linspace(-step_s, step_s, 2 * _FINER + 1)
     times, other_times = numbers(first.times_s), numbers(second.times_s)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from client.errors import FileError
 from client.traffic.alignment import Offset, find_offset
-from client.traffic.messages import Talk, compare_messages
+from client.traffic.messages import MessageComparison, compare_messages
 from client.traffic.recording import Recording
 from client.traffic.tracks import Track, tracks_of, tracks_of_csv
 from client.traffic.trajectories import Difference, Tolerances, TrackPair, compare_tracks
@@ -35,14 +35,15 @@ class Source:
 class Comparison:
     """Result of a comparison.
 
-    pairs: corresponding tracks of states. unpaired: tracks without a counterpart, as (A or B, label). talks: messages.
+    pairs: corresponding tracks of states. unpaired: tracks without a counterpart, as (A or B, label). messages:
+    comparisons of messages, by connection.
     """
 
     first: Source
     second: Source
     pairs: tuple[TrackPair, ...]
     unpaired: tuple[tuple[str, str], ...]
-    talks: tuple[Talk, ...]
+    messages: tuple[MessageComparison, ...]
 
     @property
     def differences(self) -> list[tuple[TrackPair, Difference]]:
@@ -53,10 +54,10 @@ class Comparison:
     @property
     def same(self) -> bool:
         """Whether there is no difference at all; also False if there was nothing to compare."""
-        compared = any(pair.states for pair in self.pairs) or any(min(talk.counts) for talk in self.talks)
+        compared = any(pair.states for pair in self.pairs) or any(min(item.counts) for item in self.messages)
         missed = any(not pair.states for pair in self.pairs)
-        parted = self.differences or self.unpaired or any(talk.partings for talk in self.talks)
-        return compared and not missed and not parted
+        different = self.differences or self.unpaired or any(item.partings for item in self.messages)
+        return compared and not missed and not different
 
 
 def read_source(path: Path, port_offset: int = 0) -> Source:
@@ -80,18 +81,18 @@ def compare_sources(
 ) -> Comparison:
     """Like ``compare``, also for tables. Raises FileError if one is a table and the other has no states."""
     allowed = Tolerances(tolerances)
-    partners, unpaired = _partners(first.tracks, second.tracks)
+    partners, unpaired = _pair_tracks(first.tracks, second.tracks)
     common = Offset(offset_s, ()) if offset_s is not None else _common_offset(partners)
     pairs = tuple(compare_tracks(a, b, _offset(a, b, common), allowed) for a, b in partners)
-    talks: tuple[Talk, ...] = ()
+    messages: tuple[MessageComparison, ...] = ()
     if first.recording is not None and second.recording is not None:
-        talks = tuple(compare_messages(first.recording, second.recording))
+        messages = tuple(compare_messages(first.recording, second.recording))
     elif not pairs:
         raise FileError(second.path, f"has nothing in common with {first.path}: both need states")
-    return Comparison(first, second, pairs, unpaired, talks)
+    return Comparison(first, second, pairs, unpaired, messages)
 
 
-def _partners(
+def _pair_tracks(
     first: tuple[Track, ...], second: tuple[Track, ...]
 ) -> tuple[list[tuple[Track, Track]], tuple[tuple[str, str], ...]]:
     """Pair the tracks of the same interface with most columns in common; also return the rest, as (A or B, label)."""

@@ -17,7 +17,7 @@ CutRequests = Callable[[bytearray], Iterator[bytes]]
 
 
 @dataclass(slots=True)
-class Requests:
+class RequestLog:
     """The recorded requests to one port, in order, with their answers; shared by all clients.
 
     A request gets the answer of its next occurrence in the recording. After the last occurrence, it keeps getting that
@@ -44,11 +44,11 @@ class Requests:
         return self._pairs[place][1]
 
 
-class Dialogue:
+class DialoguePlayer:
     """Greets, then answers. answer: finds the answer to a request; raises UnansweredError if there is none."""
 
     def __init__(
-        self, greeting: bytes, requests: Requests, cut: CutRequests, answer: Callable[[Requests, bytes], bytes]
+        self, greeting: bytes, requests: RequestLog, cut: CutRequests, answer: Callable[[RequestLog, bytes], bytes]
     ) -> None:
         self._greeting = greeting
         self._requests = requests
@@ -89,49 +89,49 @@ def cut_lines(buffer: bytearray) -> Iterator[bytes]:
         raise RemoteProtocolError(f"a line of more than {_MAX_REQUEST} bytes")
 
 
-def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[bytes, Requests]:
+def line_requests(conversations: Iterable[Conversation], loop: bool) -> tuple[bytes, RequestLog]:
     """The greeting of a line-based port, and its answers."""
-    greeting, requests = b"", Requests(loop)
+    greeting, requests = b"", RequestLog(loop)
     for one in conversations:
-        hello, pairs = _line_pairs(one.pieces)
-        greeting = greeting or hello
+        first_greeting, pairs = _line_pairs(one.pieces)
+        greeting = greeting or first_greeting
         for line, answer in pairs:
-            requests.add(_bare(line), answer)
+            requests.add(_stripped(line), answer)
     return greeting, requests
 
 
 def _line_pairs(pieces: Iterable[Piece]) -> tuple[bytes, list[tuple[bytes, bytes]]]:
     """Pair the n-th line with the n-th answer; if the counts differ, with the data received before the next line."""
-    greeting, requests, near, buffer = b"", list[bytes](), list[bytes](), bytearray()
+    greeting, requests, following, buffer = b"", list[bytes](), list[bytes](), bytearray()
     for piece in pieces:
         if piece.from_server and not requests:
             greeting += piece.data
         elif piece.from_server:
-            near[-1] += piece.data
+            following[-1] += piece.data
         else:
             buffer += piece.data
             for line in cut_lines(buffer):
                 requests.append(line)
-                near.append(b"")
-    answers = b"".join(near).splitlines(keepends=True)
-    return greeting, list(zip(requests, answers if len(answers) == len(requests) else near, strict=True))
+                following.append(b"")
+    answers = b"".join(following).splitlines(keepends=True)
+    return greeting, list(zip(requests, answers if len(answers) == len(requests) else following, strict=True))
 
 
-def _bare(line: bytes) -> bytes:
+def _stripped(line: bytes) -> bytes:
     return line.strip()
 
 
-def answer_line(requests: Requests, line: bytes) -> bytes:
+def answer_line(requests: RequestLog, line: bytes) -> bytes:
     """Answer a request to a line-based port. Raises UnansweredError."""
-    answer = requests.answer(_bare(line))
+    answer = requests.answer(_stripped(line))
     if answer is None:
         raise UnansweredError(readable(from_bytes(line.strip())))
     return answer
 
 
-def answer_dashboard(requests: Requests, line: bytes) -> bytes:
+def answer_dashboard(requests: RequestLog, line: bytes) -> bytes:
     """Answer a dashboard command; an unknown one gets the dashboard's own answer to that."""
-    answer = requests.answer(_bare(line))
+    answer = requests.answer(_stripped(line))
     if answer is None:
         return dashboard.encode_line(dashboard.not_understood(from_bytes(line.strip())))
     return answer
@@ -149,9 +149,9 @@ def cut_frames(buffer: bytearray) -> Iterator[bytes]:
     return cut(buffer, MODBUS)
 
 
-def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> Requests:
+def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> RequestLog:
     """The recorded requests without their transaction numbers, and the answers."""
-    requests = Requests(loop)
+    requests = RequestLog(loop)
     for one in conversations:
         unanswered: dict[bytes, bytes] = {}
         buffers = {True: bytearray(), False: bytearray()}
@@ -165,7 +165,7 @@ def modbus_requests(conversations: Iterable[Conversation], loop: bool) -> Reques
     return requests
 
 
-def answer_modbus(requests: Requests, frame: bytes) -> bytes:
+def answer_modbus(requests: RequestLog, frame: bytes) -> bytes:
     """Answer a Modbus request; one that is not in the recording gets the exception for an illegal address."""
     answer = requests.answer(frame[_NUMBER:])
     if answer is None:

@@ -18,7 +18,7 @@ _MAX_CHARACTERS: Final = 400  # characters of a message
 
 
 @dataclass(frozen=True, slots=True)
-class Parting:
+class MessageDifference:
     """A place where the messages differ. after: the last common message; index: number of messages before the place."""
 
     index: int
@@ -28,7 +28,7 @@ class Parting:
 
 
 @dataclass(frozen=True, slots=True)
-class Talk:
+class MessageComparison:
     """The messages of one connection in both recordings.
 
     name: the connection. counts: number of messages in each. partings: places where they differ. cut: whether only the
@@ -37,46 +37,48 @@ class Talk:
 
     name: str
     counts: tuple[int, int]
-    partings: tuple[Parting, ...]
+    partings: tuple[MessageDifference, ...]
     cut: bool = False
 
 
-def compare_messages(first: Recording, second: Recording) -> Iterator[Talk]:
+def compare_messages(first: Recording, second: Recording) -> Iterator[MessageComparison]:
     """Compare the n-th connection to each port with the n-th in the other recording."""
     for port in sorted({*first.ports, *second.ports}):
-        mine, other = first.on_port(port), second.on_port(port)
-        if len(mine) != len(other):
-            counts = (len(mine), len(other))
-            had = [f"{count} connection{'s' * (count != 1)}" for count in counts]
-            yield Talk(port_name(port), counts, (Parting(0, "", (had[0],), (had[1],)),))
-        for number, (one, another) in enumerate(zip(mine, other, strict=False), 1):
-            name = port_name(port) + (f", connection {number}" if max(len(mine), len(other)) > 1 else "")
+        own, other = first.on_port(port), second.on_port(port)
+        if len(own) != len(other):
+            counts = (len(own), len(other))
+            counts_text = [f"{count} connection{'s' * (count != 1)}" for count in counts]
+            yield MessageComparison(
+                port_name(port), counts, (MessageDifference(0, "", (counts_text[0],), (counts_text[1],)),)
+            )
+        for number, (one, another) in enumerate(zip(own, other, strict=False), 1):
+            name = port_name(port) + (f", connection {number}" if max(len(own), len(other)) > 1 else "")
             yield from _compare(name, one, another)
 
 
-def _compare(name: str, first: Conversation, second: Conversation) -> Iterator[Talk]:
+def _compare(name: str, first: Conversation, second: Conversation) -> Iterator[MessageComparison]:
     codec = codec_of_port(first.port) or CODECS["bytes"]
-    mine, other = messages_of(first), messages_of(second)
+    own, other = messages_of(first), messages_of(second)
     if codec.name in _ANSWERING:
-        yield _talk(name, _without_repetitions(mine, 2), _without_repetitions(other, 2))
+        yield _compare_texts(name, _without_repetitions(own, 2), _without_repetitions(other, 2))
         return
-    for mark, who in (("<", "from the server"), (">", "from the client")):
-        parts = [[text for text in texts if text[0] == mark] for texts in (mine, other)]
+    for mark, direction in (("<", "from the server"), (">", "from the client")):
+        parts = [[text for text in texts if text[0] == mark] for texts in (own, other)]
         if any(parts):
-            yield _talk(f"{name}, {who}", *(_without_repetitions(part, 1) for part in parts))
+            yield _compare_texts(f"{name}, {direction}", *(_without_repetitions(part, 1) for part in parts))
 
 
-def _talk(name: str, first: list[str], second: list[str]) -> Talk:
+def _compare_texts(name: str, first: list[str], second: list[str]) -> MessageComparison:
     cut = max(len(first), len(second)) > _MAX_COMPARED
-    mine, other = first[:_MAX_COMPARED], second[:_MAX_COMPARED]
-    return Talk(name, (len(first), len(second)), tuple(_partings(mine, other)), cut)
+    own, other = first[:_MAX_COMPARED], second[:_MAX_COMPARED]
+    return MessageComparison(name, (len(first), len(second)), tuple(_find_differences(own, other)), cut)
 
 
-def _partings(first: list[str], second: list[str]) -> Iterator[Parting]:
+def _find_differences(first: list[str], second: list[str]) -> Iterator[MessageDifference]:
     for kind, begin, end, other_begin, other_end in SequenceMatcher(None, first, second, autojunk=False).get_opcodes():
         if kind != "equal":
             after = first[begin - 1] if begin else ""
-            yield Parting(begin, after, tuple(first[begin:end]), tuple(second[other_begin:other_end]))
+            yield MessageDifference(begin, after, tuple(first[begin:end]), tuple(second[other_begin:other_end]))
 
 
 def messages_of(conversation: Conversation) -> list[str]:

@@ -3,8 +3,8 @@
 There are four kinds, depending on the port's protocol:
 
 - Broadcast: unsolicited messages at the recorded times (primary, secondary, realtime)
-- InOrder: the recorded bytes; those after bytes of the client wait for the same number of bytes (the tool's line)
-- Dialogue: an answer for each request, wherever it is in the recording (dashboard, gripper, ...)
+- SequentialPlayer: the recorded bytes; those after bytes of the client wait for as many bytes (the tool's line)
+- DialoguePlayer: an answer for each request, wherever it is in the recording (dashboard, gripper, ...)
 - RTDEPlayer: states for recipes, at the recorded times
 
 The last two have separate modules.
@@ -24,7 +24,7 @@ class UnansweredError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Timing:
+class PlaybackOptions:
     """speed: recorded seconds per second. loop: start again at the end instead of closing the connection."""
 
     speed: float = 1.0
@@ -55,7 +55,7 @@ class Player(Protocol):
 # broadcasts
 
 
-class Script:
+class TimedMessages:
     """Messages and their times from 0 on [s]. end_s: when the connection is closed, or the script starts again."""
 
     def __init__(self, messages: Iterable[tuple[float, bytes]]) -> None:
@@ -67,7 +67,7 @@ class Script:
         self.end_s = last_s + (last_s - self.times_s[0]) / steps if steps > 0 else last_s
 
     @classmethod
-    def of(cls, conversation: Conversation, framing: Framing) -> "Script":
+    def of(cls, conversation: Conversation, framing: Framing) -> "TimedMessages":
         """Complete messages of the server, at the time of their last byte. Raises RemoteProtocolError."""
         return cls(_timed(conversation, framing))
 
@@ -96,7 +96,7 @@ def cut(buffer: bytearray, framing: Framing) -> Iterator[bytes]:
 class Broadcast:
     """Plays a script from its start, regardless of what the client sends."""
 
-    def __init__(self, script: Script, timing: Timing) -> None:
+    def __init__(self, script: TimedMessages, timing: PlaybackOptions) -> None:
         self._script = script
         self._timing = timing
         self._begin_s = 0.0
@@ -136,10 +136,10 @@ class Broadcast:
 # any bytes
 
 
-class InOrder:
+class SequentialPlayer:
     """Plays the recorded bytes of the server with the recorded delays after the preceding bytes."""
 
-    def __init__(self, conversation: Conversation, timing: Timing) -> None:
+    def __init__(self, conversation: Conversation, timing: PlaybackOptions) -> None:
         self._pieces = conversation.pieces
         self._timing = timing
         self._time_ns = conversation.begin_ns  # recorded time of the last piece played
@@ -159,13 +159,13 @@ class InOrder:
 
     def due(self, now_s: float) -> bytes:
         """The server's bytes due by now."""
-        said = b""
+        sent = b""
         self._match_client_pieces(now_s)
         while (due_s := self.next_s) is not None and due_s <= now_s and not self.over:
-            said += self._pieces[self._next].data
+            sent += self._pieces[self._next].data
             self._step(due_s)
             self._match_client_pieces(due_s)
-        return said
+        return sent
 
     def _match_client_pieces(self, now_s: float) -> None:
         while self._next < len(self._pieces) and not (piece := self._pieces[self._next]).from_server:

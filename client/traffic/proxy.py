@@ -77,19 +77,19 @@ def driver_routes(driver: str, listen: str) -> list[Route]:
 class Proxy:
     """The routes, open while the context is entered.
 
-    say: called with messages for the user. not_open: reason why a port cannot be listened on, by the route's name.
+    report: called with messages for the user. not_open: reason why a port cannot be listened on, by the route's name.
     """
 
     def __init__(
         self,
         routes: Iterable[Route],
         recorder: Recorder | None = None,
-        say: Callable[[str], None] = _logger.info,
+        report: Callable[[str], None] = _logger.info,
     ) -> None:
         self.routes = {route.name: route for route in routes}
         self.not_open: dict[str, str] = {}
         self._recorder = recorder
-        self._say = say
+        self._report = report
         self._servers: dict[str, asyncio.Server] = {}
         self._ports: dict[str, int] = {}
         self._reported: set[str] = set()
@@ -162,7 +162,7 @@ class Proxy:
     def _report_refused(self, route: Route, reason: str) -> None:
         if route.name not in self._reported:
             self._reported.add(route.name)
-            self._say(
+            self._report(
                 f"{route.name}: {route.host}:{route.target} does not accept connections ({reason}); closed here as well"
             )
 
@@ -173,13 +173,13 @@ class Proxy:
             server = await loop.create_server(lambda: self._accept(route), route.listen, port)
         except OSError as error:
             self.not_open[route.name] = f"{route.name}: cannot listen on {route.listen}:{port} ({reason_of(error)})"
-            self._say(self.not_open[route.name])
+            self._report(self.not_open[route.name])
             return
         self._servers[route.name] = server
         self._ports[route.name] = server.sockets[0].getsockname()[1]
         if route.name in self._reported:
             self._reported.discard(route.name)
-            self._say(f"{route.name}: {route.host}:{route.target} accepts connections now")
+            self._report(f"{route.name}: {route.host}:{route.target} accepts connections now")
 
     def _shut(self, name: str) -> None:
         self._servers.pop(name).close()
@@ -224,13 +224,13 @@ async def record(
     listen: str = "127.0.0.1",
     *,
     port_offset: int = 0,
-    say: Callable[[str], None] = _logger.info,
+    report: Callable[[str], None] = _logger.info,
 ) -> AsyncIterator[Proxy]:
     """A proxy of all ports of a robot that records to ``path``. Raises FileError, RobotUnreachableError."""
     comments = await ask_identity(robot, port_offset)
-    recorder = Recorder(path, comments, problem=say)
+    recorder = Recorder(path, comments, problem=report)
     try:
-        async with Proxy(robot_routes(robot, listen, port_offset=port_offset), recorder, say) as proxy:
+        async with Proxy(robot_routes(robot, listen, port_offset=port_offset), recorder, report) as proxy:
             yield proxy
     finally:
         recorder.close()

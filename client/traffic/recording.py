@@ -10,8 +10,8 @@ from typing import Final
 
 from client.decoding.capture import MAGIC_SIZE, PacketReader, head_of_capture, open_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
-from client.decoding.connections import Closed, Connections, Data, Ends, Event, Lost, opens, possible_servers
-from client.decoding.packets import Endpoint, Segment, UnreadablePacketError, tcp_segment
+from client.decoding.connections import Closed, Data, Ends, Event, Gap, Reassemblies, opens, possible_servers
+from client.decoding.packets import SocketAddress, TcpSegment, UnreadablePacketError, tcp_segment
 from client.errors import FileError
 from client.traffic.ports import is_traffic
 from urproto.compat import Self
@@ -57,7 +57,7 @@ class Recorder:
         self._kept += head_of_capture(_APPLICATION, "proxy", comments)
         self.flush()
 
-    def connection(self, client: Endpoint, server: Endpoint) -> "Recorded":
+    def connection(self, client: SocketAddress, server: SocketAddress) -> "Recorded":
         """Start recording a connection."""
         self._connections += 1
         return Recorded(self._packets, ConnectionFrames(client, server, self._connections))
@@ -134,8 +134,8 @@ class Conversation:
     """One connection. port: the usual port of its protocol. begin_ns: time it was opened. lost: bytes not captured."""
 
     port: int
-    client: Endpoint
-    server: Endpoint
+    client: SocketAddress
+    server: SocketAddress
     begin_ns: int
     pieces: list[Piece] = field(default_factory=list)
     lost: int = 0
@@ -170,9 +170,9 @@ class Recording:
                 packets = open_capture(magic)
                 if packets is None:
                     raise FileError(path, "is not a pcap or pcapng file: record one with ur-client proxy --record")
-                reader.take(packets, magic)
+                reader.read(packets, magic)
                 while data := file.read(_CHUNK):
-                    reader.take(packets, data)
+                    reader.read(packets, data)
         except OSError as error:
             raise FileError(path, f"cannot be read: {error.strerror}") from error
         reader.end(packets)
@@ -198,20 +198,20 @@ class _Reader:
         self.conversations: list[Conversation] = []
         self.problems: list[str] = []
         self._port_offset = port_offset
-        self._connections = Connections()
+        self._connections = Reassemblies()
         self._open: dict[Ends, _Open] = {}
-        self._servers: dict[Ends, Endpoint] = {}
+        self._servers: dict[Ends, SocketAddress] = {}
         self._now_ns = 0
         self._broken = False
 
-    def take(self, packets: PacketReader, data: bytes) -> None:
+    def read(self, packets: PacketReader, data: bytes) -> None:
         """Process bytes of the file."""
         if self._broken:
             return
         try:
             for packet in packets.feed(data):
                 self._now_ns = packet.time_ns if packet.time_ns is not None else self._now_ns
-                self._guarded(lambda: self._segment(tcp_segment(packet)))  # noqa: B023 - called at once
+                self._report_unreadable(lambda: self._segment(tcp_segment(packet)))  # noqa: B023 - called at once
         except RemoteProtocolError as error:
             self._broken = True
             self._problem(str(error))
@@ -226,7 +226,7 @@ class _Reader:
             if one.lost:
                 self._problem(f"{one.lost} bytes of {one.client} > {one.server} are not in the file")
 
-    def _guarded(self, work: Callable[[], None]) -> None:
+    def _report_unreadable(self, work: Callable[[], None]) -> None:
         try:
             work()
         except UnreadablePacketError as error:
@@ -236,7 +236,7 @@ class _Reader:
         if text not in self.problems:
             self.problems.append(text)
 
-    def _segment(self, segment: Segment | None) -> None:
+    def _segment(self, segment: TcpSegment | None) -> None:
         if segment is None:
             return
         ends = frozenset((segment.source, segment.destination))
@@ -247,7 +247,7 @@ class _Reader:
         if opens(segment) and ends not in self._open:  # otherwise it is a retransmission
             self._begin(ends)
 
-    def _is_relevant(self, ends: Ends, segment: Segment) -> bool:
+    def _is_relevant(self, ends: Ends, segment: TcpSegment) -> bool:
         if ends in self._servers and not opens(segment):
             return True
         servers = (end for end in possible_servers(segment) if is_traffic(end.port - self._port_offset))
@@ -266,7 +266,7 @@ class _Reader:
 
     def _event(self, ends: Ends, event: Event) -> None:
         opened = self._open.get(ends) or self._begin(ends)
-        opened.take(event, self._now_ns)
+        opened.add(event, self._now_ns)
         if opened.closed:
             del self._open[ends]
 
@@ -276,19 +276,19 @@ class _Open:
 
     def __init__(self, conversation: Conversation) -> None:
         self._conversation = conversation
-        self._ended: set[Endpoint] = set()
+        self._ended: set[SocketAddress] = set()
 
     @property
     def closed(self) -> bool:
         return len(self._ended) == 2
 
-    def take(self, event: Event, now_ns: int) -> None:
+    def add(self, event: Event, now_ns: int) -> None:
         time_ns = event.time_ns if event.time_ns is not None else now_ns
         from_server = event.source == self._conversation.server
         match event:
             case Data():
                 self._conversation.pieces.append(Piece(time_ns, from_server, event.data))
-            case Lost():
+            case Gap():
                 self._conversation.lost += event.size
             case Closed():
                 self._ended.add(event.source)

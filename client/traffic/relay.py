@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable
 from typing import Final, cast
 
-from client.decoding.packets import Endpoint
+from client.decoding.packets import SocketAddress
 from client.traffic.recording import Recorded, Recorder
 from urproto.compat_asyncio import pause_reading, timeout
 
@@ -59,15 +59,15 @@ class Relay:
         """An end has sent bytes."""
         if self._recorded is not None:
             self._recorded.data(end.from_client, data)
-        other = self._other(end)
+        other = self._opposite(end)
         if other is not None and other.transport is not None and not other.transport.is_closing():
             other.transport.write(data)
 
-    def half_closed(self, end: "_End") -> None:
+    def on_half_closed(self, end: "_End") -> None:
         """An end has closed its sending direction."""
         if self._recorded is not None:
             self._recorded.end(end.from_client)
-        other = self._other(end)
+        other = self._opposite(end)
         if other is None or other.transport is None:
             return
         other.transport.write_eof()
@@ -76,9 +76,9 @@ class Relay:
                 assert each.transport is not None
                 each.transport.close()
 
-    def held(self, end: "_End", held: bool) -> None:
+    def on_paused(self, end: "_End", held: bool) -> None:
         """An end does not read (held), or reads again: reading from the other end is paused or resumed."""
-        other = self._other(end)
+        other = self._opposite(end)
         if other is None or other.transport is None:
             return
         if held:
@@ -86,22 +86,22 @@ class Relay:
         else:
             other.transport.resume_reading()
 
-    def lost(self, end: "_End", error: Exception | None) -> None:
+    def on_lost(self, end: "_End", error: Exception | None) -> None:
         """An end's connection is over."""
         self._open -= 1
-        other = self._other(end)
+        other = self._opposite(end)
         if other is not None and other.transport is not None and not other.transport.is_closing():
             if self._recorded is not None:
                 self._recorded.reset(end.from_client)
             _reset(other.transport)
         if end is self.client and self._dialing is not None:
             self._dialing.cancel()
-        self._finish_if_over()
+        self._finish_if_closed()
 
-    def _other(self, end: "_End") -> "_End | None":
+    def _opposite(self, end: "_End") -> "_End | None":
         return self._server if end is self.client else self.client
 
-    def _finish_if_over(self) -> None:
+    def _finish_if_closed(self) -> None:
         if not self._open and not self.over.is_set() and (self._dialing is None or self._dialing.done()):
             self.over.set()
             self._ended(self)
@@ -116,7 +116,7 @@ class Relay:
             assert self.client.transport is not None
             _reset(self.client.transport)
         finally:
-            asyncio.get_running_loop().call_soon(self._finish_if_over)
+            asyncio.get_running_loop().call_soon(self._finish_if_closed)
 
     async def _connect(self) -> None:
         server = _End(self, from_client=False)
@@ -136,7 +136,7 @@ class Relay:
         """Both ends are connected: start recording."""
         if self._recorder is not None:
             client, address = self.client.peer, server.peer.address
-            self._recorded = self._recorder.connection(client, Endpoint(address, self._port))
+            self._recorded = self._recorder.connection(client, SocketAddress(address, self._port))
 
 
 class _End(asyncio.Protocol):
@@ -144,7 +144,7 @@ class _End(asyncio.Protocol):
 
     def __init__(self, relay: Relay, *, from_client: bool) -> None:
         self.transport: asyncio.Transport | None = None
-        self.peer = Endpoint("0.0.0.0", 0)
+        self.peer = SocketAddress("0.0.0.0", 0)
         self.from_client = from_client
         self.ended = False
         self._relay = relay
@@ -152,7 +152,7 @@ class _End(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self.transport = cast(asyncio.Transport, transport)  # uvloop's transport is not a subclass
         address, port = transport.get_extra_info("peername")[:2]
-        self.peer = Endpoint(address, port)
+        self.peer = SocketAddress(address, port)
         if not self.from_client:
             self._relay.connected(self)
         self._relay.made(self)
@@ -162,17 +162,17 @@ class _End(asyncio.Protocol):
 
     def eof_received(self) -> bool:
         self.ended = True
-        self._relay.half_closed(self)
+        self._relay.on_half_closed(self)
         return True
 
     def pause_writing(self) -> None:
-        self._relay.held(self, True)
+        self._relay.on_paused(self, True)
 
     def resume_writing(self) -> None:
-        self._relay.held(self, False)
+        self._relay.on_paused(self, False)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._relay.lost(self, exc)
+        self._relay.on_lost(self, exc)
         self.transport = None
 
 

@@ -5,7 +5,7 @@
 
 It listens on the ports that have connections in the recording. It cannot answer requests that are not in the
 recording: the dashboard then answers that it does not understand, Modbus that there is no such address, and other
-ports close the connection, which ``say`` reports.
+ports close the connection, which ``report`` reports.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from client.decoding.states import PRIMARY, REALTIME
 from client.decoding.streams import Framing
 from client.errors import FileError
 from client.traffic.dialogues import (
-    Dialogue,
+    DialoguePlayer,
     answer_dashboard,
     answer_line,
     answer_modbus,
@@ -30,7 +30,7 @@ from client.traffic.dialogues import (
     line_requests,
     modbus_requests,
 )
-from client.traffic.players import Broadcast, InOrder, Player, Script, Timing, UnansweredError
+from client.traffic.players import Broadcast, PlaybackOptions, Player, SequentialPlayer, TimedMessages, UnansweredError
 from client.traffic.ports import port_name, server_is_robot
 from client.traffic.recording import Conversation, Recording
 from client.traffic.relay import reason_of
@@ -42,7 +42,7 @@ from urproto.versions import PolyscopeVersion
 
 _logger = logging.getLogger(__name__)
 
-MakePlayer = Callable[[], Player]
+PlayerFactory = Callable[[], Player]
 Recorded = TypeVar("Recorded")
 _VERSION: Final = "PolyScope: "
 _FRAMINGS: Final[dict[int, Framing]] = {30001: PRIMARY, 30002: PRIMARY, 30011: PRIMARY, 30012: PRIMARY,
@@ -54,7 +54,7 @@ class ReplayRobot:
     """The ports of a recording, open while the context is entered.
 
     speed: recorded seconds per second. loop: states start again at their end instead of closing the connection.
-    port_offset: added to each usual port. free_ports: use any free ports instead. say: called with messages for the
+    port_offset: added to each usual port. free_ports: use any free ports instead. report: called with messages for the
     user. ports: those it listens on, by name. not_open: reason why a port cannot be opened, by name. played: set when a
     connection has received all its states.
     """
@@ -68,7 +68,7 @@ class ReplayRobot:
         loop: bool = False,
         port_offset: int = 0,
         free_ports: bool = False,
-        say: Callable[[str], None] = _logger.info,
+        report: Callable[[str], None] = _logger.info,
     ) -> None:
         if not 0.0 < speed < math.inf:
             raise LocalProtocolError(f"a recording cannot be replayed at speed {speed}: give a positive number")
@@ -78,16 +78,16 @@ class ReplayRobot:
         self._listen = listen
         self._port_offset = port_offset
         self._free_ports = free_ports
-        self._say = say
+        self._report = report
         self._reported: Counter[str] = Counter()
-        self._makers = _makers(recording, Timing(speed, loop), say)
+        self._player_factories = _player_factories(recording, PlaybackOptions(speed, loop), report)
         self._servers: list[asyncio.Server] = []
         self._connections: set[_Connection] = set()
 
     async def __aenter__(self) -> Self:
         """Open the ports. Raises OSError if none can be opened."""
         try:
-            for port, make in self._makers.items():
+            for port, make in self._player_factories.items():
                 await self._open(port, make)
             if not self._servers:
                 raise OSError("; ".join(self.not_open.values()))
@@ -101,7 +101,7 @@ class ReplayRobot:
     ) -> None:
         await self._close()
 
-    async def _open(self, port: int, make: MakePlayer) -> None:
+    async def _open(self, port: int, make: PlayerFactory) -> None:
         wanted = 0 if self._free_ports else port + self._port_offset
         loop = asyncio.get_running_loop()
         name = port_name(port)
@@ -109,7 +109,7 @@ class ReplayRobot:
             server = await loop.create_server(lambda: self._accept(name, make), self._listen, wanted)
         except OSError as error:
             self.not_open[name] = f"{name}: cannot listen on {self._listen}:{wanted} ({reason_of(error)})"
-            self._say(self.not_open[name])
+            self._report(self.not_open[name])
             return
         self._servers.append(server)
         self.ports[name] = server.sockets[0].getsockname()[1]
@@ -120,9 +120,9 @@ class ReplayRobot:
         connections = list(self._connections)
         for connection in connections:
             connection.abort()
-        await asyncio.gather(*(connection.lost.wait() for connection in connections))
+        await asyncio.gather(*(connection.closed.wait() for connection in connections))
 
-    def _accept(self, name: str, make: MakePlayer) -> asyncio.BaseProtocol:
+    def _accept(self, name: str, make: PlayerFactory) -> asyncio.BaseProtocol:
         connection = _Connection(name, make(), self._ended)
         self._connections.add(connection)
         return connection
@@ -133,22 +133,22 @@ class ReplayRobot:
             self.played.set()
         if connection.problem and not self._reported[connection.problem]:
             self._reported[connection.problem] += 1
-            self._say(f"{connection.name}: {connection.problem}; the connection was closed")
+            self._report(f"{connection.name}: {connection.problem}; the connection was closed")
 
 
 class _Connection(asyncio.Protocol):
-    """A client's connection. problem: why it was closed. played: everything was sent. lost: set at the end."""
+    """A client's connection. problem: why it was closed. played: everything was sent. closed: set at the end."""
 
     def __init__(self, name: str, player: Player, ended: Callable[["_Connection"], None]) -> None:
         self.name = name
         self.problem = ""
         self.played = False
-        self.lost = asyncio.Event()
+        self.closed = asyncio.Event()
         self._player = player
         self._ended = ended
         self._transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._held = False
+        self._paused = False
         self._loop = asyncio.get_running_loop()
 
     def abort(self) -> None:
@@ -159,7 +159,7 @@ class _Connection(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast(asyncio.Transport, transport)  # uvloop's is of no such class
         self._player.begin(self._loop.time())
-        self._go_on()
+        self._continue()
 
     def data_received(self, data: bytes) -> None:
         if self._transport is None or self._transport.is_closing():
@@ -167,34 +167,34 @@ class _Connection(asyncio.Protocol):
         try:
             self._transport.write(self._player.take(data, self._loop.time()))
         except UnansweredError as error:
-            self._give_up(f"the recording has no answer to {error}")
+            self._fail(f"the recording has no answer to {error}")
         except ProtocolError as error:
-            self._give_up(f"what the client sent is not a request: {error}")
+            self._fail(f"what the client sent is not a request: {error}")
         else:
-            self._go_on()
+            self._continue()
 
     def pause_writing(self) -> None:
-        self._held = True
+        self._paused = True
 
     def resume_writing(self) -> None:
-        self._held = False
-        self._go_on()
+        self._paused = False
+        self._continue()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._transport = None
         self._cancel()
-        self.lost.set()
+        self.closed.set()
         self._ended(self)
 
-    def _give_up(self, problem: str) -> None:
+    def _fail(self, problem: str) -> None:
         self.problem = problem
         if self._transport is not None:
             self._transport.close()
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         """Send the bytes that are due, and schedule the next call."""
         self._cancel()
-        if self._transport is None or self._transport.is_closing() or self._held:
+        if self._transport is None or self._transport.is_closing() or self._paused:
             return
         now_s = self._loop.time()
         self._transport.write(self._player.due(now_s))
@@ -202,7 +202,7 @@ class _Connection(asyncio.Protocol):
             self.played = True
             self._transport.close()
         elif (next_s := self._player.next_s) is not None:
-            self._timer = self._loop.call_at(min(next_s, now_s + _MAX_SLEEP_S), self._go_on)
+            self._timer = self._loop.call_at(min(next_s, now_s + _MAX_SLEEP_S), self._continue)
 
     def _cancel(self) -> None:
         if self._timer is not None:
@@ -213,43 +213,49 @@ class _Connection(asyncio.Protocol):
 # which player for which port
 
 
-def _makers(recording: Recording, timing: Timing, say: Callable[[str], None]) -> dict[int, MakePlayer]:
-    makers: dict[int, MakePlayer] = {}
+def _player_factories(
+    recording: Recording, timing: PlaybackOptions, report: Callable[[str], None]
+) -> dict[int, PlayerFactory]:
+    factories: dict[int, PlayerFactory] = {}
     for port in recording.ports:
         conversations = recording.on_port(port)
         if not server_is_robot(port):
-            say(f"{port_name(port)}: left out, there the robot is the client; replay has no driver to connect to")
+            report(f"{port_name(port)}: left out, there the robot is the client; replay has no driver to connect to")
             continue
         try:
-            makers[port] = _maker(port, conversations, timing, recording, say)
+            factories[port] = _player_factory(port, conversations, timing, recording, report)
         except ProtocolError as error:
-            say(f"{port_name(port)}: left out, its recording cannot be read: {error}")
-    if not makers:
+            report(f"{port_name(port)}: left out, its recording cannot be read: {error}")
+    if not factories:
         raise FileError(recording.path, "has no port of a robot to replay")
-    return makers
+    return factories
 
 
-def _maker(
-    port: int, conversations: list[Conversation], timing: Timing, recording: Recording, say: Callable[[str], None]
-) -> MakePlayer:
+def _player_factory(
+    port: int,
+    conversations: list[Conversation],
+    timing: PlaybackOptions,
+    recording: Recording,
+    report: Callable[[str], None],
+) -> PlayerFactory:
     name = port_name(port)
     if port in _FRAMINGS:
-        scripts = [Script.of(one, _FRAMINGS[port]) for one in conversations]
-        return _in_turn(scripts, lambda script: Broadcast(script, timing))
+        scripts = [TimedMessages.of(one, _FRAMINGS[port]) for one in conversations]
+        return _take_turns(scripts, lambda script: Broadcast(script, timing))
     if name == "rtde":
-        library = RTDELibrary(map(RTDELog, conversations), _version(recording.comments), say)
+        library = RTDELibrary(map(RTDELog, conversations), _version(recording.comments), report)
         return lambda: RTDEPlayer(library, timing)
     if name == "modbus":
         requests = modbus_requests(conversations, timing.loop)
-        return lambda: Dialogue(b"", requests, cut_frames, answer_modbus)
+        return lambda: DialoguePlayer(b"", requests, cut_frames, answer_modbus)
     if name in ("dashboard", "interpreter", "gripper"):
         greeting, lines = line_requests(conversations, timing.loop)
         answer = answer_dashboard if name == "dashboard" else answer_line
-        return lambda: Dialogue(greeting, lines, cut_lines, answer)
-    return _in_turn(conversations, lambda one: InOrder(one, timing))
+        return lambda: DialoguePlayer(greeting, lines, cut_lines, answer)
+    return _take_turns(conversations, lambda one: SequentialPlayer(one, timing))
 
 
-def _in_turn(recorded: Sequence[Recorded], play: Callable[[Recorded], Player]) -> MakePlayer:
+def _take_turns(recorded: Sequence[Recorded], play: Callable[[Recorded], Player]) -> PlayerFactory:
     """Give the n-th client the n-th recorded connection, and start again after the last."""
     turns = cycle(recorded)
     return lambda: play(next(turns))

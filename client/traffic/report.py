@@ -6,7 +6,7 @@ from typing import Any
 
 from client.decoding import formatting
 from client.traffic.compare import Comparison, Source
-from client.traffic.messages import Parting, Talk
+from client.traffic.messages import MessageComparison, MessageDifference
 from client.traffic.tracks import base_name
 from client.traffic.trajectories import Difference, TrackPair
 
@@ -43,7 +43,7 @@ def as_object(comparison: Comparison) -> dict[str, Any]:
             for pair in comparison.pairs
         ],
         "unpaired": comparison.unpaired,
-        "messages": [asdict(talk) for talk in comparison.talks],
+        "messages": [asdict(item) for item in comparison.messages],
     }
 
 
@@ -52,9 +52,9 @@ def _report(comparison: Comparison) -> Iterator[str]:
     yield ""
     yield from _source("A", comparison.first)
     yield from _source("B", comparison.second)
-    yield from _first_parting(comparison)
+    yield from _first_difference(comparison)
     yield from _states(comparison)
-    yield from _talks(comparison.talks)
+    yield from _messages(comparison.messages)
 
 
 def _source(name: str, source: Source) -> Iterator[str]:
@@ -64,7 +64,7 @@ def _source(name: str, source: Source) -> Iterator[str]:
         yield f"  - ! {formatting.escaped(problem)}"
 
 
-def _first_parting(comparison: Comparison) -> Iterator[str]:
+def _first_difference(comparison: Comparison) -> Iterator[str]:
     if comparison.differences:
         pair, first = comparison.differences[0]
         moment, unit = first.begins, f" {first.unit}" if first.unit else ""
@@ -99,7 +99,7 @@ def _pair(pair: TrackPair) -> Iterator[str]:
     )
     for which, names in (("A", pair.only_first), ("B", pair.only_second)):
         if names:
-            yield f"  - only {which} has {', '.join(names[:_NAMES])}{_more(len(names) - _NAMES)}"
+            yield f"  - only {which} has {', '.join(names[:_NAMES])}{_and_more(len(names) - _NAMES)}"
     if not pair.states:
         yield "  - ! the two do not overlap in time; set the offset of their clocks with --offset"
 
@@ -136,41 +136,41 @@ def _severity(difference: Difference) -> float:
     return difference.size / (difference.tolerance or _EXACTLY)
 
 
-def _more(count: int) -> str:
+def _and_more(count: int) -> str:
     return f", and {count} more" if count > 0 else ""
 
 
 # messages
 
 
-def _talks(talks: Iterable[Talk]) -> Iterator[str]:
-    found = list(talks)
+def _messages(messages: Iterable[MessageComparison]) -> Iterator[str]:
+    found = list(messages)
     if not found:
         return
     yield ""
     yield "### Messages"
     yield ""
-    for talk in found:
-        yield f"- {talk.name}: {_verdict(talk)}"
-        for parting in talk.partings[:_PARTINGS]:
-            yield from _parting(parting)
-        if len(talk.partings) > _PARTINGS:
-            yield f"  - and {len(talk.partings) - _PARTINGS} more places"
+    for item in found:
+        yield f"- {item.name}: {_verdict(item)}"
+        for difference in item.partings[:_PARTINGS]:
+            yield from _difference(difference)
+        if len(item.partings) > _PARTINGS:
+            yield f"  - and {len(item.partings) - _PARTINGS} more places"
 
 
-def _verdict(talk: Talk) -> str:
-    cut = ", only the first of which were compared" if talk.cut else ""
-    if not talk.partings:
-        return f"the same, {talk.counts[0]} messages{cut}"
-    places = len(talk.partings)
-    return f"they differ in {places} place{'s' * (places != 1)} ({talk.counts[0]} in A, {talk.counts[1]} in B{cut})"
+def _verdict(item: MessageComparison) -> str:
+    cut = ", only the first of which were compared" if item.cut else ""
+    if not item.partings:
+        return f"the same, {item.counts[0]} messages{cut}"
+    places = len(item.partings)
+    return f"they differ in {places} place{'s' * (places != 1)} ({item.counts[0]} in A, {item.counts[1]} in B{cut})"
 
 
-def _parting(parting: Parting) -> Iterator[str]:
-    yield f"  - after {_code(parting.after)}" if parting.after else "  - at the beginning"
-    for which, texts in (("A", parting.first), ("B", parting.second)):
+def _difference(difference: MessageDifference) -> Iterator[str]:
+    yield f"  - after {_code(difference.after)}" if difference.after else "  - at the beginning"
+    for which, texts in (("A", difference.first), ("B", difference.second)):
         quoted = "; ".join(_code(text) for text in texts[:_MESSAGES]) or "nothing"
-        yield f"    - {which}: {quoted}{_more(len(texts) - _MESSAGES)}"
+        yield f"    - {which}: {quoted}{_and_more(len(texts) - _MESSAGES)}"
 
 
 def _code(text: str) -> str:

@@ -108,7 +108,7 @@ class RTDELog:
             if isinstance(reply, codec.OutputData):
                 self._state(reply, time_ns)
             elif package.type != PackageType.TEXT_MESSAGE:
-                self._answer(reply, package.type)
+                self._add_reply(reply, package.type)
 
     def _state(self, state: codec.OutputData, time_ns: int) -> None:
         recipe = self._recipes.get(state.recipe_id)
@@ -119,24 +119,24 @@ class RTDELog:
         else:
             recipe.rows.append(Row(time_ns, state.data, self._inputs))
 
-    def _answer(self, reply: codec.Reply, kind: int) -> None:
+    def _add_reply(self, reply: codec.Reply, kind: int) -> None:
         while self._requests:
             request, request_kind = self._requests.popleft()
             if request_kind == kind:
                 self.exchanges.append(Exchange(request, reply, self._protocol))
-                self._learn(request, reply)
+                self._apply_reply(request, reply)
                 return
 
-    def _learn(self, request: codec.Request, reply: codec.Reply) -> None:
+    def _apply_reply(self, request: codec.Request, reply: codec.Reply) -> None:
         match request, reply:
             case codec.RequestProtocol(), codec.ProtocolReply(accepted=True):
                 self._protocol = request.version
             case codec.GetVersion(), codec.VersionReply():
                 self.version = reply.version
             case codec.SetupOutputs(), codec.SetupOutputsReply():
-                self._learn_recipe(Outputs(request.names, reply.types, request.frequency_hz), reply)
+                self._add_recipe(Outputs(request.names, reply.types, request.frequency_hz), reply)
 
-    def _learn_recipe(self, outputs: Outputs, reply: codec.SetupOutputsReply) -> None:
+    def _add_recipe(self, outputs: Outputs, reply: codec.SetupOutputsReply) -> None:
         if set(reply.types) & {NOT_FOUND, IN_USE} or outputs.refused:
             return
         self.outputs.append(outputs)

@@ -10,7 +10,7 @@ import struct
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from client.traffic.players import Timing, UnansweredError
+from client.traffic.players import PlaybackOptions, UnansweredError
 from client.traffic.rtde_log import Outputs, Row, RTDELog
 from urproto.rtde import codec
 from urproto.rtde.fields import INPUT_FIELDS, OUTPUT_FIELDS
@@ -25,7 +25,7 @@ _TYPES: Final = {kind.wire_name: kind for kind in FieldType}
 class RTDELibrary:
     """All RTDE connections of a recording, shared by all clients, including which recipes have been played.
 
-    version: the controller's version, used if no client requested it by RTDE. say: called with a message about
+    version: the controller's version, used if no client requested it by RTDE. report: called with a message about
     requested variables that were not recorded.
     """
 
@@ -33,9 +33,9 @@ class RTDELibrary:
         self,
         logs: Iterable[RTDELog],
         version: PolyscopeVersion | None = None,
-        say: Callable[[str], None] = lambda text: None,
+        report: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self.say = say
+        self.report = report
         logs = list(logs)
         self.version = next((log.version for log in logs if log.version is not None), version)
         self._exchanges = [exchange for log in logs for exchange in log.exchanges]
@@ -74,7 +74,7 @@ class RTDELibrary:
 class RTDEPlayer:
     """One RTDE connection."""
 
-    def __init__(self, library: RTDELibrary, timing: Timing) -> None:
+    def __init__(self, library: RTDELibrary, timing: PlaybackOptions) -> None:
         self._library = library
         self._timing = timing
         self._decoder = codec.RTDEDecoder()
@@ -155,7 +155,7 @@ class RTDEPlayer:
             if isinstance(recorded, codec.SetupOutputsReply) and NOT_FOUND in recorded.types:
                 return recorded
             missing = self._library.missing(request.names)
-            self._library.say(f"rtde: not in the recording, so NOT_FOUND: {', '.join(missing)}")
+            self._library.report(f"rtde: not in the recording, so NOT_FOUND: {', '.join(missing)}")
             types = type_names(request.names, {k: v for k, v in OUTPUT_FIELDS.items() if k not in missing})
             return codec.SetupOutputsReply(types, 0)
         if self._protocol == 1:  # one recipe, the last
@@ -191,7 +191,7 @@ class RTDEPlayer:
 class _Stream:
     """A client's recipe, filled from recorded states."""
 
-    def __init__(self, outputs: Outputs, request: codec.SetupOutputs, number: int, timing: Timing) -> None:
+    def __init__(self, outputs: Outputs, request: codec.SetupOutputs, number: int, timing: PlaybackOptions) -> None:
         self._outputs = outputs
         self._names = request.names
         self._number = number
@@ -200,7 +200,7 @@ class _Stream:
         self._position_s = 0.0  # in the recording, when it began to run
         self._began_s = 0.0
         self._next = 0
-        self._patience_until_s: float | None = None
+        self._wait_until_s: float | None = None
         self._rows = _thinned(outputs, request.frequency_hz)
         self.types = tuple(outputs.types[outputs.names.index(name)] for name in request.names)
         self._layout = struct.Struct(">" + "".join(_TYPES[kind].layout for kind in self.types))
@@ -219,8 +219,8 @@ class _Stream:
     def next_s(self) -> float | None:
         if self.over:
             return None
-        if self._patience_until_s is not None:
-            return self._patience_until_s
+        if self._wait_until_s is not None:
+            return self._wait_until_s
         return self._due_s(self._rows[self._next])
 
     def due(self, now_s: float, inputs: int, protocol: int) -> bytes:
@@ -247,17 +247,17 @@ class _Stream:
         if not self._waits or row.inputs <= inputs:
             self._resume(now_s, row)
             return False
-        if self._patience_until_s is None:
-            self._patience_until_s = now_s + _INPUT_TIMEOUT_S
-        if now_s < self._patience_until_s:
+        if self._wait_until_s is None:
+            self._wait_until_s = now_s + _INPUT_TIMEOUT_S
+        if now_s < self._wait_until_s:
             return True
         self._waits = False
         self._resume(now_s, row)
         return False
 
     def _resume(self, now_s: float, row: Row) -> None:
-        if self._patience_until_s is not None:
-            self._patience_until_s = None
+        if self._wait_until_s is not None:
+            self._wait_until_s = None
             self._began_s += now_s - self._due_s(row)
 
     def _packed(self, row: Row) -> bytes:

@@ -94,7 +94,7 @@ _SLACK_PERIODS: Final = {True: 0.5, False: 2.0}
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class Sample:
     """Values of one column at a moment. time_s: since the start of the first recording's track [s]."""
 
     time_s: float
@@ -109,8 +109,8 @@ class Difference:
     column: str
     unit: str
     tolerance: float
-    begins: Moment
-    largest: Moment
+    begins: Sample
+    largest: Sample
     size: float
     share: float
 
@@ -141,11 +141,18 @@ def compare_tracks(first: Track, second: Track, offset: Offset, tolerances: Tole
     shared = [name for name in first.columns if name in second.columns and base_name(name) not in IGNORED]
     differences = tuple(_differences(first, second, shared, matcher, tolerances))
     return TrackPair(
-        first, second, offset, matcher.states, len(shared), _alone(first, second), _alone(second, first), differences
+        first,
+        second,
+        offset,
+        matcher.states,
+        len(shared),
+        _only_in_first(first, second),
+        _only_in_first(second, first),
+        differences,
     )
 
 
-def _alone(track: Track, other: Track) -> tuple[str, ...]:
+def _only_in_first(track: Track, other: Track) -> tuple[str, ...]:
     """Fields that the other track does not have."""
     return tuple(sorted({base_name(name) for name in track.columns if name not in other.columns}))
 
@@ -200,26 +207,26 @@ class _Matcher:
 
         smooth: what a straight line between two states may miss counts too; at 10 Hz that is much.
         """
-        mine = a[self._inside]
+        values_inside = a[self._inside]
         low = high = np.interp(self._moved, self._other, b)
-        missed = np.zeros(len(mine))
-        bends = _bends(b) if smooth else np.zeros(len(b))
+        missed = np.zeros(len(values_inside))
+        curvature = _curvature(b) if smooth else np.zeros(len(b))
         for index, distance_s in self._near:
             is_near = distance_s <= self._slack_s[smooth]
             value = np.where(is_near, b[index], np.nan)
             low, high = np.fmin(low, value), np.fmax(high, value)
-            missed = np.fmax(missed, np.where(distance_s <= self._slack_s[False], bends[index], 0.0))
-        gaps = np.maximum(0.0, np.maximum(low - mine, mine - high) - missed)
+            missed = np.fmax(missed, np.where(distance_s <= self._slack_s[False], curvature[index], 0.0))
+        gaps = np.maximum(0.0, np.maximum(low - values_inside, values_inside - high) - missed)
         return np.where(np.isnan(gaps), 0.0, gaps)  # one of them did not send it in this state
 
-    def moment(self, index: int, a: Numbers, b: Numbers) -> Moment:
+    def moment(self, index: int, a: Numbers, b: Numbers) -> Sample:
         nearest = int(np.argmin(np.abs(self._other - self._moved[index])))
         time_s = float(self._times[index]) - self._begin
-        return Moment(time_s, float(a[self._inside][index]), float(b[nearest]))
+        return Sample(time_s, float(a[self._inside][index]), float(b[nearest]))
 
 
-def _bends(values: Numbers) -> Numbers:
+def _curvature(values: Numbers) -> Numbers:
     """Distance of each value from the mean of its neighbours, the error that a corner between states allows (guess)."""
-    bends = np.zeros(len(values))
-    bends[1:-1] = np.abs(np.diff(values, 2)) / 2
-    return bends
+    curvature = np.zeros(len(values))
+    curvature[1:-1] = np.abs(np.diff(values, 2)) / 2
+    return curvature

@@ -12,7 +12,7 @@ import msgspec
 
 from urproto.robots.pose import matrix_to_rotvec
 from urproto.vectors import Vector3, Vector6, cross, sub3, unit
-from urproto.worldfile import Thing
+from urproto.worldfile import ObjectDescription
 
 Signal = Annotated[int, msgspec.Meta(ge=0, le=17)]
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -226,7 +226,7 @@ def _finite(given: Any) -> bool:
     return not isinstance(given, float) or isfinite(given)
 
 
-def moving_of(name: str, thing: Thing) -> Moving:
+def moving_of(name: str, thing: ObjectDescription) -> Moving:
     """The keys of a moving object. Raises ValueError."""
     return read(name, dict(thing.moving), Moving)
 

@@ -13,7 +13,7 @@ from emulator.physics.grippers import HandShape, parallel_hand, robotiq_hand
 from emulator.physics.plan import Cup, MountedShape, PhysicsPlan, Plate
 from emulator.world.world import World, WorldError
 from urproto.robots import RobotModel
-from urproto.worldfile import Thing, WorldFileError, read_description, read_world_file
+from urproto.worldfile import ObjectDescription, WorldFileError, read_description, read_world_file
 
 if TYPE_CHECKING:
     from emulator.physics.cameras import Cameras
@@ -104,7 +104,7 @@ def _read_world(path: Path) -> ScenePlan:
     )
 
 
-def _solid(name: str, thing: Thing) -> Thing:
+def _solid(name: str, thing: ObjectDescription) -> ObjectDescription:
     if not name:
         raise ValueError("an object must have a name")
     if not all(map(isfinite, thing.pose)):
@@ -116,7 +116,7 @@ def _solid(name: str, thing: Thing) -> Thing:
     return thing
 
 
-def _resolve_mesh(path: Path, thing: Thing) -> Thing:
+def _resolve_mesh(path: Path, thing: ObjectDescription) -> ObjectDescription:
     """Find a mesh, relative to the folder of the world file."""
     if not thing.mesh:
         return thing
@@ -130,7 +130,7 @@ def _mounted(path: Path, given: Any, tools: Sequence[str]) -> dict[str, Any]:
     """Read the section of mounted parts, as keyword arguments of a plan. tools: names of objects with couplings."""
     if not isinstance(given, dict):
         raise ValueError("mounted must be a mapping from names")
-    bolted: dict[str, tuple[Thing, MountedShape]] = {}
+    bolted: dict[str, tuple[ObjectDescription, MountedShape]] = {}
     cups: dict[str, Cup] = {}
     hands: dict[str, HandShape] = {}
     changers: dict[str, Plate] = {}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from emulator.physics.description import Barrier, Camera, Changer, Colour, Moving, Suction
 from emulator.physics.grippers import HandShape
-from urproto.worldfile import Thing
+from urproto.worldfile import ObjectDescription
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ class PhysicsPlan:
 
     source: Path
     scene: Path | None = None
-    things: Mapping[str, Thing] = field(default_factory=dict)
+    things: Mapping[str, ObjectDescription] = field(default_factory=dict)
     moving: Mapping[str, Moving] = field(default_factory=dict)
-    tool: Thing | None = None
-    bolted: Mapping[str, tuple[Thing, MountedShape]] = field(default_factory=dict)
+    tool: ObjectDescription | None = None
+    bolted: Mapping[str, tuple[ObjectDescription, MountedShape]] = field(default_factory=dict)
     cups: Mapping[str, Cup] = field(default_factory=dict)
     hands: Mapping[str, HandShape] = field(default_factory=dict)
     changers: Mapping[str, Plate] = field(default_factory=dict)

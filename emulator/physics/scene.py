@@ -17,7 +17,7 @@ from emulator.physics.fingers import add_fingers
 from emulator.physics.plan import MountedShape, PhysicsPlan
 from emulator.physics.suction import add_suction
 from urproto.robots import RobotModel, kinematics_of
-from urproto.worldfile import Thing
+from urproto.worldfile import ObjectDescription
 
 STEP_S: Final = 0.002
 """The longest step; a scene file may have a shorter one."""
@@ -137,7 +137,7 @@ def _stays(body: Any) -> bool:
     return True
 
 
-def _add_thing(spec: Any, name: str, thing: Thing, moving: Moving) -> None:
+def _add_thing(spec: Any, name: str, thing: ObjectDescription, moving: Moving) -> None:
     body = spec.worldbody.add_body(name=name, pos=list(thing.pose[:3]), quat=quaternion(thing.pose[3:]))
     kind, usual = (Kind.STAYING, 0.0) if moving.mass is None else (Kind.FREE, _FRICTION)
     material = touching(kind, thing.material.get("friction", usual))
@@ -150,7 +150,7 @@ def _add_thing(spec: Any, name: str, thing: Thing, moving: Moving) -> None:
         body.add_freejoint(name=name)
 
 
-def _add_shape(spec: Any, body: Any, name: str, thing: Thing, moving: Moving, **material: Any) -> Any:
+def _add_shape(spec: Any, body: Any, name: str, thing: ObjectDescription, moving: Moving, **material: Any) -> Any:
     colour = (*moving.colour, 1.0) if moving.colour else _STAYING if moving.mass is None else _MOVING
     values: dict[str, Any] = {"name": name, "type": _TYPES[thing.shape], "rgba": colour, **material}
     if thing.shape == "mesh":
@@ -163,7 +163,7 @@ def _add_shape(spec: Any, body: Any, name: str, thing: Thing, moving: Moving, **
     return body.add_geom(**values)
 
 
-def _half(thing: Thing) -> Sequence[float]:
+def _half(thing: ObjectDescription) -> Sequence[float]:
     """The sizes in MuJoCo's form: half lengths."""
     match thing.shape:
         case "plane":
@@ -225,7 +225,7 @@ def _add_mounted(spec: Any, plan: PhysicsPlan) -> None:
         add_changer(spec, flange, name, plate, plan.couplings)
 
 
-def _add_bolted(spec: Any, parent: Any, name: str, thing: Thing, shape: MountedShape) -> None:
+def _add_bolted(spec: Any, parent: Any, name: str, thing: ObjectDescription, shape: MountedShape) -> None:
     body = parent.add_body(name=f"{PREFIX}{name}/mounted", pos=list(thing.pose[:3]), quat=quaternion(thing.pose[3:]))
     geom = _add_shape(
         spec, body, PREFIX + name, thing, Moving(mass=1.0, colour=shape.colour), **touching(Kind.TOOL, shape.friction)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from emulator.world.shapes import Box, Plane, Shape, Sphere, WorldObject
 from emulator.world.world import POINT, World
 from urproto.robots import RobotModel
-from urproto.worldfile import MATERIAL, Thing, WorldFileError, read_description, read_world_file
+from urproto.worldfile import MATERIAL, ObjectDescription, WorldFileError, read_description, read_world_file
 
 if TYPE_CHECKING:
     from emulator.world.links import Links
@@ -73,7 +73,7 @@ def read_thing(name: str, description: Any, *, tool: bool = False) -> WorldObjec
     return _object(name, thing)
 
 
-def _object(name: str, thing: Thing) -> WorldObject:
+def _object(name: str, thing: ObjectDescription) -> WorldObject:
     try:
         return WorldObject(_SHAPES[thing.shape](thing.sizes), thing.pose, **thing.material)
     except ValueError as error:

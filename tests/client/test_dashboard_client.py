@@ -7,7 +7,7 @@ import pytest
 from client import dashboard, dashboard_commands
 from client.connection import POLL
 from client.dashboard import BlockingDashboardClient, DashboardClient, DashboardCore, Operation
-from client.dashboard_commands import judged
+from client.dashboard_commands import checked_command
 from client.errors import ConnectionLostError, NoAnswerError, RobotUnreachableError
 from urproto.dashboard import COMMANDS, GREETING, LineDecoder, OperationalMode, ProgramState, UserRole, encode_line
 from urproto.errors import LocalProtocolError, RemoteProtocolError, RobotRefused
@@ -175,10 +175,12 @@ def test_spellings_of_the_manual_are_confirmations_too():
 
 
 def test_any_line_is_judged_by_the_table():
-    refused = judged("setUserRole boss")
+    refused = checked_command("setUserRole boss")
     with pytest.raises(RobotRefused, match="roles that are set up on the pendant"):
         refused.answer("Failed setting user role: boss")
-    assert judged("SETUSERROLE operator").answer("Setting user role: operator") == "Setting user role: operator"
+    assert (
+        checked_command("SETUSERROLE operator").answer("Setting user role: operator") == "Setting user role: operator"
+    )
 
 
 BUILDERS = [

@@ -13,7 +13,7 @@ from client.doctor import (
     examine_own_ports,
     exit_status,
     governor,
-    judge_stream,
+    check_stream,
     preemption,
     priority,
 )
@@ -22,7 +22,7 @@ PERIOD_S = 0.002
 
 
 def grades(stamps: list[float], arrivals: list[float]) -> dict[str, Finding]:
-    return {finding.subject: finding for finding in judge_stream(arrivals, stamps)}
+    return {finding.subject: finding for finding in check_stream(arrivals, stamps)}
 
 
 def regular(count: int = 500) -> list[float]:
@@ -123,5 +123,5 @@ def test_states_without_a_time_are_a_finding(stamp):
     stamps = [0.002 * number for number in range(100)]
     arrivals = list(stamps)
     stamps[50] = stamp
-    (found,) = judge_stream(arrivals, stamps)
+    (found,) = check_stream(arrivals, stamps)
     assert (found.grade, found.text) == (Grade.BROKEN, "1 of 100 states have no time (timestamp)")

@@ -6,7 +6,7 @@ import re
 import pytest
 from rich.console import Console
 
-from client.commands.following import MotionProgress
+from client.commands.following import ProgressBar
 
 
 def told(width: int, terminal: bool, shares: int = 21) -> str:
@@ -14,10 +14,10 @@ def told(width: int, terminal: bool, shares: int = 21) -> str:
     clock = iter(range(100))
     text = io.StringIO()
     console = Console(file=text, width=width, force_terminal=terminal, color_system=None)
-    with MotionProgress("bend (2/3)", console, lambda: float(next(clock))) as progress:
+    with ProgressBar("bend (2/3)", console, lambda: float(next(clock))) as progress:
         for number in range(shares):
             if number == 10:
-                progress.say("the arm waits: its safety mode is PROTECTIVE_STOP")
+                progress.print_line("the arm waits: its safety mode is PROTECTIVE_STOP")
             progress.update(number / 20.0, "slider 30 %" if number > 10 else "")
     return text.getvalue()
 
@@ -30,7 +30,7 @@ def test_without_a_terminal_there_is_a_line_now_and_then() -> None:
         "bend (2/3): 70 % after 15 s, slider 30 %",
         "bend (2/3): 95 % after 20 s, slider 30 %",
     ]
-    assert told(80, terminal=False, shares=4) == ""  # short ones say nothing
+    assert told(80, terminal=False, shares=4) == ""  # short ones print_line nothing
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])

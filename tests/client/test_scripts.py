@@ -5,7 +5,7 @@ import pytest
 from client.connection import POLL, TimeLimit
 from client.errors import NoAnswerError, ScriptFailedError
 from client.primary import BRAKE_RELEASE, POWER_ON, STOP_PROGRAM, UNLOCK_PROTECTIVE_STOP, PrimaryCore
-from client.scripts import prepare, telling_its_end
+from client.scripts import prepare, with_end_message
 from urproto.errors import LocalProtocolError, RobotRefused
 from urproto.modes import ReportLevel, RobotMode, SafetyMode
 from urproto.primary.messages import (
@@ -122,7 +122,7 @@ def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
     said = [TextMessage(text="hello has come to its end")] if ended else []
     robot = Robot(says(key(PROGRAM_STARTED, "hello"), *said), says(key(PROGRAM_STOPPED, "hello"), state()))
     core = PrimaryCore()
-    run = robot.run(core.start(PROGRAM, to_its_end=True))
+    run = robot.run(core.start(PROGRAM, require_end=True))
     assert robot.sent == ['def hello():\n  textmsg(1)\n  textmsg("hello has come to its end")\nend\n']
     if ended:
         assert robot.run(core.finish(run)).texts == ()
@@ -146,11 +146,11 @@ def test_a_program_that_is_stopped_has_not_come_to_its_end(ended):
     ],
 )
 def test_what_can_tell_its_end(text, told):
-    script = telling_its_end(prepare(text))
-    assert bool(script.last_words) is told
+    script = with_end_message(prepare(text))
+    assert bool(script.end_message) is told
     assert (script.text != text) is told
     if told:
-        extra = f'  textmsg("{script.last_words}")'
+        extra = f'  textmsg("{script.end_message}")'
         lines = script.text.splitlines()
         (place,) = [number for number, line in enumerate(lines) if line.endswith(extra)]
         assert lines[place + 1].split("#")[0].strip() == "end"

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from urproto.errors import RemoteProtocolError
-from urproto.robotiq import Get, RequestDecoder, Set, Unclear, encode_value
+from urproto.robotiq import Get, RequestDecoder, Set, InvalidRequest, encode_value
 
 
 @pytest.mark.parametrize(
@@ -15,21 +15,21 @@ from urproto.robotiq import Get, RequestDecoder, Set, Unclear, encode_value
         ("SET ACT 1", Set((("ACT", 1),))),
         ("SET POS 255 SPE 100 FOR 50 GTO 1", Set((("POS", 255), ("SPE", 100), ("FOR", 50), ("GTO", 1)))),
         ("SET POS 128.0", Set((("POS", 128),))),
-        ("SET POS 1e999", Unclear("SET POS 1e999")),
-        ("SET POS 1_0", Unclear("SET POS 1_0")),
-        ("SET POS nan", Unclear("SET POS nan")),
-        ("SET POS ٣", Unclear("SET POS ٣")),
-        ("SET POS 1\x1c2", Unclear("SET POS 1\x1c2")),
-        ("SET POS 1\x1fSPE 2", Unclear("SET POS 1\x1fSPE 2")),
-        ("SET\x1dPOS 1", Unclear("SET\x1dPOS 1")),
-        ("GET\u2003POS", Unclear("GET\u2003POS")),
-        ("\x1eGET POS", Unclear("\x1eGET POS")),
-        ("SET POS 1.5", Unclear("SET POS 1.5")),
-        ("SET POS", Unclear("SET POS")),
-        ("SET", Unclear("SET")),
-        ("GET", Unclear("GET")),
-        ("GET POS OBJ", Unclear("GET POS OBJ")),
-        ("get POS", Unclear("get POS")),
+        ("SET POS 1e999", InvalidRequest("SET POS 1e999")),
+        ("SET POS 1_0", InvalidRequest("SET POS 1_0")),
+        ("SET POS nan", InvalidRequest("SET POS nan")),
+        ("SET POS ٣", InvalidRequest("SET POS ٣")),
+        ("SET POS 1\x1c2", InvalidRequest("SET POS 1\x1c2")),
+        ("SET POS 1\x1fSPE 2", InvalidRequest("SET POS 1\x1fSPE 2")),
+        ("SET\x1dPOS 1", InvalidRequest("SET\x1dPOS 1")),
+        ("GET\u2003POS", InvalidRequest("GET\u2003POS")),
+        ("\x1eGET POS", InvalidRequest("\x1eGET POS")),
+        ("SET POS 1.5", InvalidRequest("SET POS 1.5")),
+        ("SET POS", InvalidRequest("SET POS")),
+        ("SET", InvalidRequest("SET")),
+        ("GET", InvalidRequest("GET")),
+        ("GET POS OBJ", InvalidRequest("GET POS OBJ")),
+        ("get POS", InvalidRequest("get POS")),
     ],
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n"])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from client.controllers.goals import JointTrajectoryPoint
 from client.controllers.joint_trajectory import deceleration
-from client.controllers.trajectory import Path, Segment
+from client.controllers.trajectory import Path, SplineSegment
 
 NUMBERS = st.floats(-10.0, 10.0)
 
@@ -36,7 +36,7 @@ def test_a_polynomial_of_the_degree_is_met_everywhere(degree, data):
     coefficients = data.draw(st.lists(NUMBERS, min_size=degree + 1, max_size=degree + 1))
     x0, length = data.draw(st.floats(-2.0, 2.0)), data.draw(st.floats(0.1, 3.0))
     first, second = ends(coefficients, x0, x0 + length, {1: 0, 3: 1, 5: 2}[degree])
-    segment = Segment(first, second, length)
+    segment = SplineSegment(first, second, length)
     for share in (0.0, 0.3, 0.7, 1.0):
         got = segment.at(share * length)
         for order, values in enumerate((got.positions, got.velocities, got.accelerations)):
@@ -49,7 +49,7 @@ def test_published_case_cubic():
 
     The end's acceleration does not count, since the beginning has none.
     """
-    segment = Segment(point(q=0.0, qd=-2.0), point(q=4.0, qd=10.0, qdd=0.0), 2.0)
+    segment = SplineSegment(point(q=0.0, qd=-2.0), point(q=4.0, qd=10.0, qdd=0.0), 2.0)
     root = math.sqrt(2.0)
     for x, wanted in ((0.0, (0.0, -2.0, 0.0)), (root, (0.0, 4.0, 6.0 * root)), (2.0, (4.0, 10.0, 12.0))):
         got = segment.at(x)
@@ -62,7 +62,7 @@ def test_published_case_quintic():
     first, second = ends(coefficients, 1.0, 3.0, 2)
     assert (first.velocities[0], first.accelerations[0]) == (-6.0, 10.0)
     for x in (1.0, 2.0, 3.0):
-        got = Segment(first, second, 2.0).at(x - 1.0)
+        got = SplineSegment(first, second, 2.0).at(x - 1.0)
         assert got.positions[0] == pytest.approx(0.0, abs=1e-9)
         assert got.velocities[0] == pytest.approx(polynomial(coefficients, x, 1))
         assert got.accelerations[0] == pytest.approx(polynomial(coefficients, x, 2))

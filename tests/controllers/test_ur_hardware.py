@@ -31,7 +31,7 @@ class Notes:
     def __init__(self):
         self.calls = []
         self.program_running = True
-        self.lost_why = ""
+        self.loss_reason = ""
         self.robot = self
         self.ends = TrajectoryResult.SUCCESS
 
@@ -317,7 +317,7 @@ def test_late_setpoints_are_no_end_of_a_goal(monkeypatch):
 def test_the_reason_of_a_program_that_was_lost():
     arm = Arm()
     arm.manager.activate(SCALED)
-    arm.driver.program_running, arm.driver.lost_why = False, "the robot heard nothing from this machine"
+    arm.driver.program_running, arm.driver.loss_reason = False, "the robot heard nothing from this machine"
     arm.cycle()
     assert "heard nothing from this machine" in arm.hardware.failure
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 
-from client.decoding.session import Choice, InputForm, Session
+from client.decoding.session import Choice, InputForm, DecodingSession
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 FIN, SYN, RST, PSH, ACK = 1, 2, 4, 8, 16
@@ -26,7 +26,7 @@ def told(data: bytes, chunk: int = 0, **choice) -> list[str]:
 
 def session(data: bytes, chunk: int = 0, **choice) -> tuple[list[str], int]:
     """The output lines for any input, and the number of problems."""
-    one = Session(Choice(**choice))
+    one = DecodingSession(Choice(**choice))
     lines = []
     for start in range(0, len(data), chunk or max(1, len(data))):
         lines += one.feed(data[start : start + (chunk or len(data))])

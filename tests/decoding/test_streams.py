@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from client.decoding.codecs import CODECS, Side
-from client.decoding.session import Choice, InputForm, Session
+from client.decoding.session import Choice, InputForm, DecodingSession
 from tests.budget import some
 from urproto import modbus
 from urproto.external_control import (
@@ -241,7 +241,7 @@ def test_any_input_in_any_format(data):
     "name", some(["primary", "rtde", "realtime", "modbus", "dashboard", "interpreter"], now=["primary", "dashboard"])
 )
 def test_an_endless_stream_of_garbage_uses_bounded_memory(name):
-    one = Session(Choice(CODECS[name], form=InputForm.RAW))
+    one = DecodingSession(Choice(CODECS[name], form=InputForm.RAW))
     peaks = []
     for pieces in (15, 45):
         tracemalloc.start()

@@ -182,7 +182,7 @@ async def test_without_a_token_the_next_one_waits_until_the_robot_has_left():
         assert (await first.words(8))[7] == 0
         peer = reverse.peer
         first.close()
-        await peer.gone
+        await peer.closed
         reverse.stop()
         assert (await second.words(8))[7] == -2
         second.close()
@@ -198,7 +198,7 @@ async def test_with_a_token_nobody_who_waits_takes_the_place_of_a_robot_that_has
         await asyncio.sleep(0.01)
         peer = reverse.peer
         robot.close()
-        await peer.gone
+        await peer.closed
         assert len(reverse.waiting) == 1
         assert not reverse.connected
         stranger.close()
@@ -346,7 +346,7 @@ async def test_what_was_left_of_an_earlier_question_answers_no_later_one():
         peer = commands.peer
         first.answer(-2, 1_000_000, 0)
         first.close()
-        await peer.gone
+        await peer.closed
         second = await Robot.at(commands)
         await commands.wait_connected()
         asking = asyncio.create_task(commands.ask(Question.INVERSE_KIN, (Q,)))

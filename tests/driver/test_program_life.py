@@ -90,7 +90,7 @@ async def test_the_last_word_of_an_old_program_does_not_end_the_new_one(connect)
         await starting
         await pair.periods(20)
         assert told == [True]
-        assert not pair.driver.lost_why
+        assert not pair.driver.loss_reason
 
 
 async def test_two_who_start_the_program_get_one(connect):
@@ -104,8 +104,8 @@ async def test_two_who_start_the_program_get_one(connect):
 @pytest.mark.parametrize("send", ["servoj", "speedj"])
 async def test_a_driver_that_freezes_stops_the_arm(pair, send, monkeypatch):
     """Setpoints cease and no keep-alive follows, as when the driver's process hangs."""
-    monkeypatch.setattr(pair.driver.pulse, "_beat", lambda due_s: due_s)
-    monkeypatch.setattr(pair.driver.reverse, "note_late", lambda why: None)
+    monkeypatch.setattr(pair.driver.keep_alive, "_cycle", lambda due_s: due_s)
+    monkeypatch.setattr(pair.driver.reverse, "report_late", lambda why: None)
 
     def setpoint(t):
         if send == "servoj":
@@ -168,7 +168,9 @@ async def test_a_program_that_is_started_again_beside_silent_strangers_takes_ove
     strangers = [await asyncio.open_connection(HOST, endpoint.port) for endpoint in ends]
     before = pair.driver.reverse.peer
     pair.robot.controller.programs.submit(pair.driver.program.control_program().render_headless(pair.driver.version))
-    await pair.until(lambda: pair.driver.reverse.current_peer not in (None, before) and pair.driver.reverse.peer.proven)
+    await pair.until(
+        lambda: pair.driver.reverse.current_peer not in (None, before) and pair.driver.reverse.peer.authenticated
+    )
     await pair.until(lambda: pair.driver.program_running)
     here = [pair.q[0] - 0.05, *pair.q[1:]]
     assert await pair.driver.execute([points.movej(here, v=1, a=5)], PATIENCE_S) is TrajectoryResult.SUCCESS
@@ -197,7 +199,7 @@ async def test_a_control_program_that_says_nothing_is_admitted_while_a_program_r
             pair.robot.controller.programs.stop()
             await pair.driver.reverse.wait_disconnected()
         await pair.driver.start_program()
-        assert pair.driver.reverse.peer.proven
+        assert pair.driver.reverse.peer.authenticated
 
 
 async def test_an_idle_program_lives_as_long_as_its_driver(connect):

@@ -274,11 +274,11 @@ async def test_setpoints_that_come_too_late_stop_the_arm_and_are_to_blame(lab):
 
 async def test_a_program_lost_through_our_own_fault_is_back_and_rests(lab, monkeypatch):
     await under_way(lab)
-    beat = lab.driver.pulse._beat
-    monkeypatch.setattr(lab.driver.pulse, "_beat", lambda due_s: due_s)
+    beat = lab.driver.keep_alive._cycle
+    monkeypatch.setattr(lab.driver.keep_alive, "_cycle", lambda due_s: due_s)
     with pytest.raises(ProgramEndedError, match="received nothing from this machine"):
         await lab.arm.wait_done(PATIENCE_S)
-    monkeypatch.setattr(lab.driver.pulse, "_beat", beat)
+    monkeypatch.setattr(lab.driver.keep_alive, "_cycle", beat)
     async with timeout(PATIENCE_S):
         while not lab.driver.program_running:
             await asyncio.sleep(0.02)

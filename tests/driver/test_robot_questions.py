@@ -266,8 +266,8 @@ async def test_torques_and_freedrive_along_one_axis(lab):
 
 async def test_an_event_loop_that_hangs_ends_the_program(lab, monkeypatch):
     await lab.arm.move_j(turned(1.5), speed_rad_s=0.3, wait=False)
-    monkeypatch.setattr(lab.driver.pulse, "_hang_s", 0.3)
-    monkeypatch.setattr(lab.driver.pulse, "breathe", lambda: None)
+    monkeypatch.setattr(lab.driver.keep_alive, "_hang_timeout_s", 0.3)
+    monkeypatch.setattr(lab.driver.keep_alive, "report_alive", lambda: None)
     with pytest.raises(ProgramEndedError, match=r"event loop .* has hung"):
         await lab.arm.wait_done(PATIENCE_S)
     await lab.until(lambda: lab.at_rest)

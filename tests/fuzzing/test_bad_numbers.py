@@ -161,7 +161,7 @@ class _Driver:
     """Replaces URDriver: checks its setpoints."""
 
     program_running = True
-    lost_why = ""
+    loss_reason = ""
 
     def __init__(self) -> None:
         self.sent: list[tuple[float, ...]] = []

@@ -42,7 +42,7 @@ def test_mass_and_centre_of_a_carried_body_are_identified(tmp_path, scene):
     assert robot.controller.safety.mode.name == "NORMAL"
     recording = Recording({name: np.array([state[name] for state in states]) for name in NAMES})
     found = identify(recording, MODEL)
-    assert found.told.mass_kg == 0.0
+    assert found.controller_payload.mass_kg == 0.0
     assert found.payload is not None
     assert found.payload.mass_kg == pytest.approx(KG, rel=0.05)
     assert found.payload.cog_m == pytest.approx(COG, abs=0.05 * COG[2])

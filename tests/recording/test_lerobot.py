@@ -165,7 +165,7 @@ def test_picture_statistics_match_their_pixels() -> None:
         Image.fromarray(picture).save(written, "JPEG")
         pictures.append(written.getvalue())
     pixels = np.concatenate([stats.decoded(picture).reshape(-1, 3) for picture in pictures]) / 255
-    found = {name: np.ravel(values) for name, values in stats.of_pictures(pictures).items()}
+    found = {name: np.ravel(values) for name, values in stats.picture_statistics(pictures).items()}
     for name, value in (
         ("min", pixels.min(0)),
         ("max", pixels.max(0)),
@@ -176,7 +176,7 @@ def test_picture_statistics_match_their_pixels() -> None:
     for name, share in (("q01", 0.01), ("q50", 0.5), ("q99", 0.99)):
         assert found[name] == pytest.approx(np.quantile(pixels, share, axis=0, method="inverted_cdf")), name
     with pytest.raises(RecordingError, match="the images of one camera have 2 different sizes"):
-        stats.of_pictures([jpeg(1), jpeg(1, (16, 6))])
+        stats.picture_statistics([jpeg(1), jpeg(1, (16, 6))])
 
 
 def test_a_dataset_is_split_into_files_of_limited_size(states, tmp_path: Path, monkeypatch) -> None:

@@ -74,7 +74,7 @@ def test_joints_are_matched_by_name_in_every_message() -> None:
         point = {"positions": numbers, "velocities": numbers}
         names = [JOINT_NAMES[joint] for joint in order]
         builder.add(float(time_s), {"joint_names": names, "reference": point, "feedback": point})
-    found = builder.built(0.0)
+    found = builder.build(0.0)
     assert found.joints == JOINT_NAMES
     for columns in (found.desired_q, found.actual_q, found.actual_qd):
         assert columns.tolist() == [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]] * 2

@@ -253,7 +253,7 @@ ENSURE = "from client.ros2.message_packages import ensure; print(ensure().prefix
 @needs_ros
 def test_without_a_compiler_it_says_what_to_install(tmp_path):
     done = in_ros(ENSURE, UR_CLIENT_ROS2_CACHE=str(tmp_path), PATH=str(tmp_path))
-    assert ": no compiler: none of cc, gcc, clang is there" in done.stderr
+    assert ": no compiler: none of cc, gcc, clang was found" in done.stderr
     assert "build-essential" in done.stderr
 
 

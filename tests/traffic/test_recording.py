@@ -16,7 +16,7 @@ from traffic_rig import BEGIN_NS, CLIENT, ROBOT, VirtualTime, ends
 from typer.testing import CliRunner
 
 from client.cli import app
-from client.decoding.packets import Endpoint
+from client.decoding.packets import SocketAddress
 from client.errors import FileError
 from client.traffic.recording import Recorder, Recording
 
@@ -93,7 +93,7 @@ def test_wireshark_reports_no_errors(tmp_path):
 @pytest.mark.parametrize("client", ["fd00::2", "10.0.0.2", "fe80::1%eth0"])
 def test_ipv4_and_ipv6_addresses(tmp_path, client):
     recorder = Recorder(tmp_path / "file")
-    recorder.connection(Endpoint(client, 5000), Endpoint("fd00::1", 29999)).data(True, b"power on\n")
+    recorder.connection(SocketAddress(client, 5000), SocketAddress("fd00::1", 29999)).data(True, b"power on\n")
     recorder.close()
     assert Recording.read(tmp_path / "file").conversations[0].sent(from_server=False) == b"power on\n"
 

@@ -16,8 +16,8 @@ from traffic_rig import NAMES, VirtualTime, ends, recorded_robot
 from client import BlockingDashboardClient, BlockingRTDEClient, dashboard
 from client.decoding.states import PRIMARY
 from client.errors import ClientError, FileError
-from client.traffic.dialogues import Requests, answer_modbus
-from client.traffic.players import Broadcast, InOrder, Script, Timing
+from client.traffic.dialogues import RequestLog, answer_modbus
+from client.traffic.players import Broadcast, SequentialPlayer, TimedMessages, PlaybackOptions
 from client.traffic.recording import Conversation, Piece, Recorder, Recording
 from client.traffic.replay import ReplayRobot
 from client.traffic.rtde_log import Outputs
@@ -62,7 +62,7 @@ async def test_the_same_recipe_and_any_subset_of_its_variables(recording):
 
 async def test_an_unrecorded_variable_is_not_found_and_reported(recording):
     told: list[str] = []
-    async with ReplayRobot(recording, HOST, free_ports=True, say=told.append) as robot:
+    async with ReplayRobot(recording, HOST, free_ports=True, report=told.append) as robot:
         with pytest.raises(RobotRefused, match="actual_TCP_force: NOT_FOUND"):
             await asyncio.to_thread(watch, robot.ports["rtde"], ("timestamp", "actual_TCP_force"))
     assert told == ["rtde: not in the recording, so NOT_FOUND: actual_TCP_force"]
@@ -126,7 +126,9 @@ def conversation(pieces: list[tuple[int, bool, bytes]]) -> Conversation:
 
 
 def test_in_order_replay_waits_for_the_same_number_of_bytes_and_the_same_time():
-    player = InOrder(conversation([(5, True, b"hi"), (1, False, b"abc"), (20, True, b"there")]), Timing())
+    player = SequentialPlayer(
+        conversation([(5, True, b"hi"), (1, False, b"abc"), (20, True, b"there")]), PlaybackOptions()
+    )
     player.begin(100.0)
     assert (player.due(100.0), player.next_s) == (b"", pytest.approx(100.005))
     assert player.due(100.005) == b"hi"
@@ -145,7 +147,7 @@ def test_in_order_replay_waits_for_the_same_number_of_bytes_and_the_same_time():
 )
 def test_in_order_replay_is_complete_for_a_client_that_sends_everything(pieces, sizes):
     one = conversation(pieces)
-    player, now_s, said = InOrder(one, Timing(2.0)), 0.0, b""
+    player, now_s, said = SequentialPlayer(one, PlaybackOptions(2.0)), 0.0, b""
     sent = one.sent(from_server=False)
     player.begin(now_s)
     for turn in range(2000):
@@ -161,7 +163,7 @@ def test_in_order_replay_is_complete_for_a_client_that_sends_everything(pieces, 
 def test_a_broadcast_sends_whole_messages_at_their_times():
     message = b"\0\0\0\x07\x14ab"
     cut_off = conversation([(0, True, message + message[:3]), (10, True, message[3:] + message[:4])])
-    player = Broadcast(Script.of(cut_off, PRIMARY), Timing(speed=2.0))
+    player = Broadcast(TimedMessages.of(cut_off, PRIMARY), PlaybackOptions(speed=2.0))
     player.begin(50.0)
     assert (player.due(50.0), player.next_s) == (message, pytest.approx(50.005))
     assert player.take(b"def prog():\n", 50.001) == b""
@@ -171,7 +173,7 @@ def test_a_broadcast_sends_whole_messages_at_their_times():
 
 
 def test_answers_follow_the_recording_and_repeat_the_last_one():
-    requests = Requests()
+    requests = RequestLog()
     for request, answer in ((b"mode", b"off"), (b"on", b"ok"), (b"mode", b"idle")):
         requests.add(request, answer)
     assert [requests.answer(text) for text in (b"mode", b"on", b"mode", b"mode", b"what")] == [
@@ -180,7 +182,7 @@ def test_answers_follow_the_recording_and_repeat_the_last_one():
 
 
 def test_modbus_answers_any_transaction_id_and_refuses_unrecorded_reads():
-    requests = Requests()
+    requests = RequestLog()
     requests.add(bytes.fromhex("0000 0006 01 03 0080 0001"), bytes.fromhex("0000 0005 01 03 02 002a"))
     asked = bytes.fromhex("1234 0000 0006 01 03 0080 0001")
     assert answer_modbus(requests, asked) == bytes.fromhex("1234 0000 0005 01 03 02 002a")

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from client.decoding.packets import Endpoint
+from client.decoding.packets import SocketAddress
 from client.traffic.recording import Recorded, Recorder, Recording
 from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
@@ -29,8 +29,8 @@ class VirtualTime:
         return self.ns
 
 
-def ends(port: int, client_port: int = 45678) -> tuple[Endpoint, Endpoint]:
-    return Endpoint(CLIENT, client_port), Endpoint(ROBOT, port)
+def ends(port: int, client_port: int = 45678) -> tuple[SocketAddress, SocketAddress]:
+    return SocketAddress(CLIENT, client_port), SocketAddress(ROBOT, port)
 
 
 def recorded_robot(

@@ -1,4 +1,4 @@
-"""Split a byte stream into messages of the primary interface, whatever its chunks."""
+"""Split a byte stream into messages of the primary interface; its chunks may be of any size."""
 
 from dataclasses import dataclass
 

@@ -27,12 +27,12 @@ _MAX_STEPS: Final = 80  # for a pose, all starts together
 _MAX_STARTS: Final = 3  # when only the nearest solution is needed
 _NEAR_RAD: Final = 0.1  # a solution this close to the given joint angles is accepted as the nearest one (guess)
 # Where the closed form searches for starts: a pose just beyond the nominal arm's reach may be reachable (guess).
-_PULLED: Final = (1.0, 0.99, 1.01)
+_SCALES: Final = (1.0, 0.99, 1.01)
 _MAX_SHIFT_RAD: Final = 0.5  # how far Newton steps may lead away from the closed-form solution (guess)
 _DISTINCT_RAD: Final = 1e-6
 _EPSILON: Final = 1e-24  # a pivot below this is zero apart from rounding
 
-_Spot = tuple[Vector3, Matrix3]
+_JointFrame = tuple[Vector3, Matrix3]
 
 
 def kinematics_of(model: RobotModel) -> Kinematics:
@@ -51,21 +51,21 @@ class CalibratedKinematics(Kinematics):
 
     def flange_axes(self, q_rad: Sequence[float]) -> tuple[Vector3, Matrix3]:
         """As for a nominal arm."""
-        return self._spots(q_rad)[-1]
+        return self._joint_frames(q_rad)[-1]
 
     def elbow_position(self, q_rad: Sequence[float]) -> Vector3:
         """Origin of joint 3 in the base frame [m]."""
-        return self._spots(q_rad)[2][0]
+        return self._joint_frames(q_rad)[2][0]
 
     def wrist_position(self, q_rad: Sequence[float]) -> Vector3:
         """Intersection of joint 4's axis with the plane of the arm, in the base frame [m]."""
-        (x, y, z), axes = self._spots(q_rad)[3]
-        aside = self._chain[3].position[2]
-        return (x - aside * axes[2], y - aside * axes[5], z - aside * axes[8])
+        (x, y, z), axes = self._joint_frames(q_rad)[3]
+        offset = self._chain[3].position[2]
+        return (x - offset * axes[2], y - offset * axes[5], z - offset * axes[8])
 
     def jacobian_at(self, q_rad: Sequence[float], pose_base_tcp: Sequence[float]) -> Jacobian:
         """As for a nominal arm."""
-        return _jacobian(self._spots(q_rad), pose_base_tcp)
+        return _jacobian(self._joint_frames(q_rad), pose_base_tcp)
 
     def twist_at(self, q_rad: Sequence[float], qd: Sequence[float], pose_base_tcp: Sequence[float]) -> Joints:
         """As for a nominal arm."""
@@ -75,7 +75,7 @@ class CalibratedKinematics(Kinematics):
         """As for a nominal arm; in a singular configuration, one of the possible solutions."""
         found: list[Joints] = []
         for q in self._solutions(pose_base_flange, lambda starts: starts, q_near):
-            if all(_apart(q, other) > _DISTINCT_RAD for other in found):
+            if all(_max_difference(q, other) > _DISTINCT_RAD for other in found):
                 a, b, c, d, e, f = map(wrap, q)
                 found.append((a, b, c, d, e, f))
         return found
@@ -88,7 +88,7 @@ class CalibratedKinematics(Kinematics):
         q_max: Sequence[float],
     ) -> Joints | None:
         """As for a nominal arm."""
-        best, _ = self._refined(q_near, pose_base_flange)
+        best, _ = self._refine(q_near, pose_base_flange)
         best = None if best is None else unwind(best, q_near, q_min, q_max)
         least = inf if best is None else dist(best, q_near)
         if least < _NEAR_RAD:
@@ -114,19 +114,19 @@ class CalibratedKinematics(Kinematics):
     ) -> Iterator[Joints]:
         """Refine the chosen closed-form solutions with Newton steps, until the maximum number of steps is reached."""
         steps, found = _MAX_STEPS, False
-        for share in _PULLED:
+        for share in _SCALES:
             x, y, z, *turn = flange
-            pulled = (x * share, y * share, self._height + (z - self._height) * share, *turn)
-            for start in chosen(super().inverse_all(pulled, q_near)):
-                q, taken = self._refined(start, flange, steps)
-                steps -= taken
+            scaled = (x * share, y * share, self._height + (z - self._height) * share, *turn)
+            for start in chosen(super().inverse_all(scaled, q_near)):
+                q, count = self._refine(start, flange, steps)
+                steps -= count
                 if q is not None:
                     found = True
                     yield q
             if found or steps <= 0:
                 break
 
-    def _refined(
+    def _refine(
         self, start: Sequence[float], flange: Sequence[float], steps: int = _STEPS
     ) -> tuple[Joints | None, int]:
         """Joint angles near the start that reach this pose (None if there are none), and the number of steps."""
@@ -136,22 +136,22 @@ class CalibratedKinematics(Kinematics):
         q: Joints = (a, b, c, d, e, f)
         sizes: list[float] = []
         for step in range(min(steps, _STEPS)):
-            spots = self._spots(q)
-            (x, y, z), axes = spots[-1]
+            joint_frames = self._joint_frames(q)
+            (x, y, z), axes = joint_frames[-1]
             error = (px - x, py - y, pz - z, *matrix_to_rotvec(_times_transposed(aim, axes)))
             sizes.append(max(map(abs, error)))
             if sizes[-1] < _CONVERGED:
                 return q, step + 1
             if step > _STALL_STEPS and sizes[-1] > _STALLED * sizes[-1 - _STALL_STEPS]:
                 return None, step + 1
-            q = _stepped(q, _jacobian(spots, (x, y, z)), error)
+            q = _newton_step(q, _jacobian(joint_frames, (x, y, z)), error)
         return None, _STEPS
 
-    def _spots(self, q_rad: Sequence[float]) -> list[_Spot]:
+    def _joint_frames(self, q_rad: Sequence[float]) -> list[_JointFrame]:
         """Origin and axes of each joint's frame, rotated by its angle, in the base frame."""
         x, y, z = 0.0, 0.0, 0.0
         a, b, c, d, e, f, g, h, i = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-        spots = []
+        joint_frames = []
         for ((u, v, w), (r, s, t, j, k, m, n, o, p)), angle in zip(self._chain, q_rad, strict=True):
             x, y, z = x + a * u + b * v + c * w, y + d * u + e * v + f * w, z + g * u + h * v + i * w
             sine, cosine = sin(angle), cos(angle)
@@ -163,14 +163,14 @@ class CalibratedKinematics(Kinematics):
                 *(d * r + e * j + f * n, d * s + e * k + f * o, d * t + e * m + f * p),
                 *(g * r + h * j + i * n, g * s + h * k + i * o, g * t + h * m + i * p),
             )
-            spots.append(((x, y, z), (a, b, c, d, e, f, g, h, i)))
-        return spots
+            joint_frames.append(((x, y, z), (a, b, c, d, e, f, g, h, i)))
+        return joint_frames
 
 
-def _jacobian(spots: Sequence[_Spot], point: Sequence[float]) -> Jacobian:
+def _jacobian(joint_frames: Sequence[_JointFrame], point: Sequence[float]) -> Jacobian:
     px, py, pz, *_ = point
     columns = []
-    for (x, y, z), axes in spots:
+    for (x, y, z), axes in joint_frames:
         u, v, w = axes[2], axes[5], axes[8]
         rx, ry, rz = px - x, py - y, pz - z
         columns.append((v * rz - w * ry, w * rx - u * rz, u * ry - v * rx, u, v, w))
@@ -178,13 +178,13 @@ def _jacobian(spots: Sequence[_Spot], point: Sequence[float]) -> Jacobian:
     return (a, b, c, d, e, f)
 
 
-def _stepped(q: Joints, rows: Jacobian, error: Sequence[float]) -> Joints:
+def _newton_step(q: Joints, rows: Jacobian, error: Sequence[float]) -> Joints:
     """A damped Newton step: dq = Jt (J Jt + s I)^-1 e, with s = e.e."""
     damping = sum(map(mul, error, error))
     squares = [[sum(map(mul, one, other)) for other in rows[: i + 1]] for i, one in enumerate(rows)]
     for i, line in enumerate(squares):
         line[i] += damping
-    weights = _solved(squares, error)
+    weights = _solve(squares, error)
     step = [sum(map(mul, column, weights)) for column in zip(*rows, strict=True)]
     longest = max(map(abs, step))
     scale = 1.0 if longest <= _STEP_RAD else _STEP_RAD / longest
@@ -192,7 +192,7 @@ def _stepped(q: Joints, rows: Jacobian, error: Sequence[float]) -> Joints:
     return (a, b, c, d, e, f)
 
 
-def _solved(squares: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
+def _solve(squares: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
     """Solve matrix x = right by Cholesky decomposition; the symmetric matrix is given by the rows of its lower half."""
     lower: list[list[float]] = []
     y: list[float] = []
@@ -222,5 +222,5 @@ def _times_transposed(a: Matrix3, b: Matrix3) -> Matrix3:
     )
 
 
-def _apart(one: Joints, other: Joints) -> float:
+def _max_difference(one: Joints, other: Joints) -> float:
     return max(abs(wrap(a - b)) for a, b in zip(one, other, strict=True))

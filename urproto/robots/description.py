@@ -139,8 +139,8 @@ def _numbers(values: Vector3) -> str:
 
 # geometry: for each link, the functions that add a shape to <visual> and to <collision>
 
-_Put = Callable[[Element, str | None], None]
-_Shapes = tuple[list[_Put], list[_Put]]
+_AddShape = Callable[[Element, str | None], None]
+_Shapes = tuple[list[_AddShape], list[_AddShape]]
 
 
 def _capsules(model: RobotModel) -> list[_Shapes]:
@@ -148,7 +148,7 @@ def _capsules(model: RobotModel) -> list[_Shapes]:
     return [(parts, parts) for parts in shapes]
 
 
-def _parts(capsule: Capsule) -> list[_Put]:
+def _parts(capsule: Capsule) -> list[_AddShape]:
     """URDF has no capsules: a cylinder and two spheres."""
     (ax, ay, az), (bx, by, bz) = capsule.start, capsule.end
     u, v, w = bx - ax, by - ay, bz - az
@@ -163,20 +163,22 @@ def _parts(capsule: Capsule) -> list[_Put]:
     ]
 
 
-def _shape(xyz: Vector3, rpy: Vector3, kind: str, **size: str) -> _Put:
-    def put(parent: Element, colour: str | None) -> None:
+def _shape(xyz: Vector3, rpy: Vector3, kind: str, **size: str) -> _AddShape:
+    def add(parent: Element, colour: str | None) -> None:
         _origin(parent, xyz, rpy)
         SubElement(SubElement(parent, "geometry"), kind, size)
         if colour is not None and kind != "mesh":
             material = SubElement(parent, "material", name=f"colour {colour}")
             SubElement(material, "color", rgba=colour)
 
-    return put
+    return add
 
 
 def _meshes(model: RobotModel, folder: Path) -> list[_Shapes]:
-    def put(mesh: PlacedMesh, kind: str, endings: Sequence[str]) -> list[_Put]:
+    def shapes_of(mesh: PlacedMesh, kind: str, endings: Sequence[str]) -> list[_AddShape]:
         uri = mesh_file(folder, kind, mesh.name, endings).resolve().as_uri()
         return [_shape(mesh.position, mesh.rpy, "mesh", filename=uri)]
 
-    return [(put(mesh, "visual", _VISUAL), put(mesh, "collision", _COLLISION)) for mesh in placed_meshes(model)]
+    return [
+        (shapes_of(mesh, "visual", _VISUAL), shapes_of(mesh, "collision", _COLLISION)) for mesh in placed_meshes(model)
+    ]

@@ -25,17 +25,17 @@ def drivetrain_of(model: RobotModel) -> Drivetrain:
     table = _table()
     known, noise = table["knowledge"], table["noise"]
     rows = [row for row in table["sizes"] if row["series"] == model.series.value]
-    sizes = [min(rows, key=lambda row: abs(log(row["torque_max_Nm"] / most))) for most in model.torque_max]
+    sizes = [min(rows, key=lambda row: abs(log(row["torque_max_Nm"] / limit))) for limit in model.torque_max]
     values = {name: [size[name] for size in sizes] for name in ("coulomb_Nm", "viscous_Nm_s", "rotor_kg_m2")}
     values["torque_constants_Nm_A"] = list(model.torque_constants)
     values["rest_noise_A"] = noise[model.series.value]["current_A"]
     measured = table["models"].get(model.name, {})
     values |= measured
     values.setdefault("known_coulomb_Nm", values["coulomb_Nm"])
-    values.setdefault("known_viscous_Nm_s", [known["slow_share"] * slope for slope in values["viscous_Nm_s"]])
-    values.setdefault("known_fast_viscous_Nm_s", [known["fast_share"] * slope for slope in values["viscous_Nm_s"]])
+    values.setdefault("known_viscous_Nm_s", [known["slow_share"] * viscous for viscous in values["viscous_Nm_s"]])
+    values.setdefault("known_fast_viscous_Nm_s", [known["fast_share"] * viscous for viscous in values["viscous_Nm_s"]])
     limits = zip(model.torque_max, values["torque_constants_Nm_A"], strict=True)
-    values.setdefault("motion_noise_A", [noise["motion_share"] * most / constant for most, constant in limits])
+    values.setdefault("motion_noise_A", [noise["motion_share"] * limit / constant for limit, constant in limits])
     return Drivetrain.from_mapping(values)
 
 

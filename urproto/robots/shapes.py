@@ -46,7 +46,7 @@ def capsules(model: RobotModel) -> tuple[Capsule, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Cylinder:
+class LinkCylinder:
     """A cylinder, with the centres of its flat ends in the frame that moves with the link [m]."""
 
     start: Vector3
@@ -54,7 +54,7 @@ class Cylinder:
     radius: float
 
 
-def cylinders(model: RobotModel) -> tuple[tuple[Cylinder, ...], ...]:
+def cylinders(model: RobotModel) -> tuple[tuple[LinkCylinder, ...], ...]:
     """The cylinders of base, shoulder, upper arm, forearm, wrist 1, 2 and 3, in the frames of `capsules`; see
     `LinkCylinders`."""
     chain = chain_of(model.dh)
@@ -70,8 +70,8 @@ def cylinders(model: RobotModel) -> tuple[tuple[Cylinder, ...], ...]:
     return tuple(found)
 
 
-def _along(span: Span, start: Vector3, axis: Vector3) -> Cylinder:
-    return Cylinder(add3(start, scaled3(axis, span.low)), add3(start, scaled3(axis, span.high)), span.radius)
+def _along(span: Span, start: Vector3, axis: Vector3) -> LinkCylinder:
+    return LinkCylinder(add3(start, scaled3(axis, span.low)), add3(start, scaled3(axis, span.high)), span.radius)
 
 
 class ArmCapsules:

@@ -62,7 +62,7 @@ class Package(NamedTuple):
 
 
 class RTDEDecoder:
-    """Splits a stream into packages, whatever its chunks.
+    """Splits a stream into packages; its chunks may be of any size.
 
     Never buffers more than one incomplete package (64 kB).
     """

@@ -75,7 +75,7 @@ class Field:
         return f"{source} >> {self.index} & {mask}"
 
 
-def _place(name: str) -> tuple[str, int | None]:
+def _attribute_and_index(name: str) -> tuple[str, int | None]:
     """Attribute and index for the name of a variable."""
     if match := _REGISTER.fullmatch(name):
         return f"{match['kind']}s", int(match["index"])
@@ -97,7 +97,7 @@ def _fields_of_row(row: dict[str, str]) -> Iterator[Field]:
     first = Availability.since(row["cb3"].lstrip("?") or None, row["e"].lstrip("?") or None)
     guessed = "?" in row["cb3"] + row["e"]
     for name in _names(row["name"]):
-        attribute, index = _place(name)
+        attribute, index = _attribute_and_index(name)
         yield Field(name, FieldType[row["type"]], row["unit"], first, guessed, attribute, index, row["doc"])
 
 

@@ -25,7 +25,7 @@ ROOT: Final = Path(__file__).absolute().parents[2]  # the folder with the four p
 PACKAGES: Final = ("client", "emulator", "urproto", "urscript")
 _SHUTDOWN_S: Final = 5.0  # guess: how long a clean shutdown may take
 
-_nameless: dict[str, ModuleType] = {}  # our modules whose names are taken by others
+_hidden_modules: dict[str, ModuleType] = {}  # our modules whose names are taken by others
 
 
 class OwnPackages:
@@ -50,17 +50,17 @@ def check() -> None:
 
 def load(name: str) -> ModuleType:
     """A module of the project by its dotted name: the same as with ``import``, if that finds ours."""
-    taken = [package for package in PACKAGES if package != "urproto" and not _finds_ours(package)]
-    if not taken:
+    shadowed = [package for package in PACKAGES if package != "urproto" and not _finds_ours(package)]
+    if not shadowed:
         return importlib.import_module(name)
-    with _own_names(taken):
+    with _own_names(shadowed):
         return importlib.import_module(name)
 
 
 def is_ours(origin: str | None, package: str) -> bool:
     """Whether a package's ``__init__.py`` is that of the project."""
-    ours = ROOT / package / "__init__.py"
-    return origin is not None and Path(origin).exists() and ours.samefile(origin)
+    own_file = ROOT / package / "__init__.py"
+    return origin is not None and Path(origin).exists() and own_file.samefile(origin)
 
 
 def _finds_ours(package: str) -> bool:
@@ -73,20 +73,20 @@ def _finds_ours(package: str) -> bool:
 
 
 @contextmanager
-def _own_names(taken: list[str]) -> Iterator[None]:
+def _own_names(shadowed: list[str]) -> Iterator[None]:
     """Give our packages their names in ``sys.modules`` while one of their modules is imported."""
-    theirs = _taken_out(taken)
-    sys.modules.update(_nameless)
+    others = _remove_modules(shadowed)
+    sys.modules.update(_hidden_modules)
     sys.meta_path.insert(0, OwnPackages)
     try:
         yield
     finally:
         sys.meta_path.remove(OwnPackages)
-        _nameless.update(_taken_out(taken))
-        sys.modules.update(theirs)
+        _hidden_modules.update(_remove_modules(shadowed))
+        sys.modules.update(others)
 
 
-def _taken_out(packages: list[str]) -> dict[str, ModuleType]:
+def _remove_modules(packages: list[str]) -> dict[str, ModuleType]:
     names = [name for name in sys.modules if name.partition(".")[0] in packages]
     return {name: sys.modules.pop(name) for name in names}
 

@@ -17,7 +17,7 @@ _POLL_S: Final = 0.01
 
 
 @dataclass
-class Belongings:
+class Resources:
     """An inventory of threads and listening ports, which are allowed to exist."""
 
     threads: set[threading.Thread] = field(default_factory=set)
@@ -28,16 +28,16 @@ class Belongings:
         """The current threads and ports."""
         return cls(set(threading.enumerate()), listening_sockets())
 
-    def add(self, other: "Belongings") -> None:
+    def add(self, other: "Resources") -> None:
         """Also allow those of another inventory."""
         self.threads |= other.threads
         self.ports |= other.ports
 
-    def new(self) -> "Belongings":
+    def new(self) -> "Resources":
         """The current threads and ports that are not in the inventory."""
-        return Belongings(set(threading.enumerate()) - self.threads, listening_sockets() - self.ports)
+        return Resources(set(threading.enumerate()) - self.threads, listening_sockets() - self.ports)
 
-    def complaints(self) -> list[str]:
+    def leaks(self) -> list[str]:
         """One line for each kind of leaked resource; waits a moment for those that are closing."""
         end = time.monotonic() + _GRACE_S
         for thread in set(threading.enumerate()) - self.threads:

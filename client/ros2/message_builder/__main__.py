@@ -1,4 +1,4 @@
-"""The process that builds; `client.ros2.message_builder` says what it reads and writes."""
+"""The build process; `client.ros2.message_builder` describes its input and output."""
 
 import json
 import os
@@ -9,49 +9,52 @@ from typing import Final
 from client.ros2.message_builder.libraries import Compiler, compile_and_link
 from client.ros2.message_builder.packages import (
     BuildError,
-    Installation,
-    Plan,
+    BuildPlan,
+    RosInstallation,
     install_python,
     packages_of,
     register,
 )
 from client.ros2.message_builder.rosidl import PYTHON, Generators, Report
 
-_GENERATED: Final = 0.4  # of the whole work; measured
+_GENERATION_SHARE: Final = 0.4  # of the whole build; measured
 
 
-def build(plan: Plan, report: Report) -> None:
-    """Raises BuildError."""
+def build(plan: BuildPlan, report: Report) -> None:
+    """Build all packages of a plan. Raises BuildError."""
     report(0.0, "reading definitions")
-    installation = Installation([Path(prefix) for prefix in plan.prefixes])
+    installation = RosInstallation([Path(prefix) for prefix in plan.prefixes])
     compiler = Compiler(installation, Path(plan.scratch))
     packages = packages_of(plan, installation)
     generators = Generators(installation, Path(plan.scratch), packages)
     for package in packages:
-        generators.describe(package)
-    generators.generate(lambda part, what: report(part * _GENERATED, what))
+        generators.write_definitions(package)
+    generators.generate(lambda share, activity: report(share * _GENERATION_SHARE, activity))
     compile_and_link(
-        packages, generators, compiler, lambda part, what: report(_GENERATED + part * (1 - _GENERATED), what)
+        packages,
+        generators,
+        compiler,
+        lambda share, activity: report(_GENERATION_SHARE + share * (1 - _GENERATION_SHARE), activity),
     )
     for package in packages:
-        install_python(package, generators.output(PYTHON, package))
+        install_python(package, generators.output_folder(PYTHON, package))
         register(package)
 
 
 def main() -> None:
-    def report(part: float, what: str) -> None:
-        print(f"{part:.3f} {what}", flush=True, file=out)
+    def report(share: float, activity: str) -> None:
+        print(f"{share:.3f} {activity}", flush=True, file=stdout)
 
-    # generators print what they read and write
-    out = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    # generators print the names of files to standard output
+    stdout = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     try:
-        build(Plan(**json.load(sys.stdin)), report)
+        build(BuildPlan(**json.load(sys.stdin)), report)
     except BuildError as error:
-        print(f"error {error}", flush=True, file=out)
+        print(f"error {error}", flush=True, file=stdout)
         sys.exit(1)
 
 
 if __name__ == "__main__":
-    sys.path.pop(0)  # the folder of this file: its modules are found by their full names only
+    sys.path.pop(0)  # the folder of this file: its modules are imported by their full names only
     main()

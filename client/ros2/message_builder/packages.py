@@ -1,4 +1,4 @@
-"""What is built, in which installation, and where it comes to lie: an ament prefix."""
+"""The packages to build, the ROS 2 installation, and the resulting ament prefix."""
 
 import shutil
 import sysconfig
@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 KINDS: Final = ("msg", "srv", "action")
-# what rosidl adds to services and actions refers to these, where the distribution has them
+# rosidl's additions to services and actions refer to these, if the distribution has them
 _IMPLIED: Final = ("builtin_interfaces", "service_msgs", "action_msgs", "unique_identifier_msgs")
 FASTRTPS: Final = "rosidl_typesupport_fastrtps_c"
 INTROSPECTION: Final = "rosidl_typesupport_introspection_c"
 
 
-class Plan(NamedTuple):
-    """What to build.
+class BuildPlan(NamedTuple):
+    """The packages to build, and where.
 
-    packages: name, version, and files by their path in the package (``msg/IOStates.msg``); a package stands after
-    those it refers to. prefixes: of the ROS 2 installation, the first has precedence. prefix: what comes about, a
-    folder that does not exist. scratch: a folder for what is of no use afterwards.
+    packages: name, version, and files by their path in the package (``msg/IOStates.msg``); a package comes after those
+    that it refers to. prefixes: prefixes of the ROS 2 installation, the first has precedence. prefix: the folder to
+    create, which must not exist yet. scratch: folder for temporary files.
     """
 
     packages: list[tuple[str, str, dict[str, str]]]
@@ -29,18 +29,18 @@ class Plan(NamedTuple):
 
 
 class BuildError(Exception):
-    """In words for the user; details went to the standard error."""
+    """A build failed; the text is for the user, details are on standard error."""
 
 
 @dataclass(frozen=True)
-class Package:
-    """One of the plan. uses: the packages it refers to."""
+class InterfacePackage:
+    """A package of the plan. dependencies: packages that it refers to."""
 
     name: str
     version: str
     files: dict[str, str]
     prefix: Path
-    uses: tuple[str, ...]
+    dependencies: tuple[str, ...]
 
     @property
     def share(self) -> Path:
@@ -50,12 +50,12 @@ class Package:
         return [f"{self.share}:{Path(file).with_suffix('.idl')}" for file in self.files]
 
 
-class Installation:
-    """The ROS 2 that is there."""
+class RosInstallation:
+    """The ROS 2 installation."""
 
     def __init__(self, prefixes: Sequence[Path]) -> None:
         self.prefixes = prefixes
-        # registered there: those for which the dispatcher looks
+        # the registered ones, which the dispatcher searches
         self.typesupports = [name for name in (FASTRTPS, INTROSPECTION) if self.has("rosidl_typesupport_c", name)]
         if not self.typesupports:
             raise BuildError(f"no type support for C is registered in {', '.join(map(str, prefixes))}")
@@ -72,7 +72,7 @@ class Installation:
         raise BuildError(f"the ROS 2 package {package} is not installed")
 
     def include(self) -> Iterator[Path]:
-        """A package's headers are either in ``include/<package>`` or in ``include/<package>/<package>``."""
+        """Folders of headers: a package's are either in ``include/<package>`` or in ``include/<package>/<package>``."""
         for prefix in self.prefixes:
             yield prefix / "include"
             yield from sorted(path.parent for path in prefix.glob("include/*/*/") if path.name == path.parent.name)
@@ -84,42 +84,42 @@ class Installation:
                 yield prefix / "lib" / multiarch
 
 
-def packages_of(plan: Plan, installation: Installation) -> list[Package]:
-    """Of a plan, in its order."""
+def packages_of(plan: BuildPlan, installation: RosInstallation) -> list[InterfacePackage]:
+    """The packages of a plan, in its order."""
     implied = {name for name in _IMPLIED if installation.has("packages", name)}
     packages = []
     for name, version, files in plan.packages:
-        uses = set(implied)
+        dependencies = set(implied)
         for text in files.values():
-            uses |= {line.split("/")[0] for line in text.splitlines() if "/" in line.split(" ")[0]}
-        packages.append(Package(name, version, files, Path(plan.prefix), tuple(sorted(uses - {name}))))
+            dependencies |= {line.split("/")[0] for line in text.splitlines() if "/" in line.split(" ")[0]}
+        packages.append(InterfacePackage(name, version, files, Path(plan.prefix), tuple(sorted(dependencies - {name}))))
     return packages
 
 
 def python_folder(prefix: Path) -> Path:
-    """Where the Python packages of a prefix are."""
+    """The folder of the Python packages of a prefix."""
     return prefix / "lib" / f"python{sysconfig.get_python_version()}" / "site-packages"
 
 
-def install_python(package: Package, made: Path) -> None:
-    """The Python package, of what its generator has made."""
+def install_python(package: InterfacePackage, output: Path) -> None:
+    """Install the Python package from the output of its generator."""
     target = python_folder(package.prefix) / package.name
     (target / "__init__.py").write_text("", encoding="utf-8")
     for kind in KINDS:
-        for module in (made / kind).glob("*.py"):
+        for module in (output / kind).glob("*.py"):
             (target / kind).mkdir(exist_ok=True)
             shutil.copy(module, target / kind)
 
 
-def register(package: Package) -> None:
-    """In the ament index, by which the commands of ros2 find packages and interfaces."""
+def register(package: InterfacePackage) -> None:
+    """Add a package to the ament index, in which the ros2 commands find packages and interfaces."""
     index = package.prefix / "share/ament_index/resource_index"
     interfaces = sorted(
         path.relative_to(package.share).as_posix() for path in package.share.glob("*/*") if path.suffix != ".json"
     )
     resources = {
         "packages": "",
-        "package_run_dependencies": ";".join(package.uses),
+        "package_run_dependencies": ";".join(package.dependencies),
         "rosidl_interfaces": "\n".join(interfaces),
     }
     for resource, content in resources.items():

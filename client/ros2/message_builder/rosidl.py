@@ -1,4 +1,4 @@
-"""rosidl's generators, called by their insides: as its CMake macros call them, but reading everything once."""
+"""Calls rosidl's generators directly, as its CMake macros do, but reads every definition and template only once."""
 
 import json
 import multiprocessing
@@ -10,10 +10,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, cast
 
-from client.ros2.message_builder.packages import FASTRTPS, INTROSPECTION, KINDS, BuildError, Installation, Package
+from client.ros2.message_builder.packages import (
+    FASTRTPS,
+    INTROSPECTION,
+    KINDS,
+    BuildError,
+    InterfacePackage,
+    RosInstallation,
+)
 
 Report = Callable[[float, str], None]
-"""Called with the part that is done, 0 to 1, and what is under way."""
+"""Called with the share done, 0 to 1, and the current activity."""
 
 C: Final = "rosidl_generator_c"
 PYTHON: Final = "rosidl_generator_py"
@@ -22,19 +29,19 @@ _HASHES: Final = "rosidl_generator_type_description"
 
 
 class Generators:
-    """rosidl's, called as its CMake macros call them: each reads a file of arguments."""
+    """rosidl's generators, each of which reads its arguments from a file."""
 
-    def __init__(self, installation: Installation, scratch: Path, packages: Sequence[Package]) -> None:
+    def __init__(self, installation: RosInstallation, scratch: Path, packages: Sequence[InterfacePackage]) -> None:
         self._installation = installation
         self._scratch = scratch
         self._packages = packages
         self._rosidl = Rosidl()
 
-    def output(self, generator: str, package: Package) -> Path:
+    def output_folder(self, generator: str, package: InterfacePackage) -> Path:
         return self._scratch / generator / package.name
 
-    def describe(self, package: Package) -> None:
-        """Definitions as IDL, and their type hashes, which Humble does not have yet."""
+    def write_definitions(self, package: InterfacePackage) -> None:
+        """Write the definitions, also as IDL, and their type hashes, which Humble does not have yet."""
         for file, text in package.files.items():
             definition = package.share / file
             definition.parent.mkdir(parents=True, exist_ok=True)
@@ -43,12 +50,12 @@ class Generators:
             convert(package.share, package.name, Path(file), definition.parent)
         if self._rosidl.hashes is not None:
             known = {p.name: p.share for p in self._packages}
-            shares = [f"{name}:{known.get(name) or self._installation.share(name)}" for name in package.uses]
+            shares = [f"{name}:{known.get(name) or self._installation.share(name)}" for name in package.dependencies]
             self._rosidl.hashes(self._arguments(_HASHES, package, output=package.share, include_paths=shares))
 
     def generate(self, report: Report) -> None:
         tasks: dict[Future[Any], str] = {}
-        # processes, since this is pure Python; forked, since what was read of the definitions is theirs too
+        # processes, because this is pure Python; forked, so that they share the definitions read so far
         with ProcessPoolExecutor(os.cpu_count(), mp_context=_fork()) as pool:
             for package in sorted(self._packages, key=lambda package: -len(package.files)):
                 for task in self._tasks(package):
@@ -57,7 +64,7 @@ class Generators:
                 done.result()
                 report(count / len(tasks), f"generating {tasks[done]}")
 
-    def _tasks(self, package: Package) -> Iterator[Callable[[], object]]:
+    def _tasks(self, package: InterfacePackage) -> Iterator[Callable[[], object]]:
         supports = self._installation.typesupports
         rosidl = self._rosidl
         hashes: dict[str, Any] = {}
@@ -74,8 +81,8 @@ class Generators:
                 yield partial(generate, self._arguments(support, package))
         yield partial(rosidl.dispatch, self._arguments(DISPATCH, package), supports)
 
-    def _arguments(self, generator: str, package: Package, output: Path | None = None, **more: Any) -> str:
-        output = output or self.output(generator, package)
+    def _arguments(self, generator: str, package: InterfacePackage, output: Path | None = None, **more: Any) -> str:
+        output = output or self.output_folder(generator, package)
         templates = self._installation.share(generator) / "resource"
         for kind in KINDS:
             (output / kind).mkdir(parents=True, exist_ok=True)
@@ -99,15 +106,15 @@ class Generators:
 
 
 class Rosidl:
-    """What of rosidl is called. Raises BuildError if it is not installed."""
+    """The functions of rosidl that are called. Raises BuildError if it is not installed."""
 
     def __init__(self) -> None:
         try:
-            # Every generator reads every definition, most of its time; they are the same ones. Before the generators
-            # are imported, since they import the function by its name.
+            # Every generator would spend most of its time on reading the same definitions. This comes before the
+            # generators are imported, because they import the function by name.
             parser = import_module("rosidl_parser.parser")
-            parser.parse_idl_file = _once(parser.parse_idl_file)  # type: ignore[attr-defined]
-            _read_templates_once()
+            parser.parse_idl_file = _cached(parser.parse_idl_file)  # type: ignore[attr-defined]
+            _cache_templates()
             self.converters = {
                 kind: getattr(import_module(f"rosidl_adapter.{kind}"), f"convert_{kind}_to_idl") for kind in KINDS
             }
@@ -133,29 +140,29 @@ def _optional(module: str, function: str) -> Callable[[str], object] | None:
         return None
 
 
-def _once(parse: Callable[..., Any]) -> Callable[..., Any]:
-    known: dict[str, Any] = {}
+def _cached(parse: Callable[..., Any]) -> Callable[..., Any]:
+    cached: dict[str, Any] = {}
 
-    def parse_once(locator: Any, png_file: str | None = None) -> Any:
+    def cached_parse(locator: Any, png_file: str | None = None) -> Any:
         path = str(locator.get_absolute_path())
-        if path not in known:
-            known[path] = parse(locator)
-        return known[path]
+        if path not in cached:
+            cached[path] = parse(locator)
+        return cached[path]
 
-    return parse_once
+    return cached_parse
 
 
-def _read_templates_once() -> None:
-    """Else EmPy 4 reads a template anew for each file that it makes of it: two thirds of the time of all generators."""
+def _cache_templates() -> None:
+    """Cache templates: EmPy 4 would parse each again for every file, two thirds of the time of all generators."""
     em: Any = import_module("em")
     if not em.__version__.startswith("4."):
         return
-    known: dict[str, list[Any]] = {}
+    cached: dict[str, list[Any]] = {}
 
     def expand(self: Any, string: str, locals: Any = None, dispatcher: Any = None) -> None:  # noqa: A002
-        if string not in known:
-            known[string] = list(_tokens(em, self, string))
-        for token in known[string]:
+        if string not in cached:
+            cached[string] = list(_tokens(em, self, string))
+        for token in cached[string]:
             self.run(token, locals)
 
     em.Interpreter.string = expand
@@ -170,7 +177,7 @@ def _tokens(em: Any, interpreter: Any, template: str) -> Iterator[Any]:
         except em.TransientParseError:
             if ended:
                 raise
-            ended = True  # in the middle of something that an end of line would end
+            ended = True  # within something that a line end would complete
             scanner.feed(f"{interpreter.config.prefix}\n")
             continue
         if token is None:

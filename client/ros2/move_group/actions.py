@@ -46,7 +46,7 @@ class _Action:
 
     async def _execute(self, handle: Any) -> Any:
         result = self._type.Result()
-        code, reason = await self._host.task(self._node, self._outcome(handle, result))
+        code, reason = await self._host.task(self._node, self._run(handle, result))
         set_code(self._response_in(result).error_code, code, reason)
         if code == "SUCCESS":
             handle.succeed()
@@ -93,7 +93,7 @@ class _Action:
     async def _work(self, handle: Any, result: Any) -> None:
         raise NotImplementedError
 
-    async def _outcome(self, handle: Any, result: Any) -> tuple[str, str]:
+    async def _run(self, handle: Any, result: Any) -> tuple[str, str]:
         try:
             await self._work(handle, result)
         except RefusedError as error:
@@ -143,7 +143,7 @@ class _PlanAndMove(_Action):
         self._show = show
         super().__init__(host, node, self.NAME, self.TYPE, execution)
 
-    def _first(self, goal: Any) -> Any:
+    def _start_request(self, goal: Any) -> Any:
         """The moveit_msgs/MotionPlanRequest that has the start state."""
         raise NotImplementedError
 
@@ -162,22 +162,22 @@ class _PlanAndMove(_Action):
         tries = 1 + min(max(options.replan_attempts, 0), _MAX_ATTEMPTS) if options.replan else 1
         for left in reversed(range(tries)):
             try:
-                await self._once(handle, result)
+                await self._plan_and_execute(handle, result)
                 return
             except RefusedError as error:
                 if error.code != "MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE" or not left:
                     raise
             await asyncio.sleep(max(0.0, options.replan_delay))
 
-    async def _once(self, handle: Any, result: Any) -> None:
+    async def _plan_and_execute(self, handle: Any, result: Any) -> None:
         self._send_feedback(handle, "PLANNING")
         goal = handle.request
         plan_only = goal.planning_options.plan_only
-        if not plan_only and self._first(goal).start_state.joint_state.name:
+        if not plan_only and self._start_request(goal).start_state.joint_state.name:
             self._node.get_logger().warning(
                 f"{self.NAME}: start_state is ignored; the motion starts at the arm's current configuration"
             )
-        seen = self._monitor.state
+        planned_in = self._monitor.state
         plan = await self._planned(goal, plan_only=plan_only)
         self._fill_result(result, plan, executed=False)
         self._show(plan)
@@ -185,9 +185,9 @@ class _PlanAndMove(_Action):
         if plan_only or not plan.trajectory.duration_s:  # the arm is already at the goal
             return
         self._send_feedback(handle, "MONITOR")
-        seen = await self._revalidated(seen, plan.trajectory)  # it may have changed during planning
+        planned_in = await self._check_scene(planned_in, plan.trajectory)  # it may have changed during planning
         await self._follow_monitored(
-            self._follow(handle, self._monitor.arm.trajectory_message(plan.trajectory)), plan.trajectory, seen
+            self._follow(handle, self._monitor.arm.trajectory_message(plan.trajectory)), plan.trajectory, planned_in
         )
         self._fill_result(result, plan, executed=True)
 
@@ -197,31 +197,33 @@ class _PlanAndMove(_Action):
         difference.is_diff = True  # as its name says; an empty message does not mean an empty scene
         state = self._monitor.state.changed(difference, q)
         if not plan_only:
-            self._first(goal).start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
+            self._start_request(goal).start_state = interface("moveit_msgs/msg/RobotState")(is_diff=True)
         return await asyncio.to_thread(self._plan, state, goal, q)
 
-    async def _revalidated(self, seen: SceneState, trajectory: Trajectory) -> SceneState:
+    async def _check_scene(self, planned_in: SceneState, trajectory: Trajectory) -> SceneState:
         """The current scene. Raises RefusedError if it is not the one that was seen, and blocks the path."""
         now = self._monitor.state
-        if now is not seen:
+        if now is not planned_in:
             q = self._monitor.current_configuration()
             blocked = await asyncio.to_thread(lambda: blocking_reason(CollisionChecker(now.scene()), trajectory, q))
             if blocked:
                 raise RefusedError("MOTION_PLAN_INVALIDATED_BY_ENVIRONMENT_CHANGE", blocked)
         return now
 
-    async def _follow_monitored(self, following: Awaitable[None], trajectory: Trajectory, seen: SceneState) -> None:
+    async def _follow_monitored(
+        self, following: Awaitable[None], trajectory: Trajectory, planned_in: SceneState
+    ) -> None:
         """Execute, and check the rest of the path whenever the scene changes."""
         follow = asyncio.ensure_future(following)
         try:
             while not follow.done():
-                if self._monitor.state is seen:
+                if self._monitor.state is planned_in:
                     change = asyncio.ensure_future(self._monitor.wait_for_change())
                     await asyncio.wait({follow, change}, return_when=asyncio.FIRST_COMPLETED)
                     change.cancel()
                     continue
                 try:
-                    seen = await self._revalidated(seen, trajectory)
+                    planned_in = await self._check_scene(planned_in, trajectory)
                 except RefusedError:
                     if follow.done():  # the motion finished meanwhile
                         break
@@ -240,7 +242,7 @@ class MoveAction(_PlanAndMove):
     NAME = "move_action"
     TYPE = "moveit_msgs/action/MoveGroup"
 
-    def _first(self, goal: Any) -> Any:
+    def _start_request(self, goal: Any) -> Any:
         return goal.request
 
     def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> PlanResult:
@@ -270,7 +272,7 @@ class SequenceAction(_PlanAndMove):
             return  # as in MoveIt, an empty sequence succeeds
         await super()._work(handle, result)
 
-    def _first(self, goal: Any) -> Any:
+    def _start_request(self, goal: Any) -> Any:
         return goal.request.items[0].req
 
     def _plan(self, state: SceneState, goal: Any, q_rad: Joints) -> PlanResult:

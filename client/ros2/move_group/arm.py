@@ -21,7 +21,7 @@ from urproto.robots.pose import Pose, pose_inv, pose_trans, quaternion_to_rotvec
 from urproto.vectors import ZERO6
 
 GROUP: Final = "ur_manipulator"
-"""As in ur_moveit_config's SRDF, whatever the prefix of names is."""
+"""As in ur_moveit_config's SRDF; the same for any prefix of names."""
 _CARRYING: Final = ("wrist_3_link", "flange", "tool0", "ft_frame")
 _BASE_GEOMETRY: Final = "base_link_inertia"  # the link of the description that has the shape of client.planning's base
 _ZERO: Final = 1e-6  # a quaternion this short has not been set

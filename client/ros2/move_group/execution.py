@@ -12,7 +12,7 @@ from client.controllers.passthrough import PassthroughTrajectoryController
 from client.controllers.robot import ControlledRobot
 from client.errors import ClientError
 from client.ros2.move_group.arm import RefusedError
-from client.ros2.topics import Moment, trajectory
+from client.ros2.topics import CommandContext, trajectory
 from urproto.joints import JOINT_NAMES
 
 _START_RAD: Final = 0.01  # MoveIt's allowed_start_tolerance
@@ -78,7 +78,7 @@ class Execution:
     def _goal(self, message: Any, controller: Any) -> FollowJointTrajectory:
         if message.multi_dof_joint_trajectory.points:
             raise RefusedError("CONTROL_FAILED", "this arm has no joints with several degrees of freedom")
-        given = trajectory(message.joint_trajectory, Moment(self._robot.manager.time_s, time.time_ns()))
+        given = trajectory(message.joint_trajectory, CommandContext(self._robot.manager.time_s, time.time_ns()))
         self._check_start(given)
         points = given.points
         if len(points) > 1 and points[0].time_from_start_s == 0.0:  # the current configuration
@@ -92,13 +92,13 @@ class Execution:
     def _check_start(self, given: JointTrajectory) -> None:
         if not given.points or given.points[0].time_from_start_s > 0.0:
             return
-        stands = dict(zip(self._joints(), self._robot.driver.state["actual_q"], strict=True))
+        current = dict(zip(self._joints(), self._robot.driver.state["actual_q"], strict=True))
         begins = dict(zip(given.joint_names, given.points[0].positions, strict=False))
         for name, q in begins.items():
-            if abs(q - stands.get(name, q)) > _START_RAD:
+            if abs(q - current.get(name, q)) > _START_RAD:
                 raise RefusedError(
                     "CONTROL_FAILED",
-                    f"{name} is at {stands[name]:.4f} rad, but the trajectory begins at {q:.4f}: it has moved "
+                    f"{name} is at {current[name]:.4f} rad, but the trajectory begins at {q:.4f}: it has moved "
                     "since; plan again from where it is",
                 )
 

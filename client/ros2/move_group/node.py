@@ -59,18 +59,18 @@ class MoveGroupNode:
         self._markers = MarkerPublisher(node, self._arm)
         for topic, kind in _CHANGING:
             node.create_subscription(interface(kind), topic, self._listener(topic), _DEPTH)
-        node.create_subscription(String, "trajectory_execution_event", self._event, 1)
+        node.create_subscription(String, "trajectory_execution_event", self._on_event, 1)
         for row in SERVICES:
             if (kind := interface_if_any(row.type)) is not None:  # Humble has fewer
                 node.create_service(kind, row.name, self._handler(row))
-        node.create_service(interface("moveit_msgs/srv/ApplyPlanningScene"), "apply_planning_scene", self._apply)
+        node.create_service(interface("moveit_msgs/srv/ApplyPlanningScene"), "apply_planning_scene", self._on_apply)
         concurrent = ReentrantCallbackGroup()  # other requests are answered during planning
         for row in PLANS:
             node.create_service(interface(row.type), row.name, self._planner(row), callback_group=concurrent)
         self._actions = (
             ExecuteTrajectoryAction(host, node, self._execution),
-            MoveAction(host, node, self._execution, self._monitor, self._show),
-            SequenceAction(host, node, self._execution, self._monitor, self._show),
+            MoveAction(host, node, self._execution, self._monitor, self._publish_plan),
+            SequenceAction(host, node, self._execution, self._monitor, self._publish_plan),
         )
         host.spin(node)
 
@@ -80,29 +80,29 @@ class MoveGroupNode:
 
     # in the node's thread
 
-    def _error(self, what: str, reason: object) -> None:
+    def _log_error(self, what: str, reason: object) -> None:
         self.node.get_logger().error(f"{what}: {reason}")
 
     def _listener(self, topic: str) -> Callable[[Any], None]:
         def listen(message: Any) -> None:
-            self._change(topic, message)
+            self._apply_message(topic, message)
 
         return listen
 
-    def _change(self, what: str, message: Any) -> bool:
+    def _apply_message(self, what: str, message: Any) -> bool:
         """Apply a message to the scene, completely or not at all; return whether it was applied."""
         try:
             self._host.do(lambda: self._monitor.apply(message))
             scene_message = self._monitor.state.message(self._host.do(self._monitor.current_configuration))
         except (RefusedError, PlanningError) as error:
-            self._error(what, error)
+            self._log_error(what, error)
             return False
         self._scene.publish(scene_message)
         self._markers.scene(self._monitor.state)
         return True
 
-    def _apply(self, request: Any, response: Any) -> Any:
-        response.success = self._change("apply_planning_scene", request.scene)
+    def _on_apply(self, request: Any, response: Any) -> Any:
+        response.success = self._apply_message("apply_planning_scene", request.scene)
         return response
 
     def _handler(self, row: Service) -> Callable[[Any, Any], Any]:
@@ -113,7 +113,7 @@ class MoveGroupNode:
                 self._refuse(row, response, error)
             else:
                 if reason:
-                    self._error(row.name, reason)
+                    self._log_error(row.name, reason)
             return response
 
         return handle
@@ -128,25 +128,25 @@ class MoveGroupNode:
             work = asyncio.to_thread(answer_request, row, now, request, response)
             plan, reason = await self._host.task(self.node, work)
             if reason:
-                self._error(row.name, reason)
+                self._log_error(row.name, reason)
             if plan is not None:
-                self._show(plan)
+                self._publish_plan(plan)
             return response
 
         return handle
 
     def _refuse(self, row: Service, response: Any, error: RefusedError) -> None:
-        self._error(row.name, error)
+        self._log_error(row.name, error)
         set_response_code(response, error.code, str(error))
 
-    def _event(self, message: Any) -> None:
+    def _on_event(self, message: Any) -> None:
         if message.data != "stop":
-            self._error("trajectory_execution_event", f"unknown event {message.data!r}: only stop is supported")
+            self._log_error("trajectory_execution_event", f"unknown event {message.data!r}: only stop is supported")
             return
         try:
             self._host.do(self._execution.stop)
         except ClientError as error:
-            self._error("trajectory_execution_event", error)
+            self._log_error("trajectory_execution_event", error)
 
     # anywhere
 
@@ -154,7 +154,7 @@ class MoveGroupNode:
         """The context of a request; call it in the event loop."""
         return RequestContext(self._arm, self._monitor.state, self._monitor.current_configuration())
 
-    def _show(self, plan: PlanResult) -> None:
+    def _publish_plan(self, plan: PlanResult) -> None:
         """Publish a plan for RViz."""
         message = interface("moveit_msgs/msg/DisplayTrajectory")()
         message.model_id = self._arm.model.name

@@ -121,18 +121,18 @@ class SceneState:
             self._object(one, q_rad)
 
     def _object(self, message: Any, q_rad: Sequence[float]) -> None:
-        name, operation = message.id, _number(message.operation)
-        if operation == _number(message.REMOVE):
+        name, operation = message.id, _byte(message.operation)
+        if operation == _byte(message.REMOVE):
             self._remove(name)
             return
         frame = self.arm.frame(message.header.frame_id, q_rad, self.frames(q_rad))
         body = _body(message, frame, name)
         known = self.bodies.get(name)
-        if operation == _number(message.MOVE):
+        if operation == _byte(message.MOVE):
             self.bodies[name] = _moved(known, body, message, name)
-        elif operation == _number(message.APPEND) and known is not None:
+        elif operation == _byte(message.APPEND) and known is not None:
             self.bodies[name] = replace(known, parts=known.parts + body.parts)
-        elif operation in (_number(message.ADD), _number(message.APPEND)):
+        elif operation in (_byte(message.ADD), _byte(message.APPEND)):
             self._put(name, body)
         else:
             raise RefusedError("FAILURE", f"{name}: unknown operation {operation}")
@@ -155,7 +155,7 @@ class SceneState:
 
     def _attached(self, message: Any, q_rad: Sequence[float]) -> None:
         obj = message.object
-        if _number(obj.operation) == _number(obj.REMOVE):
+        if _byte(obj.operation) == _byte(obj.REMOVE):
             self._detach(obj.id, message.link_name, q_rad)
             return
         link = message.link_name or self.arm.tip
@@ -178,10 +178,12 @@ class SceneState:
 
     def _detach(self, name: str, link: str, q_rad: Sequence[float]) -> None:
         """Detach a body, or all of a link, or all, and leave them where the arm has them."""
-        held = [one for one, body in self.bodies.items() if body.link and link in ("", body.link) and name in ("", one)]
-        if name and not held:
+        attached_names = [
+            one for one, body in self.bodies.items() if body.link and link in ("", body.link) and name in ("", one)
+        ]
+        if name and not attached_names:
             raise RefusedError("INVALID_OBJECT_NAME", f"no object {name!r} is attached{f' to {link}' if link else ''}")
-        for one in held:
+        for one in attached_names:
             self.bodies[one] = replace(self._in_world(one, q_rad), link="", touching=(), weight=0.0)
 
     def _in_world(self, name: str, q_rad: Sequence[float]) -> Body:
@@ -218,8 +220,8 @@ class SceneState:
         scene = PlanningScene(self.arm.model, padding_m=self.padding_m)
         own: dict[str, list[str]] = {link: [self.arm.planning_name(link)] for link in self.arm.collision_links}
         for name, body in self.bodies.items():
-            own[name] = [one for one, _ in _numbered(name, body)]
-            for one, part in _numbered(name, body):
+            own[name] = [one for one, _ in _numbered_parts(name, body)]
+            for one, part in _numbered_parts(name, body):
                 shape, pose = _shape(part, name, body.pose)
                 (scene.attach if body.link else scene.add)(one, shape, pose)
         for one, other in combinations(own, 2):
@@ -235,8 +237,8 @@ class SceneState:
 
     def _may_touch(self, one: str, other: str) -> bool:
         pair = frozenset((one, other))
-        for name, beside in ((one, other), (other, one)):
-            if name in self.bodies and beside in self.bodies[name].touching:
+        for name, partner in ((one, other), (other, one)):
+            if name in self.bodies and partner in self.bodies[name].touching:
                 return True
         if pair in self._entries:
             return self._entries[pair]
@@ -322,7 +324,7 @@ class SceneState:
         return high - low <= _ADJACENT_LINKS and (low, high) != (1, 3)
 
 
-def _number(value: Any) -> int:
+def _byte(value: Any) -> int:
     """The number of a byte field, which rclpy represents as bytes."""
     return int(value[0]) if isinstance(value, bytes) else int(value)
 
@@ -334,7 +336,7 @@ def _one_padding(messages: Sequence[Any]) -> float:
     return values.pop()
 
 
-def _numbered(name: str, body: Body) -> Iterator[tuple[str, Part]]:
+def _numbered_parts(name: str, body: Body) -> Iterator[tuple[str, Part]]:
     for number, part in enumerate(body.parts):
         yield (name if len(body.parts) == 1 else f"{name}#{number}"), part
 

@@ -40,7 +40,7 @@ def compute_ik(now: RequestContext, message: Any, response: Any) -> None:
     stamped = request.pose_stamped
     frame = arm.frame(stamped.header.frame_id, seed, state.frames(seed))
     flange = pose_trans(pose_trans(frame, pose_of(stamped.pose)), pose_inv(link_offset))
-    found = [q for q in ik_solutions(arm, flange, seed) if _keeps(arm, request.constraints, q)]
+    found = [q for q in ik_solutions(arm, flange, seed) if _satisfies_joint_constraints(arm, request.constraints, q)]
     if not found:
         raise RefusedError("NO_IK_SOLUTION", "no configuration within limits and constraints reaches the pose")
     if request.avoid_collisions:
@@ -56,7 +56,7 @@ def compute_ik(now: RequestContext, message: Any, response: Any) -> None:
     response.solution.attached_collision_objects = state.attached_messages()
 
 
-def _keeps(arm: Arm, constraints: Any, q_rad: Joints) -> bool:
+def _satisfies_joint_constraints(arm: Arm, constraints: Any, q_rad: Joints) -> bool:
     """Whether a configuration satisfies joint constraints. Raises RefusedError for other constraints."""
     if not is_empty(constraints) and not constraints.joint_constraints:
         raise RefusedError("INVALID_GOAL_CONSTRAINTS", "only joint constraints are supported")
@@ -91,7 +91,7 @@ def compute_fk(now: RequestContext, request: Any, response: Any) -> None:
 
 def check_state_validity(now: RequestContext, request: Any, response: Any) -> None:
     """Whether a configuration is valid: joint limits, padding and joint constraints."""
-    _judge(now, request, request.robot_state, response)
+    _check_state(now, request, request.robot_state, response)
 
 
 def check_multi_state_validity(now: RequestContext, request: Any, response: Any) -> None:
@@ -101,12 +101,12 @@ def check_multi_state_validity(now: RequestContext, request: Any, response: Any)
     for joints in request.joint_states:
         state = kind(joint_state=joints)
         state.attached_collision_objects = request.robot_state.attached_collision_objects
-        _judge(now, request, state, response)
+        _check_state(now, request, state, response)
         if not response.valid:
             return
 
 
-def _judge(now: RequestContext, request: Any, state: Any, response: Any) -> None:
+def _check_state(now: RequestContext, request: Any, state: Any, response: Any) -> None:
     arm = now.arm
     if request.group_name:  # MoveIt takes an empty name for the whole robot, which the arm is
         arm.check_group(request.group_name)
@@ -115,7 +115,7 @@ def _judge(now: RequestContext, request: Any, state: Any, response: Any) -> None
     checker = CollisionChecker(scene.scene())
     near = checker.collisions(q)
     response.contacts = [_contact(scene, arm, one) for one in near]
-    response.valid = checker.is_free(q) and _keeps(arm, request.constraints, q)
+    response.valid = checker.is_free(q) and _satisfies_joint_constraints(arm, request.constraints, q)
 
 
 def _contact(state: SceneState, arm: Arm, pair: PairDistance) -> Any:

@@ -9,7 +9,7 @@ from client.cameras import Shot
 from client.decoding.capture import head_of_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
 from client.decoding.packets import Endpoint
-from client.decoding.session import Choice, Session
+from client.decoding.session import Choice, DecodingSession
 from client.errors import ClientError
 from client.recording import Recorder
 from client.recording.files import read as read_recording
@@ -82,7 +82,7 @@ def _captures() -> Iterator[bytes]:
 
 @target(_captures, b"00 05 56 00 02\n", b"\0\5\x56\0\2")
 def captures(data: bytes) -> None:
-    session = Session(Choice())
+    session = DecodingSession(Choice())
     for _ in session.feed(data):
         pass
     for _ in session.end():
