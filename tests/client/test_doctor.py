@@ -9,11 +9,11 @@ import pytest
 from client.doctor import (
     Finding,
     Grade,
+    check_stream,
     examine_machine,
     examine_own_ports,
     exit_status,
     governor,
-    check_stream,
     preemption,
     priority,
 )

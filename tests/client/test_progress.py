@@ -30,7 +30,7 @@ def test_without_a_terminal_there_is_a_line_now_and_then() -> None:
         "bend (2/3): 70 % after 15 s, slider 30 %",
         "bend (2/3): 95 % after 20 s, slider 30 %",
     ]
-    assert told(80, terminal=False, shares=4) == ""  # short ones print_line nothing
+    assert told(80, terminal=False, shares=4) == ""  # short ones say nothing
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from urproto.errors import RemoteProtocolError
-from urproto.robotiq import Get, RequestDecoder, Set, InvalidRequest, encode_value
+from urproto.robotiq import Get, InvalidRequest, RequestDecoder, Set, encode_value
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 
-from client.decoding.session import Choice, InputForm, DecodingSession
+from client.decoding.session import Choice, DecodingSession, InputForm
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 FIN, SYN, RST, PSH, ACK = 1, 2, 4, 8, 16

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from client.decoding.codecs import CODECS, Side
-from client.decoding.session import Choice, InputForm, DecodingSession
+from client.decoding.session import Choice, DecodingSession, InputForm
 from tests.budget import some
 from urproto import modbus
 from urproto.external_control import (

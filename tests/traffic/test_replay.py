@@ -17,7 +17,7 @@ from client import BlockingDashboardClient, BlockingRTDEClient, dashboard
 from client.decoding.states import PRIMARY
 from client.errors import ClientError, FileError
 from client.traffic.dialogues import RequestLog, answer_modbus
-from client.traffic.players import Broadcast, SequentialPlayer, TimedMessages, PlaybackOptions
+from client.traffic.players import Broadcast, PlaybackOptions, SequentialPlayer, TimedMessages
 from client.traffic.recording import Conversation, Piece, Recorder, Recording
 from client.traffic.replay import ReplayRobot
 from client.traffic.rtde_log import Outputs
