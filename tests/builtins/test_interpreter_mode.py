@@ -200,7 +200,7 @@ def test_a_function_can_be_redefined(talk: Talk) -> None:
     talk.ack("sleep(0.1)")
     talk.send("def f(): return 2 end", "textmsg(f())", "def f(): return 3 end", "textmsg(f())", "end_interpreter()")
     talk.rig.until(lambda: talk.rig.state is RuntimeState.STOPPED)
-    assert talk.rig.texts == ["2", "3", "1"], "each line as it was compiled; the program its own"
+    assert talk.rig.texts == ["2", "3", "1"], "each line calls the function at its compilation; the program its own"
 
 
 def test_recursion_and_loops(begun: Talk) -> None:

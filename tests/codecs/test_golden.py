@@ -280,10 +280,10 @@ def table() -> str:
     )
     return (
         "# Golden cases\n\n<!-- Written by tests/codecs/test_golden.py: do not edit. -->\n\n"
-        "What is known to be right about each kind of message, and from where. The cases are in `wire.tsv`,\n"
-        '`dashboard.tsv` and the `.hex` files; "capture" is bytes of a controller, everything else was written by\n'
-        "hand after a document or after a parser that others run against controllers. Only our own extensions of\n"
-        "External Control have no origin elsewhere: they were written by hand after the URScript of our control\n"
+        "Reference cases for each kind of message, and their origins. The cases are in `wire.tsv`,\n"
+        '`dashboard.tsv` and the `.hex` files; "capture" is bytes of a controller, everything else was written\n'
+        "manually after a document or after an external parser that is used with controllers. Only our extensions of\n"
+        "External Control have no external origin: they were written manually after the URScript of our control\n"
         "program.\n\n"
         f"| port | kind | origin |\n| --- | --- | --- |\n{rows}"
     )

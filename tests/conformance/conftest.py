@@ -76,7 +76,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if not config.getoption("--robot-ip") or config.getoption("--i-know-it-moves"):
         return
-    skip = pytest.mark.skip(reason="may move the robot: give --i-know-it-moves if you are ready for that")
+    skip = pytest.mark.skip(reason="may move the robot: use --i-know-it-moves to allow that")
     for item in items:
         if HERE in item.path.parents and item.get_closest_marker("moves"):
             item.add_marker(skip)

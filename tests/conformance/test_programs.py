@@ -13,7 +13,7 @@ pytestmark = pytest.mark.moves
 def loaded(running):
     """A dashboard of a running robot that has loaded the program."""
     if running.program is None:
-        pytest.skip("no program to play: give one with --robot-program")
+        pytest.skip("no program to play: set one with --robot-program")
     with running.dashboard() as asked:
         asked.ask(dashboard.load(running.program))
         yield asked

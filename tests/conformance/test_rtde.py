@@ -50,7 +50,7 @@ def test_every_output_of_the_version(robot):
 def test_outputs_missing_in_the_version(robot):
     missing = [name for name, field in OUTPUT_FIELDS.items() if not field.available.covers(robot.version)]
     if not missing:
-        pytest.skip("this version has every output that is known")
+        pytest.skip("this version has every known output")
     with pytest.raises(RobotRefused, match=f"{missing[0]}: NOT_FOUND"), robot.rtde(["timestamp", missing[0]]):
         pytest.fail("agreed on a variable that is not there")
     with robot.rtde(["timestamp", missing[0]], ignore_unavailable=True) as rtde:
@@ -109,7 +109,7 @@ def test_several_input_recipes_and_a_file(robot, tmp_path):
 def test_unknown_inputs(robot):
     missing = [name for name, field in INPUT_FIELDS.items() if not field.available.covers(robot.version)]
     if not missing:
-        pytest.skip("this version has every input that is known")
+        pytest.skip("this version has every known input")
     with pytest.raises(RobotRefused, match="NOT_FOUND"), robot.rtde([], [[missing[0]]]):
         pytest.fail("agreed on a variable that is not there")
 

@@ -515,7 +515,7 @@ def test_missing_torque_commands_stop_the_arm(make):
     assert rig.now.program_running
     assert not any(rig.now.target_qd)
     drops = [before - after for before, after in itertools.pairwise(speeds)]
-    assert max(drops) < 1.5 * 10.0 * rig.controller.period_s, "10 rad/s2, not all at once"
+    assert max(drops) < 1.5 * 10.0 * rig.controller.period_s, "10 rad/s2, not in one step"
 
 
 def test_an_external_push_moves_an_arm_under_torque_control(make):

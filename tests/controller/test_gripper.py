@@ -66,7 +66,7 @@ def test_motion_at_the_requested_speed() -> None:
     assert slow == pytest.approx(85 / 20, abs=2 * PERIOD_S), "at 20 mm/s"
     for name, value in {"POS": 103, "SPE": 255}.items():
         gripper.set(name, value)
-    assert gripper.object_status is ObjectStatus.MOVING, "in the very period it was told"
+    assert gripper.object_status is ObjectStatus.MOVING, "in the period of the command"
     positions = []
     while gripper.object_status is ObjectStatus.MOVING:
         gripper.advance(PERIOD_S, powered=True)
@@ -256,7 +256,7 @@ def test_gripper_selection(controller: Controller) -> None:
     assert len(ask(controller, b"GET SID", session)) == 17
     assert ask(controller, b"GET SID", session).startswith(b"[9]")
     assert ask(controller, b"SET SID 2\n", session) == b"ack"
-    assert ask(controller, b"GET STA\n", session) == b"STA ?\n", "there is no second one"
+    assert ask(controller, b"GET STA\n", session) == b"STA ?\n", "there is no second gripper"
     assert ask(controller, b"SET SID 9\n", session) == b"ack"
     assert ask(controller, b"GET STA\n", session) == b"STA 0\n"
 

@@ -78,7 +78,7 @@ def test_registers_are_read_back_in_the_same_period(rig):
     assert rig.now.input_bit_registers == 1 << 63 | 1 << 32
     rig.rtde(input_bit_registers32_to_63=0b0110)
     rig.tick()
-    assert rig.now.input_bit_registers == 0b0110 << 32, "what is 0 now is cleared"
+    assert rig.now.input_bit_registers == 0b0110 << 32, "bits that are now 0 are cleared"
 
 
 def test_the_time_of_the_last_refresh_is_recorded(rig):

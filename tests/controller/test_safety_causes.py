@@ -121,7 +121,7 @@ class Robot:
         elif step is Recovery.RESTART:
             if cause is Cause.POWER_LOSS:
                 self.rig.ask("restart safety")
-                assert self.rig.now.safety_mode is SafetyMode.FAULT, "without a supply it comes again"
+                assert self.rig.now.safety_mode is SafetyMode.FAULT, "without a supply it returns"
                 self.post(ArmSupply(True))
             assert self.rig.ask("restart safety") == "Restarting safety"
         elif step is Recovery.POWER_UP:

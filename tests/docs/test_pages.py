@@ -94,7 +94,7 @@ def test_installed_packages_and_extras_exist() -> None:
 def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
     """The command prefix that runs something in the page's network."""
     if sys.platform != "linux" or os.geteuid() != 0 or not (shutil.which("unshare") and shutil.which("nsenter")):
-        pytest.skip("networks of their own are made by administrators of Linux (unshare, nsenter)")
+        pytest.skip("separate networks need administrator rights on Linux (unshare, nsenter)")
     hosts = [robot.host for robot in robots(request.param) if not robot.host.startswith("127.")]
     command = ["unshare", "--net", sys.executable, "-c", NAMESPACE, *hosts]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as holder:
@@ -102,7 +102,7 @@ def network(request: pytest.FixtureRequest) -> Iterator[list[str]]:
         assert holder.stderr is not None
         try:
             if holder.stdout.readline() != "up\n":
-                pytest.skip(f"no network of its own: {holder.stderr.read()[-200:]}")
+                pytest.skip(f"no separate network: {holder.stderr.read()[-200:]}")
             yield ["nsenter", "--target", str(holder.pid), "--net", "--"]
         finally:
             holder.kill()

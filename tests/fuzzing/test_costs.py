@@ -152,7 +152,7 @@ def test_compiling_a_long_text_uses_at_most_half_the_period(name: str) -> None:
 
 
 @pytest.mark.timeout(0 if WANTED else 120)
-@pytest.mark.skipif(not WANTED, reason="each kind of text is there already: mixtures are for the soak")
+@pytest.mark.skipif(not WANTED, reason="every kind of text is covered; mixtures are for the soak test")
 def test_random_long_texts() -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
     for seed in range(EACH // 10):

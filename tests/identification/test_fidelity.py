@@ -27,7 +27,7 @@ def test_targets_of_the_same_arm_are_predicted_exactly(motion):
     result = fidelity(Recording(motion), ARM)
     assert worst(result, "target_moment") < 1e-9
     assert worst(result, "target_current") < 1e-9
-    assert worst(result, "actual_current") < 0.03, "noise, and what the loops add"
+    assert worst(result, "actual_current") < 0.03, "noise, and errors of the servo loops"
     assert max(row.rest for row in result.errors if row.field == "target_moment") < 1e-9
 
 

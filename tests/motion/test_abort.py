@@ -16,7 +16,7 @@ def test_without_a_blend_radius_the_arm_stops_on_its_path(rig):
     move = rig.commands.movej(GOAL)
     rig.steps(300)
     rig.commands.abort()
-    assert not move.ready, "the program waits until the arm stands"
+    assert not move.ready, "the program waits until the arm is at rest"
     rig.finish(move)
     assert rig.motion.idle
     assert 0.3 < rig.motion.q[0] < GOAL[0] - 0.2

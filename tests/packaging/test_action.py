@@ -96,7 +96,7 @@ def host() -> Iterator[str]:
 @pytest.fixture
 def runner(tmp_path: Path) -> Iterator[Runner]:
     if not Path("/proc/self/environ").exists():
-        pytest.skip("processes are found by /proc")
+        pytest.skip("processes are found in /proc")
     runner = Runner(tmp_path)
     yield runner
     runner.end_robots()

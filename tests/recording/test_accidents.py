@@ -70,7 +70,7 @@ def test_a_file_that_cannot_grow_reports_how_much_it_contains(tmp_path: Path, su
     assert path.stat().st_size <= 100_000
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="Linux has a disk that is always full")
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has a device that is always full")
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_full_disk(states, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"

@@ -113,7 +113,7 @@ def wait_for_end(pid: int) -> None:
         os.close(process)
 
 
-@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="processes of others can be waited for on Linux only")
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="only Linux can wait for processes that are not children")
 def test_the_file_is_complete_when_its_program_is_killed(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     done = subprocess.run(

@@ -71,7 +71,7 @@ async def until(condition: Callable[[], bool]) -> None:
             await asyncio.sleep(0)
 
 
-needs_addresses = pytest.mark.skipif(sys.platform != "linux", reason="one loopback address only")
+needs_addresses = pytest.mark.skipif(sys.platform != "linux", reason="only one loopback address")
 
 
 @needs_addresses
@@ -164,7 +164,7 @@ async def test_the_event_loop_does_not_spin_when_no_client_can_be_accepted(
         await asyncio.sleep(0)
     assert attempts <= 4, "itself and in the place of the reserve, once or twice"
     acceptor._listening = listening
-    assert await waiting, "who waited is let in after the pause"
+    assert await waiting, "a waiting client is accepted after the pause"
 
 
 async def test_a_port_is_closed_during_a_pause(server: PortServer, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -236,7 +236,7 @@ def pace(robot: EmulatorProcess) -> float:
     return (robot.time()["time_s"] - begin_s) / (time.monotonic() - began)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="another process's limits can be set on Linux only")
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of another process can only be set on Linux")
 def test_idle_and_excess_clients_do_not_affect_others(robot: EmulatorProcess, clients: ExitStack) -> None:
     import resource
 

@@ -181,7 +181,7 @@ async def test_a_client_that_does_not_read_does_not_affect_others() -> None:
         for _ in range(20):
             await asyncio.sleep(0)
             clock.step(50)
-        assert len(emulator.servers["realtime"].connections) == 1, "unread state is no reason to disconnect"
+        assert len(emulator.servers["realtime"].connections) == 1, "unread states are not a reason to disconnect"
 
         flood = GetVersion().encode(1) * 2_000
         rtde = emulator.servers["rtde"]

@@ -14,7 +14,7 @@ HERE = ("descriptors", "disk", "memory", "soak")
 """Those whose bars hold on a busy machine too; the others measure time, and belong to `make chaos`."""
 
 pytestmark = [
-    pytest.mark.skipif(sys.platform != "linux", reason="it limits and stops processes by what Linux has for that"),
+    pytest.mark.skipif(sys.platform != "linux", reason="limits and stops processes by means of Linux"),
     pytest.mark.timeout(300),
 ]
 

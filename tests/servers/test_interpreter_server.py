@@ -59,7 +59,7 @@ def test_answers_go_to_the_requesting_client(server: InterpreterServer, controll
     for line in reversed(lines(controller)):
         line.answer(f"ack: 0: {line.text}")
     assert first.take() == b"ack: 0: b\nack: 0: a\n"
-    assert second.take() == b"ack: 0: \xffc\n", "a statement comes back as it was sent"
+    assert second.take() == b"ack: 0: \xffc\n", "a statement is returned unchanged"
 
 
 def test_answers_for_a_disconnected_client(server: InterpreterServer, controller: FakeController) -> None:

@@ -19,7 +19,7 @@ from emulator.logs import BackgroundStream
 from emulator.realtime import Overload
 from urproto.testing.process import EmulatorProcess
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="priorities and locked memory are asked for on Linux")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the emulator requests priorities on Linux only")
 FIFO_ALLOWED = sys.platform == "linux" and os.geteuid() == 0
 DEADLINE_S = 60.0
 
@@ -75,7 +75,7 @@ async def test_a_flooded_loop_gives_up_its_priority(
 @pytest.mark.parametrize("mode", ["auto", "on", "off"])
 def test_granted_realtime_settings_are_reported_and_effective(mode: str) -> None:
     if mode == "on" and not FIFO_ALLOWED:
-        pytest.skip("only administrators may demand it here")
+        pytest.skip("only administrators may require it here")
     with EmulatorProcess(["--realtime", mode]) as robot:
         until_s = time.monotonic() + DEADLINE_S
         while not (ready := "".join(re.findall(r"^Ready:.*\n", robot.output, re.MULTILINE))):

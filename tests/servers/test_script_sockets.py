@@ -80,7 +80,7 @@ async def test_data_flows_both_ways(sockets: NetworkSockets, peer: Peer) -> None
     await until(lambda: bytes(socket.inbox) == b"answer")
     writer.close()
     await until(lambda: socket.state == "closed")
-    assert bytes(socket.inbox) == b"answer", "what had arrived stays readable"
+    assert bytes(socket.inbox) == b"answer", "received data stays readable"
     assert not socket.send(b"more")
 
 
@@ -315,7 +315,7 @@ async def test_the_control_api_is_reachable_only_if_allowed(network: ScriptNetwo
     await sockets.close()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="control APIs of other processes are not known there")
+@pytest.mark.skipif(sys.platform != "linux", reason="control APIs of other processes are recognised on Linux only")
 async def test_the_control_api_of_another_process_is_recognised() -> None:
     """As in a fleet, whose robots are in several processes, and with robots of other tests."""
     with EmulatorProcess(["--ephemeral-ports"]) as other:

@@ -77,7 +77,7 @@ async def test_one_client_at_a_time_uses_the_line(echo: Emulator) -> None:
     assert not waiting.done()
     await first.close()
     async with timeout(20):
-        assert await waiting == b"second", "what it sent while it waited is not lost"
+        assert await waiting == b"second", "data sent while waiting is not lost"
     await second.close()
 
 

@@ -211,7 +211,7 @@ client.disconnect()
 
 
 @pytest.mark.real_client
-@pytest.mark.skipif(sys.platform != "linux", reason="ur_rtde has one port number: it needs an address of its own")
+@pytest.mark.skipif(sys.platform != "linux", reason="ur_rtde has a fixed port number: it needs a separate address")
 async def test_ur_rtde_receives_the_recorded_values(tmp_path: Path):
     host = f"127.79.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
     names = ("timestamp", "actual_q", "robot_mode")
