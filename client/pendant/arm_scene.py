@@ -33,7 +33,7 @@ from urproto.robots.model import RobotModel
 from urproto.robots.pose import Pose, pose_inv, pose_trans, rotvec_to_matrix
 from urproto.vectors import ZERO6, Matrix3, Vector3
 
-_VISUAL: Final = (".glb", ".gltf", ".stl")  # what browsers read; ur_description's .dae is not among it
+_VISUAL: Final = (".glb", ".gltf", ".stl")  # formats that browsers can display, unlike ur_description's .dae
 _COLLISION: Final = (".stl",)
 
 
@@ -45,13 +45,13 @@ class ServedMesh(NamedTuple):
 
     @property
     def is_stl(self) -> bool:
-        """It has no colours of its own."""
+        """Whether the file lacks colours."""
         return self.url.endswith(".stl")
 
 
 @cache
 def served_meshes(folder: Path, model: RobotModel) -> tuple[ServedMesh, ...]:
-    """Of base to wrist 3, from the folder itself or the one in it that is named for the model. Raises MeshesMissing."""
+    """Meshes from base to wrist 3, from the folder or its subfolder named after the model. Raises MeshesMissing."""
     model_folder = folder / model.name
     mesh_folder = model_folder if model_folder.is_dir() else folder
     return tuple(_served_mesh(mesh_folder, model, mesh) for mesh in placed_meshes(model))
@@ -100,19 +100,19 @@ _FOV_DEG: Final = 38.0
 _DISTANCE: Final = 3.3  # of the camera, in reaches
 _TARGET_HEIGHT: Final = 0.5  # of the point that the camera looks at, in reaches
 _TCP_RESOLUTION_M: Final = 1e-5
-_TRACE_POINTS: Final = 3000  # of the TCP's way, a millimetre apart at least: 3 m and more
+_TRACE_POINTS: Final = 3000  # of the TCP's path, at least a millimetre apart: 3 m or more
 _TRACE_COLOR: Final = "#d81b8c"
 _TREE_COLOR: Final = "#b8860b"
 _GHOST_COLOR: Final = "#e07b00"
 _GHOST_OPACITY: Final = 0.35
-_GHOST_THRESHOLD_RAD: Final = 0.02  # guess: a ghost that is nearer than a degree is not seen beside the arm
+_GHOST_THRESHOLD_RAD: Final = 0.02  # guess: a ghost closer than a degree cannot be told from the arm
 _LABEL: Final = "color:#1d2730;background:#ffffffd0;border-radius:3px;padding:0 3px;font-size:11px;white-space:nowrap"
 _BASE, _INERTIA, _TCP = "base", "base_link_inertia", "tcp"  # frames
 _ROTATION_DIGITS: Final = 6
 
 
 def link_frames(model: RobotModel) -> list[dict[str, Pose]]:
-    """At the base, and at each link that a joint turns: the frames of the URDF there, in that of the link."""
+    """The URDF frames at the base and at each moving link, relative to the frame of that link."""
     joints = joint_frames(model)
     moving = [joint.child for joint in joints if joint.moves]
     fixed = {joint.child: joint for joint in joints if not joint.moves}
@@ -138,7 +138,7 @@ class ArmScene(ui.scene):
         self.ghost_shown = True
 
     def ghost(self, station: Station) -> list[float] | None:
-        """Joints [rad] that the arm is to have, where they are others than it has."""
+        """The target configuration [rad], None if it equals the actual one."""
         actual = station.values.get("actual_q")
         target = self.preview() or station.values.get("target_q")
         if actual is None or target is None or not self.ghost_shown:
@@ -151,7 +151,7 @@ def arm_scene(page: Page) -> ArmScene:
     """A scene with the arm, which appears once its model is known."""
     camera = ui.scene.perspective_camera(fov=_FOV_DEG, near=0.02, far=60.0)
     scene = ArmScene(grid=(4, 40), camera=camera, background_color=_BACKGROUND, fps=30).classes("arm")
-    ui.run_javascript(f"pendant.dress({scene.id})")
+    ui.run_javascript(f"pendant.addScene({scene.id})")
     arm = scene.arm = DrawnArm(scene, page.station.meshes, page.show_error)
     ghost = DrawnArm(scene, ghost=True)
     with scene:
@@ -169,7 +169,7 @@ def arm_scene(page: Page) -> ArmScene:
 
 
 def camera_buttons(page: Page, scene: ui.scene) -> None:
-    """Where to look from, and what is drawn beside the arm."""
+    """Buttons that choose the point of view and what is drawn in addition to the arm."""
     with ui.row().classes("camera-buttons"):
         if isinstance(scene, ArmScene):
             _display_buttons(scene)
@@ -201,7 +201,7 @@ def _display_buttons(scene: ArmScene) -> None:
     clear = ui.button(
         icon="delete_sweep", color=None, on_click=lambda: ui.run_javascript(f"pendant.clearTrace({scene.id})")
     )
-    clear.props('flat dense aria-label="Clear the path of the TCP" data-testid=trace-clear').tooltip("Clear the way")
+    clear.props('flat dense aria-label="Clear the path of the TCP" data-testid=trace-clear').tooltip("Clear the path")
     clear.set_visibility(False)
 
 
@@ -218,18 +218,18 @@ def _toggle_button(icon: str, name: str, test_id: str, on_toggle: Callable[[bool
 
 
 def chain(model: RobotModel, kinematics: KinematicsInfo | None) -> Chain:
-    """The joints' frames of this very arm, as far as it has told how it is calibrated."""
+    """The joint frames of the arm, calibrated if the robot has reported its calibration."""
     if kinematics is not None:
         try:
             return chain_of(parameters(kinematics))
-        except CalibrationError:  # nonsense; better an arm by the book than none
+        except CalibrationError:  # invalid; a nominal arm is better than none
             pass
     return chain_of(model.dh if model.calibration is None else model.calibration)
 
 
 @dataclass(slots=True)
 class DrawnArm:
-    """The arm in a scene. meshes: the user's folder of meshes. complain: called with the reason if they are unusable.
+    """The arm in a scene. meshes: the user's folder of meshes. on_error: called with the reason if they are unusable.
 
     ghost: draw a transparent ghost instead, which is hidden until the browser has joint angles for it. Its group is
     "ghost", with joints "ghost joint 0" and so on; it has no frames, no TCP and no meshes.
@@ -249,7 +249,7 @@ class DrawnArm:
     _camera_placed: bool = False
 
     def set_model(self, model: RobotModel | None, kinematics: KinematicsInfo | None) -> None:
-        """Another arm, or the same with another calibration."""
+        """Draw another arm, or the same arm with another calibration."""
         if self._root is not None:
             self._root.delete()
             self._root = self._flange = self._tcp = None
@@ -282,21 +282,21 @@ class DrawnArm:
             self._camera_placed = True
 
     def show_frames(self, shown: bool) -> None:
-        """Those of all links and their names, and the lines between them."""
+        """Show or hide the frames of all links, their names, and the lines between them."""
         self._frames_shown = shown
         for frame in self._frames:
             frame.visible(shown)
 
     def _draw_frames(self, frames: Mapping[str, Pose], child: Vector3 | None = None) -> None:
-        """Frames at the origin of the group that is open, and a line from there to where the next link begins."""
+        """Draw frames at the origin of the current group, and a line from there to the start of the next link."""
         assert self._model is not None
         length = 0.1 * self._model.reach_m
         with self.scene.group() as group:
             rotations = (tuple(round(part, _ROTATION_DIGITS) + 0.0 for part in pose[3:]) for pose in frames.values())
-            for rotation in dict.fromkeys(rotations):  # those that are turned alike are drawn once
+            for rotation in dict.fromkeys(rotations):  # frames with the same orientation are drawn once
                 with self.scene.group().rotate_R(_matrix_rows(rotvec_to_matrix(*rotation))):
                     _axes(self.scene, length)
-            height = 1.2 if _TCP in frames else 0.2  # that of tool0 may be at the same place
+            height = 1.2 if _TCP in frames else 0.2  # the label of tool0 may be at the same position
             self.scene.text(", ".join(frames), _LABEL).move(0.0, 0.0, height * length)
             if child is not None and any(child):
                 self.scene.line([0.0, 0.0, 0.0], list(child)).material(_TREE_COLOR)
@@ -314,7 +314,7 @@ class DrawnArm:
         return [_Link(parts) for parts in link_parts(model)]
 
     def set_tcp(self, offset: Sequence[float]) -> None:
-        """Put axes where the TCP is, flange to TCP (6,) [m, rotation vector], and a rod there from the flange."""
+        """Draw axes at the TCP and a rod from the flange to it. offset: flange to TCP (6,) [m, rotation vector]."""
         self._offset = tuple(offset)
         if self._tcp is not None:
             self._tcp.delete()
@@ -336,7 +336,7 @@ class DrawnArm:
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """Adds the shapes or the mesh of a link to the group that is open."""
+    """Adds the shapes or the mesh of a link to the current group."""
 
     parts: Sequence[Part] = ()
     mesh: ServedMesh | None = None
@@ -360,7 +360,7 @@ def _move_camera(scene: ui.scene, model: RobotModel, direction: Vector3, duratio
 
 
 def _axes(scene: ui.scene, length: float) -> None:
-    """x red, y green, z blue."""
+    """Draw axes: x red, y green, z blue."""
     shaft_radius, tip_length = 0.012 * length, 0.2 * length
     for color, axis in _AXES:
         with scene.group().rotate_R(_matrix_rows(_rotation_to(axis))):
@@ -378,7 +378,7 @@ def _tcp_offset(station: Station) -> tuple[float, ...]:
 
 
 def _rotation_to(axis: Vector3) -> Matrix3:
-    """A turn that takes z to an axis."""
+    """A rotation that maps z to an axis."""
     x, y, z = axis
     radial = hypot(x, y)
     if radial < 1e-9:

@@ -44,7 +44,7 @@ class Part:
 
 
 def link_parts(model: RobotModel) -> tuple[tuple[Part, ...], ...]:
-    """Of base, shoulder, upper arm, forearm, wrist 1, 2 and 3."""
+    """The parts of base, shoulder, upper arm, forearm, wrist 1, 2 and 3."""
     return _Arm(model).links()
 
 
@@ -60,7 +60,7 @@ class _Arm:
         self.a2, self.a3 = model.dh.a[1:3]
         self.upper, self.fore = model.tube_offsets
         self.half = (self.upper - self.fore) / 2
-        self.wrist_1 = (self.d4 - self.fore) / 2  # half of the way from forearm to wrist 1
+        self.wrist_1 = (self.d4 - self.fore) / 2  # half of the distance from forearm to wrist 1
         self.shoulder, self.elbow, self.wrist, self.foot = model.housing_radii
         self.plate = min(max(self.d6 - self.wrist, 0.3 * self.wrist), 1.2 * self.wrist)  # thickness of wrist 3
 
@@ -77,7 +77,7 @@ class _Arm:
 
     @property
     def _shoulder_height(self) -> float:
-        """Where the shoulder turns on the base, above the table."""
+        """The height of the joint between base and shoulder above the table."""
         return max(self.d1 - 1.05 * self.shoulder, 0.35 * self.shoulder)
 
     def _base(self) -> tuple[Part, ...]:
@@ -91,7 +91,7 @@ class _Arm:
 
     def _shoulder(self) -> tuple[Part, ...]:
         radius = self.shoulder
-        inner = self.upper - self.half  # where the upper arm turns on it
+        inner = self.upper - self.half  # the joint with the upper arm
         return (
             _drum(radius, self._shoulder_height - self.d1, 0.0, _LIGHT),
             *_housing(radius, -1.05 * radius, inner, _NEGATIVE_Y, caps=(True, False)),
@@ -148,7 +148,7 @@ class _Arm:
 def _housing(
     radius: float, start: float, end: float, axis: Vector3, origin: Vector3 = ZERO3, *, caps: tuple[bool, bool]
 ) -> tuple[Part, ...]:
-    """A drum, and blue caps on one side or both."""
+    """A drum with blue caps on one side or both."""
     cap = 0.22 * radius
     low, high = start + cap * caps[0], end - cap * caps[1]
     parts = [_drum(radius, low, high, _LIGHT, origin, axis)]
@@ -160,7 +160,7 @@ def _housing(
 
 
 def _tube(first: float, last: float, length: float, origin: Vector3, housing: float) -> tuple[Part, ...]:
-    """From one housing to the next, along -x: the lengths of a model point there."""
+    """A tube from one housing to the next, along -x, the direction of a model's link lengths."""
     axis: Vector3 = (-1.0, 0.0, 0.0)
     collar = min(1.12 * housing, 0.3 * length)
     return (
@@ -170,7 +170,7 @@ def _tube(first: float, last: float, length: float, origin: Vector3, housing: fl
 
 
 def _rim(radius: float, position: float, axis: Vector3 = _Z, origin: Vector3 = ZERO3) -> Part:
-    """The dark ring where one link turns on the next."""
+    """The dark ring between two links."""
     half = _RIM * radius
     return _drum(1.015 * radius, position - half, position + half, _DARK, origin, axis, rounding=0.0)
 
@@ -202,7 +202,7 @@ def _rounded(radius: float, start: float, end: float, edge: float) -> Profile:
 
 
 def _dome(radius: float, position: float, height: float) -> Profile:
-    """A lid, a little narrower than its housing, bulging by ``height``, which may be negative."""
+    """A cap, slightly narrower than its housing, that bulges by ``height``, which may be negative."""
     edge, lid = 0.35 * radius, 0.96 * radius
     arc: Sequence[tuple[float, float]] = (
         *_arc(lid - edge, position, edge, height, 0.0, pi / 2),

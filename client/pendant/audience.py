@@ -19,13 +19,13 @@ class Audience:
         self._page_opened.set()
 
     def leave(self, page_id: str) -> None:
-        """A page is gone."""
+        """A page was closed."""
         self._pages.discard(page_id)
         if not self._pages:
             self._page_opened.clear()
 
     async def sleep(self, watched_s: float, unwatched_s: float) -> None:
-        """Wait for so long while somebody looks, or while nobody does, until somebody comes."""
+        """Wait for ``watched_s`` if a page is open, else for ``unwatched_s`` or until a page opens."""
         if self._pages:
             await asyncio.sleep(watched_s)
             return

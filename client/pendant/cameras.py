@@ -18,20 +18,20 @@ from client.pendant.polling import Poller
 from urproto.cameras import CAMERAS, STREAM, CameraDescription, picture_path
 
 ROUTE: Final = "/camera"
-"""Where a pendant has the pictures: /camera/NAME/stream and /camera/NAME/still."""
+"""Path of the pictures on a pendant: /camera/NAME/stream and /camera/NAME/still."""
 
 _LIST_PERIOD_S: Final = 5.0
 _DESCRIPTION_PERIOD_S: Final = 3.0
 _TIMEOUT_S: Final = 30.0  # the first picture waits for a process to start
 _OK: Final = 200
 _STILL: Final = "rgb.jpg"
-_ARM_PREFIX: Final = "ur/"  # before the names of bodies that are the arm's, and of what it carries
-_MIN_SHARE: Final = 0.002  # of a picture: less is not worth a word (guess)
+_ARM_PREFIX: Final = "ur/"  # before the names of bodies of the arm and of what it carries
+_MIN_SHARE: Final = 0.002  # of a picture: smaller objects are not mentioned (guess)
 _MAX_NAMED: Final = 8
 
 
 class CameraLink:
-    """The cameras at one address. tell: called when something to show has changed. port: 0 for no cameras."""
+    """The cameras at one address. on_change: called when something to show has changed. port: 0 for no cameras."""
 
     def __init__(self, host: str, port: int, on_change: Callable[[], object]) -> None:
         self._http = httpx.AsyncClient(base_url=f"http://{host}:{port}", timeout=_TIMEOUT_S, trust_env=False)
@@ -43,22 +43,22 @@ class CameraLink:
 
     @property
     def available(self) -> tuple[CameraDescription, ...]:
-        """Those there are; looking at them is what keeps them new."""
+        """The existing cameras. Reading this property keeps the list up to date."""
         return (self._cameras.value or ()) if self._port else ()
 
     def view_description(self, name: str) -> str:
-        """What a camera sees, in words, "" while that is not known. Looking at it is what keeps it new."""
+        """The objects in a camera's view as text, "" while unknown. Calling this keeps the text up to date."""
         if name not in self._descriptions:
             self._descriptions[name] = Poller(lambda: self._describe_view(name), _DESCRIPTION_PERIOD_S, self._on_change)
         poller = self._descriptions[name]
         return poller.value or poller.problem
 
     async def still(self, name: str) -> bytes:
-        """A JPEG picture. Raises CameraError."""
+        """Return a JPEG picture. Raises CameraError."""
         return (await self._get(picture_path(name, _STILL))).content
 
     async def stream(self, name: str) -> tuple[str, AsyncIterator[bytes]]:
-        """Content type and bytes of a stream, until the robot or whoever reads them ends it. Raises CameraError."""
+        """Content type and bytes of a stream, until the robot or the reader ends it. Raises CameraError."""
         request = self._http.build_request("GET", picture_path(name, STREAM))
         try:
             response = await self._http.send(request, stream=True)
@@ -92,7 +92,7 @@ class CameraLink:
         try:
             segmentation = np.load(io.BytesIO(response.content), allow_pickle=False)
             body_numbers, counts = np.unique(segmentation, return_counts=True)
-        except Exception as error:  # numpy has many
+        except Exception as error:  # numpy raises many kinds
             raise CameraError(f"{name}: the objects in view cannot be read: {error}") from error
         return describe_shares(
             dict(zip(body_numbers.tolist(), (counts / segmentation.size).tolist(), strict=True)), self._bodies
@@ -112,12 +112,12 @@ class CameraLink:
 
 
 def camera_path(name: str, kind: str) -> str:
-    """Where this pendant has a camera's pictures. kind: stream or still."""
+    """Path of a camera's pictures on this pendant. kind: stream or still."""
     return f"{ROUTE}/{quote(name, safe='')}/{kind}"
 
 
 def describe_shares(shares: Mapping[int, float], bodies: tuple[str, ...]) -> str:
-    """What is in a picture, the largest first. shares: of the picture, by a body's number."""
+    """A text that lists the objects in a picture, largest first. shares: of the picture, by body number."""
     named: dict[str, float] = {}
     for number, share in shares.items():
         if 0 < number < len(bodies):
@@ -137,7 +137,7 @@ def _error_text(response: httpx.Response) -> str:
 
 
 async def _stream_content(response: httpx.Response) -> AsyncIterator[bytes]:
-    """Ends when the robot does: a browser sees that the stream is over."""
+    """Yield the parts of a stream. It ends when the robot closes it, so that the browser sees its end."""
     try:
         with suppress(httpx.HTTPError):
             async for part in response.aiter_raw():

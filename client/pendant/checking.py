@@ -16,14 +16,14 @@ from urproto.compat_asyncio import timeout
 from urproto.text import from_bytes, lines, readable, to_bytes
 from urproto.versions import PolyscopeVersion
 
-_DEBOUNCE_S: Final = 0.5  # guess: who pauses for so long wants to know
+_DEBOUNCE_S: Final = 0.5  # guess: an author who pauses for so long wants the result
 _POLL_PERIOD_S: Final = 0.2
-_TIMEOUT_S: Final = 20.0  # guess: 2 MB take a tenth of that
-_NICENESS: Final = 10  # a robot beside it comes first
+_TIMEOUT_S: Final = 20.0  # guess: 2 MB take a tenth of this
+_NICENESS: Final = 10  # a robot on the same machine has priority
 
 
 async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]:
-    """Everything that is wrong with a script for a controller of this version. Raises CheckerError, TimeoutError."""
+    """Check a script for a controller of this version; returns all problems. Raises CheckerError, TimeoutError."""
     process = await asyncio.create_subprocess_exec(
         *checker_command(version),
         stdin=asyncio.subprocess.PIPE,
@@ -45,7 +45,7 @@ async def check(text: str, version: PolyscopeVersion) -> tuple[ScriptError, ...]
 
 
 def parse_output(output: str) -> tuple[ScriptError, ...]:
-    """The problems among the lines that the checker writes, in the order of the script."""
+    """Parse the checker's output; returns the problems in the order of the script."""
     matches = (CHECKER_LINE.fullmatch(line) for line in lines(output))
     problems = (
         ScriptError(int(match[1]), int(match[2]), match[4], "check", "warning" if match[3] else "error")
@@ -58,7 +58,7 @@ def parse_output(output: str) -> tuple[ScriptError, ...]:
 async def check_forever(
     draft: Draft, version: Callable[[], PolyscopeVersion | None], on_problem: Callable[[str], object]
 ) -> None:
-    """Check the draft whenever it is another, for ever. problem: called with why that cannot be done."""
+    """Check the draft after each change, forever. on_problem: called with the reason if it cannot be checked."""
     last_checked: object = None
     while True:
         await asyncio.sleep(_POLL_PERIOD_S)

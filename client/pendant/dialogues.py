@@ -9,9 +9,9 @@ from urproto import text as text_format
 from urproto.modes import ReportLevel, RequestedType, SafetyMode
 from urproto.primary.messages import PROGRAM_STOPPED, ErrorCodeMessage, KeyMessage, PopupMessage, RequestValueMessage
 
-UNLOCK_AFTER_S: Final = 5.0  # dashboard manual: earlier the robot refuses
-_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # levels from there on mean the same as those before
-_CAUSE_WINDOW_S: Final = 1.0  # guess: a report so close to the stop is its cause
+UNLOCK_AFTER_S: Final = 5.0  # dashboard manual: the robot refuses to unlock earlier
+_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # from here on, the levels repeat with the same meaning
+_CAUSE_WINDOW_S: Final = 1.0  # guess: a report this close to the stop is its cause
 
 
 @dataclass(slots=True)
@@ -36,32 +36,32 @@ class Stops:
 
     @property
     def unlock_in_s(self) -> float:
-        """How long the robot still refuses to unlock; 0 when it may be asked, or when nothing is to be unlocked."""
+        """Time until the robot accepts unlocking; 0 if it does now, or without a stop."""
         if self.current is None:
             return 0.0
         return max(0.0, self.current.at_s + UNLOCK_AFTER_S - self._now_s)
 
     @property
     def shown(self) -> ProtectiveStop | None:
-        """The stop as long as nobody has put its dialogue away."""
+        """The current stop, None if its dialogue has been dismissed."""
         return None if self.current is None or self.current.hidden else self.current
 
     def hide(self) -> None:
-        """Show its dialogue no more."""
+        """Dismiss the dialogue of the current stop."""
         if self.current is not None:
             self.current.hidden = True
 
     def update(self, values: Mapping[str, Any]) -> None:
-        """Take note of a state, by RTDE name."""
+        """Process a state, by RTDE name."""
         self._now_s = float(values.get("timestamp", 0.0))
         if values.get("safety_mode") != SafetyMode.PROTECTIVE_STOP:
             self.current = None
-        elif self.current is None or self._now_s < self.current.at_s:  # or the controller began anew
+        elif self.current is None or self._now_s < self.current.at_s:  # or the controller was restarted
             self.current = ProtectiveStop(self._now_s)
             self._assign_cause()
 
     def handle_message(self, message: object) -> None:
-        """Take note of an error report: it comes before or after the state that shows the stop."""
+        """Process an error report, which arrives before or after the state that shows the stop."""
         if isinstance(message, ErrorCodeMessage) and message.level % _DEVELOPER_LEVEL >= ReportLevel.WARNING:
             self._report = message
             self._assign_cause()
@@ -80,7 +80,7 @@ ANSWERABLE: Final = {
     RequestedType.FLOAT: "a number, for example 0.25 or -1e-3",
     RequestedType.STRING: "a text",
 }
-"""The types whose answers can be given here, and what a person is asked for."""
+"""The types that can be answered here, and a description of the expected answer."""
 
 _INT_MAX: Final = 2**31 - 1  # of URScript's integers
 
@@ -97,19 +97,19 @@ class Dialogue:
 
 
 class Dialogues:
-    """The dialogues that are open as far as known: a robot reports that one opens, an emulator also which are open."""
+    """The open dialogues, as far as known: a robot only reports new ones, an emulator lists all."""
 
     def __init__(self) -> None:
         self.open: dict[int, Dialogue] = {}
-        self._closed = set[int]()  # here, which an older list of the emulator does not know
+        self._closed = set[int]()  # closed here; an older list of the emulator may still contain them
 
     @property
     def oldest(self) -> Dialogue | None:
-        """The one to be shown."""
+        """The dialogue to show."""
         return next(iter(self.open.values()), None)
 
     def handle_message(self, message: object) -> None:
-        """Take note of one that opens, and of a program's end, which takes its questions back."""
+        """Process a dialogue that opens, and the end of a program, which withdraws its questions."""
         if isinstance(message, PopupMessage):
             severity = "error" if message.error else "warning" if message.warning else "info"
             self._add(Dialogue(message.request_id, message.title, message.text, RequestedType.NONE, severity))
@@ -121,16 +121,16 @@ class Dialogues:
             self._retain(lambda dialogue: dialogue.type is RequestedType.NONE)
 
     def close(self, number: int) -> None:
-        """Show it no more."""
+        """Close a dialogue."""
         if self.open.pop(number, None) is not None:
             self._closed.add(number)
 
     def close_popups(self) -> None:
-        """As ``close popup`` does: questions stay."""
+        """Close all popups, like ``close popup``: questions stay."""
         self._retain(lambda dialogue: dialogue.type is not RequestedType.NONE)
 
     def synchronise(self, entries: Sequence[Mapping[str, Any]]) -> None:
-        """Agree with the list of an emulator: the result of its verb ``popups``."""
+        """Adopt the list of an emulator: the result of its verb ``popups``."""
         listed = {entry["id"]: entry for entry in entries}
         self._closed &= listed.keys()
         self._retain(lambda dialogue: dialogue.number in listed)
@@ -148,7 +148,7 @@ class Dialogues:
 
 
 def parse_answer(kind: RequestedType, text: str) -> int | float | str:
-    """What somebody typed, as a value of the type that is asked for. Raises ValueError, which says what is wanted."""
+    """Convert a typed answer to the requested type. Raises ValueError with the expected format."""
     if kind is RequestedType.STRING:
         return text
     try:
@@ -165,5 +165,5 @@ def parse_answer(kind: RequestedType, text: str) -> int | float | str:
 def _requested_type(value: int) -> RequestedType:
     try:
         return RequestedType(value)
-    except ValueError:  # newer software may have more
+    except ValueError:  # newer software may have more types
         return RequestedType.NONE

@@ -14,7 +14,7 @@ from urproto.primary.messages import (
 )
 
 _START_TIMEOUT_S: Final = 5.0  # guess: a program of 50 kB starts within 0.2 s
-_MAX_LENGTH: Final = 2_000_000  # characters; a robot takes no more either (guess)
+_MAX_LENGTH: Final = 2_000_000  # characters; a robot accepts no more either (guess)
 
 Phase = Literal["", "sent", "running", "ended", "failed", "silent"]
 
@@ -54,41 +54,41 @@ class Draft:
 
     @property
     def has_user_text(self) -> bool:
-        """Whether somebody would miss the text."""
+        """Whether a user has written the text, so that losing it would matter."""
         return bool(self.text.strip()) and self.text != _EXAMPLE
 
     def write(self, text: str, author: str = "") -> None:
-        """Somebody has written something else. Raises ValueError for what is too long."""
+        """Replace the text. Raises ValueError if it is too long."""
         if len(text) > _MAX_LENGTH:
             raise ValueError(f"a script of {len(text)} characters is too long: at most {_MAX_LENGTH} are possible")
         if text != self.text:
             self.text, self.author, self.revision = text, author, self.revision + 1
 
     def prepared_script(self) -> Script:
-        """What to send: a program, or a secondary program, which has no name. Raises ValueError for an empty text."""
+        """The script to send; a secondary program has no name. Raises ValueError if the text is empty."""
         if not self.text.strip():
             raise ValueError("The editor is empty: there is no script to send.")
         try:
             return prepare(self.text)
-        except LocalProtocolError:  # a secondary program: only errors are heard of
+        except LocalProtocolError:  # a secondary program: the robot reports only its errors
             return Script("", self.text)
 
     def mark_sent(self, script: Script, now_s: float) -> None:
-        """That is being sent. now_s: any clock."""
+        """Record that a script is being sent. now_s: time on any clock."""
         self.script, self._sent_at_s, self.phase, self.error = script, now_s, "sent", None
         self._sent_revision = self.revision
 
     def set_diagnoses(self, revision: int, diagnoses: tuple[ScriptError, ...]) -> None:
-        """The checker has looked at the text of this revision."""
+        """Store the checker's result for the text of a revision."""
         if revision != self.revision:
             return
         self.diagnoses = diagnoses
         if self.error is not None and self.error.found_by == "start" and revision != self._sent_revision:
-            self.error = None  # it was about another text, and the checker knows about this one
+            self.error = None  # it concerned an older text, and the checker has checked this one
 
     @property
     def problems(self) -> tuple[ScriptError, ...]:
-        """All that is known to be wrong. The checker says better than the robot why a script does not start."""
+        """All known problems. If a script does not start, the checker's reason is better than the robot's."""
         error = self.error
         if error is None or (
             error.found_by == "start" and any(diagnosis.severity == "error" for diagnosis in self.diagnoses)
@@ -97,7 +97,7 @@ class Draft:
         return (error, *(diagnosis for diagnosis in self.diagnoses if diagnosis.line != error.line))
 
     def handle_message(self, message: object) -> None:
-        """Take note of what the robot says about the script."""
+        """Process a message of the robot about the script."""
         if isinstance(message, KeyMessage) and self.script is not None and message.text == (self.script.name or None):
             if message.title == PROGRAM_STARTED and self.phase in ("sent", "silent"):
                 self.phase = "running"
@@ -107,12 +107,12 @@ class Draft:
             self._set_failed(message)
 
     def check_start(self, now_s: float) -> None:
-        """Time goes by."""
+        """Give up waiting for the start of a script that was sent too long ago."""
         if self.phase == "sent" and now_s - self._sent_at_s > _START_TIMEOUT_S:
             self.phase = "silent" if self.script is not None and self.script.name else "ended"
 
     def _concerns_script(self, message: RuntimeExceptionMessage) -> bool:
-        """Compile errors have no time; a script that runs meanwhile may be somebody else's."""
+        """Whether an error is about this script. Compile errors have no time; another script may be running."""
         return self.phase == ("sent" if message.timestamp_us == NO_TIMESTAMP_US else "running")
 
     def _set_failed(self, message: RuntimeExceptionMessage) -> None:
@@ -124,7 +124,7 @@ class Draft:
 
 
 def _readable_error(reported: str) -> str:
-    """Controllers repeat line and number after a word of their own when they cannot parse it."""
+    """Replace the raw message of a syntax error, which repeats the line and its number."""
     return _SYNTAX_ERROR if reported.startswith("syntax_error_on_line") else reported
 
 

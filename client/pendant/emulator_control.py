@@ -10,11 +10,11 @@ from client.errors import ClientError
 from client.pendant.dialogues import Dialogues
 from client.pendant.polling import Poller
 
-POLL_PERIOD_S: Final = 0.5  # while somebody looks
+POLL_PERIOD_S: Final = 0.5  # while a page is open
 _WATCH_PERIOD_S: Final = 1.0
 _CATALOGUE: Final = ("describe", "fault_kinds", "ports", "safety_causes")
 _TIME_VERBS: Final = ("set_speed", "pause_time", "resume_time", "step")
-_MAX_MISSES: Final = 3  # in a row, and there is no emulator any more (guess)
+_MAX_MISSES: Final = 3  # consecutive ones; then the emulator counts as gone (guess)
 _OK: Final = 200
 _UNAUTHORIZED: Final = 401
 
@@ -32,8 +32,8 @@ class EmulatorControl:
 
     available: the API answers, so this is not a real robot. port: 0 for none. token: the token that the emulator
     expects. locked: the emulator expects another token. time: the result of the verb of this name, empty before the
-    first. catalogue: results of verbs that do not change. tell: called when something to show has changed. rest: waits
-    between two queries of ``follow``.
+    first. catalogue: results of verbs that do not change. on_change: called when something to show has changed. wait:
+    waits between two queries of ``follow``.
     """
 
     def __init__(
@@ -64,14 +64,14 @@ class EmulatorControl:
         await self._http.aclose()
 
     def watch(self, verb: str, **arguments: str) -> Poller[Any]:
-        """The result of a verb that changes nothing, asked for every second while a page shows it."""
+        """The result of a read-only verb, queried every second while a page shows it."""
         key = (verb, repr(sorted(arguments.items())))
         if key not in self._pollers:
             self._pollers[key] = Poller(lambda: self.call(verb, **arguments), _WATCH_PERIOD_S, self._on_change)
         return self._pollers[key]
 
     async def change(self, verb: str, **arguments: Any) -> Any:
-        """As ``call``, for a verb that changes what is watched: that is asked for at once."""
+        """Like ``call``, for a verb that changes watched results, which are queried again immediately."""
         try:
             result = await self.call(verb, **arguments)
             if verb in _TIME_VERBS:
@@ -83,7 +83,7 @@ class EmulatorControl:
 
     @property
     def pace(self) -> str:
-        """How time goes by where it does not do so as for everybody else, "" otherwise."""
+        """How time passes if it is not in real time, "" if it is."""
         if self.time.get("paused", False):
             return "time paused"
         speed = self.time.get("speed", 1.0)
@@ -91,18 +91,18 @@ class EmulatorControl:
 
     @property
     def is_present(self) -> bool:
-        """There is one, whether it lets this pendant in or not."""
+        """Whether there is an emulator, even if it rejects this pendant's token."""
         return self.available or self.locked
 
     async def update_time(self) -> None:
-        """Ask for ``time``. Raises EmulatorControlError."""
+        """Query ``time``. Raises EmulatorControlError."""
         before, self.time = self.time, await self.call("time")
         names = ("paused", "speed", "time_s") if self.time["paused"] else ("paused", "speed")
         if any(before.get(name) != self.time[name] for name in names):
             self._on_change()
 
     async def is_time_paused(self) -> bool:
-        """Time is paused: no wonder that nothing comes."""
+        """Whether time is paused, which explains missing states."""
         try:
             await self.update_time()
         except EmulatorControlError:
@@ -110,7 +110,7 @@ class EmulatorControl:
         return bool(self.time["paused"])
 
     async def call(self, verb: str, **arguments: Any) -> Any:
-        """The result of a verb. Raises EmulatorControlError with the emulator's reason."""
+        """Call a verb and return its result. Raises EmulatorControlError with the emulator's reason."""
         try:
             response = await self._http.post(f"/verbs/{verb}", json=arguments)
             content: Mapping[str, Any] = response.json()
@@ -123,7 +123,7 @@ class EmulatorControl:
         return content["result"]
 
     async def follow(self, dialogues: Dialogues) -> None:
-        """Look whether there is an emulator, and which dialogues it shows, for ever."""
+        """Poll whether there is an emulator, and which dialogues it shows, forever."""
         missed = _MAX_MISSES
         while self._port:
             try:

@@ -30,7 +30,7 @@ from urproto.primary.messages import (
 )
 
 MAX_SHOWN: Final = 500  # lines a browser keeps
-_MAX_TEXT_LENGTH: Final = 2000  # characters of a line; downloads have all of it
+_MAX_TEXT_LENGTH: Final = 2000  # characters of a line; downloads are complete
 
 
 class LogView:
@@ -44,17 +44,17 @@ class LogView:
         self.words = ""
         self.paused = False
         self._log = log
-        self._cleared = 0  # number of the last event that is not shown any more
+        self._cleared = 0  # number of the last event that is no longer shown
         self._sent = 0
         self._state: object = None
 
     def clear(self) -> None:
-        """Show only what comes from now on; the log itself stays."""
+        """Show only events from now on; the log itself stays."""
         self._cleared = self._log.count
 
     @property
     def pending(self) -> int:
-        """How many events came since it was paused."""
+        """Number of events since the view was paused."""
         return self._log.count - self._sent if self.paused else 0
 
     def matching(self) -> "list[Event]":
@@ -62,7 +62,7 @@ class LogView:
         return [event for event in self._log.events if self._matches(event)]
 
     def next_update(self, fresh: bool) -> list[Any] | None:
-        """[whether what is shown goes, lines to add] since this was last asked, None for nothing.
+        """[whether to clear the view, lines to add] since the last call, None if nothing has changed.
 
         fresh: the browser has nothing yet.
         """
@@ -96,7 +96,7 @@ _CSV_HEADER: Final = ("time", "uptime_s", "severity", "source", "code", "text")
 
 
 def as_csv(events: "Iterable[Event]") -> str:
-    """A table with a head; times are UTC."""
+    """A table with a header; times are UTC."""
     file = io.StringIO()
     writer = csv.writer(file)
     writer.writerow(_CSV_HEADER)
@@ -105,7 +105,7 @@ def as_csv(events: "Iterable[Event]") -> str:
 
 
 def as_text(events: "Iterable[Event]") -> str:
-    """Lines for people; times are UTC."""
+    """Readable lines; times are UTC."""
     return "".join(
         f"{time} {uptime:>12} {severity:<8}{source:<11}{code:<9}{' '.join(text.splitlines())}\n"
         for time, uptime, severity, source, code, text in _cells(events)
@@ -122,7 +122,7 @@ def _cells(events: "Iterable[Event]") -> Iterator[tuple[str, ...]]:
 Severity = Literal["info", "warning", "error"]
 SEVERITIES: Final[tuple[Severity, ...]] = ("info", "warning", "error")
 _MAX_EVENTS: Final = 10_000
-_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # levels from there on mean the same as those before
+_DEVELOPER_LEVEL: Final = ReportLevel.DEVELOPER_DEBUG  # from here on, the levels repeat with the same meaning
 _LEVELS: Final[dict[int, Severity]] = {
     ReportLevel.WARNING: "warning",
     ReportLevel.VIOLATION: "error",
@@ -162,21 +162,21 @@ class EventLog:
         self.count = 0
 
     def since(self, number: int) -> list[Event]:
-        """Those after the one with this number, as far as they are kept."""
+        """The events after the one with this number, as far as they are kept."""
         return list(islice(reversed(self.events), max(0, self.count - number)))[::-1]
 
     def latest(self) -> Iterator[Event]:
-        """All that are kept, newest first."""
+        """All kept events, newest first."""
         return reversed(self.events)
 
     def note(self, text: str, severity: Severity = "warning") -> None:
-        """Something the pendant itself has to say; what it said last is not repeated."""
+        """Add an event of the pendant itself, unless it repeats the last one."""
         last = self.events[-1] if self.events else None
         if last is None or (last.source, last.text) != ("pendant", text):
             self._add(_Entry("pendant", severity, text), None)
 
     def handle_message(self, message: object) -> None:
-        """Keep what a person wants to read."""
+        """Add an event for a message that is of interest to users."""
         if not isinstance(message, RobotMessage):
             return
         entry = _entry(message)

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 from urproto.joints import JOINT_LABELS
 
 TIMING: Final = ("at", "after", "until", "lasting", "once", "probability", "seed")
-"""Arguments that every kind has, or every one that strikes on an occasion."""
+"""Arguments of every kind, or of every kind that strikes on an occasion."""
 
 _HINTS: Final = {
     "at": "uptime, s",
@@ -37,11 +37,11 @@ class FaultField:
 
     @property
     def is_timing(self) -> bool:
-        """It says when, not what."""
+        """Whether the argument says when the fault strikes."""
         return self.name in TIMING
 
     def parse(self, value: Any) -> Any:
-        """What is in the field, None when nothing is. Raises ValueError for what does not belong there."""
+        """Convert the content of the field, None if it is empty. Raises ValueError if it is invalid."""
         if value is None or value == "":
             return None
         if self.type == "bool" or self.choices:
@@ -65,12 +65,12 @@ class FaultKind:
 
     @property
     def title(self) -> str:
-        """For people."""
+        """The name as shown to users."""
         return self.name.replace("_", " ").capitalize().replace("rtde", "RTDE")
 
 
 def fault_kinds(listed: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> dict[str, FaultKind]:
-    """By name, from the results of the verbs ``fault_kinds`` and ``ports``."""
+    """The kinds of faults by name, from the results of the verbs ``fault_kinds`` and ``ports``."""
     return {
         kind["kind"]: FaultKind(
             kind["kind"],
@@ -84,9 +84,9 @@ def fault_kinds(listed: Sequence[Mapping[str, Any]], ports: Sequence[str]) -> di
 
 
 def fault_arguments(kind: FaultKind, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments for ``inject_fault`` from what is in the fields: without those that are empty or at their default.
+    """Arguments for ``inject_fault`` from the content of the fields, without empty ones and defaults.
 
-    Raises ValueError with what is missing or wrong.
+    Raises ValueError if one is missing or invalid.
     """
     parsed = {field.name: field.parse(values.get(field.name)) for field in kind.fields}
     missing = [field.name for field in kind.fields if field.required and parsed[field.name] is None]

@@ -43,20 +43,20 @@ class Feed:
 
     @property
     def end(self) -> int:
-        """Number of the row that comes next."""
+        """Number of the next row."""
         return self.begin + len(self._rows) // self.width
 
     def column(self, name: str, index: int = 0) -> int:
-        """Where an element of a variable is in a row. Raises KeyError."""
+        """The column of an element of a variable. Raises KeyError."""
         return self._first_columns[name] + index
 
     def rows(self, begin: int, end: int) -> "array[float]":
-        """Rows one after the other, as far as they are kept."""
+        """The numbers of these rows, one row after the other, as far as they are kept."""
         first = max(begin - self.begin, 0) * self.width
         return self._rows[first : max(end - self.begin, 0) * self.width]
 
     def row_at(self, time_s: float) -> int:
-        """The first row not older than that, by the robot's clock; a clock that was set back counts as older."""
+        """The first row that is not older than this robot time; after a clock was set back, rows count as older."""
         column, low, high = self._first_columns["timestamp"], self.begin, self.end
         while low < high:
             middle = (low + high) // 2
@@ -67,18 +67,18 @@ class Feed:
         return low
 
     def states(self, begin: int = 0) -> Iterator[dict[str, Any]]:
-        """All that is kept from a row on, as RTDE gave it; None for what was not asked for at that time."""
+        """All kept states from a row on, as received over RTDE; None for values not requested at that time."""
         for row in range(max(self.begin, begin), self.end):
             yield self._state(self.rows(row, row + 1))
 
     def copy(self) -> "Feed":
-        """As it is now, for who needs longer to read it."""
+        """A copy of the present rows, for a reader that takes longer."""
         other = Feed(self.names, True)
         other.begin, other._rows = self.begin, self._rows[:]
         return other
 
     def append_state(self, values: Mapping[str, Any]) -> None:
-        """A new state."""
+        """Add a state."""
         self.values = values
         self.problem = ""
         if not self._keep_rows:
@@ -95,7 +95,7 @@ class Feed:
             self._drop(len(self._rows) // self.width // 8)
 
     def inherit_rows(self, other: "Feed") -> None:
-        """Go on where another feed is, with what both have."""
+        """Take over the rows of another feed, with the values that both have."""
         count = other.end - other.begin
         self.begin = other.begin
         self._rows = array("d", [math.nan]) * (count * self.width)
@@ -107,7 +107,7 @@ class Feed:
             self._drop((len(self._rows) - _MAX_NUMBERS) // self.width + 1)
 
     def mark_lost(self, problem: str) -> None:
-        """The robot is gone."""
+        """The connection to the robot was lost."""
         self.values = {}
         self.problem = problem
 
@@ -145,9 +145,9 @@ class Feeds:
     def subscribe(
         self, names: Collection[str], rate_hz: float, keep_rows: bool = False, predecessor: Feed | None = None
     ) -> Feed:
-        """Begin to look at these RTDE outputs, until ``leave``.
+        """Subscribe to these RTDE outputs, until ``unsubscribe``.
 
-        keeps: for who wants the rows too; a new feed goes on where that one was which it is heir of.
+        keep_rows: collect rows, too. predecessor: a feed whose rows a new feed takes over.
         """
         ordered = tuple(name for name in OUTPUT_FIELDS if name in names)
         key = (ordered, rate_hz, keep_rows)
@@ -163,7 +163,7 @@ class Feeds:
         return feed
 
     def unsubscribe(self, feed: Feed, linger_s: float = 0.0) -> None:
-        """Look no more. The last one to leave ends the connection, or lets it go on for a while."""
+        """End a subscription. The last one closes the connection, after ``linger_s``."""
         self._subscriber_counts[id(feed)] -= 1
         if self._subscriber_counts[id(feed)]:
             return
@@ -176,7 +176,7 @@ class Feeds:
         return len(self._feeds)
 
     async def close(self) -> None:
-        """End all of them."""
+        """End all feeds."""
         tasks = list(self._tasks.values())
         for feed in list(self._feeds.values()):
             self._stop(feed)

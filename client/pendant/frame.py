@@ -13,7 +13,7 @@ _Unbuilt: TypeAlias = dict[str, tuple[Screen, ui.tab_panel]]
 
 
 def build(page: Page, initial_screen: str) -> None:
-    """The whole page, with one screen in view."""
+    """Build the whole page, with one screen visible."""
     tabs = _header(page, initial_screen)
     _lost_banner(page)
     with ui.tab_panels(tabs, value=initial_screen, animated=False).classes("screens") as panels:
@@ -46,7 +46,7 @@ def _on_tab_change(page: Page, unbuilt: _Unbuilt, name: str) -> None:
 
 
 def _show_screen(page: Page, unbuilt: _Unbuilt, name: str) -> None:
-    """A screen is built when somebody wants to see it first: most pages are there for one or two."""
+    """Show a screen. It is built when it is first shown, because most pages show only one or two."""
     if name in unbuilt:
         screen, panel = unbuilt.pop(name)
         page.live.building = name
@@ -86,7 +86,7 @@ def _footer(page: Page, tabs: ui.tabs) -> None:
 
 
 def _simulation_switch(page: Page) -> None:
-    """As in PolyScope's footer. Where it is out of reach, it is shown while the robot simulates."""
+    """A switch as in PolyScope's footer. If it cannot be used from here, it is shown only in simulation."""
     with ui.button(on_click=page.handler(page.switch_simulation), color=None).props(
         "dense no-caps unelevated"
     ) as switch:
@@ -100,7 +100,7 @@ def _simulation_switch(page: Page) -> None:
 
 
 def _speed_slider(page: Page) -> None:
-    """Follows the robot, but for a moment after it was touched here."""
+    """A slider that follows the robot, except for a moment after it was moved here."""
     station = page.station
     ui.icon("speed").classes("text-white")
     slider = (

@@ -18,13 +18,13 @@ _LINE_RAMP: Final = (1.2, 2.5)  # m/s2: URScript's default for tools; guess for 
 _TURN_RAMP: Final = (1.4, 4.0)  # rad/s2
 _LIMIT_DECELERATION: Final = 1.0  # rad/s2 towards a limit: gentler than the ramp down, which then keeps up with it
 _MARGIN_RAD: Final = 0.004  # kept from a limit
-_REACTION_S: Final = 0.08  # guess: between what is known of the arm and what it then does, on a busy machine
-_TOOL_SPEED_SHARE: Final = 0.5  # of a joint's top speed: as fast as joints turn for a tool's motion (guess)
+_REACTION_S: Final = 0.08  # guess: between a measured state and the arm's reaction to it, under load
+_TOOL_SPEED_SHARE: Final = 0.5  # of a joint's maximum speed, for tool motions (guess)
 _MAX_ERROR: Final = 0.04  # share of a tool's motion that joints cannot follow; above it the arm rests (guess)
 _MAX_DECAY: Final = 3.0  # 1/s: of the Jacobian's determinant, so that a singularity is never reached (guess)
 _LOOKAHEAD_S: Final = 0.01
 _SINGULAR: Final = 1e-9  # m3
-_DAMPING: Final = 1e-3  # m or 1: singular values of the Jacobian below it count as none
+_DAMPING: Final = 1e-3  # m or 1: singular values of the Jacobian below this count as zero
 _SLOWED_SHARE: Final = 0.98  # a lower share of the requested speed counts as slowed
 
 
@@ -60,13 +60,13 @@ class Ramp:
 
     @property
     def at_rest(self) -> bool:
-        """No speed is left."""
+        """Whether all speeds are zero."""
         return not any(self.speeds)
 
     def next(
         self, target: Sequence[float] | None, q_rad: Sequence[float], pose_base_tcp: Sequence[float], period_s: float
     ) -> tuple[float, ...]:
-        """The speeds for the next period. wanted: None for rest."""
+        """The speeds for the next period. target: None to come to rest."""
         self.slowed = ""
         goal = tuple(target or (0.0,) * 6)
         if self._space == "joints":
@@ -81,7 +81,7 @@ class Ramp:
         return self.speeds
 
     def _allowed_speed(self, joint: int, speed: float, q_rad: Sequence[float]) -> float:
-        """No faster than the arm can brake before the joint's limit, nor than the joint turns."""
+        """Limit a speed to the joint's maximum and to the speed from which it can brake before its limit."""
         bounds = self._bounds
         max_speed = min(self._braking_speed(joint, speed, q_rad), bounds.qd_max[joint])
         if max_speed < _SLOWED_SHARE * abs(speed):
@@ -101,7 +101,7 @@ class Ramp:
     def _feasible_twist(
         self, twist: Sequence[float], q_rad: Sequence[float], pose: Sequence[float]
     ) -> tuple[float, ...]:
-        """As much of a tool's motion as the joints can follow."""
+        """Scale a twist of the tool down to what the joints can follow."""
         kinematics = self._bounds.kinematics
         if kinematics is None or not any(twist):
             return tuple(twist)
@@ -127,7 +127,7 @@ class Ramp:
 
 
 def _ramp_speed(now: float, goal: float, ramp: tuple[float, float], period_s: float) -> float:
-    """The next speed: up and down a ramp, through rest where it turns round."""
+    """The next speed: up or down a ramp, and through zero when the direction changes."""
     if now * goal < 0:
         goal = 0.0
     step = ramp[0 if abs(goal) > abs(now) else 1] * period_s
@@ -135,7 +135,7 @@ def _ramp_speed(now: float, goal: float, ramp: tuple[float, float], period_s: fl
 
 
 def _ramp_twist(now: Sequence[float], goal: Sequence[float], period_s: float) -> tuple[float, ...]:
-    """Lines and turns each keep to a straight way."""
+    """Ramp a twist; its linear and angular parts each keep their direction."""
     return (
         *_ramp_vector(now[:3], goal[:3], _LINE_RAMP, period_s),
         *_ramp_vector(now[3:], goal[3:], _TURN_RAMP, period_s),
@@ -156,7 +156,7 @@ def _ramp_vector(
 
 
 def _joint_speeds(jacobian: Jacobian, twist: Sequence[float]) -> tuple[tuple[float, ...], float]:
-    """Those that move the tool so, as nearly as can be, and which share of it they do not achieve.
+    """Joint speeds that come closest to a twist of the tool, and the relative error that remains.
 
     Damped least squares: qd = Jt (J Jt + d^2)^-1 v, so speeds stay finite in singularities.
     """
@@ -190,7 +190,7 @@ def _determinant(jacobian: Jacobian) -> float:
 
 
 def _solve(matrix: list[list[float]], right: Sequence[float]) -> list[float]:
-    """x of matrix x = right, by Gauss: the matrix is symmetric and positive, so no pivots are looked for."""
+    """Solve matrix x = right by Gaussian elimination; the matrix is positive definite, so no pivoting is needed."""
     rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
     for i, pivot in enumerate(rows):
         for row in rows[i + 1 :]:

@@ -83,7 +83,7 @@ class Live:
         station.audience.join(page_id)
 
     def close(self) -> None:
-        """The browser is gone."""
+        """The browser has disconnected for good."""
         self.pages.pop(self.page_id, None)
         self.station.audience.leave(self.page_id)
         self._connection_lost()
@@ -92,33 +92,33 @@ class Live:
     # what is shown
 
     def text(self, read: Read, classes: str = "") -> ui.element:
-        """A text that changes; ``read`` gives it."""
+        """Add a text that follows the value of ``read``."""
         return self.bind(ui.element("span").classes(f"live {classes}"), "text", read)
 
     def bind(self, element: ui.element, kind: Kind, read: Read) -> ui.element:
-        """Let something of an element follow the robot.
+        """Bind a part of an element to the robot's state.
 
-        text: its content. state: its attribute data-state, for style sheets. title: what a pointer that rests on it
-        shows. width: percent, of a bar. value: given to the function that ``pendant.followers`` has for the element in
-        the browser, see static/pendant.js. The kinds of single screens are in static/screen_*.js.
+        text: its content. state: its attribute data-state, for style sheets. title: its tooltip. width:
+        percent, of a bar. value: passed to the function in ``pendant.followers`` for it, see static/pendant.js.
+        The kinds of single screens are in static/screen_*.js.
         """
         self._bindings.append(_Binding(element.id, kind, read, self.building))
         return element
 
     def effect(self, read: Read, apply: Callable[[Any], object]) -> None:
-        """Call ``apply`` with what ``read`` gives whenever that has changed: for what NiceGUI itself has to do."""
+        """Call ``apply`` with the value of ``read`` whenever it has changed: for updates through NiceGUI."""
         self._effects.append(_Effect(read, apply, self.building))
 
     def stream(self, element: ui.element, kind: Kind, next_update: NextUpdate) -> None:
-        """Let a browser have all of something that goes on: ``take`` gives what came since it was last asked, or None.
+        """Send a stream to the browser: ``next_update`` returns what is new since the last call, or None.
 
-        It is told True when the browser has nothing yet. Of the kind lines, all wait for an element that is not there
-        yet; of others, the newest does.
+        Its argument is True if the browser has nothing yet. While the element does not exist yet, all updates of the
+        kind lines are queued, and only the newest of other kinds.
         """
         self._streams.append(_Stream(element.id, kind, next_update, self.building))
 
     def show(self, screen: str) -> None:
-        """Another screen is in view."""
+        """Another screen has become visible."""
         self.screen = screen
         for handler in self.on_show:
             handler(screen)
@@ -127,7 +127,7 @@ class Live:
     # the web socket
 
     async def serve(self, socket: WebSocket, invalid_messages: InvalidMessages) -> None:
-        """Send changes until the browser goes away or talks nonsense. When it comes back everything is sent again."""
+        """Send changes until the browser disconnects or sends invalid data. After reconnection, all is sent again."""
         await socket.accept()
         for binding in self._bindings:
             binding.last = _NEVER
@@ -140,9 +140,9 @@ class Live:
                 self._dispatch(json.loads(await socket.receive_text()))
         except WebSocketDisconnect:
             pass
-        except Exception as error:  # whatever a browser may say, and whatever that leads to
+        except Exception as error:  # an invalid message, or an error in its handler
             invalid_messages.report_error(error)
-            with suppress(RuntimeError, WebSocketDisconnect):  # it has gone meanwhile
+            with suppress(RuntimeError, WebSocketDisconnect):  # it has disconnected in the meantime
                 await socket.close(_INVALID_DATA)
         finally:
             self._connection_lost()
@@ -150,7 +150,7 @@ class Live:
             await asyncio.gather(sender, return_exceptions=True)
 
     def on_message(self, key: str, handler: Callable[[Any], object]) -> None:
-        """Call ``tell`` with what the browser says by ``pendant.say({word: value})``, and None when it goes away."""
+        """Call ``handler`` with each value sent by ``pendant.send({key: value})``, and with None on disconnection."""
         self._listeners[key] = handler
 
     def _dispatch(self, message: Any) -> None:
@@ -181,7 +181,7 @@ class Live:
             self._wake.clear()
 
     def changes(self) -> list[tuple[int, Kind, Any]]:
-        """Of everything in view, what looks other than when this was last asked: (element, kind, value)."""
+        """Changes of everything visible since the last call: (element, kind, value)."""
         station, screen = self.station, self.screen
         for effect in self._effects:
             if effect.screen in (None, screen) and (value := effect.read(station)) != effect.last:
@@ -201,7 +201,9 @@ class Live:
 
 
 def _report_failure(invalid_messages: InvalidMessages, sender: "asyncio.Task[None]") -> None:
-    """A page that nothing reaches any more is not left without a word."""
+    """Log the error that ended the updates of a page."""
     error = None if sender.cancelled() else sender.exception()
-    if error is not None and not isinstance(error, RuntimeError | WebSocketDisconnect):  # else the browser has gone
+    if error is not None and not isinstance(
+        error, RuntimeError | WebSocketDisconnect
+    ):  # else the browser has disconnected
         invalid_messages.report_error(error)

@@ -12,15 +12,15 @@ from urproto.errors import RobotRefused, URError
 from urproto.joints import JOINT_NAMES
 from urproto.robots import RobotModel
 
-_PERIOD_S: Final = 1.0  # rqt_joint_trajectory_controller and rqt_controller_manager look as often
+_PERIOD_S: Final = 1.0  # as often as rqt_joint_trajectory_controller and rqt_controller_manager
 
 Controllers = tuple[dict[str, Any], ...]
 
 
 class ManagerLink:
-    """The connection to the controller manager. Reading ``controllers`` keeps them current. tell: called on a change.
+    """The connection to the controller manager. Reading ``controllers`` updates it. on_change: called on a change.
 
-    driver: the control panel that moves the arm now; only one browser may do so at a time.
+    active_panel: the control panel that moves the arm now; only one browser may do so at a time.
     """
 
     def __init__(self, robot_ip: str, rtde_port: int, on_change: Callable[[], object]) -> None:
@@ -32,34 +32,34 @@ class ManagerLink:
 
     @property
     def controllers(self) -> Controllers:
-        """Those that are loaded, then those that could be, in the state "unloaded"; none without a manager."""
+        """Loaded controllers, then those that can be loaded, in the state "unloaded"; none without a manager."""
         return self._poller.value or ()
 
     @property
     def problem(self) -> str:
-        """Why nothing is known, "" while it is."""
+        """Why the controllers are unknown, "" if they are known."""
         return self._poller.problem
 
     async def request(self, operation: str, /, **arguments: Any) -> Any:
-        """See `client.controllers.session.Session`. Raises ClientError."""
+        """Send a request: see `client.controllers.session.Session`. Raises ClientError."""
         async with self._connecting:
             if self._manager is None:
                 self._manager = await RemoteManager(*self._address).__aenter__()
         try:
-            return await self._manager.ask(operation, **arguments)
-        except ManagerError:  # it may have ended; the next one is asked over a new connection
+            return await self._manager.request(operation, **arguments)
+        except ManagerError:  # the manager may have ended; the next request opens a new connection
             await self.disconnect()
             raise
 
     async def change(self, operation: str, /, **arguments: Any) -> None:
-        """The same for what changes controllers, which are looked at again. Raises ClientError."""
+        """Send a request that changes controllers, and query them again. Raises ClientError."""
         try:
             await self.request(operation, **arguments)
         finally:
             self._poller.refresh()
 
     async def disconnect(self) -> None:
-        """Until something is asked again."""
+        """Close the connection until the next request."""
         manager, self._manager = self._manager, None
         if manager is not None:
             await manager.__aexit__(None, None, None)
@@ -80,7 +80,7 @@ class ManagerLink:
 
 
 def trajectory_controllers(controllers: Controllers) -> list[str]:
-    """Names of the active joint trajectory controllers, which is what sliders may use."""
+    """Names of the active joint trajectory controllers, which the sliders can use."""
     return sorted(
         controller["name"]
         for controller in controllers
@@ -92,9 +92,9 @@ class ControlPanel:
     """Six sliders: while enabled, the arm follows them; otherwise they follow the arm.
 
     As in rqt_joint_trajectory_controller, a trajectory with one point is sent ten times a second. Its duration is what
-    the slowest joint takes at its top speed times the speed scaling, and at least half a second.
+    the slowest joint takes at its maximum speed times the speed scaling, and at least half a second.
 
-    link: to the manager. read: returns the joint angles (6,) [rad] and the model of the arm, None while they are
+    link: to the manager. read_arm: returns the joint angles (6,) [rad] and the model of the arm, None while they are
     unknown. controller: the controller in use. scaling: 0.01 to 1. on_end: called with the reason when the arm stops
     following, with "" if a user disabled the panel.
     """
@@ -113,11 +113,11 @@ class ControlPanel:
 
     @property
     def enabled(self) -> bool:
-        """The arm follows."""
+        """Whether the arm follows the sliders."""
         return self._sending is not None
 
     def enable(self) -> None:
-        """Let the arm follow from where it is. Raises RobotRefused."""
+        """Let the arm follow the sliders, starting at its present position. Raises RobotRefused."""
         if self.enabled:
             return
         if self.controller not in trajectory_controllers(self._link.controllers):
@@ -133,7 +133,7 @@ class ControlPanel:
         self._sending = asyncio.get_running_loop().create_task(self._send())
 
     def disable(self, reason: str = "") -> None:
-        """Let the sliders follow the arm, which goes to where it was sent last."""
+        """Let the sliders follow the arm, which still moves to its last target."""
         if self._sending is None:
             return
         if self._sending is not asyncio.current_task():
@@ -143,13 +143,13 @@ class ControlPanel:
             callback(reason)
 
     def select_controller(self, controller: str) -> None:
-        """Another controller begins by being watched."""
+        """Use another controller; the panel is disabled at first."""
         if controller != self.controller:
             self.disable()
             self.controller = controller
 
     def set_targets(self, targets: Any) -> None:
-        """Where a browser's sliders are [rad]; None when it is gone. Raises ValueError for what no slider says."""
+        """Set the slider positions [rad]; None if the browser has disconnected. Raises ValueError if invalid."""
         if targets is None:
             self.disable()
             return
@@ -160,7 +160,7 @@ class ControlPanel:
             self.targets = tuple(min(max(float(target), low), high) for target, low, high in limits)
 
     def duration_s(self, q: Sequence[float], qd_max: Sequence[float]) -> float:
-        """How long the way from these angles to those of the sliders takes, at full speed of the robot."""
+        """Duration of the motion from these angles to those of the sliders, at full speed of the robot."""
         distances = zip(self.targets, q, qd_max, strict=True)
         return (
             max(max(abs(target - angle) / max_speed, self.MIN_DURATION_S) for target, angle, max_speed in distances)
@@ -181,7 +181,7 @@ class ControlPanel:
             self.disable(str(error))
 
     def _joints(self) -> list[str]:
-        """The controller's, in the order of the sliders; names may have a prefix. Raises ManagerError."""
+        """Joint names of the controller, in the order of the sliders; they may have a prefix. Raises ManagerError."""
         matching = [controller for controller in self._link.controllers if controller["name"] == self.controller]
         joints = matching[0].get("joints", []) if matching else []
         names = [next((joint for joint in joints if joint.endswith(name)), "") for name in JOINT_NAMES]

@@ -14,7 +14,7 @@ _TARGET_PAYLOAD: Final = Availability.since(None, "5.10")
 
 
 def active_tcp(station: Station) -> Pose | None:
-    """The TCP in effect, in the flange frame; over the primary interface where RTDE has none."""
+    """The active TCP in the flange frame; from the primary interface if RTDE does not provide it."""
     tcp = station.values.get("tcp_offset")
     if tcp is not None:
         return tcp  # type: ignore[no-any-return]
@@ -23,12 +23,12 @@ def active_tcp(station: Station) -> Pose | None:
 
 
 def same_tcp(a: Sequence[float] | None, b: Sequence[float]) -> bool:
-    """Whether they are equal but for rounding on the way."""
+    """Whether two TCPs are equal except for rounding in transit."""
     return a is not None and all(abs(x - y) < _TOLERANCE for x, y in zip(a, b, strict=True))
 
 
 async def apply_tcp(station: Station, tcp: Sequence[float]) -> None:
-    """Use it from now on. Raises NotTakenError, ClientError."""
+    """Set the active TCP. Raises NotAcceptedError, ClientError."""
     await send_and_verify(
         station,
         lambda: station.run_statements(f"set_tcp(p{_script_list(tcp)})"),
@@ -38,7 +38,7 @@ async def apply_tcp(station: Station, tcp: Sequence[float]) -> None:
 
 
 async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]) -> bool:
-    """Let the robot reckon with it; whether it has told that it does, which old versions do not. Raises ClientError."""
+    """Set the payload; returns whether the robot has confirmed it, which old versions cannot. Raises ClientError."""
     version = station.version
     name = "set_target_payload" if version is not None and _TARGET_PAYLOAD.covers(version) else "set_payload"
     script = f"{name}({float(mass_kg)!r}, {_script_list(cog_m)})"
@@ -55,14 +55,14 @@ async def apply_payload(station: Station, mass_kg: float, cog_m: Sequence[float]
 
 
 def tilt_of(gravity: Sequence[float]) -> tuple[float, float]:
-    """Tilt and turn [rad] of an arm whose base feels that; the turn of one that stands or hangs is 0."""
+    """Tilt and turn [rad] of the base for a gravity vector in its frame; turn is 0 if it is upright or inverted."""
     x, y, z = gravity
     across = math.hypot(x, y)
     return math.atan2(across, z), math.atan2(x, -y) if across > _TOLERANCE else 0.0
 
 
 async def apply_gravity(station: Station, gravity: Sequence[float]) -> bool:
-    """Mount the arm so; whether the robot has told that it has it, which few versions do. Raises ClientError."""
+    """Set the mounting; returns whether the robot has confirmed it, which few versions can. Raises ClientError."""
     script = f"set_gravity({_script_list(gravity)})"
     if "target_gravity" in station.unavailable:
         await station.run_statements(script)

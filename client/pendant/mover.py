@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from client.planning import Plan
 
 STALE_S: Final = 0.4
-"""A button that has not been heard of for so long is no longer held."""
+"""A button without a message for this long is no longer held."""
 
 _IDLE_S: Final = 10.0  # then the control program ends
-_STOP_TIMEOUT_S: Final = 0.5  # guess: a program that has ended is said to run for no longer
+_STOP_TIMEOUT_S: Final = 0.5  # guess: a program that has ended is reported as running for no longer than this
 _JOGGING: Final = "Jogging"
 _FREEDRIVE: Final = "Freedrive"
 
@@ -40,9 +40,9 @@ _FREEDRIVE: Final = "Freedrive"
 class Mover:
     """Moves the arm, one motion at a time for all browsers. The methods that wait raise the robot's errors.
 
-    doing: the present motion, as a text for people; empty without one. slowed: why a jog is slower than requested.
-    stops: number of requests, by anyone, to stop a motion. on_error: called with the reason why a jog ended. holder:
-    identifies the page that holds a button, and that has to release it.
+    activity: the present motion as a text, "" without one. slowed: why a jog is too slow.
+    stop_count: number of requests, by anyone, to stop a motion. on_error: called with the reason why a jog ended.
+    holder: identifies the page that holds a button, and that has to release it.
     """
 
     RATE_HZ: ClassVar[float] = 50.0
@@ -54,7 +54,7 @@ class Mover:
         self._held: Velocity | None = None
         self._held_at = 0.0
         self._holder: object = None
-        self._failed_holder: object = None  # still holds the button of a jog that failed
+        self._failed_holder: object = None  # the page that still holds the button of a failed jog
         self._jog: asyncio.Task[None] | None = None
         self._idle_timer: asyncio.TimerHandle | None = None
         self._release_task: asyncio.Task[None] | None = None
@@ -67,30 +67,30 @@ class Mover:
 
     @property
     def freedrive(self) -> bool:
-        """The arm can be moved by hand, or is about to be."""
+        """Whether freedrive is active or about to start."""
         return self._freedrive_end is not None
 
     @property
     def in_control(self) -> bool:
-        """The program on the robot is the one of this mover, or is about to be."""
+        """Whether the robot runs the control program of this mover, or is about to."""
         return (
             bool(self.activity) or self._releasing or (self._robot is not None and self._robot.driver.program_running)
         )
 
     @property
     def has_slider(self) -> bool:
-        """Only this connection may move the speed slider now."""
+        """Whether only this connection may move the speed slider now."""
         return self._robot is not None
 
     async def set_speed_slider(self, fraction: float) -> None:
-        """While there is a control program."""
+        """Set the speed slider while the control program is connected."""
         assert self._robot is not None
         await self._robot.set_speed_slider(fraction)
 
     # jogging
 
     def hold(self, velocity: Velocity, holder: object) -> None:
-        """Move so until ``release``, or until this has not been said again for 0.4 s.
+        """Move at this velocity until ``release``, or until this has not been called again for 0.4 s.
 
         Raises RobotRefused while something else moves the arm.
         """
@@ -104,7 +104,7 @@ class Mover:
             self._jog = asyncio.create_task(self._run_jog())
 
     def release(self, holder: object) -> None:
-        """Come to rest, unless somebody else holds a button now."""
+        """Come to rest, unless another page holds a button now."""
         if self._failed_holder is holder:
             self._failed_holder = None
         if self._holder is holder:
@@ -116,11 +116,11 @@ class Mover:
                 try:
                     await self._jog_while_held(held)
                 except LateSetpointError:
-                    pass  # this machine was too slow, so the arm has stopped; it goes on for who still holds the button
+                    pass  # this machine was too slow, so the arm has stopped; it continues if the button is still held
                 except ProgramEndedError:
                     if self._robot is None or not self._robot.driver.loss_reason:
                         raise
-                    # this machine was slower still, so the program ended: it is started again for them
+                    # this machine was even slower, so the program ended: it is started again
         except (URError, OSError) as error:
             self._failed_holder = self._holder
             await self._release_quietly()
@@ -158,15 +158,15 @@ class Mover:
     # motions that end by themselves
 
     async def move_j(self, q_rad: Sequence[float], activity: str = "Moving", **options: Any) -> None:
-        """To joint angles (6,)."""
+        """Move to joint angles (6,)."""
         await self._run_motion(activity, lambda robot: robot.move_j(q_rad, **options))
 
     async def move_l(self, pose_base_tcp: Sequence[float], activity: str = "Moving", **options: Any) -> None:
-        """To a pose (6,), straight."""
+        """Move to a pose (6,) in a straight line."""
         await self._run_motion(activity, lambda robot: robot.move_l(pose_base_tcp, **options))
 
     async def move_to_pose(self, pose_base_tcp: Sequence[float], activity: str = "Moving", **options: Any) -> None:
-        """To a pose (6,), turning the joints together."""
+        """Move to a pose (6,), linearly in joint space."""
         await self._run_motion(activity, lambda robot: robot.move_j(pose_base_tcp=pose_base_tcp, **options))
 
     async def execute(self, plan: "Plan", activity: str = "Moving as planned") -> None:
@@ -174,7 +174,7 @@ class Mover:
         await self._run_motion(activity, lambda robot: robot.planning.execute(plan))
 
     async def start_freedrive(self) -> None:
-        """Let the arm be moved by hand; returns when that has ended, by ``end_freedrive`` or otherwise."""
+        """Enable freedrive; returns when it has ended, by ``end_freedrive`` or otherwise."""
 
         async def hold_freedrive(robot: AsyncRobot) -> None:
             async with robot.freedrive():
@@ -189,12 +189,12 @@ class Mover:
             self._freedrive_end = None
 
     def end_freedrive(self) -> None:
-        """Hold the arm where it is."""
+        """End freedrive: the arm holds its position."""
         if self._freedrive_end is not None:
             self._freedrive_end.set()
 
     async def stop(self) -> None:
-        """End whatever moves; who waits for it gets MotionStoppedError."""
+        """Stop the present motion; its caller gets MotionStoppedError."""
         self.stop_count += 1
         self._held = None
         self.end_freedrive()
@@ -263,7 +263,7 @@ class Mover:
         self._release_task = asyncio.create_task(self._release_quietly())
 
     async def release_control(self) -> None:
-        """End the control program, so that another may run. Raises RobotRefused while it moves the arm."""
+        """End the control program, so that another one can run. Raises RobotRefused while it moves the arm."""
         self._require_idle("the program")
         await self._release_quietly()
 
@@ -290,7 +290,7 @@ class Mover:
 
 
 def _bounds(robot: AsyncRobot) -> Bounds:
-    """As the robot tells them; without a word from it, none."""
+    """The limits that the robot reports, infinite if it reports none."""
     link = robot.driver.robot
     arm = link.configuration
     if arm is None:
@@ -301,7 +301,7 @@ def _bounds(robot: AsyncRobot) -> Bounds:
 
 
 def _user_error(error: BaseException, activity: str) -> BaseException:
-    """Errors whose advice is for who writes programs, with advice for who holds a pendant."""
+    """Replace advice for programmers in errors by advice for users of a pendant."""
     if isinstance(error, ProgramEndedError):
         return MotionError(activity, f"the control program has ended: {error.why}")
     if isinstance(error, SafetyStopError):

@@ -17,10 +17,10 @@ class Robot(Protocol):
     """The part of `client.pendant.station.Station` that is needed here."""
 
     async def write(self, **inputs: Any) -> None:
-        """RTDE inputs."""
+        """Write RTDE inputs."""
 
     async def run_statements(self, *statements: str) -> None:
-        """Statements of a program."""
+        """Run statements in a secondary program."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,14 +33,14 @@ class Range:
     factor: float
 
     def ratio(self, value: float) -> float:
-        """What is shown, as a share of the range. Raises ValueError outside."""
+        """A value as a share of the range. Raises ValueError if it is outside."""
         if not self.low <= value <= self.high:
             raise ValueError(f"{value:g} {self.unit} is outside of {self.low:g} to {self.high:g} {self.unit}")
         return (value - self.low) / (self.high - self.low)
 
 
 def analog_range(domain: int) -> Range:
-    """Of the control box (User Manual: 4-20 mA or 0-10 V)."""
+    """Range of the control box (User Manual: 4-20 mA or 0-10 V)."""
     return Range(0.0, 10.0, "V", 1.0) if domain == AnalogDomain.VOLTAGE else Range(4.0, 20.0, "mA", 1000.0)
 
 
@@ -52,7 +52,7 @@ async def set_digital(robot: Robot, group: DigitalGroup, index: int, level: bool
 
 
 async def set_analog(robot: Robot, index: int, domain: AnalogDomain, ratio: float) -> None:
-    """Give an analog output a domain and a share of its range. Raises ClientError."""
+    """Set the domain of an analog output and its level as a share of the range. Raises ClientError."""
     inputs = {
         "standard_analog_output_mask": 1 << index,
         "standard_analog_output_type": domain << index,

@@ -19,7 +19,7 @@ from urproto.errors import URError
 from urproto.modes import RuntimeState
 from urproto.text import readable
 
-_ACCEPT_TIMEOUT_S: Final = 1.5  # guess: states and answers come within a tenth of that
+_ACCEPT_TIMEOUT_S: Final = 1.5  # guess: states and answers arrive within a tenth of this
 
 
 class NotAcceptedError(ClientError):
@@ -33,7 +33,7 @@ def bind_choice(
     choose: Callable[[Any], Awaitable[Any]],
     label: str,
 ) -> None:
-    """Let an element follow the robot, and the robot what is chosen with it; ``what`` is what to call it."""
+    """Bind an input element to a setting of the robot in both directions. label: name of the setting in errors."""
     station = page.station
 
     async def apply() -> None:
@@ -50,7 +50,7 @@ def bind_choice(
 async def send_and_verify(
     station: Station, send: Callable[[], Awaitable[Any]], accepted: Callable[[Station], bool], label: str
 ) -> None:
-    """Tell the robot something and wait until it has it. Raises NotTakenError, and what ``tell`` raises."""
+    """Send a command and wait until the robot has accepted it. Raises NotAcceptedError, and what ``send`` raises."""
     first_event = station.log.count
     await send()
     if not await wait_until(station, accepted):
@@ -60,7 +60,7 @@ async def send_and_verify(
 
 
 async def wait_until(station: Station, condition: Callable[[Station], bool]) -> bool:
-    """Whether it holds soon."""
+    """Wait for a condition; returns False if it does not become true in time."""
     try:
         async with timeout(_ACCEPT_TIMEOUT_S):
             while not condition(station):
@@ -71,9 +71,9 @@ async def wait_until(station: Station, condition: Callable[[Station], bool]) -> 
 
 
 class Views:
-    """Tabs with their panels; ``name`` is that of the screen.
+    """Tabs with their panels. name: name of the screen.
 
-    on_look: called with the view that becomes visible, "" if none of them is.
+    on_view_change: called with the view that becomes visible, "" if none of them is.
     """
 
     def __init__(self, page: "Page", name: str, titles: Mapping[str, str]) -> None:
@@ -99,13 +99,13 @@ class Views:
 
     @contextmanager
     def view(self, key: str, classes: str = "") -> Iterator[None]:
-        """What is put here is shown under this key."""
+        """A context in which the view of a key is built."""
         with ui.tab_panel(key).classes(f"view {classes}"):
             yield
 
     @property
     def visible_view(self) -> str:
-        """Which view a person sees now."""
+        """The visible view, "" while another screen is shown."""
         return self.shown if self._page.live.screen == self._name else ""
 
     def _show(self, key: str) -> None:
@@ -118,7 +118,7 @@ class Views:
 
 
 EXPECTED_ERRORS: Final = (URError, OSError, ValueError)
-"""What goes wrong with robots and inputs; its text is for people."""
+"""Errors of robots and inputs, whose texts are meant for users."""
 
 AsyncCallback = Callable[[], Awaitable[Any]]
 
@@ -141,32 +141,32 @@ class Page:
 
     @property
     def content(self) -> ui.element:
-        """Where dialogues are made: not among the elements of a screen."""
+        """The parent of dialogues, which do not belong to a screen."""
         return self._content
 
     def close(self) -> None:
-        """The browser is gone."""
+        """The browser has disconnected for good."""
         self.station.mover.on_error.remove(self.show_error)
         self.live.close()
         for end in self.on_close:
             end()
 
-    # telling
+    # notifications
 
     def show_error(self, text: str) -> None:
-        """Show what went wrong until somebody has read it."""
+        """Show an error until a user has confirmed it."""
         with self._content:
             ui.notify(text, type="negative", multi_line=True, close_button="OK", timeout=10_000, position="top")
 
     def show_message(self, text: str) -> None:
-        """Show for a moment what has been done."""
+        """Show a message for a moment."""
         with self._content:
             ui.notify(text, type="positive", timeout=2_000, position="top")
 
-    # doing
+    # actions
 
     async def attempt(self, action: AsyncCallback, done: str = "") -> bool:
-        """Do it and say what went wrong, or what has been done. True if all went well."""
+        """Run an action and show its error, or the text ``done``. Returns True on success."""
         try:
             await action()
         except EXPECTED_ERRORS as error:
@@ -177,7 +177,10 @@ class Page:
         return True
 
     def handler(self, action: AsyncCallback, done: str = "") -> Callable[[], Awaitable[None]]:
-        """For a button: ``ui.button("Off", on_click=page.doing(lambda: page.ask(dashboard.POWER_OFF)))``."""
+        """An event handler that attempts an action.
+
+        Example: ``ui.button("Off", on_click=page.handler(lambda: station.request(dashboard.POWER_OFF)))``.
+        """
 
         async def click() -> None:
             await self.attempt(action, done)
@@ -185,11 +188,11 @@ class Page:
         return click
 
     def run_in_background(self, action: AsyncCallback) -> None:
-        """Begin to do it, from where nothing can be waited for; what goes wrong is said."""
+        """Start an action from synchronous code; errors are shown."""
         background_tasks.create(self.attempt(action))
 
     async def play(self) -> None:
-        """Start or resume the program; a control program of ours gives way."""
+        """Start or resume the program; the pendant's control program is ended first."""
         station = self.station
         station.situation.require(Action.PLAY)
         if not await self.confirm_move():
@@ -199,14 +202,14 @@ class Page:
         await station.request(dashboard.PLAY)
 
     async def stop(self) -> None:
-        """End the program, whoever's it is, and so what moves the arm."""
+        """Stop the program of any client, and thereby the arm."""
         mover = self.station.mover
         if mover.in_control:
             await mover.stop()
         await self.station.request(dashboard.STOP)
 
     async def switch_simulation(self) -> None:
-        """Turn the switch between Simulation and Real Robot to the other side."""
+        """Toggle the switch between Simulation and Real Robot."""
         station, on = self.station, not self.station.simulating
         if station.mover.in_control:
             await station.mover.release_control()
@@ -220,11 +223,11 @@ class Page:
 
     @property
     def move_confirmed(self) -> bool:
-        """The arm may be moved from here without asking."""
+        """Whether the arm may be moved from here without asking the user."""
         return self.station.emulator.available or self.station.simulating or self.confirmed
 
     async def confirm_move(self) -> bool:
-        """Whether the arm may be moved from here: on a robot a person has to agree, once a page."""
+        """Whether the arm may be moved from here. For a real robot, the user has to agree once per page."""
         if self.move_confirmed:
             return True
         text = f"The arm at {self.station.robot_ip} is going to move. Is its workspace clear?"
@@ -232,30 +235,30 @@ class Page:
         return self.confirmed
 
     async def confirm(self, title: str, text: str, yes: str, test_id: str = "agree") -> bool:
-        """Ask whoever is at this browser. mark: the test id of the button that agrees."""
+        """Ask the user of this browser. test_id: of the button that agrees."""
         with self._content, ui.dialog() as dialog, ui.card():
             ui.label(title).classes("text-h6")
             ui.label(text)
             with ui.row().classes("w-full justify-end"):
                 ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat")
                 ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"data-testid={test_id}")
-            dialog.on("hide", dialog.delete)  # deleted before, its veil may stay
+            dialog.on("hide", dialog.delete)  # if it is deleted earlier, its backdrop may stay
         return bool(await dialog)
 
     def _stop_on_release(self, held: Any) -> None:
         if held is None:
             self.station.mover.release(self)
 
-    # parts that look alike everywhere
+    # common parts
 
     def bind_button(self, action: Action, callback: AsyncCallback, button: ui.button, hint: str = "") -> None:
-        """Let a button do what the arm may do now; where it may not, the button is off and its hint says why."""
+        """Bind a button to an action. While it is not permitted, the button is disabled and its tooltip says why."""
         button.on_click(self.handler(callback))
         self.live.effect(lambda s: s.situation.permits(action), button.set_enabled)
         self.live.bind(button, "title", lambda s: s.situation.refusal(action) or hint)
 
     def program_buttons(self, props: str, test_id_prefix: str) -> None:
-        """Play, pause and stop of the program. mark: what their test ids begin with."""
+        """Buttons to play, pause and stop the program."""
         for icon, name, action, callback in (
             ("play_arrow", "Play", Action.PLAY, self.play),
             ("pause", "Pause", Action.PAUSE, lambda: self.station.request(dashboard.PAUSE)),
@@ -265,13 +268,13 @@ class Page:
             self.bind_button(action, callback, button.props(f"data-testid={test_id_prefix}{name.lower()}"), name)
 
     def show_if(self, element: ui.element, read: Callable[[Station], bool]) -> None:
-        """Show an element only while it is true; from the beginning."""
+        """Show an element only while a condition is true."""
         element.set_visibility(read(self.station))
         self.live.effect(read, element.set_visibility)
 
     @contextmanager
     def panel(self, title: str, classes: str = "") -> Iterator[ui.card]:
-        """A box with a title."""
+        """A card with a title."""
         with ui.card().classes(f"panel {classes}") as card:
             ui.label(title).classes("panel-title")
             yield card

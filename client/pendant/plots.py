@@ -14,7 +14,7 @@ from client.recording.tables import CsvWriter
 RATES_HZ: Final = (10, 25, 50, 125)
 WINDOWS_S: Final = (5, 10, 20, 30, 60, 120)
 MAX_PANES: Final = 4
-_LINGER_S: Final = 120.0  # states are collected for so long after the screen was left: somebody jogs meanwhile
+_LINGER_S: Final = 120.0  # states are still collected after the screen was left, for instance to jog
 _NUMBERS_PER_MESSAGE: Final = 20_000
 _MAX_SERIES: Final = 24  # in one pane
 
@@ -40,46 +40,46 @@ class Plots:
         self.paused = False
         self.si = False
         self.feed: Feed | None = None
-        self.version = 0  # of all that was chosen
+        self.version = 0  # counts the changes of the settings
         self._feeds = feeds
         self._visible = False
-        self._subscribed_feed: Feed | None = None  # the feed, while it is looked at
+        self._subscribed_feed: Feed | None = None  # the feed, while the screen is visible
         self._columns: tuple[Series, ...] = ()
         self._fresh = True
-        self._sent = 0  # rows the browser has
-        self._cleared_at = 0  # rows before are forgotten
+        self._sent = 0  # number of rows that the browser has
+        self._cleared_at = 0  # earlier rows are not shown any more
 
-    # what is chosen
+    # settings
 
     def changed(self) -> None:
-        """Something was chosen: the states follow."""
+        """Apply changed settings."""
         self.version += 1
         if self._visible:
             self._subscribe()
 
     def choose(self, pane: Pane, chosen: list[Series]) -> None:
-        """Draw these. Raises ValueError when they are too many to be told apart."""
+        """Choose the signals of a diagram. Raises ValueError if there are too many to distinguish."""
         if len(chosen) > _MAX_SERIES:
             raise ValueError(f"{len(chosen)} signals in one diagram: choose {_MAX_SERIES} at most, or add a diagram")
         pane.series = chosen
         self.changed()
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Discard the collected states."""
         if self.feed is not None:
             self._cleared_at = self.feed.end
             self._fresh = True
 
-    # looking
+    # visibility
 
     def show(self) -> None:
-        """The screen is in view."""
+        """The screen has become visible."""
         if not self._visible:
             self._visible = True
             self._subscribe()
 
     def hide(self, closing: bool = False) -> None:
-        """It is not any more."""
+        """The screen is no longer visible. closing: the page is closed, so states need not be collected any longer."""
         self._visible = False
         if self._subscribed_feed is not None:
             self._feeds.unsubscribe(self._subscribed_feed, 0.0 if closing else _LINGER_S)
@@ -98,16 +98,16 @@ class Plots:
         if previous is not None:
             self._feeds.unsubscribe(previous)
 
-    # for the browser
+    # updates of the browser
 
     @property
     def count(self) -> int:
-        """States that an export has."""
+        """Number of states in an export."""
         feed = self.feed
         return 0 if feed is None else feed.end - max(feed.begin, self._cleared_at)
 
     def next_update(self, fresh: bool) -> Any:
-        """What the browser has not got yet: [keys of the columns, or None for those it knows; numbers row by row]."""
+        """What the browser does not have yet: [keys of the columns, None if unchanged; numbers row by row]."""
         feed = self.feed
         if feed is None or not self._visible:
             return None
@@ -124,7 +124,7 @@ class Plots:
         return [keys, self._flatten(feed, first, last)]
 
     def _first_row(self, feed: Feed) -> int:
-        """The first row that fits into the longest window."""
+        """The first row in the longest window."""
         if feed.end == feed.begin:
             return feed.end
         newest = feed.rows(feed.end - 1, feed.end)[feed.column("timestamp")]
@@ -148,7 +148,7 @@ class Plots:
     # files
 
     async def csv(self) -> bytes:
-        """Everything collected, in the form of `client.recording`. Raises ValueError when that is nothing."""
+        """All collected states in the format of `client.recording`. Raises ValueError if there are none."""
         if self.feed is None or not self.count:
             raise ValueError("no data has been collected yet: is the robot connected?")
         return await asyncio.to_thread(_csv, self.feed.copy(), self._cleared_at)

@@ -14,7 +14,7 @@ _LOST: Final = (URError, OSError)
 
 
 async def follow_forever(follow: Callable[[], Awaitable[object]], on_lost: Callable[[str], object]) -> NoReturn:
-    """Follow a connection; when it is lost, tell why, and try again after a while. For ever."""
+    """Follow a connection; when it is lost, report why and try again after a while. Runs forever."""
     while True:
         try:
             await follow()
@@ -25,13 +25,13 @@ async def follow_forever(follow: Callable[[], Awaitable[object]], on_lost: Calla
 
 Answer = TypeVar("Answer")
 
-_MAX_UNREAD: Final = 2  # answers; a page in view may have had no frame since the last one
+_MAX_UNREAD: Final = 2  # answers; a visible page may not have had a frame since the last one
 
 
 class Poller(Generic[Answer]):
     """Polls for the newest answer to a question. Reading ``value`` keeps it up to date.
 
-    tell: called when the answer changes. rest: called when ``value`` is not read any more, to release resources.
+    on_change: called when the answer changes. release: called when ``value`` is no longer read, to free resources.
     problem: why there is no answer, "" when there is one.
     """
 
@@ -54,7 +54,7 @@ class Poller(Generic[Answer]):
 
     @property
     def value(self) -> Answer | None:
-        """None before the first answer, and while there is none."""
+        """The newest answer, None if there is none."""
         self._was_read = True
         if self._polling is None:
             self._polling = asyncio.get_running_loop().create_task(self._poll())
@@ -62,27 +62,27 @@ class Poller(Generic[Answer]):
 
     @property
     def last(self) -> Answer | None:
-        """As value, without a look."""
+        """Like value, but reading it does not count."""
         return self._answer
 
     def refresh(self) -> None:
-        """Ask at once: something has been changed."""
+        """Query again immediately, because something has changed."""
         self._refresh_requested.set()
 
     def invalidate(self) -> None:
-        """Forget the answer, which is no longer true, and ask at once."""
+        """Discard the answer, which is no longer valid, and query again immediately."""
         self._answer = None
         self.refresh()
 
     async def close(self) -> None:
-        """Ask no more."""
+        """Stop polling."""
         polling, self._polling = self._polling, None
         if polling is not None:
             polling.cancel()
             await asyncio.gather(polling, return_exceptions=True)
 
     async def _poll(self) -> None:
-        """Ends when nobody has looked since the last answer but one."""
+        """Poll until ``value`` has not been read for some answers."""
         unread = 0
         try:
             while unread < _MAX_UNREAD:
@@ -105,7 +105,7 @@ class Poller(Generic[Answer]):
             return
 
     async def _poll_once(self) -> bool:
-        """True when the answer is another one; else it stays the same object, which is quick to compare."""
+        """Query once; returns whether the answer has changed. An equal answer stays the same object."""
         answer: Answer | None = None
         problem = ""
         try:
@@ -120,7 +120,7 @@ class Poller(Generic[Answer]):
 
 _REGISTER_PERIOD_S: Final = 0.2
 _TIMEOUT_S: Final = 2.0
-_REGISTERS_PER_REQUEST: Final = 64  # a request takes 125 at most
+_REGISTERS_PER_REQUEST: Final = 64  # a request can have 125 at most
 
 
 class GeneralRegisters:
@@ -134,12 +134,12 @@ class GeneralRegisters:
 
     @property
     def words(self) -> tuple[int, ...]:
-        """128 of them, none while they are not known. Looking at them is what keeps them new."""
+        """The 128 registers, none while they are unknown. Reading this property keeps them up to date."""
         return self._poller.value or ()
 
     @property
     def problem(self) -> str:
-        """Why they are not known."""
+        """Why the registers are unknown."""
         return self._poller.problem
 
     async def write(self, address: int, word: int) -> None:
@@ -178,7 +178,7 @@ _NO_REQUEST: Final = object()
 class LatestRequest(Generic[Request]):
     """Carries out one request at a time; a request that is superseded before its turn is dropped.
 
-    complain: called with the error of a request that failed.
+    on_error: called with the error of a request that failed.
     """
 
     def __init__(self, execute: Callable[[Request], Awaitable[object]], on_error: Callable[[str], object]) -> None:
@@ -188,13 +188,13 @@ class LatestRequest(Generic[Request]):
         self._task: asyncio.Task[None] | None = None
 
     def submit(self, request: Request) -> None:
-        """Do this next."""
+        """Carry out this request next."""
         self._request = request
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._run())
 
     async def finish(self) -> None:
-        """Nothing is left to do."""
+        """Wait until all requests are done."""
         if self._task is not None:
             await asyncio.gather(self._task, return_exceptions=True)
 

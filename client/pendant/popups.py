@@ -18,7 +18,7 @@ _ICONS: Final = {"error": "error", "warning": "warning"}
 
 
 def show_dialogues(page: Page) -> None:
-    """Show the oldest open dialogue above everything, the next when that is gone, and a protective stop above it."""
+    """Show the oldest open dialogue on top of everything, then the next, and a protective stop on top of it."""
     with ui.dialog().props("persistent") as dialog:
         card = ui.card().classes("dialogue").props("data-testid=dialogue")
 

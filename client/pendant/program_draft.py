@@ -25,7 +25,7 @@ from urscript.polyscope.places import EditError
 from urscript.polyscope.transplant import Clip
 from urscript.polyscope.tree import ProgramTree, TreeError
 
-_SAVE_DELAY_S: Final = 0.3  # a change is on the disk within a second, also on a busy machine
+_SAVE_DELAY_S: Final = 0.3  # a change is on the disk within a second, even under load
 _UNNAMED: Final = "unnamed"
 _EXTENSION: Final = ".urp"
 _DEFAULT_MODEL: Final = "ur5e"
@@ -39,8 +39,8 @@ class ProgramDraft:
     """The program that is being edited. path: in the robot's programs folder, "" before the program is saved there.
 
     version: counts the changes that pages show. view: what pages show. played_version: the version that the robot got
-    last. note: called with errors of the file that keeps the program. tell: called when something to show has changed.
-    known: returns version and arm of the robot, None while they are unknown.
+    last. report_error: called with errors of the file that keeps the program. on_change: called when something to show
+    has changed. robot_info: returns version and arm of the robot, None while they are unknown.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class ProgramDraft:
         self._robot_info = robot_info
         self._edited = asyncio.Event()
         self._editor: ProgramEditor | None = None
-        self._unsaved = False  # when it was taken up
+        self._unsaved = False  # whether it had unsaved changes when it was opened
         self._clip: Clip | None = None
         self._installation = InstallationFile()
         self.view = ProgramView(lambda: self.editor)
@@ -68,7 +68,7 @@ class ProgramDraft:
 
     @property
     def editor(self) -> ProgramEditor:
-        """The program; what was kept on this machine, at first."""
+        """The program; at first, the one that was saved on this machine."""
         if self._editor is None:
             self._editor = self._restore() or self._create_empty()
         version, model = self._robot_info()
@@ -85,7 +85,7 @@ class ProgramDraft:
         return self._create_editor(new_program(_UNNAMED, version, model), _UNNAMED)
 
     def _robot_or_default(self) -> tuple[PolyscopeVersion, RobotModel]:
-        """The one that is connected; before that, any."""
+        """Version and model of the connected robot, or defaults before it is connected."""
         version, model = self._robot_info()
         return version or DEFAULT_VERSION[model.series if model else Series.E], model or load_model(_DEFAULT_MODEL)
 
@@ -94,7 +94,7 @@ class ProgramDraft:
         return ProgramEditor(root, name, self._installation, version, model)
 
     def _parse(self, data: bytes, name: str) -> ProgramEditor:
-        """Raises ValueError for what is no program."""
+        """Parse the bytes of a ``.urp``. Raises ValueError if they are not a program."""
         try:
             return self._create_editor(read_document(data), name)
         except (DocumentError, TreeError) as error:
@@ -117,30 +117,30 @@ class ProgramDraft:
         return editor
 
     def use_installation(self, installation: InstallationFile) -> None:
-        """What nodes may name from now on: the TCPs, features, payloads and signals of the robot."""
+        """Set the TCPs, features, payloads and signals of the robot that nodes can refer to."""
         self._installation = self.editor.installation = installation
         self._mark_changed(edited=False)
 
     @property
     def title(self) -> str:
-        """What it is called."""
+        """The name of the program."""
         return self.path or _UNNAMED
 
     @property
     def changed(self) -> bool:
-        """Since it was saved."""
+        """Whether it has changed since it was saved."""
         return self._unsaved or self.editor.modified
 
     def data(self) -> bytes:
-        """The bytes of its ``.urp``."""
+        """The program as the bytes of a ``.urp``."""
         return packed(self.editor.document())
 
     def tree(self) -> ProgramTree:
-        """For the translation."""
+        """The program tree, for translation."""
         return self.editor.tree
 
     def files(self, stem: str) -> dict[str, bytes | None]:
-        """What is saved under a name: program, script and tree; None for the script of a program that cannot be run."""
+        """The files to save under a name: program, script and tree; the script is None if the program cannot run."""
         editor = self.editor
         editor.name = stem
         try:
@@ -151,11 +151,11 @@ class ProgramDraft:
         return {f"{stem}.script": script, f"{stem}.txt": text, f"{stem}{_EXTENSION}": self.data()}
 
     def new(self) -> None:
-        """An empty program instead."""
+        """Replace the program by an empty one."""
         self._replace(self._create_empty(), "")
 
     def open(self, data: bytes, path: str) -> None:
-        """Another program instead: the bytes of a ``.urp``. Raises ValueError for what is none."""
+        """Replace the program by the bytes of a ``.urp``. Raises ValueError if they are not a program."""
         self._replace(self._parse(data, PurePosixPath(path).stem), path)
 
     def _replace(self, editor: ProgramEditor, path: str) -> None:
@@ -165,13 +165,13 @@ class ProgramDraft:
         self._mark_changed()
 
     def mark_saved(self, path: str, version: int) -> None:
-        """It was saved as it was in a version; whoever edited it meanwhile has more to save."""
+        """Record that a version was saved; later edits are still unsaved."""
         self.path, self._unsaved = path, version != self.version
         self.editor.saved()
         self._mark_changed(edited=False)
 
     async def keep_saving(self) -> None:
-        """Write every change to the disk soon, for ever."""
+        """Save every change on this machine, forever."""
         while True:
             await self._edited.wait()
             await asyncio.sleep(_SAVE_DELAY_S)
@@ -182,26 +182,26 @@ class ProgramDraft:
                 self._report_error(f"the program is not saved on this machine: {error}")
 
     def _mark_changed(self, *, edited: bool = True) -> None:
-        """There is something new to show, and to keep."""
+        """Show and save a change."""
         if edited:
             self.version += 1
         self._edited.set()
         self._on_change()
 
     def notify_pages(self) -> None:
-        """Let the pages look: something of a page has changed."""
+        """Update the pages because a setting of one has changed."""
         self._on_change()
 
     # edits
 
     def insert(self, kind: str, at: str) -> str:
-        """Put a new node into the selected one or behind it, or as near as it may stand; its id."""
+        """Insert a new node into the selected one, after it, or as close as permitted; returns its id."""
         node = self._insert_near(at, partial(self.editor.insert, kind))
         self._mark_changed()
         return node
 
     def paste(self, at: str) -> str:
-        """What was copied last, as `insert`; the id of the first node."""
+        """Paste the nodes copied last, like `insert`; returns the id of the first node."""
         clip = self._clip
         if clip is None:
             raise ValueError("nothing was copied yet: copy a node first")
@@ -210,7 +210,7 @@ class ProgramDraft:
         return nodes[0]
 
     def _insert_near(self, at: str, insert: Callable[..., _Answer]) -> _Answer:
-        """Try the places by which somebody may have meant it, from the selected node outwards."""
+        """Try the possible places, from the selected node outwards."""
         first: EditError | None = None
         row = self.view.row(at)
         places = [{"into": at}] if row is not None and row.holds_nodes else []
@@ -225,16 +225,16 @@ class ProgramDraft:
         raise first or ValueError("this node is no longer in the program")
 
     def delete(self, node: str) -> None:
-        """With all below it."""
+        """Delete a node and its children."""
         self.editor.delete(node)
         self._mark_changed()
 
     def copy(self, node: str) -> None:
-        """For `paste`, in this program or the next; one clipboard for all browsers."""
+        """Copy a node for `paste`, in this program or the next; all browsers share the clipboard."""
         self._clip = self.editor.copy(node)
 
     def move_by(self, node: str, offset: int) -> None:
-        """Move a node before the one above it (-1) or behind the one below it (1), or out of the one around it."""
+        """Move a node before its previous sibling (-1) or after its next one (1), or out of its parent."""
         row = self.view.row(node)
         if row is None:
             raise ValueError("this node is no longer in the program")
@@ -248,7 +248,7 @@ class ProgramDraft:
         self._mark_changed()
 
     def drop(self, node: str, at: str, place: str) -> None:
-        """Move a node ``before`` or ``after`` another one, or ``onto`` it: into it if it holds any, else behind it."""
+        """Move a node ``before`` or ``after`` another one, or ``onto`` it: into it if possible, else after it."""
         row = self.view.row(at)
         if row is None or not self.view.has(node):
             raise ValueError("this node is no longer in the program")
@@ -258,50 +258,50 @@ class ProgramDraft:
         self._mark_changed()
 
     def suppress(self, node: str) -> None:
-        """Leave a node out, or not any more."""
+        """Suppress a node, or no longer."""
         row = self.view.row(node)
         self.editor.suppress(node, on=row is None or not row.suppressed_itself)
         self._mark_changed()
 
     def set(self, node: str, key: str, value: Any) -> None:
-        """Set a field. Raises ValueError for what it cannot take."""
+        """Set a field. Raises ValueError if the value is invalid."""
         self.editor.set(node, key, value)
         self._mark_changed()
 
     def teach(self, node: str, key: str, joints: Sequence[float], pose: Sequence[float], tcp: Sequence[float]) -> None:
-        """Let a position be where the arm is. joints [rad]; pose: of the TCP, and tcp: flange to TCP [m, rad]."""
+        """Teach the present position. joints [rad]; pose: of the TCP; tcp: flange to TCP [m, rad]."""
         self.editor.teach(node, joints, pose, tcp, start=key == _START_POSITION)
         self._mark_changed()
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an edit to take back."""
+        """Whether there is an edit to undo."""
         return bool(self.editor.can_undo)
 
     @property
     def can_redo(self) -> bool:
-        """Whether one was taken back."""
+        """Whether there is an edit to redo."""
         return bool(self.editor.can_redo)
 
     def undo(self) -> None:
-        """Take back the last edit, whoever made it."""
+        """Undo the last edit of any user."""
         self.editor.undo()
         self._mark_changed()
 
     def redo(self) -> None:
-        """Do again what was taken back last."""
+        """Redo the edit that was undone last."""
         self.editor.redo()
         self._mark_changed()
 
     def toggle_breakpoint(self, node: str) -> None:
-        """Pause at a node, or not any more."""
+        """Set a breakpoint at a node, or remove it."""
         self.view.number(node)
         self.view.breakpoints ^= {node}
         self._on_change()
 
 
 class Selection:
-    """The node that one browser has selected; the robot program after that node was deleted."""
+    """The selected node of one browser; the robot program if that node was deleted."""
 
     def __init__(self, draft: ProgramDraft) -> None:
         self._draft = draft
@@ -309,13 +309,13 @@ class Selection:
 
     @property
     def node(self) -> str:
-        """Its id. There always is one."""
+        """The id of the selected node, which always exists."""
         if not self._draft.view.has(self._node):
             self._node = self._draft.view.first()
         return self._node
 
     def choose(self, node: str) -> None:
-        """This one, if it is there."""
+        """Select a node, if it exists."""
         if self._draft.view.has(node):
             self._node = node
             self._draft.notify_pages()

@@ -33,7 +33,7 @@ class ProgramFile:
         self.path = None if folder is None else folder / f"{_INVALID_CHARACTERS.sub('_', address)}.json"
 
     def read(self) -> SavedDraft | None:
-        """What was kept last, None without. Raises FileError for a file that cannot be used; it is moved aside."""
+        """The saved draft, None without one. Raises FileError for an unusable file, which is moved aside."""
         path = self.path
         if path is None:
             return None
@@ -51,7 +51,7 @@ class ProgramFile:
         return draft
 
     def move_aside(self) -> str:
-        """Have what cannot be used under another name, so that it is not written over; says where it is."""
+        """Rename an unusable file, so that it is not overwritten; returns a text that says where it is."""
         if self.path is None:
             return "nothing is saved"
         new_path = self.path.with_suffix(".unreadable")
@@ -62,7 +62,7 @@ class ProgramFile:
         return f"it was renamed to {new_path}"
 
     def write(self, draft: SavedDraft) -> None:
-        """Instead of what was kept before, whole or not at all. Raises FileError."""
+        """Replace the saved draft, completely or not at all. Raises FileError."""
         if self.path is not None:
             urp = base64.b64encode(draft.data).decode()
             write_json(self.path, {"path": draft.path, "changed": draft.changed, "urp": urp})

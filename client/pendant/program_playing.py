@@ -23,7 +23,7 @@ EXTENSION: Final = ".urp"
 _SCRIPTS_ONLY: Final = (
     "PolyScope X does not load .urp programs: they are played as scripts, without steps and breakpoints"
 )
-_STOP_TIMEOUT_S: Final = 5.0  # guess: an arm that is braked needs less
+_STOP_TIMEOUT_S: Final = 5.0  # guess: braking the arm takes less
 _PAUSED: Final = (RuntimeState.PAUSED, RuntimeState.PAUSING)
 
 
@@ -37,7 +37,7 @@ def can_save_files(station: Station) -> bool:
 
 
 def can_play_files(station: Station) -> bool:
-    """Whether the robot can be given what is saved: PolyScope X loads programs of its own kind only (.urpx)."""
+    """Whether the robot can load saved files: PolyScope X only loads its own type of programs (.urpx)."""
     return can_save_files(station) and not _has_polyscope_x(station)
 
 
@@ -46,19 +46,19 @@ def _has_polyscope_x(station: Station) -> bool:
 
 
 def why_no_stepping(station: Station) -> str:
-    """Why there are no steps and breakpoints; empty where there are."""
+    """Why there are no steps and breakpoints; empty if there are."""
     if can_play_files(station):
         return ""
     return _SCRIPTS_ONLY if _has_polyscope_x(station) else "On a robot, only its own teach pendant can do this"
 
 
 def play_hint(station: Station) -> str:
-    """What a person should know before playing; empty where there is nothing to say."""
+    """A hint for the user before playing, empty if none is needed."""
     return _SCRIPTS_ONLY if _has_polyscope_x(station) else ""
 
 
 async def save(station: Station, path: str) -> None:
-    """Write the program and what belongs beside it into an emulator's programs folder. Raises ClientError."""
+    """Write the program and its accompanying files to an emulator's programs folder. Raises ClientError."""
     draft = station.program_draft
     path = with_extension(path)
     revision = draft.version
@@ -73,15 +73,15 @@ async def save(station: Station, path: str) -> None:
 
 
 async def open_file(station: Station, path: str) -> None:
-    """Take up a program of an emulator's programs folder. Raises ClientError, ValueError."""
+    """Open a program of an emulator's programs folder. Raises ClientError, ValueError."""
     data = base64.b64decode(await station.emulator.call("read_program", path=path))
     station.program_draft.open(data, path)
 
 
 async def load_installation(station: Station) -> None:
-    """Let the program name what is in the installation file of an emulator. Raises ClientError.
+    """Let the program refer to the contents of an emulator's installation file. Raises ClientError.
 
-    A robot does not show its own; programs for it name what every installation has.
+    A robot does not publish its own; programs for it can only refer to what every installation has.
     """
     emulator = station.emulator
     if not can_save_files(station) or "installation" not in emulator.verbs:
@@ -97,7 +97,7 @@ async def load_installation(station: Station) -> None:
 
 
 def with_extension(path: str) -> str:
-    """As PolyScope completes a name. Raises ValueError for none."""
+    """Complete a name like PolyScope. Raises ValueError if it is empty."""
     path = path.strip()
     if not path.removesuffix(EXTENSION):
         raise ValueError("give the program a name")
@@ -105,7 +105,7 @@ def with_extension(path: str) -> str:
 
 
 def is_on_robot(station: Station) -> bool:
-    """Whether what is played is the program as it is in the editor: then its nodes have the numbers that are told."""
+    """Whether the robot plays the program as it is in the editor, so that the reported node numbers apply to it."""
     draft, programs = station.program_draft, station.programs
     if draft.played_version != draft.version:
         return False
@@ -115,12 +115,12 @@ def is_on_robot(station: Station) -> bool:
 
 
 def is_paused(station: Station) -> bool:
-    """The program of the editor is held where it is."""
+    """Whether the program of the editor is paused."""
     return station.runtime_state in _PAUSED and is_on_robot(station)
 
 
 async def play(station: Station, *, at: str | None = None) -> None:
-    """From the start, or from the node with an id; a paused program goes on if it is asked for no node.
+    """Play from the start, or from the node with an id; without a node, a paused program resumes.
 
     Raises ClientError.
     """
@@ -139,7 +139,7 @@ async def play(station: Station, *, at: str | None = None) -> None:
 
 
 async def step(station: Station) -> None:
-    """To the next node, from where the program is paused, or from its start. Raises ClientError."""
+    """Step to the next node, from where the program is paused or from its start. Raises ClientError."""
     if not is_paused(station):
         await _load(station)
     if not await station.emulator.call("step_program"):
@@ -147,7 +147,7 @@ async def step(station: Station) -> None:
 
 
 async def send_breakpoints(station: Station) -> None:
-    """Have the robot pause at the nodes that are marked, if it has this program."""
+    """Send the breakpoints to the robot, if it has loaded this program."""
     if can_play_files(station) and is_on_robot(station):
         await station.emulator.call("set_breakpoints", nodes=_breakpoint_numbers(station.program_draft))
 
@@ -166,7 +166,7 @@ async def _load(station: Station) -> None:
     await station.mover.release_control()
     await station.request(dashboard.load(draft.path))
     try:
-        async with timeout(_STOP_TIMEOUT_S):  # the program that was paused ends
+        async with timeout(_STOP_TIMEOUT_S):  # the paused program ends
             while station.runtime_state is not RuntimeState.STOPPED:
                 await station.next_frame()
     except TimeoutError as error:

@@ -36,7 +36,7 @@ class PaletteEntry:
     doc: str
 
 
-_ICONS: Final = {  # of Material Icons, by the key of the kind; what has none here gets that of its group
+_ICONS: Final = {  # Material Icons by the key of the kind; other kinds get the icon of their group
     "move": "timeline", "waypoint": "place", "direction": "north_east", "until": "flag", "wait": "hourglass_empty",
     "set": "toggle_on", "set_payload": "scale", "force": "compress", "popup": "chat_bubble_outline", "halt": "stop",
     "comment": "notes", "folder": "folder_open",
@@ -56,7 +56,7 @@ _GROUP_ICONS: Final = {
 
 
 def palette(version: PolyscopeVersion | None) -> dict[str, list[PaletteEntry]]:
-    """What can be inserted, by group, in the order of the registry; for all versions while none is known."""
+    """The kinds that can be inserted, by group, in the order of the registry; of all versions if it is unknown."""
     groups: dict[str, list[PaletteEntry]] = {group: [] for group in _GROUPS}
     for found in NODES.values():
         for kind in found.kinds:
@@ -78,12 +78,12 @@ class ProgramView:
         self.breakpoints = frozenset[str]()
 
     def _cached(self, key: str, compute: Callable[[], _Value]) -> _Value:
-        """Made once for each revision: thirty times a second somebody looks."""
+        """A value computed once per revision, because pages read it thirty times a second."""
         editor = self._editor()
         found = self._cache.get(key)
         if found is None or found[0] is not editor or found[1] != editor.revision:
             if found is not None:
-                self._cache.clear()  # of a program as it was
+                self._cache.clear()  # values of an older revision
             found = self._cache[key] = (editor, editor.revision, compute())
         value: _Value = found[2]
         return value
@@ -93,21 +93,21 @@ class ProgramView:
         return self._cached("rows", lambda: self._editor().rows())
 
     def row(self, node: str) -> Row | None:
-        """A node, None for one that is gone."""
+        """The row of a node, None if it was deleted."""
         rows = self._cached("by id", lambda: {row.id: row for row in self.rows()})
         return rows.get(node)
 
     def has(self, node: str) -> bool:
-        """Whether there is such a node."""
+        """Whether a node exists."""
         return self.row(node) is not None
 
     def first(self) -> str:
-        """Where a selection begins: the robot program."""
+        """The initial selection: the robot program."""
         rows = self.rows()
         return next((row.id for row in rows if row.kind == "robot_program"), rows[0].id)
 
     def shown_rows(self) -> list[list[Any]]:
-        """For static/screen_program.js: id, number, depth, icon, text, marks, problem."""
+        """Rows for static/screen_program.js: id, number, depth, icon, text, marks, problem."""
         return self._cached(f"shown {sorted(self.breakpoints)}", self._build_rows)
 
     def _build_rows(self) -> list[list[Any]]:
@@ -126,34 +126,34 @@ class ProgramView:
         return " ".join(word for word, applies in marks.items() if applies)
 
     def number(self, node: str) -> int:
-        """By which labels name a node. Raises ValueError for one that is gone."""
+        """The number of a node in labels. Raises ValueError if it was deleted."""
         row = self.row(node)
         if row is None:
             raise ValueError("this node is no longer in the program")
         return row.number
 
     def text(self, node: str) -> str:
-        """What a node is called."""
+        """The title of a node."""
         row = self.row(node)
         return "" if row is None else row.title
 
     def doc(self, node: str) -> str:
-        """What a kind of node is for."""
+        """The description of a node's kind."""
         row = self.row(node)
         return "" if row is None else _kind_docs().get(row.kind, "")
 
     def problem(self, node: str) -> str:
-        """What is wrong with a node."""
+        """The problem of a node, "" without one."""
         row = self.row(node)
         return "" if row is None else row.problem
 
     def problems(self) -> list[str]:
-        """What keeps the program from being played."""
+        """The problems that prevent the program from being played."""
         names = {row.id: f"node {row.number}: " for row in self.rows()}
         return [f"{names.get(problem.node, '')}{problem.message}" for problem in self._editor().problems()]
 
     def form(self, node: str) -> tuple[FormField, ...]:
-        """The fields of a node that have a meaning now."""
+        """The fields of a node that apply now."""
         return self._cached(f"form {node}", partial(self._build_form, node))
 
     def _build_form(self, node: str) -> tuple[FormField, ...]:
@@ -174,16 +174,16 @@ class ProgramView:
         )
 
     def value(self, node: str, key: str) -> Any:
-        """Of a field, None when there is none."""
+        """The value of a field, None if the field does not exist."""
         return next((field.value for field in self.form(node) if field.key == key), None)
 
     def joints(self, node: str, key: str) -> tuple[float, ...] | None:
-        """Of a taught position [rad], None before it is taught."""
+        """Joint angles of a taught position [rad], None before it is taught."""
         value = self.value(node, key)
         return None if value is None else tuple(value["joints"])
 
     def waypoints(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
-        """Where the taught waypoints are that are not suppressed: id of the node, x, y, z in the base frame [m]."""
+        """The taught waypoints that are not suppressed: id of the node, x, y, z in the base frame [m]."""
         return self._cached("waypoints", self._read_waypoints)
 
     def _read_waypoints(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
@@ -194,7 +194,7 @@ class ProgramView:
         return tuple(found)
 
     def neighbour(self, node: str) -> str:
-        """Which node is selected when this one goes."""
+        """The node to select when this one is deleted."""
         row = self.row(node)
         if row is None:
             return self.first()
@@ -210,5 +210,5 @@ def _icon(kind: str) -> str:
 
 @cache
 def _kind_docs() -> dict[str, str]:
-    """What kinds of nodes are for, by their keys."""
+    """Descriptions of the kinds of nodes, by key."""
     return {kind.key: found.doc for found in NODES.values() for kind in found.kinds}

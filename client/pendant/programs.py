@@ -23,7 +23,7 @@ from urproto.primary.messages import (
 Answer = TypeVar("Answer")
 
 _POLL_PERIOD_S: Final = 1.0
-_LOADED_PERIOD_S: Final = 5.0  # each time is a connection to the dashboard, of which robots have few
+_LOADED_PERIOD_S: Final = 5.0  # each query opens a connection to the dashboard, of which robots allow few
 _LINE_FIELD: Final = "script_control_line"
 
 
@@ -62,7 +62,7 @@ class Robot(Protocol):
         """State of the program."""
 
     async def request(self, operation: dashboard.Operation[Answer]) -> Answer:
-        """Ask the dashboard."""
+        """Send a request to the dashboard."""
 
 
 class Programs:
@@ -83,10 +83,10 @@ class Programs:
         self._stopped_s: float | None = None
         self._changed = asyncio.Event()
 
-    # what the robot tells by itself
+    # messages of the robot
 
     def handle_message(self, message: object) -> None:
-        """Take note of what happens to programs."""
+        """Process a message about programs."""
         self.draft.handle_message(message)
         if isinstance(message, ProgramThreadsMessage):
             self.threads = message.threads
@@ -99,29 +99,29 @@ class Programs:
             self.refresh()
 
     def refresh(self) -> None:
-        """Something may be other than before: ask."""
+        """Query again, because something may have changed."""
         self._changed.set()
 
     def run_time_s(self, now_s: float) -> float | None:
-        """How long the program runs, or ran, by the robot's clock; None for one whose start nobody saw."""
+        """Run time of the program by the robot's clock; None if its start was not observed."""
         if self._started_s is None:
             return None
         return max(0.0, (now_s if self._stopped_s is None else self._stopped_s) - self._started_s)
 
     def current_line(self, station: Robot) -> int:
-        """Line of the shown script that is carried out, 0 when that is not known."""
+        """Line of the shown script that is being executed, 0 if unknown."""
         if not self.shown.running or station.runtime_state is RuntimeState.STOPPED:
             return 0
         return int(station.values.get(_LINE_FIELD, 0))
 
     def reports_line(self, station: Robot) -> bool:
-        """Whether this robot's software tells the line at all."""
+        """Whether the robot's software reports the line."""
         return _LINE_FIELD not in station.unavailable
 
-    # what it tells when asked
+    # queries
 
     async def follow(self, station: Robot) -> None:
-        """Ask again when something happened, and now and then which program is loaded, for ever."""
+        """Query the program after each event, and the loaded program regularly, forever."""
         queried_s, emulated = -_LOADED_PERIOD_S, None
         clock = asyncio.get_running_loop().time
         while True:
@@ -132,7 +132,7 @@ class Programs:
             if self._changed.is_set() or station.emulator.available != emulated:
                 self._changed.clear()
                 available = station.emulator.available
-                emulated = available if await self._update_shown(station) else None  # then once more
+                emulated = available if await self._update_shown(station) else None  # else once more
             self.draft.check_start(clock())
             with suppress(TimeoutError):
                 async with timeout(_POLL_PERIOD_S):
@@ -147,7 +147,7 @@ class Programs:
     async def _update_shown(self, station: Robot) -> bool:
         try:
             self.shown = await self._find_shown(station)
-        except (EmulatorControlError, KeyError, TypeError):  # gone, or an emulator of another version
+        except (EmulatorControlError, KeyError, TypeError):  # disconnected, or an emulator of another version
             self.shown = NOTHING_SHOWN
             return False
         return True
@@ -161,7 +161,7 @@ class Programs:
         return NOTHING_SHOWN
 
     async def files(self, station: Robot) -> list[str]:
-        """Programs that can be loaded. Raises ClientError: robots do not tell."""
+        """Programs that can be loaded. Raises ClientError: robots do not list them."""
         return list(await station.emulator.call("programs"))
 
 

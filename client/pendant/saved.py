@@ -24,25 +24,25 @@ class Tools:
 
     @property
     def version(self) -> int:
-        """Counts the changes."""
+        """Number of changes."""
         return self._saved.version
 
     @property
     def all(self) -> Mapping[str, Pose]:
-        """By name, in the order of the names."""
+        """All TCPs by name, sorted."""
         return self._saved.content
 
     @property
     def loaded(self) -> Mapping[str, Pose]:
-        """As ``all``, or nothing before somebody has asked for that."""
+        """Like ``all``, but empty before that was first read."""
         return self._saved.loaded
 
     def save(self, name: str, tcp: Sequence[float]) -> None:
-        """Under a name; another TCP of this name is replaced."""
+        """Save a TCP; another one with this name is replaced."""
         self._change({**self.all, checked_name(name, "a TCP"): _checked_tcp(tcp)})
 
     def delete(self, name: str) -> None:
-        """One that is not there is gone already."""
+        """Delete an entry, if it exists."""
         self._change({other: tcp for other, tcp in self.all.items() if other != name})
 
     def _change(self, tools: Mapping[str, Pose]) -> None:
@@ -80,25 +80,25 @@ class Poses:
 
     @property
     def version(self) -> int:
-        """Counts the changes."""
+        """Number of changes."""
         return self._saved.version
 
     def for_model(self, model: str) -> dict[str, Joints]:
-        """The saved ones by name, in the order of the names."""
+        """The saved poses of a model by name, sorted."""
         return dict(sorted(self._saved.content.get(model, {}).items()))
 
     def save(self, model: str, name: str, q_rad: Sequence[float]) -> None:
-        """Under a name; another pose of this name is replaced."""
+        """Save a pose; another one with this name is replaced."""
         self._change(model, self.for_model(model) | {_checked_pose_name(name): _joint_angles(q_rad)})
 
     def delete(self, model: str, name: str) -> None:
-        """One that is not there is gone already."""
+        """Delete an entry, if it exists."""
         poses = self.for_model(model)
         poses.pop(name, None)
         self._change(model, poses)
 
     def rename(self, model: str, old: str, new: str) -> None:
-        """Raises ValueError when there is another pose of the new name."""
+        """Rename a pose. Raises ValueError if another one has the new name."""
         poses, new = self.for_model(model), _checked_pose_name(new)
         if old not in poses:
             raise ValueError(f"the pose {old!r} no longer exists")
@@ -152,18 +152,18 @@ class JsonFile(Generic[_T]):
 
     @property
     def content(self) -> Mapping[str, _T]:
-        """All of it. Raises FileError."""
+        """The content of the file. Raises FileError."""
         if self._content is None:
             self._content = {} if self._path is None else self._load(self._path)
         return self._content
 
     @property
     def loaded(self) -> Mapping[str, _T]:
-        """As ``content``, or nothing before somebody has asked for that."""
+        """Like ``content``, but empty before that was first read."""
         return self._content or {}
 
     def change(self, content: dict[str, _T]) -> None:
-        """Have this instead. Raises FileError; then nothing has changed."""
+        """Replace the content. Raises FileError; then nothing has changed."""
         if self._path is not None:
             write_json(self._path, content)
         self._content = content
@@ -181,7 +181,7 @@ class JsonFile(Generic[_T]):
 
 
 def checked_name(name: str, subject: str) -> str:
-    """Without needless spaces. Raises ValueError for one that is empty or too long."""
+    """Normalise the spaces of a name. Raises ValueError if it is empty or too long."""
     name = " ".join(name.split())
     if not 0 < len(name) <= _MAX_NAME_LENGTH:
         raise ValueError(f"the name of {subject} has 1 to {_MAX_NAME_LENGTH} characters")
@@ -189,7 +189,7 @@ def checked_name(name: str, subject: str) -> str:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """A new file takes the place of the old one. Raises FileError."""
+    """Replace a file atomically. Raises FileError."""
     new = path.with_name(f"{path.name}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -17,8 +17,8 @@ _MIXED_UNITS: Final = (
     "m/s rad/s",
     "m/s2 rad/s2",
     "N Nm",
-)  # three elements have the one unit, three the other
-_SCREEN_UNITS: Final = {  # unit -> what PolyScope shows, and how many of it make one
+)  # three elements have the first unit, three the second
+_SCREEN_UNITS: Final = {  # unit -> unit in PolyScope, and conversion factor
     "rad": ("°", 57.29577951308232),
     "rad/s": ("°/s", 57.29577951308232),
     "rad/s2": ("°/s²", 57.29577951308232),
@@ -53,20 +53,20 @@ class Series:
 
     @property
     def key(self) -> str:
-        """As in Python: ``actual_q[2]``; ``actual_digital_output_bits>>3`` for a bit."""
+        """Name as in Python: ``actual_q[2]``; ``actual_digital_output_bits>>3`` for a bit."""
         if self.bit is not None:
             return f"{self.field}>>{self.bit}"
         return f"{self.field}[{self.index}]" if OUTPUT_FIELDS[self.field].type.count > 1 else self.field
 
 
 def catalogue(version: PolyscopeVersion | None) -> dict[str, Series]:
-    """All that a controller of this version has, by key; of any version when that is not known."""
+    """All signals of a controller of this version, by key; of any version if it is unknown."""
     fields = OUTPUT_FIELDS if version is None else available_fields(OUTPUT_FIELDS, version)
     return {series.key: series for field in fields.values() for series in _split(field)}
 
 
 def series(*keys: str) -> list[Series]:
-    """These of the catalogue. Raises KeyError."""
+    """The signals with these keys. Raises KeyError."""
     return [_ALL[key] for key in keys]
 
 
@@ -115,4 +115,4 @@ PRESETS: Final[dict[str, tuple[str, ...]]] = {
     "Digital outputs": tuple(f"actual_digital_output_bits>>{bit}" for bit in range(8)),
     "Digital inputs": tuple(f"actual_digital_input_bits>>{bit}" for bit in range(8)),
 }
-"""What is often wanted together, by name: keys."""
+"""Common selections of signals: name -> keys."""

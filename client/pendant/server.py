@@ -26,21 +26,23 @@ from urproto.backdoors import BackdoorMark
 _STATIC: Final = Path(__file__).with_name("static")
 _STYLESHEETS: Final = ("pendant.css", *sorted(path.name for path in _STATIC.glob("screen_*.css")))
 _SCRIPTS: Final = ("pendant.js", *sorted(path.name for path in _STATIC.glob("screen_*.js")))
-_PROCESS_TOKEN: Final = secrets.token_hex(8)  # another one in each process: pages know by it that theirs is a new one
+_PROCESS_TOKEN: Final = secrets.token_hex(8)  # differs in each process, so that pages detect a restart
 _NO_SUCH_PAGE: Final = 1008
-_MAX_MESSAGE_BYTES: Final = 1_000_000  # bytes of a web socket, as NiceGUI's pages send at most
+_MAX_MESSAGE_BYTES: Final = 1_000_000  # the most that NiceGUI's pages send over a web socket
 _POLL_PERIOD_S: Final = 0.05
 _NO_STORE: Final = {"cache-control": "no-store"}
 
 
 def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> None:
-    """Serve one robot's pendant until the process is told to end. ready: called when browsers may come.
+    """Serve one robot's pendant until the process is asked to end. ready: called when browsers can connect.
 
     Raises PortTakenError.
     """
-    os.environ.pop("PYTEST_CURRENT_TEST", None)  # of a test that started this process: NiceGUI would test itself
+    os.environ.pop(
+        "PYTEST_CURRENT_TEST", None
+    )  # set by a test that started this process; NiceGUI would switch to test mode
     exit_stack = AsyncExitStack()
-    tasks = set[asyncio.Task[None]]()  # the loop alone would not keep it
+    tasks = set[asyncio.Task[None]]()  # the event loop keeps only weak references
     _check_free(host, port)
     exit_stack.callback(_mark_port(host, port).close)
 
@@ -51,7 +53,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
     app.on_startup(start)
     app.on_shutdown(exit_stack.aclose)
     app.add_static_files("/pendant", _STATIC)
-    app.config.quasar_config["loadingBar"]["skipHijack"] = True  # a bar without a name at each file that is fetched
+    app.config.quasar_config["loadingBar"]["skipHijack"] = True  # no unlabelled progress bar for each fetched file
     invalid_messages = InvalidMessages()
     screens = [screen.name for screen in SCREENS]
     app.add_middleware(
@@ -101,7 +103,7 @@ def serve(station: Station, host: str, port: int, ready: Callable[[], None]) -> 
 
 
 def _check_free(host: str, port: int) -> None:
-    """As the server would, whose own complaint is a page of log."""
+    """Raise PortTakenError if the port is taken; the server itself would log a traceback."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -111,7 +113,7 @@ def _check_free(host: str, port: int) -> None:
 
 
 def _mark_port(host: str, port: int) -> BackdoorMark:
-    """Programs of emulated robots on this machine have no business here. Raises PortTakenError."""
+    """Mark the port as off limits for programs of emulated robots on this machine. Raises PortTakenError."""
     address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0][4][0]
     try:
         return BackdoorMark(str(address), port)
@@ -120,7 +122,7 @@ def _mark_port(host: str, port: int) -> BackdoorMark:
 
 
 async def _call_when_open(host: str, port: int, ready: Callable[[], None]) -> None:
-    """The server opens its port after its start-up handlers."""
+    """Call ``ready`` when the server has opened its port, which happens after its start-up handlers."""
     while True:
         try:
             _, writer = await asyncio.open_connection(host, port)

@@ -16,10 +16,10 @@ from client.errors import ClientError
 from urproto.modes import RobotMode, RuntimeState, SafetyMode
 
 Tone = Literal["unknown", "off", "stopped", "waiting", "ready", "busy"]
-"""What colour a lamp has: grey, red, red, yellow, green, blue."""
+"""Colours of the lamps: grey, red, red, yellow, green, blue."""
 
 STAGES: Final = ("Power off", "Booting", "Idle", "Brakes released")
-"""The way from an arm without power to one that can move."""
+"""The stages from an arm without power to one that can move."""
 _OFF, _BOOTING, _IDLE, _RELEASED = range(len(STAGES))
 
 
@@ -47,7 +47,7 @@ class NotPermittedError(ClientError):
 class RobotStatus:
     """What is known about a robot.
 
-    safety_mode: the most specific one that it reports. moved_here: the running program is the one with which the
+    safety_mode: the most specific one that it reports. moved_by_pendant: the running program is the one with which the
     pendant moves the arm. safeguard_open: whether the safeguard itself is open, or the enabling device is not pressed;
     None if unknown, as with real robots. unlock_in_s: time until a protective stop can be unlocked.
     """
@@ -65,8 +65,8 @@ class RobotStatus:
 class Situation:
     """The state of the arm in words. title: in two words. hint: its meaning, and the next step. tone: of the lamps.
 
-    safety, advice, safety_tone: the same for the safety mode alone. way_out: the action that ends a stop, even if it is
-    not permitted yet. stage: index of `STAGES`, -1 while nothing can be switched on. program: state of the program.
+    safety, advice, safety_tone: the same for the safety mode alone. recovery_action: the action that ends a stop,
+    even if it is not permitted yet. stage: index of `STAGES`, -1 while nothing can be switched on. program: its state.
     refusals: the reason for each action that is not permitted.
     """
 
@@ -82,15 +82,15 @@ class Situation:
     refusals: Mapping[Action, str]
 
     def permits(self, action: Action) -> bool:
-        """Whether it may do that now."""
+        """Whether an action is permitted now."""
         return action not in self.refusals
 
     def refusal(self, action: Action) -> str:
-        """Why it may not, "" when it may."""
+        """Why an action is not permitted, "" if it is."""
         return self.refusals.get(action, "")
 
     def require(self, action: Action) -> None:
-        """Raises NotNowError when it may not."""
+        """Raises NotPermittedError if an action is not permitted."""
         if not self.permits(action):
             raise NotPermittedError(self.refusal(action))
 
@@ -197,7 +197,7 @@ _PROGRAM_HINTS: Final = {
 
 @lru_cache(maxsize=512)
 def situation(status: RobotStatus) -> Situation:
-    """The answer."""
+    """Evaluate the status of a robot."""
     mode = _MODES[status.robot_mode] if status.connected else _NOT_CONNECTED
     safety, advice = (_SAFETY[status.safety_mode].title, _advice(status)) if status.connected else ("–", "")
     title, hint, tone = _headline(status, mode, safety, advice)
@@ -288,7 +288,7 @@ def _program(status: RobotStatus) -> str:
     return "Pendant control" if status.moved_by_pendant else status.runtime_state.name.capitalize()
 
 
-# why not
+# reasons for refusals
 
 
 def _connection_refusal(status: RobotStatus) -> str:
@@ -296,7 +296,7 @@ def _connection_refusal(status: RobotStatus) -> str:
 
 
 def _can_move(status: RobotStatus) -> bool:
-    """Brakes released, no stop in force."""
+    """Whether the brakes are released and no stop is in force."""
     return status.connected and status.robot_mode is RobotMode.RUNNING and status.safety_mode in _NO_STOP
 
 

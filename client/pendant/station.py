@@ -50,7 +50,7 @@ Answer = TypeVar("Answer")
 Mode = TypeVar("Mode", RobotMode, SafetyMode, RuntimeState)
 
 FRAME_HZ: Final = 30.0
-"""States per second that the robot is asked for, and a browser gets."""
+"""States per second that the robot sends and a browser receives."""
 
 OUTPUTS: Final = (
     "timestamp", "robot_mode", "joint_mode", "safety_mode", "safety_status", "safety_status_bits", "runtime_state",
@@ -63,17 +63,17 @@ OUTPUTS: Final = (
     "tool_output_current", "tool_temperature", "tool_mode", "actual_robot_voltage", "actual_robot_current",
     "actual_main_voltage", "target_gravity",
 )  # fmt: skip
-_MAX_HANG_S: Final = 1.0  # guess: a page that hangs for longer is no longer in the hand of whoever holds its button
-_STATE_TIMEOUT_S: Final = 1.0  # guess: a robot that says nothing for so long is lost
-_FEED_TIMEOUT_S: Final = 4.0  # guess: a collection would rather have a late state than a gap
+_MAX_HANG_S: Final = 1.0  # guess: after a longer hang, the user no longer controls the held button
+_STATE_TIMEOUT_S: Final = 1.0  # guess: a robot that sends nothing for this long is lost
+_FEED_TIMEOUT_S: Final = 4.0  # guess: in a recording, a late state is better than a gap
 _REMOTE_CONTROL_PERIOD_S: Final = 2.0
-_UNWATCHED_STATE_PERIOD_S: Final = 0.2  # while no page is open: what a person could notice when one is
-_UNWATCHED_CONTROL_PERIOD_S: Final = 2.0  # likewise, at an emulator's control API
-_DEVICES: Final = {  # of an emulator -> the stop that lasts as long as they ask for it, and maybe longer
+_UNWATCHED_STATE_PERIOD_S: Final = 0.2  # while no page is open: a delay that users do not notice when they open one
+_UNWATCHED_CONTROL_PERIOD_S: Final = 2.0  # the same for an emulator's control API
+_DEVICES: Final = {  # stop -> device of an emulator that causes it; the stop may outlast it
     SafetyMode.SAFEGUARD_STOP: "safeguard",
     SafetyMode.AUTOMATIC_MODE_SAFEGUARD_STOP: "automatic_safeguard",
 }
-_READ_ONLY_CODE: Final = 210  # of a script over a connection that was made in local control
+_READ_ONLY_CODE: Final = 210  # for a script over a connection that was opened in local control
 
 
 class Station:
@@ -83,7 +83,7 @@ class Station:
     core: data of the primary interface. log, variables, dialogues, stops, programs: collected from its messages and
     states. connected: whether states arrive. problem: why they do not. emulator: its control API, which a real arm
     lacks. cameras: those of an emulator's scene. remote_control: e-Series from 5.6. frame: number of states received.
-    feeds: states of other recipes. port_registers: registers of its Modbus server for any client. meshes: the user's
+    feeds: states of other recipes. general_registers: those of its Modbus server. meshes: the user's
     folder of meshes. poses, tools: saved poses and TCPs. manager: the controller manager that runs for the robot, if
     any. program_draft: the program that is being edited; drafts: the folder where it is saved, None for memory only.
     scene_monitor: the scene for motion planning; scene: the world file with the obstacles around the arm, None to use
@@ -150,8 +150,8 @@ class Station:
         self.general_registers = GeneralRegisters(robot_ip, self.ports["modbus"], self.notify_pages)
         self.mover = Mover(self._open_robot)
         self._primary: PrimaryClient | None = None
-        self._read_only = False  # the primary connection takes no scripts, another one may
-        self._script_sent = False  # a script, over this connection
+        self._read_only = False  # the primary connection accepts no scripts; a new one may
+        self._script_sent = False  # a script has been sent over this connection
         self._core = PrimaryCore()
         self._arm: ConfigurationData | None = None
         self._model: RobotModel | None = None
@@ -184,21 +184,21 @@ class Station:
     ) -> None:
         await self._exit_stack.aclose()
 
-    # what it says
+    # state
 
     @property
     def core(self) -> PrimaryCore:
-        """State, kinematics and configuration of the primary interface, as far as they came."""
+        """State, kinematics and configuration of the primary interface, as far as received."""
         return self._core
 
     @property
     def primary_state(self) -> RobotStateData | None:
-        """The newest state of the primary interface; None while the robot is lost."""
+        """The newest state of the primary interface; None while the robot is disconnected."""
         return self._core.state if self.connected else None
 
     @property
     def model(self) -> RobotModel | None:
-        """The arm, None while it is not known."""
+        """The model of the arm, None while unknown."""
         arm = self._core.configuration
         if arm is not self._arm:
             self._arm, self._model = arm, None if arm is None else model_of(arm)
@@ -215,35 +215,35 @@ class Station:
 
     @property
     def has_surroundings(self) -> bool:
-        """Something is known to stand around the arm."""
+        """Whether obstacles around the arm are known."""
         world = self.emulator.watch("world").value if self.emulator.available else None
         return self.scene_monitor.file is not None or bool(world and world["objects"])
 
     @property
     def robot_mode(self) -> RobotMode:
-        """NO_CONTROLLER while it is not known."""
+        """The robot mode, NO_CONTROLLER while unknown."""
         return self._mode("robot_mode", RobotMode.NO_CONTROLLER)
 
     @property
     def safety_mode(self) -> SafetyMode:
-        """UNDEFINED_SAFETY_MODE while it is not known; which safeguard it is that stops the arm, if the robot tells."""
+        """The safety mode, with the type of a safeguard stop if reported; UNDEFINED_SAFETY_MODE while unknown."""
         mode = self._mode("safety_mode", SafetyMode.UNDEFINED_SAFETY_MODE)
         return self._mode("safety_status", mode) if mode is SafetyMode.SAFEGUARD_STOP else mode
 
     @property
     def runtime_state(self) -> RuntimeState:
-        """Of the program."""
+        """State of the program."""
         return self._mode("runtime_state", RuntimeState.STOPPED)
 
     def _mode(self, field: str, unknown: Mode) -> Mode:
         try:
             return type(unknown)(self.values.get(field, unknown))
-        except ValueError:  # newer robots may have more
+        except ValueError:  # newer robots may have more modes
             return unknown
 
     @property
     def situation(self) -> Situation:
-        """What the arm may do now."""
+        """The permitted actions, and the state of the arm as texts."""
         if not self.connected:
             return situation(RobotStatus())
         mode = self.safety_mode
@@ -261,7 +261,7 @@ class Station:
 
     @property
     def safeguard_open(self) -> bool | None:
-        """What an emulator says of its safeguard; None where nobody says it."""
+        """Whether an emulator's safeguard is open; None if unknown, as with real robots."""
         return self._is_active("safeguard")
 
     def _is_active(self, device: str) -> bool | None:
@@ -272,19 +272,19 @@ class Station:
 
     @property
     def simulating(self) -> bool:
-        """The pendant's switch is on Simulation: what moves is not the real arm."""
+        """Whether the robot is in simulation, so that the real arm does not move."""
         state = self.primary_state
         return state is not None and state.mode is not None and not state.mode.real_robot_enabled
 
     @property
     def can_simulate(self) -> bool:
-        """The switch is within reach: of an emulator, and of CB3 by a text command. An e-Series arm keeps its own."""
+        """Whether simulation can be switched from here: on an emulator, and on CB3 by a command, not on e-Series."""
         series = self.version.series if self.version else None
         return "set_simulation" in self.emulator.verbs if self.emulator.available else series is Series.CB3
 
     @property
     def own_address(self) -> str:
-        """Of this machine, as the robot would reach it; empty when there is no way there."""
+        """The address at which the robot can reach this machine; empty without a network route."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # connecting sends nothing
             try:
                 probe.connect((self.robot_ip, self.ports["rtde"]))
@@ -296,13 +296,13 @@ class Station:
         """Wait until there is something new to show."""
         await self._update_event.wait()
 
-    # what can be asked of it
+    # requests
 
     async def request(self, operation: Operation[Answer]) -> Answer:
-        """Do a dashboard operation. Raises RobotRefused when the robot says no, ClientError.
+        """Run a dashboard operation. Raises RobotRefused if the robot refuses it, ClientError.
 
-        A robot in local control takes orders from its own pendant only, and PolyScope X has some in no interface; of an
-        emulator, that pendant is this one.
+        In local control, a robot accepts commands only from its own pendant, and PolyScope X offers some nowhere else.
+        For an emulator, this pendant is the robot's own.
         """
         try:
             async with DashboardClient(
@@ -315,7 +315,7 @@ class Station:
         return operation.answer(await self.emulator.call("dashboard", line=operation.line))
 
     async def _query_remote_control(self) -> bool | None:
-        """None for a robot that knows no such thing. One that changes takes scripts of new connections only."""
+        """Query remote control; None if unsupported. After a change, only new connections may send scripts."""
         if self.version is None or not dashboard.IS_IN_REMOTE_CONTROL.available.covers(self.version):
             return None
         before, remote = self.remote_control.last, await self.request(dashboard.IS_IN_REMOTE_CONTROL)
@@ -323,19 +323,19 @@ class Station:
         return remote
 
     async def send_script(self, text: str) -> None:
-        """Hand a script to the primary interface, whatever becomes of it. Raises ClientError."""
+        """Send a script to the primary interface; its result is not awaited. Raises ClientError."""
         if self._primary is None:
             raise RobotUnreachableError(self.robot_ip, self.ports["primary"], "its primary interface is not connected")
         self._script_sent = True
         await self._primary.run(self._primary.core.send_script(text))
 
     async def run_statements(self, *statements: str) -> None:
-        """Let statements be carried out beside whatever program runs. Raises ClientError."""
+        """Run statements in a secondary program, in parallel to the running program. Raises ClientError."""
         body = "".join(f"  {statement}\n" for statement in statements)
         await self.send_script(f"sec pendant():\n{body}end")
 
     async def write(self, **inputs: Any) -> None:
-        """Write RTDE inputs once. Raises RobotRefused when another client holds them, ClientError."""
+        """Write RTDE inputs once. Raises RobotRefused if another client uses them, ClientError."""
         async with RTDEClient(self.robot_ip, (), [tuple(inputs)], port=self.ports["rtde"]) as client:
             await client.send(**inputs)
 
@@ -347,7 +347,7 @@ class Station:
             await self.write(speed_slider_mask=1, speed_slider_fraction=fraction)
 
     async def set_simulation(self, on: bool) -> None:
-        """Turn the switch to Simulation, or back to Real Robot. No program may run. Raises ClientError."""
+        """Switch to Simulation, or back to Real Robot. No program may be running. Raises ClientError."""
         if self.emulator.available:
             await self.emulator.call("set_simulation", on=on)
         else:
@@ -367,7 +367,7 @@ class Station:
             timeout_s=timeout_s,
         )
 
-    # the connections
+    # connections
 
     def _lose_states(self, reason: str) -> None:
         self.connected, self.problem = False, reason
@@ -383,9 +383,9 @@ class Station:
                 await self.audience.sleep(0.0, _UNWATCHED_STATE_PERIOD_S)
 
     def _update(self, values: Mapping[str, Any]) -> None:
-        """A new state, or none any more."""
+        """Store a new state, empty after a loss."""
         if values.get("safety_mode") != self.values.get("safety_mode"):
-            self.emulator.watch("safety_devices").invalidate()  # what was told before explains nothing
+            self.emulator.watch("safety_devices").invalidate()  # the previous answer is outdated
         self.values = values
         self.stops.update(values)
         self._notify_frame()
@@ -403,7 +403,7 @@ class Station:
         self._read_only = self._script_sent = False
         while not self._read_only:
             message = await self._wait_through_pause(lambda: client.run(client.core.next_message()))
-            if not isinstance(message, RobotStateData):  # which is numbers
+            if not isinstance(message, RobotStateData):  # it has no texts
                 message = readable_in(message)
             self.log.handle_message(message)
             self.variables.handle_message(message)
@@ -413,7 +413,7 @@ class Station:
             self._read_only |= self._script_sent and _reports_read_only(message)
 
     async def _wait_through_pause(self, wait: Callable[[], Awaitable[Answer]]) -> Answer:
-        """What comes next, however long time is paused."""
+        """Wait for the next message or state, however long time is paused."""
         while True:
             try:
                 return await wait()
@@ -426,7 +426,7 @@ class Station:
         self.notify_pages()
 
     def notify_pages(self) -> None:
-        """Something other than the state is new: let the pages look."""
+        """Update the pages: something other than the state has changed."""
         event, self._update_event = self._update_event, asyncio.Event()
         event.set()
 
@@ -441,6 +441,6 @@ async def _cancel(task: "asyncio.Task[Any]") -> None:
 
 
 def _needs_own_pendant(refused: RobotRefused) -> bool:
-    """Whether a robot has said no to others, and not to its own pendant."""
+    """Whether a robot would accept the request from its own pendant."""
     in_local_control = refused.answer == NOT_IN_REMOTE_CONTROL or refused.advice == robotapi.REMOTE_CONTROL
     return in_local_control or refused.answer == NOT_ON_POLYSCOPE_X

@@ -22,16 +22,16 @@ class Variables:
 
     @property
     def values(self) -> dict[str, Any]:
-        """Those whose value has come."""
+        """The variables whose values have been received."""
         return dict(zip(self.names, self._values, strict=False))
 
     def handle_message(self, message: object) -> None:
-        """Take note of names, which come when a program starts, and of values."""
+        """Process names, which arrive when a program starts, and values."""
         if isinstance(message, GlobalVariableNames):
             self._rename(message.start_index, message.names)
         elif isinstance(message, GlobalVariableValues):
             start, values = message.start_index, message.values
-            if not values and not start and self.names:  # all that is heard of a program without variables
+            if not values and not start and self.names:  # the only message for a program without variables
                 self._rename(0, ())
             elif start <= len(self._values):
                 self._values[start : start + len(values)] = values
@@ -44,12 +44,12 @@ class Variables:
         self.program += 1
 
     def clear(self) -> None:
-        """The robot is gone."""
+        """Discard all variables."""
         if self.names:
             self._rename(0, ())
 
     def rows(self) -> list[tuple[str, str]]:
-        """Kind and text of each value that has come, in the order of the names."""
+        """Type and text of each received value, in the order of the names."""
         return [(type_name(value), format_value(value)) for value in self._values[:_MAX_SHOWN]]
 
 
@@ -63,7 +63,7 @@ class VariablesView:
         self._rows: list[tuple[str, str]] = []
 
     def next_update(self, fresh: bool) -> list[Any] | None:
-        """[names of a new program or None, {index: [kind, text]}] since this was last asked, None for nothing.
+        """[names of a new program or None, {index: [type, text]}] since the last call, None if nothing has changed.
 
         fresh: the browser has nothing yet.
         """
@@ -98,7 +98,7 @@ _KINDS: Final[dict[type, str]] = {
 
 
 def format_value(value: Value) -> str:
-    """A value for people, as a script would have it; poses in m and rad, like those of scripts."""
+    """A value as text in the notation of scripts; poses in m and rad, as in scripts."""
     text = _text(value)
     return text if len(text) <= _MAX_TEXT_LENGTH else f"{text[: _MAX_TEXT_LENGTH - 1]}…"
 

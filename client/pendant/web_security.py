@@ -23,11 +23,11 @@ from client.pendant.cameras import ROUTE
 from urproto.log_throttle import LogThrottle
 
 _FORBIDDEN: Final = 403
-_POLICY_VIOLATION: Final = 1008  # the status of web sockets for what is not allowed
-_MAX_PAGES: Final = 200  # guess: each browser has one, and one that never came is there for a minute
+_POLICY_VIOLATION: Final = 1008  # web socket status for what is not permitted
+_MAX_PAGES: Final = 200  # guess: one per browser; a page that never connects is kept for a minute
 _MAX_KINDS: Final = 32
 _FILES: Final = ("/pendant/", "/_nicegui/", f"{ROUTE}/")
-_MAX_LINE: Final = 300  # characters of a line about nonsense
+_MAX_LINE: Final = 300  # characters of a line about an invalid message
 _LOGGERS: Final = ("uvicorn.error", "engineio.server", "socketio.server", "nicegui", "asyncio")
 _SOURCE: Final = Path(__file__).parents[2]
 
@@ -63,7 +63,7 @@ class InvalidMessages:
         self._kinds = dict[str, LogThrottle]()
 
     def report(self, kind: str, content: object) -> None:
-        """kind: what counts together. what: of the example that is shown, an exception or a text."""
+        """Report an invalid message. kind: messages of one kind are counted together. content: its text."""
         if kind not in self._kinds and len(self._kinds) >= _MAX_KINDS:
             kind = ""
         suffix = self._kinds.setdefault(kind, LogThrottle(self._clock)).due()
@@ -73,7 +73,7 @@ class InvalidMessages:
         _logger.warning("web: %s%s", text or "an error without a message", suffix)
 
     def report_error(self, error: BaseException) -> None:
-        """By the place where it was raised, of our own code if there is one; the traceback is for who debugs."""
+        """Report an error, by the place in our own code where it was raised; the traceback is logged at debug level."""
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if Path(frame.filename).is_relative_to(_SOURCE / "client")]
         location = "?"
@@ -117,7 +117,7 @@ class Gate:
             await self._request(scope, receive, send)
 
     def _refusal(self, scope: Any) -> tuple[int, str]:
-        """Status and reason, 0 for what may come in."""
+        """Status and reason of a refusal; status 0 if the request is accepted."""
         path, method = scope["path"], scope.get("method", "")
         if not self._allowed(dict(scope["headers"])):
             return _FORBIDDEN, "This pendant only answers requests to its machine's addresses and name."
@@ -161,7 +161,7 @@ class Gate:
         origin = headers.get(b"origin", b"").decode("latin-1").lower()
         try:
             return self._is_this_machine(host) and (not origin or urlsplit(origin).netloc == host)
-        except ValueError:  # brackets that do not close
+        except ValueError:  # unbalanced brackets
             return False
 
     def _is_this_machine(self, host: str) -> bool:
@@ -186,7 +186,7 @@ def _with_headers(send: Any, nonce: str) -> Any:
 
 
 def _with_nonce(send: Any, nonce: str) -> Any:
-    """Mark the scripts of a page as ours. What a robot says is on a page without a single <, so it is not marked."""
+    """Add the nonce to the scripts of a page. Texts of a robot have their < escaped, so they cannot get one."""
     start: Any = None
     parts = list[bytes]()
 
@@ -211,9 +211,9 @@ def _with_nonce(send: Any, nonce: str) -> Any:
 
 
 def guard_events(invalid_messages: InvalidMessages) -> None:
-    """Let NiceGUI hear events only of pages that the sender shows, and survive what is wrong with them."""
+    """Pass events to NiceGUI only for pages that the sender has open, and handle errors in them."""
     sio: Any = core.sio
-    sio.eio.transports = ["websocket"]  # polling is more to attack and of no use to a page that moves an arm
+    sio.eio.transports = ["websocket"]  # polling adds attack surface and is useless for a page that moves an arm
     core.app.config.socket_io_js_transports = ["websocket"]
     handlers = sio.handlers["/"]
     connect = handlers["connect"]
@@ -255,7 +255,7 @@ def guard_events(invalid_messages: InvalidMessages) -> None:
 
 
 def shorten_library_logs(invalid_messages: InvalidMessages) -> None:
-    """Let the libraries below say what went wrong in one line each, and not for each time it did."""
+    """Shorten errors logged by the web libraries to one throttled line each."""
 
     def shorten(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING:

@@ -1,1 +1,1 @@
-"""One robot for all of them: it is switched off when the last of this folder has ended (fixtures of scope package)."""
+"""A package, so that its tests share one robot: fixtures of scope package end with the last test of the folder."""

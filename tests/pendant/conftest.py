@@ -1,4 +1,4 @@
-"""A real browser on a pendant of its own, which is connected to an emulator of its own.
+"""A real browser on a separate pendant, which is connected to a separate emulator.
 
 One emulator and one pendant serve all tests of a worker, one browser those of a module; each test has a page of its
 own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has a second browser for it. What a test
@@ -29,15 +29,15 @@ FLAGS = [
     *("--disable-sync", "--use-gl=angle", "--use-angle=swiftshader-webgl", "--enable-unsafe-swiftshader"),
     *(["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []),
 ]
-# A picture every 0.2 s and not 30 a second: without graphics it is the processor that draws the arm.
+# One frame every 0.2 s instead of 30 per second: without a GPU, the processor draws the arm.
 SLOW_FRAMES = """
 window.requestAnimationFrame = callback => setTimeout(() => callback(performance.now()), 200);
 window.cancelAnimationFrame = clearTimeout;
 """
 VIEWPORT = {"width": 1280, "height": 800}
-POLICY = "Content Security Policy"  # is in what a browser says when a page does what that forbids
-TIMEOUT_S = 45.0  # a busy machine's
-TEST_TIMEOUT_S = 300.0  # of a test and the starts of robot, pendant and browser before it
+POLICY = "Content Security Policy"  # part of the browser's message about a violation
+TIMEOUT_S = 45.0  # long enough under load
+TEST_TIMEOUT_S = 300.0  # includes the start of robot, pendant and browser
 
 if CHROMIUM is None or sys.platform != "linux":
     collect_ignore_glob = ["test_browser_*"]
@@ -46,7 +46,7 @@ expect.set_options(timeout=TIMEOUT_S * 1000)
 
 
 def eventually(condition: Callable[[], object], within_s: float = TIMEOUT_S) -> None:
-    """Wait until it holds."""
+    """Wait until a condition holds."""
     deadline = time.monotonic() + within_s
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
@@ -55,7 +55,7 @@ def eventually(condition: Callable[[], object], within_s: float = TIMEOUT_S) -> 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The tests of a browser have one worker, since they have one robot, and more time than others."""
+    """Run all browser tests in one worker, since they share a robot, and with a longer timeout."""
     for item in items:
         if item.path.parent == HERE and item.path.name.startswith("test_browser_"):
             item.add_marker(pytest.mark.xdist_group(IN_REAL_TIME))
@@ -63,7 +63,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def number(field: Locator) -> float:
-    """What is in a box for numbers; NaN while there is none."""
+    """The content of a number field; NaN if it is empty."""
     try:
         return float(field.input_value())
     except ValueError:
@@ -96,7 +96,7 @@ class Rig:
         return self._pendant.pid
 
     def reset(self) -> None:
-        """Arm on, brakes released, no stop, no program, no fault, full speed, time as ours."""
+        """Arm on, brakes released, no stop, no program, no fault, full speed, real time."""
         control = self.control
         control.set_speed(1.0)
         control.clear_faults()
@@ -113,7 +113,7 @@ class Rig:
         control.set_speed_slider(1.0)
 
     def state(self, name: str) -> object:
-        """What the robot has in this RTDE field."""
+        """The value of an RTDE field."""
         return self.control.state([name])[name]
 
     def close(self) -> None:
@@ -122,7 +122,7 @@ class Rig:
 
 @pytest.fixture(scope="module")
 def playwright() -> Iterator[Playwright]:
-    """An event loop is running as long as it is there: no asynchronous test can run then."""
+    """Playwright, which runs an event loop: no asynchronous test can run in the meantime."""
     with sync_playwright() as running:
         yield running
 
@@ -135,14 +135,14 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
 
 
 class SharedRig:
-    """A rig that is made when it is first wanted, and again after it was discarded."""
+    """A rig that is created on first use, and again after it was discarded."""
 
     def __init__(self, folders: pytest.TempPathFactory) -> None:
         self._folders = folders
         self._rig: Rig | None = None
 
     def clean(self) -> Rig:
-        """As every test finds it."""
+        """The rig in its initial state."""
         if self._rig is None:
             self._rig = Rig("ur3", self._folders.mktemp("programs"))
         try:
@@ -170,7 +170,7 @@ FAILED = pytest.StashKey[bool]()
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Note which test failed, for its fixtures."""
+    """Record for the fixtures whether a test failed."""
     report = yield
     item.stash[FAILED] = report.failed
     return report
@@ -185,7 +185,7 @@ def rig(shared_rig: SharedRig, request: pytest.FixtureRequest) -> Iterator[Rig]:
 
 @pytest.fixture(scope="module")
 def user_context(browser: Browser) -> Iterator[BrowserContext]:
-    """A browser that has been here before, as most have: it need not fetch the pages' libraries for each test."""
+    """A browser context with a warm cache, which need not fetch the libraries of the pages for each test."""
     context = browser.new_context(viewport=VIEWPORT)
     context.add_init_script(SLOW_FRAMES)
     yield context
@@ -194,12 +194,12 @@ def user_context(browser: Browser) -> Iterator[BrowserContext]:
 
 @pytest.fixture
 def open_page(rig: Rig, browser: Browser, user_context: BrowserContext) -> Iterator[Callable[[str], Page]]:
-    """Opens a screen in a page of its own; nothing may go wrong in it."""
+    """Opens a screen in a new page, in which no errors may occur."""
     stack = []
 
     def open_(screen: str) -> Page:
         context = user_context
-        if stack:  # somebody else
+        if stack:  # another user
             context = browser.new_context(viewport=VIEWPORT)
             context.add_init_script(SLOW_FRAMES)
         page = context.new_page()

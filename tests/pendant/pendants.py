@@ -1,4 +1,4 @@
-"""Pendants in processes of their own."""
+"""Pendants in separate processes."""
 
 import subprocess
 import sys
@@ -13,9 +13,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @contextmanager
 def pendant(host: str, *options: str, errors: IO[str] | None = None) -> Iterator["subprocess.Popen[str]"]:
-    """One of the robot on this address, at the same address, once browsers may come; it may be killed meanwhile.
+    """Start a pendant for the robot at an address, at the same address; it may be killed in the meantime.
 
-    errors: where its log goes.
+    errors: file for its log.
     """
     process = subprocess.Popen(
         [
@@ -37,7 +37,7 @@ def pendant(host: str, *options: str, errors: IO[str] | None = None) -> Iterator
         process.stdin.close()
         try:
             process.wait(GOODBYE_S)
-        except subprocess.TimeoutExpired:  # a busy machine
+        except subprocess.TimeoutExpired:  # under load
             process.kill()
             process.wait()
         process.stdout.close()

@@ -1,4 +1,4 @@
-"""The arm in the scene is the arm: where it ends, and that it is whole."""
+"""The drawn arm: position of its TCP, closed shapes, meshes and frames."""
 
 import math
 import random
@@ -36,12 +36,12 @@ def scene() -> Iterator[ui.scene]:
 
 
 def kinematics_message(dh: DH) -> KinematicsInfo:
-    """What a robot with these parameters tells."""
+    """The message of a robot with these parameters."""
     return KinematicsInfo(checksum=(0,) * 6, dh_theta=dh.theta, dh_a=dh.a, dh_d=dh.d, dh_alpha=dh.alpha, status=0)
 
 
 def scene_pose(obj: Object3D, q_rad: Sequence[float]) -> np.ndarray:
-    """Where it is in the scene when the browser turns the joints so."""
+    """Pose of an object in the scene when the browser rotates the joints to these angles."""
     pose = np.eye(4)
     while isinstance(obj, Object3D):
         local = np.eye(4)
@@ -49,7 +49,7 @@ def scene_pose(obj: Object3D, q_rad: Sequence[float]) -> np.ndarray:
         local[:3, 3] = (obj.x, obj.y, obj.z)
         if obj.name is not None and obj.name.startswith("joint "):
             angle = q_rad[int(obj.name[6:])]
-            assert np.allclose(local, np.eye(4)), "what the browser turns about z must not be turned otherwise"
+            assert np.allclose(local, np.eye(4)), "a group that the browser rotates about z must have no other rotation"
             local[:2, :2] = ((math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle)))
         pose, obj = local @ pose, obj.parent
     return pose
@@ -76,7 +76,7 @@ def check(scene: ui.scene, model: RobotModel) -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_the_tcp_of_every_model_is_where_its_kinematics_say(scene: ui.scene, name: str) -> None:
+def test_drawn_tcp_matches_kinematics(scene: ui.scene, name: str) -> None:
     model = load_model(name)
     arm = DrawnArm(scene)
     arm.set_tcp(TCP)
@@ -85,7 +85,7 @@ def test_the_tcp_of_every_model_is_where_its_kinematics_say(scene: ui.scene, nam
 
 
 @pytest.mark.parametrize("name", ["ur5", "ur5e"])
-def test_that_of_a_calibrated_arm_too_also_when_it_takes_the_place_of_another(scene: ui.scene, name: str) -> None:
+def test_drawn_tcp_matches_calibration_after_model_change(scene: ui.scene, name: str) -> None:
     content = yaml.safe_load((GOLDEN / f"calibration_{name}.yaml").read_text())
     measured = Calibration.from_mapping(content, "file").dh
     arm = DrawnArm(scene)
@@ -101,8 +101,8 @@ def test_that_of_a_calibrated_arm_too_also_when_it_takes_the_place_of_another(sc
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_links_touch_and_are_solids(scene: ui.scene, name: str) -> None:
-    """Every link's parts lie around the axis of the joint before it, and a profile leads outwards around a solid."""
+def test_links_are_closed_solids(scene: ui.scene, name: str) -> None:
+    """The profiles of all parts are closed, and the lengths of tubes and flange match the model."""
     model = load_model(name)
     links = link_parts(model)
     assert len(links) == 7
@@ -119,7 +119,7 @@ def test_links_touch_and_are_solids(scene: ui.scene, name: str) -> None:
     assert max(height for part in links[6] if part.axis[2] for _, height in part.profile) == 0.0  # the flange
 
 
-def test_a_folder_of_meshes_takes_the_place_of_what_is_drawn(scene: ui.scene, tmp_path: Path) -> None:
+def test_missing_meshes_are_reported_and_shapes_drawn_instead(scene: ui.scene, tmp_path: Path) -> None:
     errors = list[str]()
     arm = DrawnArm(scene, tmp_path, errors.append)
     arm.set_model(load_model("ur5e"), None)
@@ -128,9 +128,7 @@ def test_a_folder_of_meshes_takes_the_place_of_what_is_drawn(scene: ui.scene, tm
 
 
 @pytest.mark.parametrize("layout", ["{mesh}.stl", "collision/{mesh}.stl", "ur5e/visual/{mesh}.glb"])
-def test_meshes_are_found_as_for_describe_or_in_a_folder_of_the_models_name(
-    scene: ui.scene, tmp_path: Path, layout: str
-) -> None:
+def test_meshes_are_found_in_all_folder_layouts(scene: ui.scene, tmp_path: Path, layout: str) -> None:
     for mesh in ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3"):
         file = tmp_path / layout.format(mesh=mesh)
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -144,7 +142,7 @@ def test_meshes_are_found_as_for_describe_or_in_a_folder_of_the_models_name(
 
 
 @pytest.mark.parametrize("name", ["ur5", "ur10e"])
-def test_the_frames_are_those_of_the_urdf(scene: ui.scene, name: str) -> None:
+def test_drawn_frames_match_urdf(scene: ui.scene, name: str) -> None:
     model = load_model(name)
     arm = DrawnArm(scene)
     arm.set_model(model, None)
@@ -176,7 +174,7 @@ def _last(labels: dict[str, Any]) -> str:
     return next(label for label in labels if label.startswith("wrist_3_link"))
 
 
-def test_the_ghost_is_hidden_and_apart(scene: ui.scene) -> None:
+def test_ghost_is_hidden_and_separate_from_arm(scene: ui.scene) -> None:
     DrawnArm(scene, ghost=True).set_model(load_model("ur5e"), None)
     (ghost,) = objects_named(scene, "ghost")
     assert not ghost.visible_

@@ -1,6 +1,6 @@
-"""Who sees little, hears the page or has no mouse can use every screen, and on a tablet or a phone nothing is cut off.
+"""Every screen is accessible with low vision, a screen reader or without a mouse, and fits on tablets and phones.
 
-The screens and their views are found on the page: a new one is looked at without a word here.
+The screens and their views are found on the page, so new ones are tested without changes here.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,7 +23,7 @@ VIOLATIONS = """async ([where, rules]) => {
   return found.violations.flatMap(({ id, nodes }) => nodes.map(({ html, any, all, none }) =>
     `${id}: ${html.slice(0, 160)} ${[...any, ...all, ...none].map(({ message }) => message).join('; ')}`));
 }"""
-# What a person cannot see or reach: to the side of the window, or in a box that is too small for it. Code may be wider.
+# Elements outside the window or in a box that is too small for them. Code may be wider.
 CUT_OFF = """() => {
   const cut = [];
   const page = document.scrollingElement;
@@ -54,7 +54,7 @@ OUTLINE = """() => {
 
 @pytest.fixture(scope="module", params=["cb3", pytest.param("e-series", marks=pytest.mark.long)])
 def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any) -> Iterator[Page]:
-    """The pendant of one robot, on CB3 in its light look, on e-Series in its dark one."""
+    """The pendant of one robot, in the light theme for CB3 and in the dark theme for e-Series."""
     e_series = request.param == "e-series"
     with ExitStack() as opened:
         if e_series:
@@ -62,7 +62,7 @@ def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any
             rig.reset()
         else:
             rig = request.getfixturevalue("shared_rig").clean()
-        for _ in range(15):  # more than their list has room for
+        for _ in range(15):  # more than the list can show
             rig.control.inject_fault("delay", port="modbus", delay_s=0.01)
         rig.control.clear_faults()
         context = browser.new_context(viewport=VIEWPORT, color_scheme="dark" if e_series else "light")
@@ -75,10 +75,10 @@ def page(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: Any
 
 
 def views(page: Page) -> Iterator[str]:
-    """Shows every view of every screen in turn; their names. Views within views too."""
+    """Show every view of every screen in turn, including nested views; yields their names."""
     for screen in SCREENS:
         click(page.get_by_test_id(f"tab-{screen.name}"))
-        page.wait_for_function(f"() => location.pathname === '/{screen.name}'")  # it is built then
+        page.wait_for_function(f"() => location.pathname === '/{screen.name}'")  # then it is built
         tabs = page.locator(".screen:visible .q-tab:visible")
         if not tabs.count():
             yield screen.name
@@ -89,7 +89,7 @@ def views(page: Page) -> Iterator[str]:
 
 
 def click(element: Locator) -> None:
-    """At once: Playwright would wait for several pictures, of which this browser makes few."""
+    """Click immediately: Playwright would wait for several frames, which are slow in this browser."""
     element.evaluate("element => element.click()")
 
 
@@ -99,7 +99,7 @@ def reload(page: Page, screen: str) -> None:
 
 
 @pytest.mark.long
-def test_no_rule_is_violated_and_nothing_is_cut_off(page: Page) -> None:
+def test_screens_are_accessible_and_not_cut_off(page: Page) -> None:
     reload(page, SCREENS[0].name)
     problems = list[str]()
     for view in views(page):
@@ -112,7 +112,7 @@ def test_no_rule_is_violated_and_nothing_is_cut_off(page: Page) -> None:
 
 
 def violations(page: Page, where: str) -> list[str]:
-    """What axe finds. On a busy machine a page may have loaded itself anew since the library came."""
+    """The findings of axe. Under load, the page may have been reloaded since the library was injected."""
     if page.evaluate("() => !window.axe"):
         page.evaluate(f"() => {{ {AXE} }}")
     found: list[str] = page.evaluate(VIOLATIONS, [where, RULES])
@@ -120,7 +120,7 @@ def violations(page: Page, where: str) -> list[str]:
 
 
 def persistent_problems(where: str, find: Callable[[], list[str]]) -> list[str]:
-    """What is still wrong when a page that was just built or laid out anew has come to rest."""
+    """Problems that persist after the page has settled."""
     found = list[str]()
 
     def no_problems() -> bool:
@@ -134,14 +134,14 @@ def persistent_problems(where: str, find: Callable[[], list[str]]) -> list[str]:
     return []
 
 
-def test_dialogues_violate_no_rule(page: Page) -> None:
+def test_dialogues_are_accessible(page: Page) -> None:
     reload(page, "graph")
     click(page.get_by_test_id("choose-0"))
     expect(page.get_by_test_id("signal-search")).to_be_visible()
     assert not persistent_problems("signals: ", lambda: violations(page, ".q-dialog"))
 
 
-def test_the_keyboard_reaches_what_there_is_and_shows_where_it_is(page: Page) -> None:
+def test_keyboard_focus_reaches_all_controls_and_is_visible(page: Page) -> None:
     reload(page, "move")
     expect(page.get_by_test_id("joints-move")).to_be_enabled()
     page.get_by_test_id("tab-move").focus()

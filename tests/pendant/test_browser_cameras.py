@@ -1,4 +1,4 @@
-"""The screen that shows what cameras see: only of a robot that has some, by a picture and in words."""
+"""The Cameras screen: pictures and descriptions, only for robots with cameras."""
 
 import io
 import json
@@ -38,12 +38,12 @@ def serve_pictures(served: Served) -> None:
 
 
 def wait_for_picture(page: Page) -> None:
-    """A picture that the browser could read."""
+    """Wait until the browser has decoded a picture."""
     drawn = "() => document.querySelector('[data-testid=camera-picture]')?.naturalWidth > 0"
     eventually(lambda: page.evaluate(drawn))
 
 
-def test_a_picture_is_shown_and_told_in_words(rig: Rig, browser: Browser) -> None:
+def test_picture_and_description_are_shown(rig: Rig, browser: Browser) -> None:
     options = ("--port", str(PORT), "--control-port", "0")
     context = browser.new_context(viewport=VIEWPORT)
     try:
@@ -62,7 +62,7 @@ def test_a_picture_is_shown_and_told_in_words(rig: Rig, browser: Browser) -> Non
             expect(page.get_by_test_id("camera-seen")).to_have_text(description)
             assert not persistent_problems("cameras: ", lambda: violations(page, "html"))
             assert page.evaluate(CUT_OFF) == []
-            page.get_by_test_id("camera-pause").click()  # what moves by itself can be stopped: WCAG 2.2.2
+            page.get_by_test_id("camera-pause").click()  # moving content can be paused: WCAG 2.2.2
             expect(picture).to_have_attribute(
                 "alt", "Picture of the camera over all, stopped; the objects in view are listed below it"
             )
@@ -77,7 +77,7 @@ def test_a_picture_is_shown_and_told_in_words(rig: Rig, browser: Browser) -> Non
 
 
 @pytest.mark.parametrize("path", ["/camera/wrist/stream", "/camera/wrist/still"])
-def test_a_robot_without_cameras_has_no_pictures(rig: Rig, browser: Browser, path: str) -> None:
+def test_robot_without_cameras_has_no_pictures(rig: Rig, browser: Browser, path: str) -> None:
     page = browser.new_page()
     try:
         answer = page.goto(rig.url + path)

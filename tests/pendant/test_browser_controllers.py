@@ -37,7 +37,7 @@ def base(rig: Rig) -> float:
     return degrees(rig.control.state(["actual_q"])["actual_q"][0])
 
 
-def test_without_a_manager_the_screen_says_how_to_start_one(rig: Rig, open_page: Callable[[str], Page]) -> None:
+def test_screen_explains_how_to_start_missing_manager(rig: Rig, open_page: Callable[[str], Page]) -> None:
     page = open_page("controllers")
     expect(page.get_by_test_id("manager-problem")).to_contain_text(f"ur-client controllers serve --robot-ip {rig.host}")
     expect(page.get_by_test_id("sliders-enable")).to_be_disabled()
@@ -46,7 +46,7 @@ def test_without_a_manager_the_screen_says_how_to_start_one(rig: Rig, open_page:
 
 @pytest.mark.long
 @pytest.mark.usefixtures("manager")
-def test_controllers_are_switched_and_the_arm_follows_the_sliders(
+def test_controllers_are_switched_and_arm_follows_sliders(
     rig: Rig, manager: "subprocess.Popen[str]", open_page: Callable[[str], Page]
 ) -> None:
     rig.control.set_speed_slider(1.0)
@@ -54,7 +54,7 @@ def test_controllers_are_switched_and_the_arm_follows_the_sliders(
     row, other = page.get_by_test_id(f"controller-{SCALED}"), page.get_by_test_id(f"controller-{FORWARD}")
     expect(row.locator(".chip")).to_have_text("active")
     expect(row).to_contain_text("*_joint/position (6)")
-    page.get_by_label(f"Activate {FORWARD}").click()  # its arm is taken
+    page.get_by_label(f"Activate {FORWARD}").click()  # another controller uses the arm
     expect(page.locator(".q-notification")).to_contain_text("position and velocity cannot be commanded")
     for name in (SCALED, FORWARD):
         page.get_by_label(f"Tick {name}").click()
@@ -97,4 +97,4 @@ def test_controllers_are_switched_and_the_arm_follows_the_sliders(
     manager.kill()
     expect(page.get_by_test_id("manager-problem")).to_contain_text("no controller manager is running")
     expect(page.get_by_test_id(f"controller-{SCALED}")).to_have_count(0)
-    assert abs(radians(base(rig))) < 0.2  # it has stayed
+    assert abs(radians(base(rig))) < 0.2  # the arm has not moved

@@ -10,7 +10,7 @@ POPUP = 'def tell():\n  popup("<i>parts</i> are out", "Feeder", warning=True, bl
 
 
 @pytest.mark.long
-def test_an_integer_is_asked_for_until_one_is_given(rig, open_page):
+def test_integer_question_accepts_only_integers(rig, open_page):
     page, other = open_page("io"), open_page("log")
     rig.control.send_script(ASK)
     expect(other.get_by_test_id("dialogue-text")).to_have_text("how <many>?")
@@ -25,7 +25,7 @@ def test_an_integer_is_asked_for_until_one_is_given(rig, open_page):
     assert rig.control.variables() == {"n": "12"}
 
 
-def test_a_popup_holds_the_program_until_it_is_read(rig, open_page):
+def test_blocking_popup_is_closed_from_pendant(rig, open_page):
     page = open_page("move")
     rig.control.send_script(POPUP)
     expect(page.get_by_test_id("dialogue")).to_contain_text("Feeder")
@@ -36,7 +36,7 @@ def test_a_popup_holds_the_program_until_it_is_read(rig, open_page):
 
 
 @pytest.mark.long
-def test_a_protective_stop_says_why_and_is_left_five_seconds_later(rig, open_page):
+def test_protective_stop_shows_cause_and_unlocks_after_countdown(rig, open_page):
     page = open_page("log")
     enable = page.get_by_test_id("stop-enable")
     rig.control.set_speed(0.2)

@@ -1,4 +1,4 @@
-"""What a browser may do with a pendant's page, and what becomes of the page when the pendant goes and comes back."""
+"""Security policy of the pages in a browser, and their reconnection after a restart of the pendant."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -22,7 +22,7 @@ REFUSED = """() => {
 
 @contextmanager
 def serve_site(text: str) -> Iterator[str]:
-    """Another site; its address."""
+    """Serve another site; yields its address."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -45,18 +45,18 @@ def serve_site(text: str) -> Iterator[str]:
         server.server_close()
 
 
-def test_every_screen_keeps_to_the_policy(open_page: OpenPage) -> None:
-    page = open_page("initialize")  # which fails at what the policy forbids
+def test_every_screen_complies_with_security_policy(open_page: OpenPage) -> None:
+    page = open_page("initialize")  # which fails on policy violations
     refused = page.evaluate_handle(REFUSED)
     for screen in SCREENS:
         tab = page.get_by_test_id(f"tab-{screen.name}")
-        tab.evaluate("element => element.click()")  # also those that this robot has no use for
+        tab.evaluate("element => element.click()")  # also hidden tabs
         expect(page.locator(".screen")).to_be_visible()
     page.get_by_label("Dark or light").click()
     assert refused.json_value() == []
 
 
-def test_the_policy_forbids_what_nobody_meant(rig: Rig, browser: Browser) -> None:
+def test_security_policy_blocks_injected_scripts_and_requests(rig: Rig, browser: Browser) -> None:
     context = browser.new_context()
     try:
         page = context.new_page()
@@ -71,7 +71,7 @@ def test_the_policy_forbids_what_nobody_meant(rig: Rig, browser: Browser) -> Non
         context.close()
 
 
-def test_another_site_cannot_frame_the_pendant(rig: Rig, browser: Browser) -> None:
+def test_other_sites_cannot_frame_pendant(rig: Rig, browser: Browser) -> None:
     context = browser.new_context()
     try:
         page = context.new_page()
@@ -86,7 +86,7 @@ def test_another_site_cannot_frame_the_pendant(rig: Rig, browser: Browser) -> No
 
 
 @pytest.mark.long
-def test_a_page_comes_back_with_its_pendant_and_says_what_happened(rig: Rig, browser: Browser) -> None:
+def test_page_reconnects_after_pendant_restart(rig: Rig, browser: Browser) -> None:
     options = ("--port", "6082", "--control-port", "0")
     context = browser.new_context()
     try:
@@ -94,7 +94,7 @@ def test_a_page_comes_back_with_its_pendant_and_says_what_happened(rig: Rig, bro
         with pendant(rig.host, *options) as first:
             page.goto(f"http://{rig.host}:6082/move")
             expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
-            page.wait_for_function("window.did_handshake")  # who has not come yet is not lost
+            page.wait_for_function("window.did_handshake")  # a page that has not connected yet cannot be lost
             first.kill()
             expect(page.get_by_text("Connection lost")).to_be_visible()
         with pendant(rig.host, *options):

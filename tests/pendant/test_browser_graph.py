@@ -1,4 +1,4 @@
-"""Graph, in a browser: what is drawn, and the files that come out."""
+"""Graph, in a browser: drawing, and exported files."""
 
 import re
 from pathlib import Path
@@ -28,7 +28,7 @@ def download(page, button: str, folder: Path) -> Path:
     return file
 
 
-def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
+def test_plot_is_drawn_and_exported(rig, open_page, tmp_path):
     page = open_page("graph")
     page.get_by_test_id("rate_hz").get_by_text("125 Hz").click()
     expect(page.get_by_test_id("collected")).to_contain_text("at 125 Hz")
@@ -44,7 +44,7 @@ def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
         states = read_csv(download(page, "csv", tmp_path)).states()
         return {state["timestamp"]: (state["actual_q"], state["actual_TCP_force"]) for state in states}
 
-    eventually(lambda: max(recorded()) >= max(expected))  # the pendant may hear later than we do
+    eventually(lambda: max(recorded()) >= max(expected))  # the pendant may receive states later than this test
     page.get_by_test_id("graph-pause").click()
     expect(page.get_by_test_id("graph-pause")).to_contain_text("Resume")
     recorded_states = recorded()
@@ -57,20 +57,20 @@ def test_a_plot_is_drawn_and_saved(rig, open_page, tmp_path):
 
 
 @pytest.mark.long
-def test_signals_are_searched_and_chosen(rig, open_page):
+def test_signals_are_searched_and_selected(rig, open_page):
     page = open_page("graph")
     page.get_by_test_id("choose-1").click()
     page.get_by_test_id("signal-search").fill("tool_temperature")
     row = page.locator(".signals tbody tr", has_text="tool_temperature")
     expect(row).to_contain_text("temperature of the tool board")
-    expect(page.locator(".signals tbody .q-checkbox")).to_have_count(1)  # until then the table is drawn anew
+    expect(page.locator(".signals tbody .q-checkbox")).to_have_count(1)  # until then the table is redrawn
     row.locator(".q-checkbox").click()
     expect(row.locator(".q-checkbox")).to_have_attribute("aria-checked", "true")
     page.get_by_test_id("signals-show").click()
     entry = page.locator(".legend-entry[data-key='tool_temperature']")
     expect(entry).to_contain_text("°C")
     value = entry.locator("b")
-    expect(value).to_have_text(re.compile(r"\d"))  # a dash until the first state with this signal is there
+    expect(value).to_have_text(re.compile(r"\d"))  # a dash until the first state with this signal
     assert abs(float(value.inner_text()) - rig.state("tool_temperature")) < 0.5
     entry.click()
     expect(entry).to_have_attribute("data-state", "hidden")

@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 
-def test_the_arm_is_switched_off_and_on_again(rig, open_page):
+def test_arm_is_powered_off_and_on(rig, open_page):
     page = open_page("initialize")
     expect(page.get_by_test_id("power-on")).to_be_disabled()
     page.get_by_test_id("power-off").click()
@@ -24,13 +24,13 @@ def test_the_arm_is_switched_off_and_on_again(rig, open_page):
 
 @pytest.fixture
 def speed_up(rig):
-    """A robot so slow that no countdown of its ends before a browser shows it; fast once this is called."""
+    """Slows time down, so that a countdown does not end before the browser shows it; calling the value speeds it up."""
     rig.control.set_speed(0.1)
     yield lambda: rig.control.set_speed(10.0)
     rig.control.set_speed(1.0)
 
 
-def test_a_protective_stop_is_explained_counted_down_and_unlocked(rig, open_page, speed_up):
+def test_protective_stop_is_explained_and_unlocked_after_countdown(rig, open_page, speed_up):
     page = open_page("initialize")
     rig.control.protective_stop(153, 2)
     expect(page.get_by_test_id("safety-mode")).to_have_text("Protective stop")
@@ -48,7 +48,7 @@ def test_a_protective_stop_is_explained_counted_down_and_unlocked(rig, open_page
 
 
 @pytest.mark.long
-def test_the_emergency_stop_is_pressed_and_released(rig, open_page):
+def test_emergency_stop_is_pressed_and_released(rig, open_page):
     page = open_page("initialize")
     button = page.get_by_test_id("estop")
     button.click()
@@ -65,7 +65,7 @@ def test_the_emergency_stop_is_pressed_and_released(rig, open_page):
 
 
 @pytest.mark.long
-def test_after_a_violation_the_safety_system_is_restarted(rig, open_page):
+def test_safety_system_is_restarted_after_violation(rig, open_page):
     page = open_page("initialize")
     rig.control.trip_safety("joint_speed_violation", 3)
     expect(page.get_by_test_id("safety-mode")).to_have_text("Violation")
@@ -77,7 +77,7 @@ def test_after_a_violation_the_safety_system_is_restarted(rig, open_page):
 
 
 @pytest.mark.long
-def test_the_payload_is_set_and_followed(rig, open_page):
+def test_payload_fields_set_and_follow_robot(rig, open_page):
     page = open_page("initialize")
     rig.control.set_payload(0.25, (0.0, 0.0, 0.01))
     expect(page.get_by_test_id("payload-mass")).to_have_value("0.250")

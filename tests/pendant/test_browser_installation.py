@@ -6,7 +6,7 @@ from playwright.sync_api import Error, expect
 from tests.pendant.conftest import eventually
 
 
-def test_a_tcp_is_saved_and_used(rig, open_page):
+def test_tcp_is_saved_and_activated(rig, open_page):
     page, other = open_page("installation"), open_page("installation")
     page.get_by_test_id("tcp-name").fill('gripper "x"')
     page.get_by_test_id("tcp-2").fill("152.5")
@@ -21,7 +21,7 @@ def test_a_tcp_is_saved_and_used(rig, open_page):
     eventually(lambda: rig.state("tcp_offset") == [0] * 6)
 
 
-def test_payload_external_control_and_what_the_arm_is(rig, open_page):
+def test_payload_external_control_and_arm_data(rig, open_page):
     page = open_page("installation")
     page.get_by_test_id("payload-mass").fill("0.5")
     page.get_by_test_id("payload-cz").fill("40")
@@ -40,7 +40,7 @@ def test_payload_external_control_and_what_the_arm_is(rig, open_page):
 
 
 @pytest.mark.long
-def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open_page):
+def test_settings_are_saved_to_installation_file(rig, open_page):
     page, other = open_page("installation"), open_page("installation")
     for opened_page in (page, other):
         opened_page.get_by_test_id("installation-file").click()
@@ -77,7 +77,7 @@ def test_the_installation_file_is_filled_in_and_has_it_after_a_restart(rig, open
 
 
 def choose(page, test_id, text):
-    """Open the list until it stays open: on a busy machine what is shown may be made anew under the click."""
+    """Open the list until it stays open: under load, it may be rebuilt during the click."""
     option = page.get_by_role("option", name=text, exact=True)
     for _ in range(5):
         page.get_by_test_id(test_id).click()

@@ -1,4 +1,4 @@
-"""I/O, in a browser: what is switched there is seen by other clients, and the other way round."""
+"""I/O, in a browser: changes are seen by other clients, and vice versa."""
 
 import pytest
 from playwright.sync_api import expect
@@ -16,7 +16,7 @@ def rtde(rig):
         yield client
 
 
-def test_outputs_switch_and_lamps_show_it(rig, open_page, rtde):
+def test_outputs_switch_and_lamps_follow(rig, open_page, rtde):
     for index in range(8):
         rig.control.set_digital_output(index, False)
     page = open_page("io")
@@ -26,7 +26,7 @@ def test_outputs_switch_and_lamps_show_it(rig, open_page, rtde):
     rig.control.set_digital_output(3, False)
     expect(page.get_by_test_id("DO3")).to_have_attribute("data-state", "off")
     with BlockingRTDEClient(rig.host, (), [["standard_digital_output_mask", "standard_digital_output"]]):
-        page.get_by_test_id("DO5").click()  # another client has these inputs: a program does it
+        page.get_by_test_id("DO5").click()  # another client uses these inputs, so a program switches the output
         eventually(lambda: rtde.latest()["actual_digital_output_bits"] & 0xFF == 32)
     page.get_by_test_id("DI2").click()
     expect(page.get_by_test_id("DI2")).to_have_attribute("data-state", "on")
@@ -36,7 +36,7 @@ def test_outputs_switch_and_lamps_show_it(rig, open_page, rtde):
 
 
 @pytest.mark.long
-def test_tool_voltage_and_analog_output(rig, open_page, rtde):
+def test_tool_voltage_and_analog_output_are_set(rig, open_page, rtde):
     page = open_page("io")
     page.get_by_test_id("tool-voltage").get_by_text("12 V").click()
     eventually(lambda: rtde.latest()["tool_output_voltage"] == 12)
@@ -52,7 +52,7 @@ def test_tool_voltage_and_analog_output(rig, open_page, rtde):
 
 
 @pytest.mark.long
-def test_registers_of_rtde_and_of_modbus(rig, open_page):
+def test_rtde_and_modbus_registers_are_shown_and_written(rig, open_page):
     page = open_page("io")
     page.get_by_test_id("io-registers").click()
     cell = page.get_by_test_id("input-cell-2")

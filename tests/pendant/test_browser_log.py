@@ -11,7 +11,7 @@ FLOOD = 'def flood():\n  i = 0\n  while i < 5000:\n    i = i + 1\n    textmsg("m
 
 
 def clear_log(page: Page, lines: Locator) -> bool:
-    """Clear the view of what was before; of that, a line may come late."""
+    """Clear the view; returns False if a late line arrived."""
     page.get_by_test_id("log-clear").click()
     try:
         expect(lines).to_have_count(0, timeout=1000)
@@ -20,7 +20,7 @@ def clear_log(page: Page, lines: Locator) -> bool:
     return True
 
 
-def test_a_stop_is_there_with_code_and_text_and_texts_are_no_markup(rig, open_page):
+def test_stop_is_logged_and_texts_are_escaped(rig, open_page):
     page = open_page("log")
     lines = page.locator(".log-lines .log-line")
     expect(lines).not_to_have_count(0)
@@ -41,7 +41,7 @@ def test_a_stop_is_there_with_code_and_text_and_texts_are_no_markup(rig, open_pa
 
 
 @pytest.mark.long
-def test_five_thousand_messages_leave_the_page_alive(rig, open_page):
+def test_page_stays_responsive_under_message_flood(rig, open_page):
     page = open_page("log")
     rig.control.send_script(FLOOD)
     expect(page.get_by_text("message 5000", exact=True)).to_be_visible()

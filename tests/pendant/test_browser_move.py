@@ -1,4 +1,4 @@
-"""Move, in a browser: what is held there moves the arm, and what is let go or lost does not."""
+"""Move, in a browser: held buttons move the arm, and released or lost ones stop it."""
 
 import json
 import os
@@ -53,7 +53,7 @@ def hold_button(page: Page, test_id: str) -> Iterator[None]:
 
 
 def open_watcher(rig: Rig) -> BlockingRTDEClient:
-    """A second client of the robot: what the arm does, as RTDE tells everybody."""
+    """A second RTDE client, which observes the arm."""
     return BlockingRTDEClient(rig.host, ("actual_q", "target_qd"))
 
 
@@ -62,12 +62,14 @@ def is_moving(watcher: BlockingRTDEClient) -> bool:
 
 
 def type_target(page: Page, test_id_prefix: str, values: tuple[float, ...]) -> None:
-    expect(page.get_by_test_id(f"{test_id_prefix}-1")).not_to_have_value("0.00")  # where the arm is comes there first
+    expect(page.get_by_test_id(f"{test_id_prefix}-1")).not_to_have_value(
+        "0.00"
+    )  # filled with the present position first
     for i, value in enumerate(values):
         page.get_by_test_id(f"{test_id_prefix}-{i}").fill(f"{value:.4f}")
 
 
-def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig, open_page: OpenPage) -> None:
+def test_third_party_client_sees_jogged_joint(bent: Rig, open_page: OpenPage) -> None:
     rtde_receive = pytest.importorskip("rtde_receive")
     page = open_page("move")
     watcher = rtde_receive.RTDEReceiveInterface(bent.host)
@@ -86,13 +88,13 @@ def test_what_a_joint_button_does_is_seen_by_a_client_we_did_not_write(bent: Rig
 
 
 @pytest.mark.parametrize("key", some(["Space", "Enter"], now=["Space"]))
-def test_a_key_held_on_a_button_moves_the_arm_until_it_is_released(bent: Rig, open_page: OpenPage, key: str) -> None:
+def test_held_key_on_button_jogs_until_released(bent: Rig, open_page: OpenPage, key: str) -> None:
     page = open_page("move")
     with open_watcher(bent) as watcher:
         page.get_by_test_id("joint-2-plus").focus()
         page.keyboard.down(key)
         eventually(lambda: watcher.latest()["actual_q"][2] > BENT[2] + 0.05)
-        page.keyboard.down(key)  # as keyboards repeat it
+        page.keyboard.down(key)  # key repeat
         position = watcher.latest()["actual_q"][2]
         eventually(lambda: watcher.latest()["actual_q"][2] > position + 0.05)
         page.keyboard.up(key)
@@ -104,14 +106,14 @@ def test_a_key_held_on_a_button_moves_the_arm_until_it_is_released(bent: Rig, op
 
 
 @pytest.mark.parametrize("lost", some(["tab", "window", "button"], now=["window"]))
-def test_a_held_key_no_longer_counts_where_the_focus_is_lost(bent: Rig, open_page: OpenPage, lost: str) -> None:
+def test_losing_focus_releases_held_key(bent: Rig, open_page: OpenPage, lost: str) -> None:
     page = open_page("move")
     with open_watcher(bent) as watcher:
         page.get_by_test_id("axis-z-plus").focus()
         page.keyboard.down("Space")
         eventually(lambda: is_moving(watcher))
         if lost == "tab":
-            page.keyboard.down("Tab")  # no key is ever released
+            page.keyboard.down("Tab")  # its release is never seen
         elif lost == "window":
             page.evaluate("window.dispatchEvent(new Event('blur'))")
         else:
@@ -121,13 +123,13 @@ def test_a_held_key_no_longer_counts_where_the_focus_is_lost(bent: Rig, open_pag
 
 
 def choose_feature(page: Page, feature: str) -> None:
-    """Choose what buttons mean by X, Y and Z; the pendant hears it over another connection than of held buttons."""
+    """Choose the feature of the jog buttons, and wait until the pendant has received it."""
     choice = page.get_by_test_id("feature")
     choice.get_by_text(feature).click()
     expect(choice).to_have_attribute("data-state", feature.lower())
 
 
-def test_the_tool_goes_along_its_own_axis(bent: Rig, open_page: OpenPage) -> None:
+def test_tool_moves_along_its_own_axis(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     before = tcp(bent)
     choose_feature(page, "Tool")
@@ -143,7 +145,7 @@ def test_the_tool_goes_along_its_own_axis(bent: Rig, open_page: OpenPage) -> Non
 
 
 @pytest.mark.long
-def test_what_a_browser_calls_right_depends_on_its_camera(bent: Rig, open_page: OpenPage) -> None:
+def test_view_feature_follows_camera(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     choose_feature(page, "View")
     page.get_by_test_id("view-front").click()  # along -x: right is +y
@@ -154,7 +156,7 @@ def test_what_a_browser_calls_right_depends_on_its_camera(bent: Rig, open_page: 
     assert tcp(bent)[0] == pytest.approx(before[0], abs=2e-3)
 
 
-def test_typed_targets_are_reached_or_refused_in_degrees(bent: Rig, open_page: OpenPage) -> None:
+def test_typed_targets_are_reached_or_refused(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     type_target(page, "target-joint", (0.0, 400.0))
     page.get_by_test_id("joints-move").click()
@@ -175,7 +177,7 @@ def test_typed_targets_are_reached_or_refused_in_degrees(bent: Rig, open_page: O
     eventually(lambda: tcp(bent) == pytest.approx((x, y, z + 0.02, *turn), abs=1e-3))
 
 
-def test_a_move_is_stopped(bent: Rig, open_page: OpenPage) -> None:
+def test_move_is_stopped(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     page.get_by_test_id("target-poses").click()
     page.get_by_test_id("go-Zero").click()
@@ -188,7 +190,7 @@ def test_a_move_is_stopped(bent: Rig, open_page: OpenPage) -> None:
 
 
 @pytest.mark.long
-def test_stop_ends_a_program_too(bent: Rig, open_page: OpenPage) -> None:
+def test_stop_button_ends_program(bent: Rig, open_page: OpenPage) -> None:
     bent.control.send_script("def far():\n  while True:\n    sync()\n  end\nend\n")
     page = open_page("move")
     expect(page.get_by_test_id("slowed")).to_have_text("A program is running: stop it first.")
@@ -199,7 +201,7 @@ def test_stop_ends_a_program_too(bent: Rig, open_page: OpenPage) -> None:
     expect(page.get_by_test_id("joints-move")).to_be_enabled()
 
 
-def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: OpenPage) -> None:
+def test_freedrive_lasts_while_button_is_held(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     before = tcp(bent)
     with hold_button(page, "freedrive"):
@@ -219,7 +221,7 @@ def test_freedrive_lasts_as_long_as_its_button_is_held(bent: Rig, open_page: Ope
 
 
 @pytest.mark.long
-def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: OpenPage) -> None:
+def test_two_browsers_stay_in_step_and_only_one_jogs(bent: Rig, open_page: OpenPage) -> None:
     one, other = open_page("move"), open_page("move")
     before = q(bent)
     with hold_button(one, "joint-0-plus"):
@@ -232,7 +234,7 @@ def test_two_browsers_are_in_step_and_one_of_them_moves(bent: Rig, open_page: Op
 
 
 @pytest.mark.long
-def test_a_browser_that_leaves_does_not_stop_the_one_that_moves(bent: Rig, open_page: OpenPage) -> None:
+def test_closing_one_browser_does_not_stop_motion_of_another(bent: Rig, open_page: OpenPage) -> None:
     one, other = open_page("move"), open_page("move")
     before = q(bent)
     with hold_button(one, "joint-0-plus"):
@@ -244,7 +246,7 @@ def test_a_browser_that_leaves_does_not_stop_the_one_that_moves(bent: Rig, open_
 
 
 @pytest.mark.long
-def test_a_pose_that_one_saves_the_other_has(bent: Rig, open_page: OpenPage) -> None:
+def test_saved_poses_are_shared_between_browsers(bent: Rig, open_page: OpenPage) -> None:
     one, other = open_page("move"), open_page("move")
     for page in (one, other):
         page.get_by_test_id("target-poses").click()
@@ -263,11 +265,11 @@ def test_a_pose_that_one_saves_the_other_has(bent: Rig, open_page: OpenPage) -> 
     expect(other.get_by_test_id("go-beside it")).to_have_count(0)
 
 
-FROZEN = "for (let i = 0; i < 1e5; i++) clearInterval(i)"  # the page says nothing more, its socket stays
+FROZEN = "for (let i = 0; i < 1e5; i++) clearInterval(i)"  # the page stops sending; its socket stays open
 
 
 @pytest.mark.parametrize("lost", some(["blur", "closed", "frozen"], now=["closed", "frozen"]))
-def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: OpenPage, lost: str) -> None:
+def test_arm_stops_when_page_is_left(bent: Rig, open_page: OpenPage, lost: str) -> None:
     page = open_page("move")
     page.get_by_test_id("joint-0-minus").hover()
     page.mouse.down()
@@ -282,7 +284,7 @@ def test_the_arm_rests_when_the_page_is_left(bent: Rig, open_page: OpenPage, los
 
 
 @pytest.mark.long
-def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: OpenPage, browser: Browser) -> None:
+def test_browser_waking_from_sleep_does_not_resume_motion(bent: Rig, open_page: OpenPage, browser: Browser) -> None:
     page = open_page("move")
     page.get_by_test_id("joint-0-minus").hover()
     page.mouse.down()
@@ -295,7 +297,7 @@ def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: 
             os.kill(renderer, signal_number)
         if signal_number == signal.SIGSTOP:
             eventually(lambda: at_rest(bent))
-            time.sleep(3.0)  # longer than a busy browser is silent
+            time.sleep(3.0)  # longer than a browser under load is silent
     expect(page.get_by_text("press it again")).to_be_visible()
     assert at_rest(bent)
     page.mouse.up()
@@ -304,7 +306,7 @@ def test_a_browser_that_wakes_up_does_not_go_on_by_itself(bent: Rig, open_page: 
 
 
 @pytest.mark.long
-def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: OpenPage) -> None:
+def test_drawn_tcp_matches_robot(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     expected = [*kinematics_of(load_model("ur3")).forward(q(bent))]
     read = """() => {
@@ -326,13 +328,13 @@ def test_the_arm_in_the_scene_ends_where_the_robot_says(bent: Rig, open_page: Op
 
 @contextmanager
 def pendant_without_control_api(rig: Rig) -> Iterator[tuple["subprocess.Popen[str]", str]]:
-    """One that takes the emulator for a robot."""
+    """A pendant that treats the emulator as a real robot."""
     with pendant(rig.host, "--port", "6081", "--control-port", "0") as process:
         yield process, f"http://{rig.host}:6081/move"
 
 
 @pytest.mark.long
-def test_a_robot_is_moved_after_a_question_and_rests_when_the_pendant_is_killed(bent: Rig, browser: Browser) -> None:
+def test_real_robot_needs_confirmation_and_stops_when_pendant_dies(bent: Rig, browser: Browser) -> None:
     with pendant_without_control_api(bent) as (pendant, url):
         context = browser.new_context(viewport={"width": 1280, "height": 800})
         page = context.new_page()
@@ -366,7 +368,7 @@ SCENE = """() => {
 
 
 @pytest.mark.long
-def test_frames_the_way_of_the_tcp_and_a_ghost_of_the_target(bent: Rig, open_page: OpenPage) -> None:
+def test_scene_shows_frames_tcp_trace_and_ghost(bent: Rig, open_page: OpenPage) -> None:
     page = open_page("move")
     expect(page.get_by_test_id("joints-move")).to_be_enabled()
     eventually(lambda: page.evaluate(SCENE)["points"] == -1)

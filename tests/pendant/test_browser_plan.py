@@ -56,7 +56,7 @@ def drawn_scene(page: Page) -> dict[str, Any]:
 
 
 def drag(page: Page, x: float, y: float, point: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-    """Pull what is at this place of the handle by so many pixels."""
+    """Drag the part of the handle at this point by a number of pixels."""
 
     def hover() -> bool:
         at = page.evaluate("(place) => pendant.handle?.(...place) ?? null", point)
@@ -96,7 +96,7 @@ def type_target(page: Page, angles: tuple[float, ...]) -> None:
     page.get_by_test_id("target-plan").click()
 
 
-def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig, open_page: OpenPage) -> None:
+def test_dragged_target_is_planned_and_reached_on_request(bent: Rig, open_page: OpenPage) -> None:
     bent.control.add_object("table", {"plane": {}, "pose": [0.0, 0.0, -0.02]})
     page = plan_tab(open_page)
     status = page.get_by_test_id("plan-status")
@@ -122,7 +122,7 @@ def test_a_target_is_dragged_planned_and_reached_when_somebody_says_so(bent: Rig
 
 
 @pytest.mark.long
-def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: OpenPage) -> None:
+def test_arrow_translates_target_and_ring_rotates_it(bent: Rig, open_page: OpenPage) -> None:
     page = plan_tab(open_page)
     forward = kinematics_of(load_model("ur3")).forward
     before = forward(BENT)
@@ -139,7 +139,7 @@ def test_an_arrow_moves_the_target_and_a_ring_turns_it(bent: Rig, open_page: Ope
 
 
 @pytest.mark.long
-def test_a_path_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig, open_page: OpenPage) -> None:
+def test_path_is_previewed_and_invalidated_by_scene_change(bent: Rig, open_page: OpenPage) -> None:
     bent.control.add_object("post", POST)
     page = plan_tab(open_page)
     status = page.get_by_test_id("plan-status")
@@ -148,8 +148,8 @@ def test_a_path_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig
     page.get_by_test_id("plan").click()
     expect(status).to_contain_text("by RRTConnect")
     angles = set[float]()
-    eventually(lambda: len(angles.add(drawn_scene(page)["ghost"]) or angles) > 3)  # the ghost goes along
-    bent.control.set_speed_slider(0.05)  # a minute and more, however busy the machine is
+    eventually(lambda: len(angles.add(drawn_scene(page)["ghost"]) or angles) > 3)  # the ghost moves along the path
+    bent.control.set_speed_slider(0.05)  # the motion takes more than a minute
     page.get_by_test_id("plan-move").click()
     eventually(lambda: any(bent.state("target_qd")) and dist(q(bent), BENT) > 0.03)
     page.get_by_test_id("stop-moving").click()
@@ -167,7 +167,7 @@ def test_a_path_around_a_post_plays_and_is_void_when_the_scene_changes(bent: Rig
 
 
 @pytest.mark.long
-def test_the_arm_avoids_an_obstacle_that_appears_on_its_path(bent: Rig, open_page: OpenPage) -> None:
+def test_arm_replans_around_new_obstacle(bent: Rig, open_page: OpenPage) -> None:
     page = plan_tab(open_page)
     type_target(page, BESIDE)
     page.get_by_test_id("plan").click()
@@ -183,9 +183,7 @@ def test_the_arm_avoids_an_obstacle_that_appears_on_its_path(bent: Rig, open_pag
 
 
 @pytest.mark.long
-def test_a_robot_has_the_objects_of_a_file_and_moves_after_a_question(
-    bent: Rig, browser: Browser, tmp_path: Path
-) -> None:
+def test_real_robot_uses_scene_file_and_needs_confirmation(bent: Rig, browser: Browser, tmp_path: Path) -> None:
     scene = tmp_path / "cell.yaml"
     scene.write_text("objects: {post: {cylinder: [0.03, 0.6], pose: [0.3, 0.3, 0.3]}}")
     options = ("--port", "6082", "--control-port", "0", "--scene", str(scene))

@@ -1,4 +1,4 @@
-"""A robot with PolyScope X at the same pendant: every screen opens, and Program says what is different there."""
+"""A robot with PolyScope X at the same pendant: every screen opens, and Program explains the differences."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -32,11 +32,11 @@ def page(robot: Rig, browser: Browser) -> Iterator[Page]:
         assert not errors
 
 
-def test_every_screen_opens_and_a_program_is_played_as_a_script(robot: Rig, page: Page) -> None:
+def test_every_screen_opens_and_program_plays_as_script(robot: Rig, page: Page) -> None:
     for screen in SCREENS:
         tab = page.get_by_test_id(f"tab-{screen.name}")
         if not tab.is_visible():
-            assert screen.name == "cameras"  # of a scene, which this robot has not
+            assert screen.name == "cameras"  # this robot has no scene
             continue
         tab.click()
         page.wait_for_function(f"() => location.pathname === '/{screen.name}'")

@@ -1,4 +1,4 @@
-"""Program, in a browser: programs are made from nothing, saved, played, edited by two people, and kept."""
+"""Program, in a browser: programs are created, saved, played, edited by two users, and preserved."""
 
 import asyncio
 import base64
@@ -52,7 +52,7 @@ def selected(page: Page) -> str:
 
 
 def insert(page: Page, kind: str, shown: str) -> None:
-    """By the palette; the new node is selected then, and its fields are there."""
+    """Insert a node from the palette, and wait until it is selected and its fields are shown."""
     before = selected(page)
     page.get_by_test_id(f"insert-{kind}").click()
     new = page.locator(f'.program-row[aria-selected=true]:not([data-node="{before}"])')
@@ -67,7 +67,7 @@ def select(page: Page, shown: str) -> None:
 
 
 def expect_fields(page: Page, shown: str) -> None:
-    """Those of the selected node: for a moment, the form still has those of the one before."""
+    """Wait for the fields of the selected node: for a moment, the form still shows the previous ones."""
     expect(page.get_by_test_id("form-title")).to_contain_text(re.compile(f"^{shown}", re.IGNORECASE))
     expect(page.locator(f'.program-fields[data-node="{selected(page)}"]')).to_have_count(1)
 
@@ -84,7 +84,7 @@ def choose(page: Page, key: str, title: str) -> None:
 
 
 def close_program(page: Page, test_id: str) -> None:
-    """Press a button that takes the program away, and agree if there is something to lose."""
+    """Press a button that replaces the program, and confirm if it has unsaved changes."""
     title = page.get_by_test_id("program-title")
     expect(title).to_have_attribute("data-state", re.compile("changed|saved"))
     changed = title.get_attribute("data-state") == "changed"
@@ -116,7 +116,7 @@ def drive(host: str, goal: tuple[float, ...], listening: Event) -> TrajectoryRes
             listening.set()
             await driver.wait_for_program(60.0)
             result = await driver.execute([points.movej(goal)])
-            while driver.program_running:  # a program that loops asks again
+            while driver.program_running:  # a program that loops requests its code again
                 await driver.next_state()
             return result
 
@@ -124,9 +124,9 @@ def drive(host: str, goal: tuple[float, ...], listening: Event) -> TrajectoryRes
 
 
 def external_control_program(page: Page, rig: Rig) -> None:
-    """Empty program, URCaps, External Control, host in the installation, save, play: a driver moves the arm."""
+    """Create a program with an External Control node, set its host, save and play it: a driver moves the arm."""
     goal, listening = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1), Event()
-    with ThreadPoolExecutor(1) as pool:  # the browser's library has the loop of this thread
+    with ThreadPoolExecutor(1) as pool:  # Playwright uses the event loop of this thread
         driver = pool.submit(drive, rig.host, goal, listening)
         assert listening.wait(30.0)
         new_program(page)
@@ -147,21 +147,21 @@ def external_control_program(page: Page, rig: Rig) -> None:
         assert driver.result(60.0) is TrajectoryResult.SUCCESS
 
 
-def test_chapter_ten_is_typed_click_by_click(rig: Rig, open_page: OpenPage) -> None:
+def test_external_control_program_is_created_and_played(rig: Rig, open_page: OpenPage) -> None:
     external_control_program(open_page("program"), rig)
 
 
 def insert_waypoint(page: Page, rig: Rig, name: str, q: tuple[float, ...]) -> None:
-    """Teach the waypoint that was inserted last, where the arm is brought as a person would by hand."""
+    """Move the arm and teach the waypoint that was inserted last."""
     select(page, "Waypoint_1")
     rig.control.set_joints(q)
-    eventually(lambda: teach_and_check(page, q))  # once the pendant has heard where the arm is
+    eventually(lambda: teach_and_check(page, q))  # once the pendant has received the position
     fill(page, "name", name)
     expect(row(page, name)).not_to_have_class(re.compile("is-undefined"))
 
 
 def teach_and_check(page: Page, q: tuple[float, ...]) -> bool:
-    """Teach the selected waypoint, and whether it is this one then."""
+    """Teach the selected waypoint; returns whether it has these joint angles."""
     page.get_by_test_id("teach-position").click()
     position = page.get_by_test_id("field-position")
     expect(position).to_contain_text("Joints")
@@ -171,7 +171,7 @@ def teach_and_check(page: Page, q: tuple[float, ...]) -> bool:
 
 
 def add_move(page: Page, rig: Rig, motion: str, name: str, q: tuple[float, ...]) -> None:
-    """A Move with a waypoint at the end of the program."""
+    """Append a Move with a waypoint to the program."""
     select(page, "Robot Program")
     insert(page, "move", "MoveJ")
     if motion != "MoveJ":
@@ -181,7 +181,7 @@ def add_move(page: Page, rig: Rig, motion: str, name: str, q: tuple[float, ...])
 
 
 def add_output(page: Page, level: str) -> None:
-    """A Set of digital output 2 at the end of the program."""
+    """Append a Set of digital output 2 to the program."""
     select(page, "Robot Program")
     insert(page, "set", "Set")
     choose(page, "type", "A digital output")
@@ -190,12 +190,12 @@ def add_output(page: Page, level: str) -> None:
 
 
 def pick_and_place(page: Page, other: Page, rig: Rig) -> None:
-    """Made from nothing, in two browsers."""
+    """Create a pick-and-place program in two browsers."""
     new_program(page)
     select(page, "Robot Program")
     page.get_by_test_id("field-loops").click()
     add_move(page, rig, "MoveJ", "Above", ABOVE)
-    expect(row(other, "Above")).to_be_visible()  # and goes on there
+    expect(row(other, "Above")).to_be_visible()  # and continue there
     add_move(other, rig, "MoveL", "Down", DOWN)
     add_output(other, "On")
     select(page, "Robot Program")
@@ -208,7 +208,7 @@ def pick_and_place(page: Page, other: Page, rig: Rig) -> None:
 
 
 def record_run(rig: Rig, start: Callable[[], object]) -> tuple[list[tuple[float, ...]], float]:
-    """Where the arm was on the way, and output 2, from the start to the end; how long that took [s]."""
+    """Joint angles and output 2 during a run, and its duration [s]."""
     rig.control.set_joints(HOME)
     positions, times_s = list[tuple[float, ...]](), list[float]()
     with BlockingRTDEClient(rig.host, FIELDS) as watcher:
@@ -221,7 +221,7 @@ def record_run(rig: Rig, start: Callable[[], object]) -> tuple[list[tuple[float,
 
 
 @pytest.mark.long
-def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig, open_page: OpenPage) -> None:
+def test_two_users_create_pick_and_place_equivalent_to_script(rig: Rig, open_page: OpenPage) -> None:
     page, other = open_page("program"), open_page("program")
     pick_and_place(page, other, rig)
     names = "Variables, Robot, MoveJ, Above, MoveL, Down, Set, Wait, MoveL, Back, MoveJ, Bin, Set"
@@ -241,7 +241,7 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
     for path, other_path in ((from_tree, from_script), (from_script, from_tree)):
         assert max(min(dist(place, other_place) for other_place in other_path) for place in path[::10]) < 0.05
     assert from_tree_s == pytest.approx(from_script_s, rel=0.1)
-    # undo is one for both, and what one selects is not what the other does
+    # undo is shared, selections are not
     select(page, "Wait")
     select(other, "Bin")
     page.keyboard.press("Escape")
@@ -253,7 +253,7 @@ def test_two_people_make_a_pick_and_place_that_does_what_a_script_does(rig: Rig,
 
 
 @pytest.mark.long
-def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_page: OpenPage) -> None:
+def test_keyboard_editing_stepping_and_playing_from_selection(rig: Rig, open_page: OpenPage) -> None:
     page = open_page("program")
     new_program(page)
     select(page, "Robot Program")
@@ -269,7 +269,7 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
     expect(page.get_by_text("must be a number in s, not 'x'")).to_be_visible()
     fill(page, "time", "60")
     expect(page.locator(".program-row.is-undefined")).to_have_count(0)
-    # what is typed stays where another node is chosen without Enter
+    # typed content is committed when another node is selected without Enter
     select(page, "'one'")
     page.get_by_test_id("field-comment").fill("once")
     select(page, "'two'")
@@ -317,13 +317,13 @@ def test_keys_edit_and_nodes_are_stepped_through_and_played_from(rig: Rig, open_
 
 
 def is_saved(folder: Path, text: bytes) -> bool:
-    """Whether the program in a pendant's folder of drafts has it."""
+    """Whether a draft in the folder of a pendant contains a text."""
     drafts = [json.loads(file.read_text())["urp"] for file in folder.glob("*.json")]
     return any(text in gzip.decompress(base64.b64decode(urp)) for urp in drafts)
 
 
 @pytest.mark.long
-def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser: Browser, tmp_path: Path) -> None:
+def test_draft_survives_killed_pendant(rig: Rig, browser: Browser, tmp_path: Path) -> None:
     options = ("--port", "6081", "--modbus-port", str(rig.robot.ports["modbus"]), "--drafts", str(tmp_path))
     context = browser.new_context(viewport=VIEWPORT)
     context.add_init_script(SLOW_FRAMES)
@@ -347,8 +347,8 @@ def test_what_is_being_made_outlives_a_pendant_that_is_killed(rig: Rig, browser:
 
 
 @pytest.mark.long
-def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path, browser: Browser) -> None:
-    """The same clicks on a UR5e; then both are killed and started anew, and the program is there, saved or not."""
+def test_e_series_program_survives_restart_of_emulator_and_pendant(tmp_path: Path, browser: Browser) -> None:
+    """The same on a UR5e; then both are killed and restarted, and saved and unsaved changes are preserved."""
     rig = Rig("ur5e", tmp_path)
     context = browser.new_context(viewport=VIEWPORT)
     context.add_init_script(SLOW_FRAMES)
@@ -379,7 +379,7 @@ def test_on_an_e_series_chapter_ten_outlives_emulator_and_pendant(tmp_path: Path
 
 
 @pytest.mark.long
-def test_in_simulation_a_program_moves_the_arm_on_the_screen_and_the_real_one_stands(rig, open_page):
+def test_simulation_moves_drawn_arm_only(rig, open_page):
     text = "def far():\n  movej([0.4, -1.2, 1.0, -1.4, -1.5, 0.2], a=3, v=2)\nend\n"
     (rig.programs / "far.script").write_text(text)
     page = open_page("move")

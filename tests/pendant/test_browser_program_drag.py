@@ -1,4 +1,4 @@
-"""Program, in a browser: nodes are dragged to where they are to be."""
+"""Program, in a browser: nodes are dragged."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ PLACES = {"before": 0.15, "onto": 0.5, "after": 0.85}  # of a row's height
 
 
 @pytest.mark.long
-def test_nodes_are_dragged_before_into_and_behind_others(rig: Rig, open_page: Callable[[str], Page]) -> None:
+def test_nodes_are_dragged_before_into_and_after_others(rig: Rig, open_page: Callable[[str], Page]) -> None:
     page = open_page("program")
     page.get_by_test_id("program-new").click()
     title, agree = page.get_by_test_id("program-title"), page.get_by_test_id("agree")

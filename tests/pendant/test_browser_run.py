@@ -17,7 +17,7 @@ TREE = (
 
 
 def write(page: Page, text: str) -> None:
-    """Type over what the editor has."""
+    """Replace the text of the editor."""
     page.get_by_test_id("run-tab-script").click()
     page.locator(".cm-content").click()
     page.keyboard.press("Control+A")
@@ -25,7 +25,7 @@ def write(page: Page, text: str) -> None:
     page.keyboard.insert_text(text)
 
 
-def test_a_program_is_loaded_played_and_watched(rig, open_page):
+def test_program_is_loaded_played_and_monitored(rig, open_page):
     (rig.programs / "count.script").write_text(COUNT)
     page = open_page("run")
     page.get_by_test_id("run-choose").click()
@@ -49,7 +49,7 @@ def test_a_program_is_loaded_played_and_watched(rig, open_page):
 
 
 @pytest.mark.long
-def test_the_node_of_a_tree_that_is_carried_out_is_marked(rig, open_page):
+def test_executing_node_is_highlighted(rig, open_page):
     (rig.programs / "tree.urp").write_bytes(gzip.compress(TREE.encode()))
     page = open_page("run")
     page.get_by_test_id("run-path").fill("tree.urp")
@@ -59,14 +59,14 @@ def test_the_node_of_a_tree_that_is_carried_out_is_marked(rig, open_page):
     expect(page.locator(".program-node.current")).to_have_text("3Wait: 60")
 
 
-def test_a_wrong_path_is_told(open_page):
+def test_missing_file_is_reported(open_page):
     page = open_page("run")
     page.get_by_test_id("run-path").fill("nowhere.urp")
     page.get_by_test_id("run-load").click()
     expect(page.get_by_text("File not found: nowhere.urp")).to_be_visible()
 
 
-def test_an_error_is_marked_on_its_line_and_the_text_is_kept_for_all(rig, open_page):
+def test_error_is_marked_and_text_is_shared_between_browsers(rig, open_page):
     page = open_page("run")
     write(page, "def bad():\n  a = [1, 2]\n  b = a[7]\nend\n")
     page.get_by_test_id("script-send").click()
@@ -81,19 +81,21 @@ def test_an_error_is_marked_on_its_line_and_the_text_is_kept_for_all(rig, open_p
     other.get_by_test_id("script-send").click()
     expect(page.get_by_test_id("script-phase")).to_have_text("Running")
     expect(page.get_by_test_id("script-error")).to_be_hidden()
-    eventually(lambda: rig.control.variables() == {"answer": "42"})  # it runs from before its first line on
+    eventually(
+        lambda: rig.control.variables() == {"answer": "42"}
+    )  # the program counts as running before its first line
     page.get_by_test_id("run-tab-program").click()
     expect(page.locator(".program-line.current")).to_contain_text("sleep(60)")
 
 
 @pytest.mark.long
-def test_mistakes_are_shown_with_the_words_of_the_checker_while_a_script_is_written(rig, open_page):
+def test_checker_messages_are_shown_while_typing(rig, open_page):
     page = open_page("run")
     write(page, "def bad():\n  movJ([0, 0, 0, 0, 0, 0])\nend\n")
     problems = page.get_by_test_id("script-error")
     expect(problems).to_contain_text("Line 2, column 3: function 'movJ' is not defined")
     expect(page.locator(".script-bad-line")).to_contain_text("movJ")
-    page.get_by_test_id("script-send").click()  # the robot, too, says no
+    page.get_by_test_id("script-send").click()  # the robot refuses it, too
     expect(page.get_by_test_id("script-phase")).to_have_text("Error")
     expect(problems).not_to_contain_text("compile_error")
     expect(problems).to_contain_text("function 'movJ' is not defined")
@@ -103,7 +105,7 @@ def test_mistakes_are_shown_with_the_words_of_the_checker_while_a_script_is_writ
 
 
 @pytest.mark.long
-def test_a_file_is_opened_in_the_editor(open_page, tmp_path):
+def test_file_is_opened_in_editor(open_page, tmp_path):
     (tmp_path / "job.script").write_bytes(b"\xef\xbb\xbfdef opened():\r\n  sync()\r\nend\r\n")
     page = open_page("run")
     write(page, "# nothing of worth")

@@ -18,11 +18,13 @@ _TRIES = 3
 
 @pytest.fixture
 def open_tab(open_page) -> Callable[..., Page]:
-    """Opens the screen, with one of its tabs in view."""
+    """Opens the screen with one of its tabs."""
 
     def open_(tab: str = "") -> Page:
         page = open_page("simulation")
-        page.wait_for_function("typeof pendant.where == 'function' && pendant.where()")  # the arm is drawn
+        page.wait_for_function(
+            "typeof pendant.pixelPosition == 'function' && pendant.pixelPosition()"
+        )  # the arm is drawn
         if tab:
             page.get_by_test_id(f"sim-{tab}").click()
         return page
@@ -31,7 +33,7 @@ def open_tab(open_page) -> Callable[..., Page]:
 
 
 def choose(page: Page, test_id: str, text: str) -> None:
-    """A busy machine's browser may miss a click on what it has just drawn."""
+    """Choose an option, with retries: under load, a browser may miss a click on a new element."""
     option = page.get_by_role("option", name=text, exact=True)
     for _ in range(_TRIES):
         if not option.is_visible():
@@ -43,10 +45,10 @@ def choose(page: Page, test_id: str, text: str) -> None:
 
 
 def pixel_position(page: Page, name: str = "") -> tuple[float, float]:
-    """Of a thing or the ball at the tool, on the page; once nothing moves there any more."""
+    """Position of an object, or of the ball at the tool, on the page; waits until it is at rest."""
     page.wait_for_function(
         """name => {
-            const at = typeof pendant.where == "function" && pendant.where(name || undefined);
+            const at = typeof pendant.pixelPosition == "function" && pendant.pixelPosition(name || undefined);
             const same = at && window.before && at.every((value, i) => Math.abs(value - window.before[i]) < 0.5);
             window.before = at;
             return same;
@@ -54,11 +56,11 @@ def pixel_position(page: Page, name: str = "") -> tuple[float, float]:
         arg=name,
         polling=400,
     )
-    x, y = page.evaluate("name => pendant.where(name || undefined)", name)
+    x, y = page.evaluate("name => pendant.pixelPosition(name || undefined)", name)
     return x, y
 
 
-def test_a_fault_from_its_form_strikes_and_is_listed(rig, open_tab):
+def test_injected_fault_strikes_and_is_listed(rig, open_tab):
     page = open_tab()
     expect(page.get_by_test_id("fault-text")).to_contain_text("Connections are closed")
     choose(page, "fault-port", "dashboard")
@@ -71,7 +73,7 @@ def test_a_fault_from_its_form_strikes_and_is_listed(rig, open_tab):
 
 
 @pytest.mark.long
-def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, open_tab):
+def test_invalid_fault_is_refused_and_lasting_fault_is_cleared(rig, open_tab):
     page = open_tab()
     choose(page, "fault-kind", "Arm: Encoder jump")
     page.get_by_test_id("fault-inject").click()
@@ -88,7 +90,7 @@ def test_a_fault_is_refused_with_its_reason_and_one_that_lasts_is_cleared(rig, o
     button.evaluate("it => { it.same = true }")
     struck = page.locator(".sim-fault[data-state=on] .sim-strikes")
     expect(struck).not_to_have_text(struck.inner_text())
-    assert button.evaluate("it => it.same"), "its row was made anew"
+    assert button.evaluate("it => it.same"), "its row was replaced"
     button.click()
     eventually(lambda: newest_fault(rig) == ("delay", {"port": "rtde", "delay_s": 0.01}, "over"))
 
@@ -99,7 +101,7 @@ def newest_fault(rig) -> tuple[str, dict[str, object], str] | None:
 
 
 @pytest.mark.long
-def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_release(rig, open_tab):
+def test_dragging_ball_or_entering_wrench_pushes_tool(rig, open_tab):
     page = open_tab()
     eventually(lambda: pull_ball(page, rig))
     expect(page.get_by_test_id("measured-force")).not_to_contain_text("Measured 0.0 N")
@@ -114,7 +116,7 @@ def test_dragging_the_ball_pushes_the_tool_while_it_is_held_and_numbers_until_re
 
 
 def pull_ball(page: Page, rig) -> bool:
-    """Pull the ball; on a busy machine it may still have moved after it had been looked for, and is let go then."""
+    """Drag the ball; returns False if it moved before it was hit, which can happen under load."""
     x, y = pixel_position(page)
     page.mouse.move(x, y)
     page.mouse.down()
@@ -131,7 +133,7 @@ def force(rig) -> float:
     return sum(value * value for value in rig.state("actual_TCP_force")[:3]) ** 0.5
 
 
-def test_paused_time_is_stepped_and_loses_nobody(rig, open_tab):
+def test_paused_time_is_stepped_without_disconnecting_clients(rig, open_tab):
     page = open_tab()
     try:
         page.get_by_test_id("time-pause").click()
@@ -141,7 +143,7 @@ def test_paused_time_is_stepped_and_loses_nobody(rig, open_tab):
         after = before["time_s"] + 10 * before["period_s"]
         expect(page.get_by_test_id("sim-clock")).to_have_text(f"{after:.3f} s")
         assert rig.control.time()["time_s"] == pytest.approx(after)
-        page.wait_for_timeout(1500)  # longer than a robot that runs may be silent
+        page.wait_for_timeout(1500)  # longer than the timeout of states
         expect(page.locator(".lost")).to_be_hidden()
         page.get_by_test_id("time-resume").click()
         expect(page.get_by_test_id("pace")).to_be_hidden()
@@ -151,7 +153,7 @@ def test_paused_time_is_stepped_and_loses_nobody(rig, open_tab):
 
 
 @pytest.mark.long
-def test_things_are_added_dragged_and_removed(rig, open_tab):
+def test_objects_are_added_dragged_and_removed(rig, open_tab):
     page = open_tab("world")
     add = page.get_by_test_id("object-add")
     add.click()
@@ -164,7 +166,7 @@ def test_things_are_added_dragged_and_removed(rig, open_tab):
 
 
 def drag_box(page: Page, rig, before: list[float]) -> bool:
-    """Drag the box; on a busy machine the picture may still have turned after it had been looked for."""
+    """Drag the box; returns False if the view moved before it was hit, which can happen under load."""
     x, y = pixel_position(page, "box")
     page.mouse.move(x, y)
     page.mouse.down()
@@ -177,12 +179,12 @@ def drag_box(page: Page, rig, before: list[float]) -> bool:
 
 
 def moved_horizontally(before: list[float], now: list[float]) -> bool:
-    """Along the ground and no other way."""
+    """Whether an object has moved horizontally only."""
     return now[:2] != before[:2] and now[2:] == before[2:]
 
 
 @pytest.mark.long
-def test_inputs_are_switched_and_driven(rig, open_tab):
+def test_digital_and_analog_inputs_are_set(rig, open_tab):
     page = open_tab("inputs")
     for test_id, bit in (("di3", 1 << 3), ("ci7", 1 << 15), ("ti1", 1 << 17)):
         switch = page.get_by_test_id(test_id)
@@ -197,7 +199,7 @@ def test_inputs_are_switched_and_driven(rig, open_tab):
     rig.control.set_analog_input(1, 0.0)
 
 
-def test_a_gate_opens_and_any_cause_can_be_tripped(rig, open_tab):
+def test_safeguard_opens_and_safety_cause_trips(rig, open_tab):
     page = open_tab("safety")
     gate = page.get_by_test_id("device-safeguard")
     gate.click()
@@ -212,7 +214,7 @@ def test_a_gate_opens_and_any_cause_can_be_tripped(rig, open_tab):
 
 
 @pytest.mark.long
-def test_the_state_is_saved_and_restored(rig, open_tab, tmp_path):
+def test_state_is_saved_and_restored(rig, open_tab, tmp_path):
     page = open_tab("arm")
     with page.expect_download() as download:
         page.get_by_test_id("save-state").click()
@@ -227,7 +229,7 @@ def test_the_state_is_saved_and_restored(rig, open_tab, tmp_path):
 
 
 @pytest.mark.long
-def test_who_is_connected_is_told(rig, open_tab):
+def test_connected_clients_are_listed(rig, open_tab):
     page = open_tab("connections")
     with socket.create_connection((rig.host, rig.robot.ports["realtime"])) as client:
         host, port = client.getsockname()
@@ -237,13 +239,13 @@ def test_who_is_connected_is_told(rig, open_tab):
 
 @pytest.fixture
 def without_control(rig) -> Iterator[str]:
-    """A pendant that finds no control API, as with a robot."""
+    """A pendant without control API, as with a real robot."""
     with pendant(rig.host, "--port", "6081", "--control-port", "0"):
         yield f"http://{rig.host}:6081"
 
 
 @pytest.mark.long
-def test_a_robot_has_no_such_screen(without_control, browser):
+def test_real_robot_has_no_simulation_screen(without_control, browser):
     page = browser.new_page()
     page.goto(f"{without_control}/initialize")
     expect(page.locator(".robot-name")).to_contain_text("UR3")

@@ -1,4 +1,4 @@
-"""What the screens say of one situation, in a browser: the same, and nothing that is not so."""
+"""The situation on several screens, in a browser: consistent and correct."""
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -12,7 +12,7 @@ def show(page: Page, screen: str) -> None:
     page.get_by_test_id(f"tab-{screen}").click()
 
 
-def test_a_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
+def test_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
     try:
         (rig.programs / "count.script").write_text(COUNT)
         rig.control.dashboard("load count.script")
@@ -46,7 +46,7 @@ def test_a_safeguard_is_opened_closed_and_reset(rig: Rig, open_page) -> None:
 
 @pytest.fixture
 def disconnect_robot(rig: Rig):
-    """Lets the robot vanish from the network, and come back afterwards."""
+    """Disconnects the robot from the network until the end of the test."""
 
     def disconnect() -> None:
         for port in ("rtde", "primary", "dashboard"):
@@ -57,7 +57,7 @@ def disconnect_robot(rig: Rig):
     rig.control.clear_faults()
 
 
-def test_of_a_lost_robot_no_screen_says_anything(rig: Rig, disconnect_robot, open_page) -> None:
+def test_screens_show_no_values_of_disconnected_robot(rig: Rig, disconnect_robot, open_page) -> None:
     page = open_page("initialize")
     expect(page.get_by_test_id("robot-mode")).to_have_text("Normal")
     expect(page.get_by_test_id("joint-mode-2")).to_have_text("Running")

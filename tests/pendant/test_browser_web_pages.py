@@ -1,4 +1,4 @@
-"""Web pages of others, in the browser of somebody who has an emulator on the same machine: they move nothing."""
+"""Foreign web pages in a browser on the same machine as an emulator cannot control it."""
 
 import socket
 import threading
@@ -11,7 +11,7 @@ from playwright.sync_api import Browser, Page, Playwright
 from tests.pendant.conftest import CHROMIUM, FLAGS, eventually
 from urproto.testing.process import EmulatorProcess
 
-FOREIGN, REBOUND = "evil.test", "rebound.test"  # names of the page, and of the robot after the name was changed
+FOREIGN, REBOUND = "evil.test", "rebound.test"  # host names of the page, and of the robot after DNS rebinding
 BODY = """
 power off
 set_standard_digital_out(0, True)
@@ -22,8 +22,8 @@ end
 play
 SET ACT 1 GTO 1 POS 255
 """
-HTTP_PORTS = {"control"}  # speaks HTTP, and looks at what is asked
-# every way a page has to open a connection; each gives up by itself
+HTTP_PORTS = {"control"}  # speaks HTTP and checks its requests
+# every way in which a page can open a connection; each one times out
 ATTACK = """([host, ports, body]) => Promise.all(ports.map(async port => {
   const url = `http://${host}:${port}`;
   const soon = () => ({mode: 'no-cors', signal: AbortSignal.timeout(5000)});
@@ -67,7 +67,7 @@ class EmptyPage(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, *_: object) -> None:
-        """Not in the report of the tests."""
+        """Keep requests out of the test report."""
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def robot() -> Iterator[EmulatorProcess]:
 
 @pytest.fixture(scope="module")
 def foreign_page() -> Iterator[str]:
-    """Where the page of somebody else is."""
+    """Address of a foreign page."""
     server = HTTPServer(("127.0.0.1", 0), EmptyPage)
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()
@@ -91,7 +91,7 @@ def foreign_page() -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser_with_names(playwright: Playwright, robot: EmulatorProcess) -> Iterator[Browser]:
-    """To it, the page's name is this machine's, and the other one means the robot by now."""
+    """A browser that resolves the page's name to this machine and the rebound name to the robot."""
     rules = f"--host-resolver-rules=MAP {FOREIGN} 127.0.0.1, MAP {REBOUND} {robot.host}"
     browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, rules])
     yield browser
@@ -107,12 +107,12 @@ def page(browser_with_names: Browser) -> Iterator[Page]:
 
 @pytest.fixture
 def untouched(robot: EmulatorProcess) -> Iterator[None]:
-    """Nothing of the robot has changed in the end."""
+    """Checks that the robot has not changed after the test."""
     names = ["robot_mode", "safety_mode", "actual_q", "actual_digital_output_bits", "actual_digital_input_bits"]
     names += ["runtime_state", "speed_scaling"]
     before, messages = robot.state(names), robot.log(1000)
     yield
-    robot.run_until(f"timestamp > {robot.state(['timestamp'])['timestamp'] + 0.5}")  # a program would have begun
+    robot.run_until(f"timestamp > {robot.state(['timestamp'])['timestamp'] + 0.5}")  # a program would have started
     assert robot.state(names) == before
     assert robot.log(1000) == messages
     with socket.create_connection((robot.host, robot.ports["gripper"]), timeout=10) as gripper:
@@ -121,7 +121,7 @@ def untouched(robot: EmulatorProcess) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("untouched")
-def test_a_page_tries_every_port(robot: EmulatorProcess, foreign_page: str, page: Page) -> None:
+def test_foreign_page_cannot_use_any_port(robot: EmulatorProcess, foreign_page: str, page: Page) -> None:
     page.goto(foreign_page)
     page.evaluate(ATTACK, [robot.host, list(robot.ports.values()), BODY])
     for name in set(robot.ports) - HTTP_PORTS:
@@ -133,7 +133,7 @@ def test_a_page_tries_every_port(robot: EmulatorProcess, foreign_page: str, page
 
 
 @pytest.mark.usefixtures("untouched")
-def test_a_page_whose_name_became_the_robots(robot: EmulatorProcess, page: Page) -> None:
+def test_dns_rebinding_is_rejected(robot: EmulatorProcess, page: Page) -> None:
     forbidden = 403
     answer = page.goto(f"http://{REBOUND}:{robot.ports['control']}/")
     assert answer is not None

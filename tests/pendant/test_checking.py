@@ -1,4 +1,4 @@
-"""What the checker says of the editor's text, asked for as a command."""
+"""Checking the editor's text with the checker command."""
 
 import asyncio
 from pathlib import Path
@@ -16,8 +16,8 @@ VERSION = PolyscopeVersion.parse("5.11")
 WRONG = "def go():\n  movJ([0, 0, 0, 0, 0, 0])\n  sync(\nend\n"
 
 
-async def test_the_editor_says_what_the_checker_says(tmp_path: Path) -> None:
-    """Message by message, line by line."""
+async def test_check_returns_messages_of_checker(tmp_path: Path) -> None:
+    """The same messages at the same positions."""
     expected = ScriptFile("-", WRONG.encode()).problems(cli.LibrarySet(cli._libraries()), VERSION)
     found = await check(WRONG, VERSION)
     assert found
@@ -27,7 +27,7 @@ async def test_the_editor_says_what_the_checker_says(tmp_path: Path) -> None:
     assert await check("def go():\n  sync()\nend\n", VERSION) == ()
 
 
-def test_errors_and_warnings_are_told_apart_and_drawings_are_left_out() -> None:
+def test_output_is_parsed_into_errors_and_warnings() -> None:
     output = "<stdin>:3:5: b\n  3 | a = b\n      ^\n<stdin>:1:2: warning: a\n<stdin>: no problems\n"
     assert [(problem.line, problem.column, problem.severity, problem.text) for problem in parse_output(output)] == [
         (1, 2, "warning", "a"),
@@ -35,7 +35,7 @@ def test_errors_and_warnings_are_told_apart_and_drawings_are_left_out() -> None:
     ]
 
 
-async def test_the_draft_is_checked_whenever_it_is_another(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_draft_is_checked_after_each_change(monkeypatch: pytest.MonkeyPatch) -> None:
     draft, problems = Draft(), list[str]()
     checking = asyncio.create_task(check_forever(draft, lambda: VERSION, problems.append))
     try:

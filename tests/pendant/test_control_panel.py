@@ -1,4 +1,4 @@
-"""Sliders that the arm follows: what is sent when, and what ends it. See test_browser_controllers for the whole."""
+"""Sliders that the arm follows: sent trajectories, and reasons to stop. See also test_browser_controllers."""
 
 import asyncio
 from typing import Any, cast
@@ -22,7 +22,7 @@ JTC = {
 
 
 class Link:
-    """A manager that takes everything."""
+    """A manager that accepts everything."""
 
     def __init__(self) -> None:
         self.controllers: tuple[dict[str, Any], ...] = (JTC,)
@@ -53,7 +53,7 @@ class Bench:
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
-    monkeypatch.setattr(ControlPanel, "COMMAND_HZ", 200.0)  # faster, for the test; the rule stays
+    monkeypatch.setattr(ControlPanel, "COMMAND_HZ", 200.0)  # faster, to shorten the test
     return Bench()
 
 
@@ -62,7 +62,7 @@ async def settle() -> None:
         await asyncio.sleep(0.005)
 
 
-async def test_trajectories_have_one_point_and_the_duration_of_rqt(bench: Bench) -> None:
+async def test_trajectories_have_one_point_and_duration_of_rqt(bench: Bench) -> None:
     panel = bench.panel
     panel.enable()
     assert panel.targets == bench.q  # nothing jumps
@@ -73,7 +73,7 @@ async def test_trajectories_have_one_point_and_the_duration_of_rqt(bench: Bench)
     panel.disable()
     first, last = bench.link.sent[0]["trajectory"], bench.link.sent[-1]["trajectory"]
     assert first["joint_names"] == [f"left_{name}" for name in JOINT_NAMES]
-    assert first["points"] == [{"positions": bench.q, "time_from_start_s": 0.5 / 0.5}]  # at the least, at 50 %
+    assert first["points"] == [{"positions": bench.q, "time_from_start_s": 0.5 / 0.5}]  # the minimum, at 50 %
     assert last["points"] == [{"positions": tuple(target), "time_from_start_s": 3.0 / MODEL.qd_max[0] / 0.5}]
     panel.scaling = 0.01
     panel.targets = (0.0,) * 6
@@ -83,13 +83,13 @@ async def test_trajectories_have_one_point_and_the_duration_of_rqt(bench: Bench)
     assert (len(bench.link.sent), bench.ended) == (count, [""])
 
 
-async def test_what_ends_it(bench: Bench) -> None:
+async def test_panel_is_disabled_on_failure_or_disconnection(bench: Bench) -> None:
     panel, link = bench.panel, bench.link
     for end_it, reason in (
         (lambda: setattr(link, "failure", "the manager has ended"), "the manager has ended"),
         (lambda: setattr(bench, "q", None), "the robot has stopped answering"),
         (lambda: setattr(link, "controllers", ()), "no longer controls the six joints"),
-        (lambda: panel.set_targets(None), ""),  # the browser is gone
+        (lambda: panel.set_targets(None), ""),  # the browser has disconnected
         (lambda: panel.select_controller("another"), ""),
     ):
         panel.enable()
@@ -103,7 +103,7 @@ async def test_what_ends_it(bench: Bench) -> None:
         panel.select_controller(SCALED)
 
 
-async def test_one_browser_drives_and_only_by_an_active_controller(bench: Bench) -> None:
+async def test_only_one_browser_with_active_controller_may_drive(bench: Bench) -> None:
     bench.panel.enable()
     other = bench.another_panel()
     with pytest.raises(RobotRefused, match="the sliders of another browser control the arm"):
@@ -115,7 +115,7 @@ async def test_one_browser_drives_and_only_by_an_active_controller(bench: Bench)
 
 
 @pytest.mark.parametrize("message", ["x", [1.0] * 5, [float("nan")] * 6, [True] * 6, ["1"] * 6, {}])
-async def test_what_no_slider_says_is_nonsense(bench: Bench, message: Any) -> None:
+async def test_invalid_slider_values_are_rejected(bench: Bench, message: Any) -> None:
     bench.panel.enable()
     with pytest.raises(ValueError, match="sliders send six numbers"):
         bench.panel.set_targets(message)

@@ -1,4 +1,4 @@
-"""Popups and questions as a pendant keeps them."""
+"""Popups and questions."""
 
 import pytest
 
@@ -14,7 +14,7 @@ def listed(number: int, kind: str = "NONE") -> dict[str, object]:
     return {"id": number, "title": "", "text": "t", "type": kind}
 
 
-def test_popups_and_questions_are_open_until_somebody_closes_them():
+def test_dialogues_stay_open_until_closed():
     dialogues = Dialogues()
     dialogues.handle_message(POPUP)
     dialogues.handle_message(ASK)
@@ -26,7 +26,7 @@ def test_popups_and_questions_are_open_until_somebody_closes_them():
     assert dialogues.oldest is None
 
 
-def test_the_end_of_a_program_takes_its_questions_back():
+def test_program_end_closes_questions():
     dialogues = Dialogues()
     dialogues.handle_message(POPUP)
     dialogues.handle_message(ASK)
@@ -34,7 +34,7 @@ def test_the_end_of_a_program_takes_its_questions_back():
     assert list(dialogues.open) == [2]
 
 
-def test_an_older_list_does_not_open_what_was_answered_here():
+def test_outdated_list_does_not_reopen_closed_dialogue():
     dialogues = Dialogues()
     dialogues.synchronise([listed(7, "INTEGER")])
     assert dialogues.oldest is not None
@@ -43,7 +43,7 @@ def test_an_older_list_does_not_open_what_was_answered_here():
     dialogues.synchronise([listed(7, "INTEGER")])
     assert dialogues.oldest is None
     dialogues.synchronise([])
-    dialogues.synchronise([listed(7, "STRING")])  # of an emulator that began anew
+    dialogues.synchronise([listed(7, "STRING")])  # of a restarted emulator
     assert list(dialogues.open) == [7]
 
 
@@ -56,7 +56,7 @@ def test_an_older_list_does_not_open_what_was_answered_here():
         (RequestedType.STRING, " 3 ", " 3 "),
     ],
 )
-def test_typed_answers_have_the_type_that_is_asked_for(kind: RequestedType, text: str, value: object):
+def test_typed_answers_are_converted_to_requested_type(kind: RequestedType, text: str, value: object):
     assert parse_answer(kind, text) == value
 
 
@@ -71,6 +71,6 @@ def test_typed_answers_have_the_type_that_is_asked_for(kind: RequestedType, text
         (RequestedType.FLOAT, "1e999", "a number"),
     ],
 )
-def test_a_wrong_answer_says_what_is_wanted(kind: RequestedType, text: str, wanted: str):
+def test_invalid_answer_reports_expected_format(kind: RequestedType, text: str, wanted: str):
     with pytest.raises(ValueError, match=wanted):
         parse_answer(kind, text)

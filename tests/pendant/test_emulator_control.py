@@ -1,4 +1,4 @@
-"""An emulator's control API as a pendant sees it."""
+"""An emulator's control API as seen by a pendant."""
 
 import asyncio
 import json
@@ -33,7 +33,7 @@ async def server(status: int, answers: dict[str, object]) -> AsyncIterator[int]:
 
 
 async def query_emulator(status: int, answers: dict[str, object], **also: object) -> EmulatorControl:
-    """After it has looked."""
+    """The state after the first queries."""
     changed = asyncio.Event()
     async with server(status, answers) as port, timeout(20.0):
         emulator = EmulatorControl("127.0.0.1", port, "", changed.set)
@@ -50,18 +50,18 @@ async def query_emulator(status: int, answers: dict[str, object], **also: object
 TIME = {"time_s": 1.0, "period_s": 0.008, "speed": 1.0, "paused": False}
 
 
-async def test_one_that_wants_a_token_is_told_from_none() -> None:
+async def test_emulator_with_unknown_token_is_locked() -> None:
     emulator = await query_emulator(401, {})
     assert (emulator.available, emulator.locked) == (False, True)
 
 
-async def test_what_stays_the_same_is_asked_for_once() -> None:
+async def test_constant_results_are_queried_once() -> None:
     emulator = await query_emulator(200, {"popups": [], "time": TIME, "ports": {"rtde": 30004}, "fault_kinds": []})
     assert (emulator.available, emulator.locked) == (True, False)
     assert emulator.catalogue == {"ports": {"rtde": 30004}, "fault_kinds": []}
     assert (emulator.pace, emulator.still) == ("", False)
 
 
-async def test_paused_time_is_known() -> None:
+async def test_paused_time_is_detected() -> None:
     emulator = await query_emulator(200, {"popups": [], "time": {**TIME, "paused": True}})
     assert (emulator.pace, emulator.still) == ("time paused", True)

@@ -1,4 +1,4 @@
-"""Faults as a form: every kind that the emulator tells of, and back to arguments it takes."""
+"""Fault forms: built from the emulator's descriptions, and converted to arguments it accepts."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def forms() -> dict[str, FaultKind]:
 
 
 def initial_value(field: FaultField) -> object:
-    """What stands in a field that nobody has touched, or that somebody had to fill in."""
+    """The initial content of a field, or an example for a required one."""
     if field.required:
         return next(iter(field.choices)) if field.choices else {"text": "word", "int": "3", "float": "0.25"}[field.type]
     if field.type == "bool" or field.choices:
@@ -25,7 +25,7 @@ def initial_value(field: FaultField) -> object:
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_the_form_of_every_kind_makes_that_fault(forms, name) -> None:
+def test_form_of_every_kind_creates_its_fault(forms, name) -> None:
     form = forms[name]
     arguments = fault_arguments(form, {field.name: initial_value(field) for field in form.fields})
     assert set(arguments) == {field.name for field in form.fields if field.required}
@@ -33,19 +33,19 @@ def test_the_form_of_every_kind_makes_that_fault(forms, name) -> None:
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_every_default_of_a_field_with_choices_is_one_of_them(forms, name) -> None:
+def test_defaults_are_valid_choices(forms, name) -> None:
     for field in forms[name].fields:
         assert not field.choices or field.required or field.default in field.choices
 
 
-def test_what_was_changed_is_told_in_its_type(forms) -> None:
+def test_changed_fields_are_converted(forms) -> None:
     shown = {"port": "rtde", "direction": "both", "delay_s": "0.05", "lasting": "2", "seed": "7", "once": True}
     arguments = fault_arguments(forms["delay"], shown)
     assert arguments == {**shown, "delay_s": 0.05, "lasting": 2.0, "seed": 7}
     assert isinstance(arguments["seed"], int)
 
 
-def test_the_default_port_is_all_of_them_and_the_control_api_is_none(forms) -> None:
+def test_port_choices_include_all_ports_but_control_api(forms) -> None:
     port = next(field for field in forms["stall"].fields if field.name == "port")
     assert list(port.choices) == ["", "dashboard", "rtde", "scripts"]
 
@@ -58,10 +58,10 @@ def test_the_default_port_is_all_of_them_and_the_control_api_is_none(forms) -> N
         ("delay", {"delay_s": "0.1", "seed": "1.5"}, "seed must be a whole number"),
     ],
 )
-def test_what_is_missing_or_wrong_is_told(forms, kind, shown, message) -> None:
+def test_missing_or_invalid_fields_are_reported(forms, kind, shown, message) -> None:
     with pytest.raises(ValueError, match=message):
         fault_arguments(forms[kind], shown)
 
 
-def test_every_fault_of_an_emulator_has_its_place_in_the_list():
+def test_every_fault_subject_has_a_title():
     assert {kind["subject"] for kind in kinds()} == SUBJECTS.keys()

@@ -1,4 +1,4 @@
-"""States that several look at: rows kept, connections shared, ended and inherited."""
+"""Feeds of states: kept rows, shared connections, and inheritance of rows."""
 
 import asyncio
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ def state(time_s: float, **values: Any) -> dict[str, Any]:
     return {"timestamp": time_s, **values}
 
 
-def test_rows_are_the_states_that_came() -> None:
+def test_rows_match_received_states() -> None:
     feed = Feed(("timestamp", "actual_q", "robot_mode"), keep_rows=True)
     states = [state(8.0 + i, actual_q=tuple(i + q for q in Q), robot_mode=7) for i in range(3)]
     for one in states:
@@ -29,13 +29,13 @@ def test_rows_are_the_states_that_came() -> None:
     assert [feed.row_at(time_s) for time_s in (0.0, 8.5, 9.0, 11.0)] == [0, 1, 1, 3]
 
 
-def test_what_a_robot_does_not_have_is_a_gap() -> None:
+def test_unavailable_values_are_none() -> None:
     feed = Feed(("timestamp", "actual_q", "payload", "robot_mode"), keep_rows=True)
     feed.append_state(state(1.0))
     assert next(feed.states()) == state(1.0, actual_q=(None,) * 6, payload=None, robot_mode=None)
 
 
-def test_an_heir_goes_on_with_what_both_have() -> None:
+def test_successor_inherits_common_values() -> None:
     predecessor = Feed(("timestamp", "actual_q"), keep_rows=True)
     predecessor.append_state(state(1.0, actual_q=Q))
     successor = Feed(("timestamp", "speed_scaling", "actual_q"), keep_rows=True)
@@ -47,7 +47,7 @@ def test_an_heir_goes_on_with_what_both_have() -> None:
     ]
 
 
-def test_the_oldest_rows_go_when_there_are_too_many(monkeypatch) -> None:
+def test_oldest_rows_are_dropped(monkeypatch) -> None:
     monkeypatch.setattr("client.pendant.feeds._MAX_NUMBERS", 160)
     feed = Feed(("timestamp", "speed_scaling"), keep_rows=True)
     for i in range(1000):
@@ -61,7 +61,7 @@ def test_the_oldest_rows_go_when_there_are_too_many(monkeypatch) -> None:
 
 
 class FakeClient:
-    """An RTDE connection that says what the test puts there."""
+    """An RTDE connection that returns the messages of the test."""
 
     def __init__(self, names: Sequence[str], rate_hz: float, opened: list["FakeClient"]) -> None:
         self.names, self.rate_hz = names, rate_hz
@@ -91,7 +91,7 @@ async def until(condition) -> None:
             await asyncio.sleep(0)
 
 
-async def test_who_looks_at_the_same_shares_a_connection_which_ends_with_the_last() -> None:
+async def test_equal_subscriptions_share_a_connection() -> None:
     opened = list[FakeClient]()
     feeds = Feeds(lambda names, rate: FakeClient(names, rate, opened))  # type: ignore[arg-type, return-value]
     first = feeds.subscribe(["actual_q", "timestamp"], 50.0)
@@ -115,7 +115,7 @@ async def test_who_looks_at_the_same_shares_a_connection_which_ends_with_the_las
     assert len(feeds) == 0
 
 
-async def test_a_lost_robot_is_told_and_tried_again(monkeypatch) -> None:
+async def test_lost_connection_is_reported_and_reopened(monkeypatch) -> None:
     monkeypatch.setattr("client.pendant.polling._RETRY_PERIOD_S", 0.0)
     opened = list[FakeClient]()
     feeds = Feeds(lambda names, rate: FakeClient(names, rate, opened))  # type: ignore[arg-type, return-value]

@@ -1,6 +1,6 @@
-"""What strangers and broken programs send to a pendant is refused or dropped, and says so in a few lines of its log.
+"""Invalid data sent to a pendant is refused or dropped, with a few lines in its log.
 
-UR_GARBAGE: how many requests of each kind, for longer runs.
+UR_GARBAGE: number of requests of each kind, for longer runs.
 """
 
 import json
@@ -64,7 +64,7 @@ HEADER_VALUES = (
 )
 JSON_VALUES: tuple[Any, ...] = (None, True, -1, 1e308, "", "x", "held", [], {}, [[]], {"held": {}}, "\ud800", 10**400)
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wants an address of its own")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="requires a separate address")
 
 
 class Target(NamedTuple):
@@ -85,7 +85,7 @@ class Target(NamedTuple):
         return body, dict(line.split(": ", 1) for line in head.split("\r\n")[1:])
 
     def request(self, data: bytes) -> bytes:
-        """What is answered until the pendant hangs up, or says no more for a moment."""
+        """The answer, until the pendant disconnects or is silent for a moment."""
         answer = b""
         with socket.create_connection(self.address, 20) as web, suppress(OSError):
             web.sendall(data)
@@ -111,7 +111,7 @@ def target(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Target]:
 
 @pytest.fixture(autouse=True)
 def check_pendant(request: pytest.FixtureRequest) -> Iterator[None]:
-    """After each test the pendant serves a page, and its log has a few lines and no traceback."""
+    """Check after each test that the pendant still serves a page, and that its log is short and without tracebacks."""
     yield
     if "target" not in request.fixturenames:
         return
@@ -131,7 +131,7 @@ def random_bytes(dice: random.Random, max_length: int = 200) -> bytes:
     return bytes(dice.choices(BYTES, k=dice.randrange(max_length)))
 
 
-def test_requests_that_make_no_sense(target: Target, dice: random.Random) -> None:
+def test_invalid_requests(target: Target, dice: random.Random) -> None:
     for _ in range(COUNT):
         lines = [f"{dice.choice(METHODS)} {dice.choice(PATHS)} HTTP/{dice.choice(('1.1', '1.0', '9.9', ''))}"]
         if dice.random() < 0.8:
@@ -144,7 +144,7 @@ def test_requests_that_make_no_sense(target: Target, dice: random.Random) -> Non
         assert not answer.startswith(b"HTTP/1.1 500"), data
 
 
-def test_bytes_that_are_no_request(target: Target, dice: random.Random) -> None:
+def test_random_bytes_instead_of_request(target: Target, dice: random.Random) -> None:
     for _ in range(COUNT):
         target.request(
             dice.choice((b"", b"GET ", b"\x16\x03\x01", b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n")) + random_bytes(dice, 2000)
@@ -161,19 +161,19 @@ def test_bytes_that_are_no_request(target: Target, dice: random.Random) -> None:
         ("POST /_nicegui/client/1/upload/2", 404),
     ],
 )
-def test_what_there_is_not_is_refused(target: Target, line: str, status: int) -> None:
+def test_unknown_resources_are_refused(target: Target, line: str, status: int) -> None:
     answer = target.request(f"{line} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
     assert answer.startswith(f"HTTP/1.1 {status}".encode()), answer
     assert b"frame-ancestors 'none'" in answer
 
 
 @pytest.mark.parametrize("header", ["Host: evil.example", "Host: [", "Host: localhost\r\nOrigin: http://evil.example"])
-def test_a_page_of_another_site_is_told_nothing(target: Target, header: str) -> None:
+def test_requests_from_other_sites_are_forbidden(target: Target, header: str) -> None:
     answer = target.request(f"GET / HTTP/1.1\r\n{header}\r\nConnection: close\r\n\r\n".encode())
     assert answer.startswith(b"HTTP/1.1 403"), answer
 
 
-def test_a_page_says_what_it_may_do(target: Target) -> None:
+def test_page_has_security_headers(target: Target) -> None:
     body, headers = target.page()
     policy = headers["content-security-policy"]
     nonce = re.search(r"script-src 'self' 'nonce-([\w-]+)' 'unsafe-eval';", policy)
@@ -185,7 +185,7 @@ def test_a_page_says_what_it_may_do(target: Target) -> None:
     assert headers["referrer-policy"] == "no-referrer"
 
 
-def test_web_sockets_that_hear_nonsense(target: Target, dice: random.Random) -> None:
+def test_invalid_web_socket_messages(target: Target, dice: random.Random) -> None:
     page_id = page_id_of(target)
     for _ in range(COUNT):
         path = (
@@ -200,10 +200,10 @@ def test_web_sockets_that_hear_nonsense(target: Target, dice: random.Random) -> 
                         (random_message(dice), random_bytes(dice), "[" * 100_000, "", "{", '{"held": {"joint": 1e999}}')
                     )
                 )
-            web.socket.sendall(random_bytes(dice))  # no frame
+            web.socket.sendall(random_bytes(dice))  # not a valid frame
 
 
-def test_events_that_make_no_sense(target: Target, dice: random.Random) -> None:
+def test_invalid_events(target: Target, dice: random.Random) -> None:
     page_id = page_id_of(target)
     for _ in range(COUNT):
         query = {
@@ -224,7 +224,7 @@ def test_events_that_make_no_sense(target: Target, dice: random.Random) -> None:
                 web.send(random_event(dice, page_id))
 
 
-def test_a_message_that_is_too_long(target: Target) -> None:
+def test_oversized_message(target: Target) -> None:
     with suppress(WebSocketException, OSError), target.web_socket(f"/live/{page_id_of(target)}") as web:
         web.send("x" * 2_000_000)
         web.recv(20)
@@ -233,7 +233,7 @@ def test_a_message_that_is_too_long(target: Target) -> None:
 
 
 def page_id_of(target: Target) -> str:
-    """The id of a page that is there."""
+    """The id of an open page."""
     body, _ = target.page()
     match = re.search(r"""["']client_id["']: ?["']([\w-]+)""", body)
     assert match, body
@@ -286,7 +286,7 @@ def random_event(dice: random.Random, page_id: str) -> str | bytes:
     return dice.choice((f"42{body}", f"{dice.choice(kinds)}{body}", random_bytes(dice)))
 
 
-def test_nonsense_is_said_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:
+def test_invalid_messages_are_logged_once_per_minute(caplog: pytest.LogCaptureFixture) -> None:
     now = [0.0]
     invalid_messages = InvalidMessages(lambda: now[0])
     for _ in range(1000):
@@ -301,7 +301,7 @@ def test_nonsense_is_said_once_a_minute(caplog: pytest.LogCaptureFixture) -> Non
     ]
 
 
-def test_kinds_that_differ_each_time_are_said_together(caplog: pytest.LogCaptureFixture) -> None:
+def test_many_kinds_are_logged_together(caplog: pytest.LogCaptureFixture) -> None:
     invalid_messages = InvalidMessages(time.monotonic)
     for i in range(1000):
         invalid_messages.report(str(i), i)

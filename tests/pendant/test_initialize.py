@@ -1,4 +1,4 @@
-"""Initialize without a browser: why the arm stands, what the button that leads on says, how the safeguard is."""
+"""Initialize without a browser: cause of a stop, text of the recovery button, state of the safeguard."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -35,7 +35,7 @@ def stopped_station(at_s: float, now_s: float, *reports: ErrorCodeMessage) -> An
     return robot
 
 
-def test_a_protective_stop_tells_its_cause_and_counts_down() -> None:
+def test_protective_stop_shows_cause_and_countdown() -> None:
     report = ErrorCodeMessage(timestamp_us=100_100_000, code=153, argument=2, level=ReportLevel.WARNING)
     robot = stopped_station(100.0, 101.4, report)
     assert stop_cause(robot).startswith("C153A2: ")
@@ -43,7 +43,7 @@ def test_a_protective_stop_tells_its_cause_and_counts_down() -> None:
     assert recovery_text(stopped_station(100.0, 105.0)) == "Unlock protective stop"
 
 
-def test_a_violation_tells_the_last_grave_report() -> None:
+def test_violation_shows_last_serious_report() -> None:
     errors = [
         ErrorCodeMessage(code=191, argument=3, level=ReportLevel.VIOLATION, text="too fast"),
         ErrorCodeMessage(code=101, level=ReportLevel.INFO),
@@ -53,7 +53,7 @@ def test_a_violation_tells_the_last_grave_report() -> None:
     assert recovery_text(robot) == "Restart safety"
 
 
-def test_nothing_stopped_nothing_told() -> None:
+def test_no_cause_without_stop() -> None:
     robot = station(errors=[ErrorCodeMessage(code=191, level=ReportLevel.VIOLATION)])
     assert (stop_cause(robot), recovery_text(robot)) == ("", "")
 
@@ -68,13 +68,13 @@ STOP = SafetyStatusBits.SAFEGUARD_STOPPED
         (SafetyMode.SAFEGUARD_STOP, STOP, True, "Open"),
         (SafetyMode.SAFEGUARD_STOP, STOP, False, "Closed, not reset"),
         (SafetyMode.PROTECTIVE_STOP, SafetyStatusBits.PROTECTIVE_STOPPED, True, "Open"),
-        (SafetyMode.SAFEGUARD_STOP, STOP, None, "Open or not reset"),  # a robot's
+        (SafetyMode.SAFEGUARD_STOP, STOP, None, "Open or not reset"),  # of a real robot
         (SafetyMode.NORMAL, 0, None, "Closed"),
     ],
 )
-def test_the_safeguard_is_told_as_far_as_it_is_known(safety, bits, is_open, text) -> None:
+def test_safeguard_text_matches_known_state(safety, bits, is_open, text) -> None:
     assert safeguard_text(station(safety=safety, bits=bits, safeguard_open=is_open)) == text
 
 
-def test_of_a_lost_robot_nothing_is_told() -> None:
+def test_safeguard_of_disconnected_robot_is_unknown() -> None:
     assert safeguard_text(station(connected=False, bits=STOP)) == "–"

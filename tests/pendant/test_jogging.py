@@ -1,4 +1,4 @@
-"""Jogging: ramps, joint limits and singularities, on an arm that does what it was told a little later."""
+"""Jogging: ramps, joint limits and singularities, on an arm with a delay."""
 
 import asyncio
 import math
@@ -23,7 +23,7 @@ MAX_DISTANCE_RAD = 0.05
 
 
 class SimulatedArm:
-    """Follows speeds at once, and says where it is some periods later."""
+    """Follows speeds immediately, and reports its position some periods later."""
 
     def __init__(self, model: RobotModel, q_rad: Sequence[float], space: str) -> None:
         low, high = model.position_limits
@@ -48,7 +48,7 @@ class SimulatedArm:
             else:
                 goal = pose_add([PERIOD_S * speed for speed in speeds], self.kinematics.forward(self.q))
                 solution = self.kinematics.inverse_near(goal, self.q, (-math.inf,) * 6, (math.inf,) * 6)
-                assert solution is not None, "it was driven out of its reach"
+                assert solution is not None, "the target is out of reach"
                 self.q = list(solution)
             self.joint_speeds.append([(b - a) / PERIOD_S for a, b in zip(before, self.q, strict=True)])
             self.reported.append(tuple(self.q))
@@ -59,12 +59,12 @@ def single_axis(axis: int, speed: float) -> tuple[float, ...]:
 
 
 def accelerations(speeds: Sequence[Sequence[float]]) -> list[float]:
-    """The greatest of each period [1/s2]."""
+    """The largest acceleration of each period [1/s2]."""
     pairs = zip([(0.0,) * 6, *speeds], speeds, strict=False)
     return [max(abs(b - a) for a, b in zip(one, other, strict=True)) / PERIOD_S for one, other in pairs]
 
 
-def test_a_joint_is_ramped_up_to_its_speed_and_down_faster() -> None:
+def test_joint_speed_ramps_up_and_down() -> None:
     arm = SimulatedArm(load_model("ur5e"), BENT, "joints")
     arm.run(single_axis(0, 1.0), 2.0)
     assert arm.speeds[-1] == single_axis(0, 1.0)
@@ -76,7 +76,7 @@ def test_a_joint_is_ramped_up_to_its_speed_and_down_faster() -> None:
     assert arm.slowed == {""}
 
 
-def test_the_other_way_goes_through_rest() -> None:
+def test_reversal_passes_through_rest() -> None:
     arm = SimulatedArm(load_model("ur5e"), BENT, "joints")
     arm.run(single_axis(3, 1.0), 1.0)
     arm.run(single_axis(3, -1.0), 2.0)
@@ -102,10 +102,10 @@ def test_every_joint_stops_just_before_its_limit(name: str, sign: float) -> None
         assert any("limit" in why for why in arm.slowed)
         arm.run(None, 0.5)
         arm.run(single_axis(joint, -sign), 1.0)
-        assert arm.speeds[-1] == single_axis(joint, -sign), "it cannot get away from the limit"
+        assert arm.speeds[-1] == single_axis(joint, -sign), "it cannot leave the limit"
 
 
-def test_a_tool_stops_before_a_joint_is_at_its_limit() -> None:
+def test_tool_motion_stops_before_joint_limit() -> None:
     model = load_model("ur5e")
     high = model.position_limits[1][5]
     arm = SimulatedArm(model, (*BENT[:5], high - 0.8), "tool")
@@ -120,17 +120,17 @@ def test_a_tool_stops_before_a_joint_is_at_its_limit() -> None:
 @pytest.mark.parametrize("name", ["ur3", "ur5e", "ur20"])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_a_tool_at_the_end_of_its_reach_comes_to_rest_softly(name: str, axis: int, sign: float) -> None:
+def test_tool_stops_smoothly_at_end_of_reach(name: str, axis: int, sign: float) -> None:
     model = load_model(name)
     arm = SimulatedArm(model, BENT, "tool")
     arm.run(single_axis(axis, sign * 0.25), 11.0)
     assert max(abs(speed) for speeds in arm.joint_speeds for speed in speeds) < 0.7 * max(model.qd_max)
     assert max(accelerations([speeds[:3] + (0.0,) * 3 for speeds in arm.speeds])) <= 2.5 + 1e-9
-    assert any(arm.slowed), "no way is endless"
+    assert any(arm.slowed), "every path ends at the reach"
     assert math.hypot(*arm.speeds[-1]) < 0.001
 
 
-def test_a_tool_that_can_go_its_way_keeps_to_it_at_full_speed() -> None:
+def test_unobstructed_tool_moves_straight_at_full_speed() -> None:
     arm = SimulatedArm(load_model("ur5e"), BENT, "tool")
     before = arm.kinematics.forward(arm.q)
     arm.run(single_axis(2, 0.1), 1.0)
@@ -141,7 +141,7 @@ def test_a_tool_that_can_go_its_way_keeps_to_it_at_full_speed() -> None:
     assert math.dist(before[:2], after[:2]) < 1e-9
 
 
-def test_out_of_a_singularity_tools_do_not_move_but_joints_do() -> None:
+def test_singularity_is_left_by_joint_motion_only() -> None:
     upright = (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0)
     arm = SimulatedArm(load_model("ur5e"), upright, "tool")
     arm.run(single_axis(2, -0.1), 1.0)
@@ -153,7 +153,7 @@ def test_out_of_a_singularity_tools_do_not_move_but_joints_do() -> None:
     assert arm.q[2] > 0.2
 
 
-def test_an_arm_of_unknown_geometry_can_be_jogged_all_the_same() -> None:
+def test_arm_of_unknown_geometry_can_be_jogged() -> None:
     endless = ((-math.inf,) * 6, (math.inf,) * 6)
     ramp = Ramp("tool", Bounds(*endless, (math.inf,) * 6))
     for _ in range(50):
@@ -162,7 +162,7 @@ def test_an_arm_of_unknown_geometry_can_be_jogged_all_the_same() -> None:
 
 
 class FakeMover:
-    """A mover of which freedrive is wanted."""
+    """A mover that only supports freedrive."""
 
     def __init__(self) -> None:
         self.freedrive = False
@@ -178,7 +178,7 @@ class FakeMover:
         self.changed.set()
 
 
-async def test_freedrive_ends_when_its_button_is_silent_and_begins_again_when_it_is_heard_of() -> None:
+async def test_freedrive_ends_without_messages_and_resumes_with_them() -> None:
     mover, errors = FakeMover(), list[str]()
 
     async def attempt(action: Any) -> None:

@@ -1,4 +1,4 @@
-"""What a browser may say over the web socket of its page."""
+"""Messages of a browser over the web socket of its page."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from client.pendant.web_security import InvalidMessages
 
 
 class FakeSocket:
-    """A browser that says these texts and goes away."""
+    """A browser that sends these texts and disconnects."""
 
     def __init__(self, *texts: str) -> None:
         self.texts = list(texts)
@@ -38,7 +38,7 @@ def live() -> Live:
     return Live(Station("127.0.0.1"), "a page")
 
 
-async def test_what_is_held_is_told_and_let_go_when_the_browser_leaves(live: Live) -> None:
+async def test_held_button_is_reported_and_released_on_disconnection(live: Live) -> None:
     received: list[Any] = []
     live.on_held.append(received.append)
     socket = FakeSocket('{"held": {"kind": "joint"}}', '{"held": 3}', '{"other": 1}', "[]")
@@ -46,8 +46,8 @@ async def test_what_is_held_is_told_and_let_go_when_the_browser_leaves(live: Liv
     assert received == [{"kind": "joint"}, None, None]
 
 
-async def test_a_browser_that_comes_back_is_sent_what_it_was_sent_before(live: Live) -> None:
-    """Its page may have been built anew, or have missed what was under way."""
+async def test_reconnected_browser_gets_everything_again(live: Live) -> None:
+    """Its page may have been reloaded, or have missed updates."""
 
     class Element:
         id = 7
@@ -60,7 +60,7 @@ async def test_a_browser_that_comes_back_is_sent_what_it_was_sent_before(live: L
 
 
 @pytest.mark.parametrize("text", ["", "{", "nonsense", '{"held": ', "\x00"])
-async def test_nonsense_ends_the_connection_and_lets_go(live: Live, text: str) -> None:
+async def test_invalid_message_closes_connection_and_releases_button(live: Live, text: str) -> None:
     received: list[Any] = []
     live.on_held.append(received.append)
     socket = FakeSocket('{"held": {}}', text, '{"held": {}}')
@@ -69,7 +69,7 @@ async def test_nonsense_ends_the_connection_and_lets_go(live: Live, text: str) -
     assert received == [{}, None]
 
 
-async def test_a_handler_that_cannot_use_it_ends_the_connection_too(live: Live) -> None:
+async def test_handler_error_closes_connection(live: Live) -> None:
     live.on_message("camera", lambda value: value["azimuth"] if value is not None else None)
     socket = FakeSocket('{"camera": 3}')
     await live.serve(socket, InvalidMessages())  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The log of a pendant: what becomes of messages, and what one browser is sent of them."""
+"""The log of a pendant: conversion of messages, and updates of one browser."""
 
 import csv
 import io
@@ -45,7 +45,7 @@ def texts(change: list[Any] | None) -> list[str]:
         (KeyMessage(title="SECONDARY_PROGRAM_EXCEPTION_XXX", text="late"), "error", "", "late"),
     ],
 )
-def test_messages_have_severity_code_and_the_codes_text(message: object, severity: str, code: str, text: str):
+def test_messages_have_severity_code_and_text(message: object, severity: str, code: str, text: str):
     log = EventLog()
     log.handle_message(message)
     (event,) = log.events
@@ -53,7 +53,7 @@ def test_messages_have_severity_code_and_the_codes_text(message: object, severit
     assert text in event.text
 
 
-def test_what_nobody_wants_to_read_is_no_event_and_compile_errors_have_no_time():
+def test_irrelevant_messages_are_ignored_and_compile_errors_have_no_time():
     log = EventLog()
     log.handle_message(ProgramThreadsMessage(threads=()))
     log.handle_message(object())
@@ -63,7 +63,7 @@ def test_what_nobody_wants_to_read_is_no_event_and_compile_errors_have_no_time()
     assert [event.uptime_s for event in log.events] == [None, 2.5]
 
 
-def test_the_log_is_bounded_and_knows_what_came_since():
+def test_log_is_bounded_and_lists_events_since():
     log = EventLog()
     for number in range(12_000):
         log_message(log, str(number))
@@ -73,7 +73,7 @@ def test_the_log_is_bounded_and_knows_what_came_since():
     assert log.since(12_000) == []
 
 
-def test_a_browser_gets_each_line_once():
+def test_each_line_is_sent_once():
     log = EventLog()
     view = LogView(log)
     log_message(log, "one")
@@ -91,7 +91,7 @@ def test_a_browser_gets_each_line_once():
     assert texts(refreshed) == ["one", "two", "three"]
 
 
-def test_a_flood_is_cut_to_what_is_shown():
+def test_flood_is_truncated_to_shown_lines():
     log = EventLog()
     view = LogView(log)
     view.next_update(True)
@@ -102,7 +102,7 @@ def test_a_flood_is_cut_to_what_is_shown():
     assert (change[0], len(change[1]), texts(change)[-1]) == (True, MAX_SHOWN, "4999")
 
 
-def test_filters_apply_to_what_was_and_to_what_comes():
+def test_filters_apply_to_old_and_new_events():
     log = EventLog()
     view = LogView(log)
     log_message(log, "Gripper closed")
@@ -120,7 +120,7 @@ def test_filters_apply_to_what_was_and_to_what_comes():
     assert [event.text for event in view.matching()] == ["hot", "hot again"]
 
 
-def test_pause_holds_back_and_clear_empties_the_view_only():
+def test_pause_and_clear_affect_only_the_view():
     log = EventLog()
     view = LogView(log)
     log_message(log, "before")
@@ -138,7 +138,7 @@ def test_pause_holds_back_and_clear_empties_the_view_only():
     assert [event.text for event in view.matching()] == ["before", "meanwhile", "after"]
 
 
-def test_downloads_have_everything_a_line_each():
+def test_downloads_contain_one_line_per_event():
     log = EventLog()
     log_message(log, 'quoted "text", with\na line', ReportLevel.WARNING)
     (row,) = csv.DictReader(io.StringIO(as_csv(log.events)))

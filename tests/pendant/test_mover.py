@@ -1,4 +1,4 @@
-"""What a pendant's mover does to an arm: it moves while somebody says so, and nothing else does at that time."""
+"""A pendant's mover: it moves the arm only while requested, one motion at a time."""
 
 import asyncio
 import time
@@ -28,7 +28,7 @@ WAITING = "def waiting():\n  while True:\n    sleep(0.1)\n  end\nend"
 
 
 class Bench:
-    """An emulator, and a mover for it; some say that they hold a button."""
+    """An emulator and a mover for it, with simulated holders of buttons."""
 
     def __init__(self, robot: Emulator) -> None:
         self.robot = robot
@@ -54,7 +54,7 @@ class Bench:
         return not self.at_rest
 
     async def wait_until(self, condition: Callable[[], object]) -> None:
-        """Look at every control period until it holds."""
+        """Check a condition in every control period until it holds."""
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
         def check(_: object) -> None:
@@ -69,7 +69,7 @@ class Bench:
             unsubscribe()
 
     async def hold_until(self, velocity: Velocity, holder: object, condition: Callable[[], object]) -> None:
-        """Somebody holds a button until this is so, and lets it go no more than that."""
+        """Hold a button until a condition holds, then stop reporting it without releasing it."""
 
         async def keep_holding() -> None:
             while True:
@@ -83,7 +83,7 @@ class Bench:
             holding.cancel()
 
     async def wait_idle(self) -> None:
-        """Nothing is under way any more."""
+        """Wait until no motion is in progress."""
         async with timeout(TIMEOUT_S):
             while self.mover.activity:
                 await asyncio.sleep(0.01)
@@ -98,7 +98,7 @@ async def bench() -> AsyncIterator[Bench]:
         await bench.mover.close()
 
 
-async def test_the_arm_moves_while_a_button_is_held_and_rests_when_it_is_let_go(bench: Bench) -> None:
+async def test_arm_moves_while_button_is_held(bench: Bench) -> None:
     await bench.hold_until(BASE_LEFT, "me", lambda: bench.q[0] > START[0] + 0.1)
     assert bench.mover.activity == "Jogging"
     bench.mover.release("me")
@@ -109,14 +109,14 @@ async def test_the_arm_moves_while_a_button_is_held_and_rests_when_it_is_let_go(
     assert bench.errors == []
 
 
-async def test_it_rests_too_when_nothing_more_is_heard_of_the_button(bench: Bench) -> None:
+async def test_arm_stops_without_messages_of_button(bench: Bench) -> None:
     await bench.hold_until(UP, "me", lambda: bench.moving)
     await bench.wait_until(lambda: bench.at_rest)
     await bench.wait_idle()
     assert bench.errors == []
 
 
-async def test_a_machine_that_was_too_slow_for_a_moment_goes_on_for_who_still_holds_the_button(bench: Bench) -> None:
+async def test_jog_resumes_after_late_setpoint_while_button_is_held(bench: Bench) -> None:
     hangs = list[bool]()
 
     def hang_once() -> bool:
@@ -132,7 +132,7 @@ async def test_a_machine_that_was_too_slow_for_a_moment_goes_on_for_who_still_ho
     assert bench.errors == []
 
 
-async def test_a_button_is_of_one_holder(bench: Bench) -> None:
+async def test_only_one_holder_may_jog(bench: Bench) -> None:
     await bench.hold_until(BASE_LEFT, "me", lambda: bench.moving)
     with pytest.raises(RobotRefused, match="Jogging"):
         bench.mover.hold(UP, "somebody else")
@@ -145,7 +145,7 @@ async def test_a_button_is_of_one_holder(bench: Bench) -> None:
     await bench.wait_idle()
 
 
-async def test_another_kind_of_button_takes_over_without_letting_go(bench: Bench) -> None:
+async def test_jog_switches_between_joint_and_tool_motion(bench: Bench) -> None:
     await bench.hold_until(BASE_LEFT, "me", lambda: bench.moving)
     await bench.hold_until(UP, "me", lambda: bench.robot.controller.snapshot.actual_TCP_speed[2] > 0.05)
     bench.mover.release("me")
@@ -153,7 +153,7 @@ async def test_another_kind_of_button_takes_over_without_letting_go(bench: Bench
     assert bench.errors == []
 
 
-async def test_a_move_to_angles_can_be_stopped_and_nothing_comes_between(bench: Bench) -> None:
+async def test_move_j_is_exclusive_and_can_be_stopped(bench: Bench) -> None:
     moving = asyncio.create_task(bench.mover.move_j((1.5, *START[1:]), "Moving to X"))
     await bench.wait_until(lambda: bench.moving)
     assert bench.mover.activity == "Moving to X"
@@ -170,7 +170,7 @@ async def test_a_move_to_angles_can_be_stopped_and_nothing_comes_between(bench: 
     assert bench.q == pytest.approx(START, abs=1e-3)
 
 
-async def test_stop_comes_before_a_move_that_has_not_begun_yet(bench: Bench) -> None:
+async def test_stop_cancels_move_that_has_not_started(bench: Bench) -> None:
     moving = asyncio.create_task(bench.mover.move_j((1.5, *START[1:])))
     while not bench.mover.activity:
         await asyncio.sleep(0)
@@ -180,7 +180,7 @@ async def test_stop_comes_before_a_move_that_has_not_begun_yet(bench: Bench) -> 
     assert bench.q == pytest.approx(START, abs=1e-3)
 
 
-async def test_somebody_elses_program_is_not_replaced(bench: Bench) -> None:
+async def test_other_clients_program_is_not_replaced(bench: Bench) -> None:
     async with AsyncRobot(HOST, robot_ports=bench.robot.ports) as other:
         await other.driver.robot.send_script(WAITING)
         await bench.wait_until(lambda: bench.robot.controller.programs.state is RuntimeState.PLAYING)
@@ -188,13 +188,13 @@ async def test_somebody_elses_program_is_not_replaced(bench: Bench) -> None:
             await bench.mover.move_j(START)
         bench.mover.hold(UP, "me")
         await bench.wait_idle()
-        bench.mover.hold(UP, "me")  # as a browser says ten times a second
+        bench.mover.hold(UP, "me")  # as a browser reports ten times a second
         assert bench.mover.activity == ""
         assert len(bench.errors) == 1
         assert bench.robot.controller.programs.state is RuntimeState.PLAYING
 
 
-async def test_freedrive_lasts_until_it_is_ended(bench: Bench) -> None:
+async def test_freedrive_lasts_until_ended(bench: Bench) -> None:
     freedriving = asyncio.create_task(bench.mover.start_freedrive())
     await bench.wait_until(lambda: bench.freedriving)
     assert bench.mover.freedrive
@@ -204,7 +204,7 @@ async def test_freedrive_lasts_until_it_is_ended(bench: Bench) -> None:
     assert not bench.freedriving
 
 
-async def test_a_protective_stop_ends_freedrive_and_says_what_to_do(bench: Bench) -> None:
+async def test_protective_stop_ends_freedrive_with_advice(bench: Bench) -> None:
     freedriving = asyncio.create_task(bench.mover.start_freedrive())
     await bench.wait_until(lambda: bench.freedriving)
     bench.robot.controller.safety_event(SafetyEvent.PROTECTIVE_STOP)
@@ -213,7 +213,7 @@ async def test_a_protective_stop_ends_freedrive_and_says_what_to_do(bench: Bench
     assert not bench.mover.freedrive
 
 
-async def test_the_program_is_given_back(bench: Bench) -> None:
+async def test_release_control_stops_program(bench: Bench) -> None:
     await bench.mover.move_j((START[0] + 0.05, *START[1:]))
     assert bench.mover.has_slider
     await bench.mover.release_control()
@@ -221,7 +221,7 @@ async def test_the_program_is_given_back(bench: Bench) -> None:
     assert not bench.mover.has_slider
 
 
-async def test_without_brakes_released_nothing_moves(bench: Bench) -> None:
+async def test_motion_requires_released_brakes(bench: Bench) -> None:
     bench.robot.controller.power_event(PowerEvent.POWER_OFF)
     await bench.wait_until(lambda: bench.robot.controller.snapshot.robot_mode is not RobotMode.RUNNING)
     with pytest.raises(RobotRefused, match="release the brakes"):

@@ -1,4 +1,4 @@
-"""What a browser gets of its plots, and the file that is made of them."""
+"""Updates of the plots of a browser, and their export."""
 
 import math
 from pathlib import Path
@@ -42,7 +42,7 @@ def create_plots(*keys: str) -> tuple[Plots, FakeFeeds]:
     return plots, feeds
 
 
-def test_every_number_that_rtde_gives_can_be_plotted() -> None:
+def test_every_rtde_number_can_be_plotted() -> None:
     for version in (*OLDEST, PolyscopeVersion(5, 26)):
         known = catalogue(version)
         fields = available_fields(OUTPUT_FIELDS, version)
@@ -64,12 +64,12 @@ def test_every_number_that_rtde_gives_can_be_plotted() -> None:
         ("actual_digital_output_bits>>17", "TO1", "", 1.0),
     ],
 )
-def test_names_and_units_on_the_screen(key: str, label: str, shown_unit: str, factor: float) -> None:
+def test_signal_labels_and_units(key: str, label: str, shown_unit: str, factor: float) -> None:
     one = catalogue(None)[key]
     assert (one.label, one.shown_unit, one.factor) == (label, shown_unit, pytest.approx(factor))
 
 
-def test_the_browser_gets_each_row_once() -> None:
+def test_each_row_is_sent_once() -> None:
     plots, feeds = create_plots("actual_q[1]", "actual_digital_output_bits>>3", "payload")
     feed = feeds.subscribed[0]
     head = ["timestamp", "actual_q[1]", "actual_digital_output_bits>>3", "payload"]
@@ -88,7 +88,7 @@ def test_the_browser_gets_each_row_once() -> None:
     assert plots.count == 0
 
 
-def test_a_long_past_comes_in_portions_and_not_farther_back_than_the_longest_window() -> None:
+def test_history_is_sent_in_parts_up_to_longest_window() -> None:
     plots, feeds = create_plots("speed_scaling")
     for i in range(30_000):
         feeds.subscribed[0].append_state({"timestamp": i * 0.008, "speed_scaling": 1.0})
@@ -100,7 +100,7 @@ def test_a_long_past_comes_in_portions_and_not_farther_back_than_the_longest_win
     assert got[::2] == pytest.approx([i * 0.008 for i in range(30_000 - len(got) // 2, 30_000)])
 
 
-def test_another_choice_keeps_what_has_been_collected() -> None:
+def test_changing_signals_keeps_collected_rows() -> None:
     plots, feeds = create_plots("actual_q[1]")
     feeds.subscribed[0].append_state({"timestamp": 1.0, "actual_q": (0.5,) * 6})
     plots.choose(plots.panes[0], series("actual_q[2]", "speed_scaling"))
@@ -110,7 +110,7 @@ def test_another_choice_keeps_what_has_been_collected() -> None:
         plots.choose(plots.panes[0], list(catalogue(None).values())[:25])
 
 
-def test_nothing_is_looked_at_after_leaving_and_the_past_is_there_when_coming_back() -> None:
+def test_hiding_unsubscribes_and_keeps_rows() -> None:
     plots, feeds = create_plots("speed_scaling")
     feeds.subscribed[0].append_state({"timestamp": 1.0, "speed_scaling": 0.25})
     plots.hide()
@@ -121,7 +121,7 @@ def test_nothing_is_looked_at_after_leaving_and_the_past_is_there_when_coming_ba
     assert plots.next_update(False) == [["timestamp", "speed_scaling"], [1.0, 0.25]]
 
 
-async def test_the_file_is_one_of_recordings_with_every_digit(tmp_path: Path) -> None:
+async def test_csv_is_a_recording_with_full_precision(tmp_path: Path) -> None:
     plots, feeds = create_plots("actual_q[1]", "robot_mode")
     with pytest.raises(ValueError, match="no data has been collected"):
         await plots.csv()

@@ -1,4 +1,4 @@
-"""What is asked again and again, and what is done again and again."""
+"""Polling, reconnection and execution of the latest request."""
 
 import asyncio
 import struct
@@ -18,7 +18,7 @@ async def until(condition: Callable[[], object]) -> None:
             await asyncio.sleep(0)
 
 
-async def test_asks_while_somebody_looks_and_tells_what_is_new() -> None:
+async def test_polls_while_read_and_reports_changes() -> None:
     answers, changes = [1], []
     poller = Poller(lambda: answer(), 0.0, lambda: changes.append(poller.value))
 
@@ -33,7 +33,7 @@ async def test_asks_while_somebody_looks_and_tells_what_is_new() -> None:
     await poller.close()
 
 
-async def test_nobody_looks_nobody_asks() -> None:
+async def test_does_not_poll_unless_read() -> None:
     others, queries = len(asyncio.all_tasks()), list[int]()
 
     async def answer() -> int:
@@ -53,7 +53,7 @@ async def test_nobody_looks_nobody_asks() -> None:
     await poller.close()
 
 
-async def test_says_why_there_is_no_answer() -> None:
+async def test_reports_problem_without_answer() -> None:
     async def answer() -> int:
         raise ClientError("nobody there")
 
@@ -63,7 +63,7 @@ async def test_says_why_there_is_no_answer() -> None:
     await poller.close()
 
 
-async def test_what_asking_needs_is_ended_when_nobody_looks_and_when_it_is_closed() -> None:
+async def test_releases_resources_when_unread_or_closed() -> None:
     releases, answers = list[int](), list[int]()
 
     async def release() -> None:
@@ -82,7 +82,7 @@ async def test_what_asking_needs_is_ended_when_nobody_looks_and_when_it_is_close
     assert len(releases) == 2
 
 
-async def test_a_connection_that_is_lost_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_lost_connection_is_reopened(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("client.pendant.polling._RETRY_PERIOD_S", 0.0)
     attempts, changes = list[int](), list[str]()
 
@@ -96,7 +96,7 @@ async def test_a_connection_that_is_lost_is_made_again(monkeypatch: pytest.Monke
     assert changes[:2] == ["gone", "gone"]
 
 
-async def test_registers_are_read_over_one_connection_while_they_are_looked_at() -> None:
+async def test_registers_are_read_over_one_connection() -> None:
     memory = [*range(256)]
     connections = list[int]()
 
@@ -117,13 +117,13 @@ async def test_registers_are_read_over_one_connection_while_they_are_looked_at()
     memory[130] = 7
     await until(lambda: registers.words[2] == 7)
     assert connections == [1]
-    await until(lambda: sum(connections) == 0)  # nobody looks any more
+    await until(lambda: sum(connections) == 0)  # no longer read
     server.close()
     await until(lambda: registers.words == () and registers.problem)
     await registers.close()
 
 
-async def test_of_many_wishes_the_newest_is_carried_out() -> None:
+async def test_only_latest_request_is_executed() -> None:
     done, may_continue = list[int](), asyncio.Event()
 
     async def execute(request: int) -> None:
@@ -140,7 +140,7 @@ async def test_of_many_wishes_the_newest_is_carried_out() -> None:
     assert done == [1, 4]
 
 
-async def test_a_wish_that_fails_is_complained_about_and_the_next_one_is_done() -> None:
+async def test_failed_request_is_reported_and_next_one_executed() -> None:
     complaints, done = list[str](), list[int]()
 
     async def execute(request: int) -> None:

@@ -1,4 +1,4 @@
-"""Saved poses outlive the pendant, and nobody loses one by a name."""
+"""Saved poses: persistence and names."""
 
 import json
 from pathlib import Path
@@ -16,7 +16,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "not there yet" / "poses.json"
 
 
-def test_they_are_there_again_and_of_their_model_only(path: Path) -> None:
+def test_poses_are_saved_per_model(path: Path) -> None:
     poses = Poses(path)
     assert poses.for_model("ur5e") == {}
     poses.save("ur5e", "  over   the box ", BOX)
@@ -26,7 +26,7 @@ def test_they_are_there_again_and_of_their_model_only(path: Path) -> None:
     assert poses.version == 2
 
 
-def test_saving_again_replaces_and_deleting_twice_is_no_error(path: Path) -> None:
+def test_saving_replaces_and_deleting_is_idempotent(path: Path) -> None:
     poses = Poses(path)
     poses.save("ur5e", "box", BOX)
     poses.save("ur5e", "box", (0.0,) * 6)
@@ -36,7 +36,7 @@ def test_saving_again_replaces_and_deleting_twice_is_no_error(path: Path) -> Non
     assert Poses(path).for_model("ur5e") == {}
 
 
-def test_renaming_loses_nothing(path: Path) -> None:
+def test_renaming_never_overwrites(path: Path) -> None:
     poses = Poses(path)
     poses.save("ur5e", "box", BOX)
     poses.save("ur5e", "table", (0.0,) * 6)
@@ -49,13 +49,13 @@ def test_renaming_loses_nothing(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "   ", "x" * 61, *BUILT_IN])
-def test_names_that_cannot_be(path: Path, name: str) -> None:
+def test_invalid_names_are_rejected(path: Path, name: str) -> None:
     with pytest.raises(ValueError, match="pose"):
         Poses(path).save("ur5e", name, BOX)
     assert not path.exists()
 
 
-def test_without_a_file_they_last_as_long_as_the_pendant() -> None:
+def test_poses_are_kept_in_memory_without_file() -> None:
     poses = Poses(None)
     poses.save("ur5e", "box", BOX)
     assert poses.for_model("ur5e") == {"box": BOX}
@@ -75,7 +75,7 @@ def test_without_a_file_they_last_as_long_as_the_pendant() -> None:
     ],
     ids=lambda content: content[:35].decode("latin-1"),
 )
-def test_a_file_that_has_no_poses_is_told_and_not_overwritten(path: Path, content: bytes) -> None:
+def test_invalid_file_is_reported_and_not_overwritten(path: Path, content: bytes) -> None:
     path.parent.mkdir()
     path.write_bytes(content)
     poses = Poses(path)
@@ -86,7 +86,7 @@ def test_a_file_that_has_no_poses_is_told_and_not_overwritten(path: Path, conten
     assert path.read_bytes() == content
 
 
-def test_a_file_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
+def test_failed_write_changes_nothing(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     poses = Poses(tmp_path / "file" / "poses.json")
     with pytest.raises(FileError):
@@ -94,6 +94,6 @@ def test_a_file_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
     assert poses.version == 0
 
 
-def test_the_file_is_for_people_to_read(path: Path) -> None:
+def test_file_is_readable_json(path: Path) -> None:
     Poses(path).save("ur5e", "box", BOX)
     assert json.loads(path.read_text("utf-8")) == {"ur5e": {"box": list(BOX)}}

@@ -1,4 +1,4 @@
-"""The program that is being made: edits of several people, what pages show of it, and how it is kept."""
+"""The program draft: edits of several users, its views, and its persistence."""
 
 import asyncio
 from pathlib import Path
@@ -37,12 +37,12 @@ def titles(draft: ProgramDraft) -> list[str]:
     return [row.title for row in draft.view.rows()]
 
 
-def test_nodes_go_into_the_selected_one_or_behind_it_or_as_near_as_they_may_stand(draft: ProgramDraft) -> None:
+def test_nodes_are_inserted_near_selection(draft: ProgramDraft) -> None:
     folder = draft.insert("folder", draft.view.first())
     comment = draft.insert("comment", folder)
     wait = draft.insert("wait", comment)
     draft.insert("waypoint", wait)  # gets a Move around it
-    draft.insert("thread", wait)  # beside the robot program
+    draft.insert("thread", wait)  # next to the robot program
     assert [(row.kind, row.depth) for row in draft.view.rows()] == [
         ("variables_setup", 0),
         ("robot_program", 0),
@@ -58,7 +58,7 @@ def test_nodes_go_into_the_selected_one_or_behind_it_or_as_near_as_they_may_stan
         draft.insert("else", wait)
 
 
-def test_a_node_is_dropped_before_after_or_into_another_one(draft: ProgramDraft) -> None:
+def test_node_is_dropped_before_after_or_into_another(draft: ProgramDraft) -> None:
     first = draft.insert("comment", draft.view.first())
     folder = draft.insert("folder", first)
     wait = draft.insert("wait", draft.view.rows()[1].id)
@@ -70,7 +70,7 @@ def test_a_node_is_dropped_before_after_or_into_another_one(draft: ProgramDraft)
     assert kinds_shown() == [("wait", 1), ("comment", 1), ("folder", 1)]
     draft.drop(wait, folder, "onto")
     assert kinds_shown() == [("comment", 1), ("folder", 1), ("wait", 2)]
-    draft.drop(folder, first, "onto")  # a comment holds nothing
+    draft.drop(folder, first, "onto")  # a comment has no children
     assert kinds_shown() == [("comment", 1), ("folder", 1), ("wait", 2)]
     draft.drop(first, wait, "after")
     assert kinds_shown() == [("folder", 1), ("wait", 2), ("comment", 2)]
@@ -83,7 +83,7 @@ def test_a_node_is_dropped_before_after_or_into_another_one(draft: ProgramDraft)
         draft.drop(wait, first, "before")
 
 
-def test_what_one_person_deletes_the_other_is_told_and_undoing_brings_back(draft: ProgramDraft) -> None:
+def test_deleted_node_is_reported_and_restored_by_undo(draft: ProgramDraft) -> None:
     node = draft.insert("comment", draft.view.first())
     draft.set(node, "comment", "mine")
     draft.delete(node)
@@ -97,7 +97,7 @@ def test_what_one_person_deletes_the_other_is_told_and_undoing_brings_back(draft
     assert not draft.view.has(node)
 
 
-def test_nodes_are_moved_within_their_level_and_out_of_it(draft: ProgramDraft) -> None:
+def test_nodes_are_moved_within_and_out_of_parent(draft: ProgramDraft) -> None:
     folder = draft.insert("folder", draft.view.first())
     first = draft.insert("halt", folder)
     second = draft.insert("comment", first)
@@ -111,7 +111,7 @@ def test_nodes_are_moved_within_their_level_and_out_of_it(draft: ProgramDraft) -
     assert draft.view.neighbour(first) == folder
 
 
-def test_rows_say_how_they_look(draft: ProgramDraft) -> None:
+def test_rows_have_marks_and_problems(draft: ProgramDraft) -> None:
     node = draft.insert("waypoint", draft.view.first())
     marks = {row[0]: row[5] for row in draft.view.shown_rows()}
     assert marks[node] == marks[draft.view.first()] == "undefined"
@@ -127,7 +127,7 @@ def test_rows_say_how_they_look(draft: ProgramDraft) -> None:
     assert {row[0]: row[5] for row in draft.view.shown_rows()}[node] == ""
 
 
-def test_a_taught_waypoint_is_where_the_arm_was(draft: ProgramDraft) -> None:
+def test_taught_waypoint_has_position_of_arm(draft: ProgramDraft) -> None:
     node = draft.insert("waypoint", draft.view.first())
     assert draft.view.waypoints() == ()
     draft.teach(node, "position", Q, POSE, NO_TCP)
@@ -137,7 +137,7 @@ def test_a_taught_waypoint_is_where_the_arm_was(draft: ProgramDraft) -> None:
     assert len(position) == 3
 
 
-def test_every_kind_of_the_registry_can_be_chosen_and_has_a_form(draft: ProgramDraft) -> None:
+def test_every_kind_in_palette_has_a_form(draft: ProgramDraft) -> None:
     entries = [entry for group in palette(draft.editor.version).values() for entry in group]
     assert {entry.name for entry in entries} == {entry["key"] for entry in draft.editor.palette()}
     for entry in entries:
@@ -146,12 +146,12 @@ def test_every_kind_of_the_registry_can_be_chosen_and_has_a_form(draft: ProgramD
         try:
             node = draft.insert(entry.name, draft.view.first())
         except ValueError:
-            continue  # it stands in others only
+            continue  # it can only be inserted into certain nodes
         assert draft.view.form(node) or not kinds()[entry.name].fields
         draft.undo()
 
 
-def test_copies_are_pasted_into_this_program_and_the_next(draft: ProgramDraft) -> None:
+def test_copies_are_pasted_into_same_and_new_program(draft: ProgramDraft) -> None:
     node = draft.insert("comment", draft.view.first())
     draft.set(node, "comment", "again")
     draft.copy(node)
@@ -164,7 +164,7 @@ def test_copies_are_pasted_into_this_program_and_the_next(draft: ProgramDraft) -
         other.paste(other.view.first())
 
 
-def test_saving_and_opening_make_the_program_unchanged(draft: ProgramDraft) -> None:
+def test_saving_and_opening_reset_changed(draft: ProgramDraft) -> None:
     draft.insert("halt", draft.view.first())
     assert draft.changed
     version, files = draft.version, draft.files("job")
@@ -182,7 +182,7 @@ def test_saving_and_opening_make_the_program_unchanged(draft: ProgramDraft) -> N
         draft.open(b"<a/>", "bad.urp")
 
 
-async def test_every_change_is_kept_within_a_second(tmp_path: Path) -> None:
+async def test_every_change_is_saved_within_a_second(tmp_path: Path) -> None:
     draft, errors = create_draft(tmp_path)
     saving = asyncio.create_task(draft.keep_saving())
     draft.insert("halt", draft.view.first())
@@ -195,7 +195,7 @@ async def test_every_change_is_kept_within_a_second(tmp_path: Path) -> None:
     assert (restored.changed, restored.path, errors) == (True, "", [])
 
 
-def test_a_kept_file_that_is_no_program_is_moved_aside_with_a_note(tmp_path: Path) -> None:
+def test_invalid_saved_draft_is_moved_aside_and_reported(tmp_path: Path) -> None:
     ProgramFile(tmp_path, "robot").write(SavedDraft("x.urp", True, b"<a/>"))
     draft, errors = create_draft(tmp_path)
     assert titles(draft) == ["Variables Setup", "Robot Program", "<empty>"]

@@ -1,4 +1,4 @@
-"""The program that is being made, as a pendant keeps it on its machine."""
+"""The file in which a pendant saves the program draft."""
 
 from pathlib import Path
 
@@ -10,20 +10,20 @@ from client.pendant.program_file import ProgramFile, SavedDraft
 DRAFT = SavedDraft("cell/job.urp", True, b"\x1f\x8b\x00<URProgram/>")
 
 
-def test_it_is_kept_by_robot_address_and_read_again(tmp_path: Path) -> None:
+def test_draft_is_saved_per_robot_address(tmp_path: Path) -> None:
     ProgramFile(tmp_path / "drafts", "192.168.0.2_30001").write(DRAFT)
     assert ProgramFile(tmp_path / "drafts", "192.168.0.2_30001").read() == DRAFT
     assert ProgramFile(tmp_path / "drafts", "192.168.0.3_30001").read() is None
     assert [path.name for path in (tmp_path / "drafts").iterdir()] == ["192.168.0.2_30001.json"]
 
 
-def test_an_address_leads_nowhere_else(tmp_path: Path) -> None:
+def test_address_cannot_leave_folder(tmp_path: Path) -> None:
     ProgramFile(tmp_path, "../../fe80::1%eth0/x").write(DRAFT)
     assert len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"path": "", "changed": true, "urp": "?"}', "null"])
-def test_what_cannot_be_read_is_moved_aside_and_not_written_over(tmp_path: Path, content: str) -> None:
+def test_unreadable_file_is_moved_aside(tmp_path: Path, content: str) -> None:
     file = ProgramFile(tmp_path, "robot")
     (tmp_path / "robot.json").write_text(content)
     with pytest.raises(FileError, match="not a program draft of a pendant"):
@@ -32,13 +32,13 @@ def test_what_cannot_be_read_is_moved_aside_and_not_written_over(tmp_path: Path,
     assert file.read() is None
 
 
-def test_without_a_folder_nothing_is_kept() -> None:
+def test_nothing_is_saved_without_folder() -> None:
     file = ProgramFile(None, "robot")
     file.write(DRAFT)
     assert file.read() is None
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+def test_uncreatable_folder_is_reported(tmp_path: Path) -> None:
     (tmp_path / "drafts").write_text("a file")
     with pytest.raises(FileError):
         ProgramFile(tmp_path / "drafts", "robot").write(DRAFT)

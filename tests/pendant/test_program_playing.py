@@ -1,4 +1,4 @@
-"""What a robot is given of the program that is being made."""
+"""Playing the program draft on a robot."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +21,7 @@ ROBOT = (PolyscopeVersion(3, 15, 8), load_model("ur3"))
 
 
 class FakeStation(SimpleNamespace):
-    """A robot of aluminium: it has no control API."""
+    """A real robot, which has no control API."""
 
     def __init__(self) -> None:
         draft = ProgramDraft(ProgramFile(None, ""), lambda _: None, lambda: None, lambda: ROBOT)
@@ -43,13 +43,13 @@ def arm() -> Any:
     return FakeStation()
 
 
-async def test_a_robot_gets_a_script_from_the_start_or_from_a_node(arm: Any) -> None:
+async def test_robot_gets_script_from_start_or_node(arm: Any) -> None:
     draft = arm.program_draft
     one = draft.insert("comment", draft.view.first())
     two = draft.insert("halt", one)
     await playing.play(arm)
     assert arm.sent[0].startswith("def unnamed():")
-    assert not playing.is_on_robot(arm)  # it has not said so yet
+    assert not playing.is_on_robot(arm)  # it has not reported that yet
     arm.programs.running = "unnamed"
     assert playing.is_on_robot(arm)
     await playing.play(arm, at=two)
@@ -59,7 +59,7 @@ async def test_a_robot_gets_a_script_from_the_start_or_from_a_node(arm: Any) -> 
     assert not playing.is_on_robot(arm)
 
 
-async def test_what_is_undefined_or_needs_a_driver_is_not_sent(arm: Any) -> None:
+async def test_incomplete_or_external_control_program_is_not_sent(arm: Any) -> None:
     draft = arm.program_draft
     waypoint = draft.insert("waypoint", draft.view.first())
     with pytest.raises(playing.PlayError, match="teach it: complete the program"):
@@ -72,17 +72,17 @@ async def test_what_is_undefined_or_needs_a_driver_is_not_sent(arm: Any) -> None
 
 
 @pytest.mark.parametrize(("name", "path"), [("job", "job.urp"), (" cell/job.urp ", "cell/job.urp")])
-def test_names_are_completed(name: str, path: str) -> None:
+def test_names_get_extension(name: str, path: str) -> None:
     assert playing.with_extension(name) == path
 
 
 @pytest.mark.parametrize("name", ["", "  ", ".urp"])
-def test_a_program_has_a_name(name: str) -> None:
+def test_empty_name_is_rejected(name: str) -> None:
     with pytest.raises(ValueError, match="a name"):
         playing.with_extension(name)
 
 
-async def test_what_the_installation_of_an_emulator_has_can_be_named(arm: Any, tmp_path: Path) -> None:
+async def test_nodes_can_use_installation_of_emulator(arm: Any, tmp_path: Path) -> None:
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), programs_dir=tmp_path))
 
     async def call(verb: str, **arguments: Any) -> Any:
@@ -100,4 +100,4 @@ async def test_what_the_installation_of_an_emulator_has_can_be_named(arm: Any, t
     robot.add_to_installation("tcps", {"name": "gripper", "pose": [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]})
     await playing.load_installation(arm)
     assert "gripper" in str(draft.editor.form(move))
-    assert draft.version == before  # nobody's edit
+    assert draft.version == before  # not an edit

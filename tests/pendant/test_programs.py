@@ -1,4 +1,4 @@
-"""Programs, variables and a script's errors as a pendant keeps them."""
+"""Programs, variables and errors of scripts."""
 
 import pytest
 
@@ -36,10 +36,10 @@ class TestDraft:
         draft.write("def go():\n  sync()\nend\n", "me")
         return draft
 
-    def test_a_program_is_followed_to_its_end(self, draft: Draft):
+    def test_program_is_followed_to_its_end(self, draft: Draft):
         assert draft.prepared_script().text == "def go():\n  sync()\nend\n"
         draft.mark_sent(draft.prepared_script(), 0.0)
-        draft.handle_message(key_message(PROGRAM_STOPPED, "go"))  # the one before, of the same name
+        draft.handle_message(key_message(PROGRAM_STOPPED, "go"))  # the previous program of the same name
         phases = [draft.phase]
         for message in (key_message(PROGRAM_STARTED, "other"), key_message(PROGRAM_STARTED, "go")):
             draft.handle_message(message)
@@ -49,7 +49,7 @@ class TestDraft:
         assert [*phases, draft.phase] == ["sent", "sent", "running", "ended"]
         assert draft.error is None
 
-    def test_compile_errors_name_the_line_as_it_was_written(self):
+    def test_compile_errors_refer_to_written_line(self):
         draft = Draft()
         draft.write("a = 1\nb = = 2\n")  # bare statements: they get a line before them
         assert draft.prepared_script().text.startswith("def script_")
@@ -61,27 +61,27 @@ class TestDraft:
         draft.mark_sent(draft.prepared_script(), 1.0)
         assert draft.error is None
 
-    def test_errors_of_others_are_not_marked_here(self, draft: Draft):
+    def test_errors_of_other_clients_are_ignored(self, draft: Draft):
         draft.handle_message(compile_error(1))
         draft.mark_sent(draft.prepared_script(), 0.0)
-        draft.handle_message(runtime_error(2))  # of what ran before
+        draft.handle_message(runtime_error(2))  # of the previous program
         assert draft.error is None
         draft.handle_message(key_message(PROGRAM_STARTED, "go"))
-        draft.handle_message(compile_error(2))  # of what another client sends meanwhile
+        draft.handle_message(compile_error(2))  # of another client's script
         assert draft.error is None
         draft.handle_message(runtime_error(2))
         assert draft.phase == "failed"
         draft.handle_message(key_message(PROGRAM_STOPPED, "go"))
         assert draft.phase == "failed"
 
-    def test_a_script_that_does_not_start_is_told(self, draft: Draft):
+    def test_script_that_does_not_start_is_reported(self, draft: Draft):
         draft.mark_sent(draft.prepared_script(), 10.0)
         draft.check_start(14.0)
         assert draft.phase == "sent"
         draft.check_start(16.0)
         assert draft.phase == "silent"
 
-    def test_secondary_programs_are_sent_as_they_are(self):
+    def test_secondary_programs_are_sent_unchanged(self):
         draft = Draft()
         draft.write("sec out():\n  set_digital_out(1, True)\nend\n")
         assert draft.prepared_script().text == draft.text
@@ -91,7 +91,7 @@ class TestDraft:
         draft.check_start(6.0)
         assert draft.phase == "ended"
 
-    def test_nothing_is_not_sent_and_too_much_is_not_kept(self, draft: Draft):
+    def test_empty_or_oversized_text_is_rejected(self, draft: Draft):
         with pytest.raises(ValueError, match="too long"):
             draft.write("x" * 3_000_000)
         assert draft.text.startswith("def go")
@@ -99,14 +99,35 @@ class TestDraft:
         with pytest.raises(ValueError, match="no script"):
             draft.mark_sent(draft.prepared_script(), 0.0)
 
-    def test_an_error_beyond_the_text_is_marked_at_its_end(self, draft: Draft):
+    def test_error_beyond_text_is_marked_at_end(self, draft: Draft):
         draft.mark_sent(draft.prepared_script(), 0.0)
         draft.handle_message(compile_error(99))
         assert draft.error is not None
         assert draft.error.line == 4
 
+    def test_checker_diagnosis_replaces_start_error(self, draft: Draft):
+        diagnosis = ScriptError(2, 3, "function 'sinc' is not defined; did you mean 'sync'?")
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(compile_error(2, "compile_error_name_not_found:sinc:"))
+        assert [problem.found_by for problem in draft.problems] == ["start"]
+        draft.set_diagnoses(draft.revision, (diagnosis,))
+        assert draft.problems == (diagnosis,)
+        draft.write("def go():\n  sync()\n  a = [1][2]\nend\n")
+        draft.set_diagnoses(draft.revision - 1, ())  # of an outdated text
+        assert draft.problems == (diagnosis,)
+        draft.set_diagnoses(draft.revision, ())
+        assert draft.problems == ()
 
-def test_a_programs_time_goes_from_its_start_to_its_end():
+    def test_runtime_error_is_listed_with_diagnoses(self, draft: Draft):
+        warning = ScriptError(1, 1, "shadows", severity="warning")
+        draft.set_diagnoses(draft.revision, (warning,))
+        draft.mark_sent(draft.prepared_script(), 0.0)
+        draft.handle_message(key_message(PROGRAM_STARTED, "go"))
+        draft.handle_message(runtime_error(2))
+        assert [(problem.line, problem.found_by) for problem in draft.problems] == [(2, "run"), (1, "check")]
+
+
+def test_run_time_is_measured_from_start_to_end():
     programs = Programs()
     assert programs.run_time_s(50.0) is None
     programs.handle_message(key_message(PROGRAM_STARTED, "go", 10.0))
@@ -120,27 +141,6 @@ def test_a_programs_time_goes_from_its_start_to_its_end():
 def report_values(variables: Variables, *values: Value, start: int = 0) -> None:
     variables.handle_message(GlobalVariableValues(start_index=start, values=values))
 
-    def test_the_checker_says_better_why_a_script_does_not_start(self, draft: Draft):
-        diagnosis = ScriptError(2, 3, "function 'sinc' is not defined; did you mean 'sync'?")
-        draft.mark_sent(draft.prepared_script(), 0.0)
-        draft.handle_message(compile_error(2, "compile_error_name_not_found:sinc:"))
-        assert [problem.found_by for problem in draft.problems] == ["start"]
-        draft.set_diagnoses(draft.revision, (diagnosis,))
-        assert draft.problems == (diagnosis,)
-        draft.write("def go():\n  sync()\n  a = [1][2]\nend\n")
-        draft.set_diagnoses(draft.revision - 1, ())  # of a text that is another by now
-        assert draft.problems == (diagnosis,)
-        draft.set_diagnoses(draft.revision, ())
-        assert draft.problems == ()
-
-    def test_what_a_running_script_did_wrong_is_told_beside_what_the_checker_says(self, draft: Draft):
-        warning = ScriptError(1, 1, "shadows", severity="warning")
-        draft.set_diagnoses(draft.revision, (warning,))
-        draft.mark_sent(draft.prepared_script(), 0.0)
-        draft.handle_message(key_message(PROGRAM_STARTED, "go"))
-        draft.handle_message(runtime_error(2))
-        assert [(problem.line, problem.found_by) for problem in draft.problems] == [(2, "run"), (1, "check")]
-
 
 class TestVariables:
     @pytest.fixture
@@ -150,7 +150,7 @@ class TestVariables:
         report_values(variables, 1, 2.5)
         return variables
 
-    def test_only_what_changed_travels(self, variables: Variables):
+    def test_only_changes_are_sent(self, variables: Variables):
         view = VariablesView(variables)
         assert view.next_update(True) == [["a", "b", "c"], {0: ("int", "1"), 1: ("float", "2.5")}]
         report_values(variables, 1, 2.5)
@@ -160,7 +160,7 @@ class TestVariables:
         report_values(variables, "late", start=2)
         assert view.next_update(False) == [None, {2: ("string", '"late"')}]
 
-    def test_a_new_browser_and_a_new_program_begin_anew(self, variables: Variables):
+    def test_new_browser_or_program_gets_all_variables(self, variables: Variables):
         view = VariablesView(variables)
         view.next_update(True)
         again = view.next_update(True)
@@ -168,7 +168,7 @@ class TestVariables:
         assert again[0] == ["a", "b", "c"]
         variables.handle_message(GlobalVariableNames(names=("x",)))
         assert view.next_update(False) == [["x"], {}]
-        report_values(variables)  # as of a program without variables
+        report_values(variables)  # as for a program without variables
         assert view.next_update(False) == [[], {}]
         report_values(variables)
         assert view.next_update(False) is None
@@ -186,8 +186,8 @@ class TestVariables:
             (None, "", "-"),
         ],
     )  # fmt: skip
-    def test_values_are_shown_as_scripts_have_them(self, value: Value, kind: str, text: str):
+    def test_values_are_formatted_as_in_scripts(self, value: Value, kind: str, text: str):
         assert (type_name(value), format_value(value)) == (kind, text)
 
-    def test_a_long_value_is_cut(self):
+    def test_long_value_is_truncated(self):
         assert len(format_value("x" * 5000)) == 400

@@ -44,17 +44,17 @@ def build(world_data: Mapping[str, Any] | None = None, file: Path | None = None)
     return monitored
 
 
-def test_an_emulator_world_is_a_scene_and_a_picture() -> None:
+def test_emulator_world_becomes_scene() -> None:
     plane = {"plane": {}, "pose": [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]}
     monitored = build(world({"box": BOX, "floor": plane}))
     assert monitored.scene.objects["box"].shape == Box((0.1, 0.2, 0.3))
     assert [obj["name"] for obj in monitored.objects] == ["box", "floor"]
     assert monitored.objects[0]["box"] == [0.1, 0.2, 0.3]
     assert monitored.objects[0]["pose"][:3] == [0.3, 0.0, 0.15]
-    assert "tool" not in monitored.scene.objects  # a point needs no room
+    assert "tool" not in monitored.scene.objects  # a point has no extent
 
 
-def test_a_tool_is_where_world_files_have_it_at_the_tcp() -> None:
+def test_tool_is_attached_relative_to_tcp() -> None:
     tool = {"sphere": 0.03, "pose": [0.0, 0.0, 0.02, 0.0, 0.0, 0.0]}
     attached = build(world({}, tool)).scene.objects["tool"]
     assert attached.attached
@@ -62,7 +62,7 @@ def test_a_tool_is_where_world_files_have_it_at_the_tcp() -> None:
     assert attached.pose == pytest.approx((0.0, 0.0, 0.12, 0.0, 0.0, 0.0))
 
 
-def test_a_file_is_taken_and_a_mesh_is_seen_as_what_is_kept_clear_of(tmp_path: Path) -> None:
+def test_scene_file_replaces_world_and_meshes_become_hulls(tmp_path: Path) -> None:
     (tmp_path / "tip.obj").write_text(TETRAHEDRON)
     file = tmp_path / "cell.yaml"
     file.write_text("objects:\n  tip: {mesh: tip.obj, pose: [0.5, 0, 0]}\n  rod: {cylinder: [0.03, 0.5]}\n")
@@ -73,7 +73,7 @@ def test_a_file_is_taken_and_a_mesh_is_seen_as_what_is_kept_clear_of(tmp_path: P
     assert sorted(map(sorted, drawn["tip"]["mesh"]["triangles"])) == [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]
 
 
-def test_who_is_in_the_way_is_named_and_numbered() -> None:
+def test_colliding_objects_and_links_are_identified() -> None:
     q = (0.0, -1.4, 1.5, -1.7, -1.5, 0.0)
     flange = build().scene.kinematics.forward(q)
     monitored = build(world({"ball": {"sphere": 0.03, "pose": list(flange)}}))
@@ -83,7 +83,7 @@ def test_who_is_in_the_way_is_named_and_numbered() -> None:
     assert "wrist_3_link is" in str(pairs[0])
 
 
-def test_what_cannot_be_a_scene_says_why() -> None:
+def test_invalid_sources_are_reported() -> None:
     assert build_scene(SceneSources(ARM, KINEMATICS), None) is None
     with pytest.raises(SceneError, match="wheel has an unknown shape"):
         build(world({"wheel": {"torus": 0.1, "pose": [0.0] * 6}}))
@@ -91,7 +91,7 @@ def test_what_cannot_be_a_scene_says_why() -> None:
         build_scene(SceneSources(replace(ARM, robot_type=99), KINEMATICS, TCP), None)
 
 
-def test_a_scene_is_rebuilt_when_the_world_changes() -> None:
+def test_scene_is_rebuilt_when_world_changes() -> None:
     async def run() -> None:
         changed = asyncio.Event()
         monitor = SceneMonitor(None, changed.set)
@@ -120,13 +120,13 @@ def test_a_scene_is_rebuilt_when_the_world_changes() -> None:
     asyncio.run(run())
 
 
-def test_a_missing_extra_is_named_with_its_installation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_extra_names_installation(monkeypatch: pytest.MonkeyPatch) -> None:
     assert missing_extra() == ""
     monkeypatch.setitem(sys.modules, "ompl", None)
     assert missing_extra().endswith("in the folder of ur-emulator, pip install '.[plan]'")
 
 
-def test_a_file_that_is_no_scene_is_refused_before_anything_starts(tmp_path: Path) -> None:
+def test_invalid_scene_file_is_refused_at_start(tmp_path: Path) -> None:
     file = tmp_path / "cell.yaml"
     run = CliRunner().invoke
     missing = run(app, ["pendant", "--scene", str(file)], env={"COLUMNS": "200"})

@@ -1,4 +1,4 @@
-"""Outputs, registers, TCPs, payload and mounting: what is said to the robot, without one."""
+"""Outputs, registers, TCPs, payload and mounting, with a fake robot."""
 
 import asyncio
 import math
@@ -26,7 +26,7 @@ E_5_26 = PolyscopeVersion(5, 26)
 
 
 class Robot:
-    """Notes what it is told; ``busy``: another client holds its RTDE inputs. It takes over what scripts set."""
+    """Records commands and applies what scripts set. busy: another client uses its RTDE inputs."""
 
     def __init__(self, busy: bool = False, accepts: bool = True, version: PolyscopeVersion = E_5_26):
         self.busy, self.accepts, self.version = busy, accepts, version
@@ -58,7 +58,7 @@ class Robot:
         await asyncio.sleep(0)
 
 
-async def test_an_output_is_switched_over_rtde_with_a_mask() -> None:
+async def test_output_is_switched_over_rtde_with_mask() -> None:
     robot = Robot()
     await set_digital(robot, CONFIGURABLE, 3, True)
     await set_digital(robot, TOOL, 1, False)
@@ -77,7 +77,7 @@ async def test_an_output_is_switched_over_rtde_with_a_mask() -> None:
         assert set(package) <= set(INPUT_FIELDS)
 
 
-async def test_a_program_switches_it_where_another_client_holds_the_inputs() -> None:
+async def test_program_switches_output_if_rtde_inputs_are_in_use() -> None:
     robot = Robot(busy=True)
     await set_digital(robot, CONFIGURABLE, 3, True)
     await set_analog(robot, 0, AnalogDomain.CURRENT, 0.5)
@@ -88,7 +88,7 @@ async def test_a_program_switches_it_where_another_client_holds_the_inputs() -> 
     ]
 
 
-def test_ranges_of_analog_signals() -> None:
+def test_analog_ranges() -> None:
     current, voltage = analog_range(AnalogDomain.CURRENT), analog_range(AnalogDomain.VOLTAGE)
     assert (current.ratio(4), current.ratio(12), current.ratio(20), voltage.ratio(2.5)) == (0, 0.5, 1, 0.25)
     with pytest.raises(ValueError, match="3 mA is outside of 4 to 20 mA"):
@@ -99,7 +99,7 @@ def test_ranges_of_analog_signals() -> None:
 
 @pytest.mark.parametrize("kind", ["bit", "int", "double"])
 @pytest.mark.parametrize("half", ["fieldbus", "clients"])
-def test_banks_of_registers_are_what_rtde_has(kind: str, half: str) -> None:
+def test_register_banks_match_rtde_fields(kind: str, half: str) -> None:
     bank = Bank(kind, half)
     for direction in ("input", "output"):
         assert set(bank.fields(direction)) <= set(OUTPUT_FIELDS)
@@ -110,7 +110,7 @@ def test_banks_of_registers_are_what_rtde_has(kind: str, half: str) -> None:
         assert set(bank.input_values(index, 1, {})) <= set(INPUT_FIELDS)
 
 
-def test_a_boolean_of_the_lower_half_is_one_bit_of_a_word() -> None:
+def test_lower_booleans_are_bits_of_words() -> None:
     bank = Bank("bit", "fieldbus")
     values = {"input_bit_registers0_to_31": 0b101, "input_bit_registers32_to_63": 1 << 31}
     assert bank.levels("input", values) == "101" + "0" * 60 + "1"
@@ -118,7 +118,7 @@ def test_a_boolean_of_the_lower_half_is_one_bit_of_a_word() -> None:
     assert bank.input_values(63, False, values) == {"input_bit_registers32_to_63": 0}
 
 
-def test_what_does_not_fit_a_register_is_refused() -> None:
+def test_unfitting_register_values_are_rejected() -> None:
     for value in (1.5, 2.0**31, -(2.0**31) - 1):
         with pytest.raises(ValueError, match="32 bits"):
             Bank("int").input_values(0, value, {})
@@ -129,13 +129,13 @@ def test_what_does_not_fit_a_register_is_refused() -> None:
             to_word(value)
 
 
-async def test_a_tcp_counts_when_the_robot_has_it() -> None:
+async def test_tcp_is_applied_and_confirmed() -> None:
     robot: Any = Robot()
     await apply_tcp(robot, (0.0, 0.0, 0.1525, 0.0, 0.0, 1.5))
     assert robot.statements == ["set_tcp(p[0.0, 0.0, 0.1525, 0.0, 0.0, 1.5])"]
 
 
-async def test_a_robot_that_does_not_take_it_is_told_on(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_unaccepted_command_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("client.pendant.page._ACCEPT_TIMEOUT_S", 0.01)
     robot: Any = Robot(accepts=False)
     with pytest.raises(NotAcceptedError, match="did not accept this TCP: it says: no such function"):
@@ -145,7 +145,7 @@ async def test_a_robot_that_does_not_take_it_is_told_on(monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("version", "function"), [((3, 15), "set_payload"), ((5, 9), "set_payload"), ((5, 10), "set_target_payload")]
 )
-async def test_payload_in_the_words_of_the_version(version: tuple[int, int], function: str) -> None:
+async def test_payload_function_depends_on_version(version: tuple[int, int], function: str) -> None:
     robot: Any = Robot(version=PolyscopeVersion(*version))
     assert await apply_payload(robot, 1.5, (0.0, 0.01, 0.04))
     robot.unavailable = frozenset({"payload", "payload_cog"})
@@ -153,7 +153,7 @@ async def test_payload_in_the_words_of_the_version(version: tuple[int, int], fun
     assert robot.statements == [f"{function}(1.5, [0.0, 0.01, 0.04])"] * 2
 
 
-async def test_mounting_is_checked_where_the_version_tells_it() -> None:
+async def test_mounting_is_confirmed_if_version_reports_it() -> None:
     robot: Any = Robot()
     assert await apply_gravity(robot, (0.0, 9.82, 0.0))
     robot.unavailable = frozenset({"target_gravity"})
@@ -161,7 +161,7 @@ async def test_mounting_is_checked_where_the_version_tells_it() -> None:
     assert robot.statements[-1] == "set_gravity([0.0, 0.0, 9.82])"
 
 
-def test_gravity_of_usual_mountings() -> None:
+def test_gravity_of_common_mountings() -> None:
     assert gravity_of(0.0, 0.0) == (0.0, 0.0, 9.82)
     assert gravity_of(math.pi, 0.0) == pytest.approx((0.0, 0.0, -9.82))
     assert gravity_of(math.pi / 2, 0.0) == pytest.approx((0.0, -9.82, 0.0))  # as programs of PolyScope have it
@@ -169,7 +169,7 @@ def test_gravity_of_usual_mountings() -> None:
         assert tilt_of(gravity_of(tilt, turn)) == pytest.approx((tilt, turn))
 
 
-def test_tcps_are_kept_in_a_file(tmp_path: Path) -> None:
+def test_tcps_are_saved_to_file(tmp_path: Path) -> None:
     path = tmp_path / "new folder" / "tools.json"
     tools = Tools(path)
     tools.save(" my   gripper ", (0.0, 0.0, 0.15, 0.0, 0.0, 0.0))
@@ -185,7 +185,7 @@ def test_tcps_are_kept_in_a_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["nonsense", "[]", '{"a": [1, 2]}', '{"a": "b"}'])
-def test_a_file_of_something_else_is_left_alone(tmp_path: Path, content: str) -> None:
+def test_invalid_file_is_not_overwritten(tmp_path: Path, content: str) -> None:
     path = tmp_path / "tools.json"
     path.write_text(content)
     tools = Tools(path)

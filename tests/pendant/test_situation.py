@@ -1,4 +1,4 @@
-"""What the arm may do now: every combination of what can be known, and the same as an emulator really does."""
+"""Permitted actions: every combination of a status, compared with the behaviour of an emulator."""
 
 from itertools import product
 from typing import Any
@@ -25,12 +25,12 @@ def status(robot: RobotMode = RobotMode.RUNNING, safety: SafetyMode = SafetyMode
 
 
 def shown_text(status: RobotStatus) -> str:
-    """Everything that screens show of it."""
+    """All texts that screens show for a status."""
     result = situation(status)
     return " ".join((result.title, result.hint, result.safety, result.advice)).lower()
 
 
-def test_without_a_connection_nothing_is_known_and_nothing_may_be_done() -> None:
+def test_nothing_is_permitted_without_connection() -> None:
     answers = [situation(status) for status in ALL if not status.connected]
     assert (
         len(
@@ -59,7 +59,7 @@ def test_without_a_connection_nothing_is_known_and_nothing_may_be_done() -> None
         assert all(reason.startswith("Not connected.") for reason in result.refusals.values())
 
 
-def test_every_combination_has_a_title_a_hint_and_a_reason_for_each_refusal() -> None:
+def test_every_status_has_title_hint_and_refusal_reasons() -> None:
     for status in ALL:
         result = situation(status)
         assert result.title, status
@@ -71,14 +71,14 @@ def test_every_combination_has_a_title_a_hint_and_a_reason_for_each_refusal() ->
         assert -1 <= result.stage < len(STAGES)
 
 
-def test_the_arm_moves_only_with_its_brakes_released_no_stop_in_force_and_no_program_of_others() -> None:
+def test_motion_requires_released_brakes_no_stop_and_no_other_program() -> None:
     for status in filter(lambda status: status.connected, ALL):
         free = status.robot_mode is RobotMode.RUNNING and status.safety_mode in MOVABLE
         idle = status.runtime_state in (RuntimeState.STOPPED, RuntimeState.STOPPING) or status.moved_by_pendant
         assert situation(status).permits(Action.MOVE) == (free and idle), status
 
 
-def test_no_text_says_that_the_arm_can_move_when_it_may_not() -> None:
+def test_texts_never_claim_forbidden_motion() -> None:
     for status in ALL:
         result = situation(status)
         if not result.permits(Action.SEND):  # nothing at all may move it
@@ -90,14 +90,14 @@ def test_no_text_says_that_the_arm_can_move_when_it_may_not() -> None:
             assert result.title != "Normal", status
 
 
-def test_a_stop_is_what_the_title_names_wherever_one_is_in_force() -> None:
+def test_title_names_stop_in_force() -> None:
     for status in filter(lambda status: status.connected, ALL):
         result = situation(status)
         if status.safety_mode not in MOVABLE and result.stage >= 0:
             assert (result.title, result.hint) == (result.safety, result.advice), status
 
 
-def test_open_and_closed_are_never_said_of_one_safeguard() -> None:
+def test_safeguard_advice_is_consistent() -> None:
     for status in filter(lambda status: status.connected and status.safety_mode is SafetyMode.SAFEGUARD_STOP, ALL):
         advice = situation(status).advice
         assert ("is open" in advice) == (status.safeguard_open is True), status
@@ -131,24 +131,26 @@ def test_open_and_closed_are_never_said_of_one_safeguard() -> None:
         (status(safety=SafetyMode.UNDEFINED_SAFETY_MODE), "Safety mode unknown", "unknown", None),
     ],
 )
-def test_what_a_person_reads(status: RobotStatus, title: str, tone: str, recovery_action: Action | None) -> None:
+def test_titles_tones_and_recovery_actions(
+    status: RobotStatus, title: str, tone: str, recovery_action: Action | None
+) -> None:
     result = situation(status)
     assert (result.title, result.tone, result.recovery_action) == (title, tone, recovery_action)
 
 
-def test_the_unlocking_is_counted_down() -> None:
+def test_unlock_countdown_is_shown() -> None:
     result = situation(status(safety=SafetyMode.PROTECTIVE_STOP, unlock_in_s=2.4))
     assert result.refusal(Action.UNLOCK) == "It can be unlocked in 3 s."
     assert situation(status(safety=SafetyMode.PROTECTIVE_STOP)).permits(Action.UNLOCK)
 
 
-def test_what_is_refused_is_raised_with_its_reason() -> None:
+def test_require_raises_refusal_reason() -> None:
     situation(status()).require(Action.MOVE)
     with pytest.raises(NotPermittedError, match="A program is running: stop it first"):
         situation(status(runtime_state=RuntimeState.PLAYING)).require(Action.MOVE)
 
 
-# as an emulator does
+# compared with an emulator
 
 MOVING = "def far():\n  while True:\n    movej([1, -1, 0.5, -1, 0, 0])\n    movej([0, -1, 1, 0, 0, 0])\n  end\nend\n"
 LINES = {
@@ -176,7 +178,7 @@ STATES = {
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_an_emulator_takes_what_may_be_done_and_refuses_what_may_not(state: str, tmp_path: Any) -> None:
+def test_emulator_agrees_with_permitted_actions(state: str, tmp_path: Any) -> None:
     (tmp_path / "far.script").write_text(MOVING)
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), running=True, programs_dir=tmp_path))
     robot.dashboard("load far.script")

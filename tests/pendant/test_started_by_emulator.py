@@ -1,4 +1,4 @@
-"""``python -m emulator`` brings a pendant along, and takes it away again."""
+"""``python -m emulator`` starts a pendant, and ends it."""
 
 import asyncio
 import os
@@ -29,7 +29,7 @@ from urproto.testing.process import claim_address
 
 DEADLINE_S = 40.0
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="wants an address of its own")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="requires a separate address")
 
 
 @contextmanager
@@ -54,12 +54,12 @@ def responds(url: str) -> bool:
 
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL])
-def test_a_pendant_comes_and_goes_with_the_emulator(number: signal.Signals) -> None:
+def test_pendant_starts_and_ends_with_emulator(number: signal.Signals) -> None:
     with emulator() as (process, host):
         url = f"http://{host}:6080"
         assert url in read_until(process, "Teach pendant of")
         assert responds(url)
-        assert leads_behind_a_robot(host, 6080), "programs of robots have no business there"
+        assert leads_behind_a_robot(host, 6080), "programs of robots must not reach it"
         process.send_signal(number)
         process.wait(DEADLINE_S)
         deadline = time.monotonic() + DEADLINE_S
@@ -69,7 +69,7 @@ def test_a_pendant_comes_and_goes_with_the_emulator(number: signal.Signals) -> N
         assert number == signal.SIGKILL or process.returncode == 0
 
 
-def test_a_taken_port_is_told_and_the_robot_stays(tmp_path: Path) -> None:
+def test_taken_port_is_reported_and_robot_keeps_running(tmp_path: Path) -> None:
     with emulator("--pendant-port", "29999") as (process, host):
         output = read_until(process, "No teach pendant:")
         assert f"ur-client: cannot listen on {host} port 29999: Address already in use; choose another --port" in output
@@ -77,7 +77,7 @@ def test_a_taken_port_is_told_and_the_robot_stays(tmp_path: Path) -> None:
         assert process.poll() is None
 
 
-def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
+def test_killed_pendant_is_restarted_and_reported() -> None:
     with emulator() as (process, host):
         read_until(process, "Teach pendant of")
         with closing(RemoteControl(host, CONTROL_API_PORT)) as control:
@@ -95,7 +95,7 @@ def test_a_pendant_that_was_killed_is_started_anew_and_said_so() -> None:
         assert again["problem"].startswith("it was killed (SIGKILL)")
 
 
-async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_repeatedly_dying_pendant_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emulator.serve._BACKOFF_S", (0.0, 0.0))
     monkeypatch.setattr(Pendant, "_command", lambda _: ["sh", "-c", "kill -9 $$"])
     messages = list[str]()
@@ -118,7 +118,7 @@ async def test_a_pendant_that_dies_at_each_start_is_given_up(monkeypatch: pytest
     assert pendant.report()["starts"] == 3
 
 
-def test_none_is_wanted() -> None:
+def test_pendant_can_be_disabled() -> None:
     with emulator("--no-pendant") as (process, _):
         read_until(process, "Ready:")
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()

@@ -1,4 +1,4 @@
-"""What a pendant knows about a protective stop."""
+"""Protective stops."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def report(code: int, at_s: float, level: ReportLevel = ReportLevel.WARNING) -> 
     return ErrorCodeMessage(timestamp_us=round(at_s * 1e6), code=code, level=level)
 
 
-def test_it_may_be_unlocked_five_seconds_later_by_the_robots_clock():
+def test_unlock_is_possible_after_five_seconds_of_robot_time():
     stops = Stops()
     stops.update(state(100.0, SafetyMode.NORMAL))
     assert (stops.current, stops.unlock_in_s) == (None, 0.0)
@@ -30,7 +30,7 @@ def test_it_may_be_unlocked_five_seconds_later_by_the_robots_clock():
 
 
 @pytest.mark.parametrize("first", ["report", "state"])
-def test_the_report_that_comes_with_it_is_its_cause(first: str):
+def test_simultaneous_report_is_the_cause(first: str):
     stops = Stops()
     stops.handle_message(report(100, 3.0, ReportLevel.INFO))
     stops.handle_message(report(171, 40.0))
@@ -43,7 +43,7 @@ def test_the_report_that_comes_with_it_is_its_cause(first: str):
     assert stops.current.cause == report(153, 100.09)
 
 
-def test_old_reports_and_remarks_explain_no_stop():
+def test_old_and_informational_reports_are_no_cause():
     stops = Stops()
     stops.handle_message(report(153, 90.0))
     stops.handle_message(report(100, 100.1, ReportLevel.INFO))
@@ -52,7 +52,7 @@ def test_old_reports_and_remarks_explain_no_stop():
     assert stops.current.cause is None
 
 
-def test_a_stop_that_was_put_away_is_not_shown_but_the_next_one_is():
+def test_hidden_stop_stays_hidden_until_next_one():
     stops = Stops()
     stops.update(state(1.0))
     stops.hide()
@@ -64,7 +64,7 @@ def test_a_stop_that_was_put_away_is_not_shown_but_the_next_one_is():
     assert stops.shown is not None
 
 
-def test_a_controller_that_began_anew_has_another_stop():
+def test_controller_restart_starts_new_stop():
     stops = Stops()
     stops.update(state(1000.0))
     stops.update(state(2.0))

@@ -13,7 +13,7 @@ _NO_CAMERAS: Final = "This robot has no cameras. An emulator has those of its sc
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     with ui.element("div").classes("cameras"), page.panel("Cameras", "cameras-panel"):
         with ui.row().classes("cameras-tools"):
             choice = ui.select({}, label="Camera").props("outlined dense options-dense data-testid=camera")
@@ -29,7 +29,7 @@ def build(page: Page) -> None:
 
 
 def _available_cameras(station: Station) -> Any:
-    """Not where they are: that may change all the time."""
+    """Names and sizes of the cameras, without their poses, which may change constantly."""
     return tuple((camera.name, camera.width, camera.height) for camera in station.cameras.available)
 
 
@@ -42,7 +42,7 @@ class _View:
 
     def __init__(self, choice: ui.select, pause: ui.button) -> None:
         self._choice, self._pause = choice, pause
-        self._visible = False  # it is told as soon as the screen is there
+        self._visible = False  # updated as soon as the screen is shown
         self._paused = False
         self._cameras: dict[str, tuple[int, int]] = {}  # width and height
         self._change_count = 0
@@ -52,20 +52,20 @@ class _View:
 
     @property
     def name(self) -> str:
-        """Of the camera that is shown, "" for none."""
+        """The name of the shown camera, "" for none."""
         return str(self._choice.value) if self._choice.value in self._cameras else ""
 
     def set_cameras(self, cameras: Any) -> None:
-        """There are others."""
+        """Set the list of cameras."""
         self._cameras = {name: (width, height) for name, width, height in cameras}
         previous = self._choice.value
         value = previous if previous in self._cameras else next(iter(self._cameras), None)
         self._choice.set_options(list(self._cameras), value=value)
-        if value == previous:  # else that was a choice
+        if value == previous:  # else the change of the selection shows it
             self._show()
 
     def on_screen_change(self, screen: str) -> None:
-        """Another screen is in view."""
+        """Another screen has become visible."""
         if self._visible is not (screen == _NAME):
             self._visible = screen == _NAME
             if screen:
@@ -73,12 +73,12 @@ class _View:
 
     def _toggle_pause(self) -> None:
         self._paused = not self._paused
-        self._pause.set_text("Go on" if self._paused else "Pause")
+        self._pause.set_text("Resume" if self._paused else "Pause")
         self._pause.set_icon("play_arrow" if self._paused else "pause")
         self._show()
 
     def _show(self) -> None:
-        """A new element each time: a stream that has ended is not begun again by its old address."""
+        """Show the picture in a new element, because an ended stream does not restart at its old address."""
         self._frame.clear()
         self._choice.set_enabled(bool(self._cameras))
         self._pause.set_enabled(bool(self._cameras))

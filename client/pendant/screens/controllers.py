@@ -14,7 +14,7 @@ from client.pendant.station import Station
 from urproto.joints import JOINT_TITLES
 
 _MAX_RANGE: Final = 2.0 * pi  # of a slider for a joint that has no limit [rad]
-_ACTIONS: Final = {  # state -> what may become of a controller: title, icon, request
+_ACTIONS: Final = {  # state -> possible actions: title, icon, request
     "unloaded": (("Load", "file_download", "load_controller"),),
     "unconfigured": (("Configure", "build", "configure_controller"), ("Unload", "delete", "unload_controller")),
     "inactive": (("Activate", "play_arrow", ""), ("Unload", "delete", "unload_controller")),
@@ -23,7 +23,7 @@ _ACTIONS: Final = {  # state -> what may become of a controller: title, icon, re
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     with ui.element("div").classes("controllers"):
         _List(page)
         _Sliders(page)
@@ -168,14 +168,14 @@ class _Sliders:
             self._page.show_error(f"The arm no longer follows the sliders: {reason}")
 
     def _set_targets(self, angles: Any) -> None:
-        """Degrees of a browser; what none says is nonsense, whose connection ends."""
+        """Set the slider positions of a browser [deg]. Raises ValueError if invalid, which ends its connection."""
         try:
             self._panel.set_targets([radians(angle) for angle in angles] if isinstance(angles, list) else angles)
         except (TypeError, OverflowError) as error:
             raise ValueError(str(error)) from None
 
     def _values(self, station: Station) -> Any:
-        """Whether the arm follows; where sliders are to be, and how far they go [deg]."""
+        """Whether the arm follows; positions and limits of the sliders [deg]."""
         arm = _arm(station)
         if arm is None:
             return [False, [0.0] * len(JOINT_TITLES), None, None]
@@ -195,5 +195,5 @@ class _Sliders:
 
 
 def _arm(station: Station) -> Any:
-    """Angles and model; None while they are not known."""
+    """Joint angles and model; None while unknown."""
     return (station.values["actual_q"], station.model) if station.model and "actual_q" in station.values else None

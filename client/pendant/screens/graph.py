@@ -53,7 +53,7 @@ class SignalPicker:
                 ui.button("Show", on_click=self._show_selected).props("no-caps data-testid=signals-show")
 
     def open(self, pane: Pane) -> None:
-        """Let a person choose for a diagram."""
+        """Let the user choose the signals of a diagram."""
         self._pane = pane
         self._catalogue = catalogue(self._page.station.version)
         self._table.rows = [
@@ -82,7 +82,7 @@ class SignalPicker:
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     screen = _Graph(page)
     page.live.on_show.append(screen.on_screen_change)
     page.on_close.append(lambda: screen.plots.hide(closing=True))
@@ -105,7 +105,7 @@ class _Graph:
         page.live.stream(root, "samples", self.plots.next_update)
 
     def on_screen_change(self, screen: str) -> None:
-        """The screen came into view, or went."""
+        """The screen has become visible or hidden."""
         if screen == "graph":
             self.plots.show()
         else:

@@ -24,7 +24,7 @@ _EMERGENCY_BITS: Final = (
 
 
 def safety_panel(page: Page) -> None:
-    """The safety mode with its cause and the button that leads on; emergency stop, safeguard, who is in control."""
+    """The safety mode with its cause and the recovery button; emergency stop, safeguard, remote or local control."""
     live = page.live
     with page.panel("Safety", "init-safety") as panel:
         live.bind(panel, "state", lambda station: station.situation.safety_tone)
@@ -43,7 +43,7 @@ def safety_panel(page: Page) -> None:
 
 
 def stop_cause(station: Station) -> str:
-    """The report that explains the stop, "" when nothing stops the arm or nobody said why."""
+    """The report that explains the stop, "" without a stop or without a report."""
     mode = station.safety_mode
     if mode is SafetyMode.PROTECTIVE_STOP:
         stop = station.stops.current
@@ -60,7 +60,7 @@ def _last_serious_error(station: Station) -> ErrorCodeMessage | None:
     return next(serious, None)
 
 
-# the way out
+# recovery
 
 
 _RECOVERY_TEXTS: Final = {
@@ -71,7 +71,7 @@ _RECOVERY_TEXTS: Final = {
 
 
 def recovery_text(station: Station) -> str:
-    """What the button that leads on says."""
+    """The text of the recovery button."""
     recovery_action, wait_s = station.situation.recovery_action, ceil(station.stops.unlock_in_s)
     if recovery_action is Action.UNLOCK and wait_s:
         return f"Unlock in {wait_s} s"
@@ -103,11 +103,11 @@ async def _recover(station: Station) -> None:
             await station.emulator.change("reset_safeguard")
 
 
-# buttons and gates
+# buttons and devices
 
 
 def _emergency_button(page: Page) -> None:
-    """An emulator's, since it has no other."""
+    """The emergency stop button of an emulator."""
     with ui.element("button").classes("estop").props("type=button data-testid=estop") as button:
         ui.label("Emergency").classes("estop-text")
         ui.label("stop").classes("estop-text")
@@ -143,7 +143,7 @@ def _emergency_text(station: Station) -> str:
 
 
 def safeguard_text(station: Station) -> str:
-    """As it is where an emulator tells; a robot tells only whether its stop is in force."""
+    """The state of an emulator's safeguard; a robot only reports whether the stop is in force."""
     if not station.connected:
         return _UNKNOWN
     stopped = bool(_bits(station) & SafetyStatusBits.SAFEGUARD_STOPPED)
@@ -165,7 +165,7 @@ def _limits_text(station: Station) -> str:
 
 
 def _control_fact(page: Page) -> None:
-    """Who may command: e-Series robots are switched between their own pendant and everybody else."""
+    """Remote or local control: e-Series robots accept commands from clients or from their own pendant."""
     station = page.station
     with ui.element("div").classes("init-fact") as fact:
         ui.label("Control").classes("init-th")
@@ -195,7 +195,7 @@ Payload = tuple[float, float, float, float]  # kg, mm
 
 
 def payload_panel(page: Page) -> None:
-    """Mass and centre of gravity: fields that follow the robot when it has others, and a button that sets them."""
+    """Fields for mass and centre of gravity, which follow the robot, and a button that sets them."""
     with page.panel("Active payload", "init-payload"):
         with ui.element("div").classes("init-payload-fields"):
             mass = _number_field("Mass", "kg", "payload-mass", "%.3f", minimum=0.0, step=0.1)
@@ -241,7 +241,10 @@ async def _apply_payload(station: Station, fields: list[ui.number]) -> None:
 
 
 async def set_payload(station: Station, mass_kg: float, cog_m: list[float]) -> None:
-    """Beside whatever program runs; an emulator in local control has a verb for it. Raises ValueError, ClientError."""
+    """Set the payload in parallel to the running program; on an emulator in local control, by a verb.
+
+    Raises ValueError, ClientError.
+    """
     if mass_kg < 0.0:
         raise ValueError(f"The payload cannot be {mass_kg:g} kg: a mass is 0 or more.")
     if station.emulator.available and station.remote_control.value is False:
@@ -361,7 +364,7 @@ def _scalar_text(field: str, format_: str) -> ReadText:
 
 
 def _format_value(format_: str, value: float) -> str:
-    """Without a minus before what is shown as nothing."""
+    """Format a value without a minus sign before zero."""
     text = format_.format(value)
     return text.removeprefix("-") if text.startswith("-0") and not text.strip("-0. °/sAVC") else text
 
@@ -371,7 +374,7 @@ def _mode_name(modes: type[JointMode] | type[ToolMode], value: Any) -> str:
         return _UNKNOWN
     try:
         return modes(value).name.replace("_", " ").capitalize()
-    except ValueError:  # newer robots may have more
+    except ValueError:  # newer robots may have more modes
         return str(value)
 
 
@@ -389,7 +392,7 @@ def _uptime_text(station: Station) -> str:
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     with ui.element("div").classes("initialize"):
         _power_panel(page)
         safety_panel(page)

@@ -17,7 +17,7 @@ _PRESETS: Final = {"Floor": (0, 0), "Wall": (90, 0), "Ceiling": (180, 0)}  # deg
 
 
 def build_payload(page: Page) -> None:
-    """Mass and centre of gravity that the robot reckons with."""
+    """The payload that the robot assumes: mass and centre of gravity."""
     station = page.station
     with page.panel("Payload", "installation-panel"):
         page.live.text(_payload_text, "now-line").props("data-testid=payload-now")
@@ -43,7 +43,7 @@ def build_payload(page: Page) -> None:
 
 
 def build_mounting(page: Page) -> None:
-    """How the base stands: which way gravity pulls."""
+    """The mounting of the base: the direction of gravity."""
     station = page.station
     with page.panel("Mounting", "installation-panel"):
         page.live.text(_mounting_text, "now-line").props("data-testid=mounting-now")
@@ -123,7 +123,7 @@ def _current_tilt(station: Station) -> tuple[float, float] | None:
 
 
 def build_driver(page: Page, views: Views) -> None:
-    """Put it on the page: to be filled in on an emulator, explained on a robot."""
+    """The settings of External Control: a form on an emulator, instructions on a robot."""
     with page.panel("External Control", "installation-panel driver-panel"):
         with ui.column().classes("gap-2") as emulated:
             _driver_form(page, views)
@@ -184,7 +184,7 @@ def _show_instructions(page: Page) -> None:
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     titles = {"settings": "Settings", "file": "File", "arm": "Robot"}
     with ui.column().classes("io"), Views(page, "installation", titles) as views:
         with views.view("settings", "installation-tool"):

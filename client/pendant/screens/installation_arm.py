@@ -24,7 +24,7 @@ _HEADERS: Final = ("Joint", "From", "To", "Speed", "Acceleration")
 
 
 def build(page: Page, views: Views) -> None:
-    """Put it on the page."""
+    """Add the view to the page."""
     with page.panel("Robot", "installation-panel"), ui.element("div").classes("facts"):
         _fact(page, "Model", lambda s: s.model.title if s.model else "-")
         _fact(page, "Serial number", _query(page, views, dashboard.SERIAL_NUMBER, str)).props("data-testid=serial")
@@ -74,7 +74,7 @@ def _board(station: Station, read: Callable[[Any], str]) -> str:
 
 
 def _query(page: Page, views: Views, operation: Operation[Any], text: Callable[[Any], str]) -> Callable[[Station], str]:
-    """What the dashboard answers, asked for whenever somebody begins to look."""
+    """The answer of a dashboard operation, queried each time the view becomes visible."""
     answer = ["-"]
 
     async def query() -> None:
@@ -135,7 +135,7 @@ def _calibration_kind(calibration: Calibration, arm: ConfigurationData) -> str:
 
 
 def _cached(read: Callable[[Calibration, ConfigurationData], str]) -> Callable[[Station], str]:
-    """Worked out again only when the robot says something new."""
+    """A text that is computed again only when the robot has reported something new."""
     last: list[tuple[KinematicsInfo | None, ConfigurationData | None]] = []
     text = ["-"]
 

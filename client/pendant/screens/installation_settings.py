@@ -15,12 +15,12 @@ _VIEW: Final = "file"
 
 
 def can_be_saved(station: Station) -> bool:
-    """An emulator that has installation files."""
+    """Whether the robot is an emulator that has installation files."""
     return station.emulator.available and "change_installation" in station.emulator.verbs
 
 
 def build(page: Page, views: Views) -> None:
-    """Put it on the page."""
+    """Add the view to the page."""
     with page.panel("Installation file", "installation-panel") as panel:
         _Form(page, views)
     with page.panel("Installation file", "installation-panel") as real:
@@ -39,7 +39,7 @@ class _Form:
         self._page, self._views = page, views
         self._section: Section = next(iter(SECTIONS.values()))
         self._rows: list[Row] = []
-        self._row: Row | None = None  # None while a new one is typed
+        self._row: Row | None = None  # None while a new one is being entered
         self._inputs: dict[str, _Input] = {}
         with ui.element("div").classes("setting-choice"):
             choice = ui.select({name: section.title for name, section in SECTIONS.items()}, label="Setting")
@@ -59,7 +59,7 @@ class _Form:
         page.live.effect(self._read_installation, self._update)
         self._show_section(self._section.name)
 
-    # what the emulator says
+    # answers of the emulator
 
     def _read_installation(self, station: Station) -> Mapping[str, Any] | None:
         if self._views.visible_view != _VIEW or not can_be_saved(station):
@@ -79,7 +79,7 @@ class _Form:
             self._row_select.set_options({row[section.key]: _row_title(row) for row in self._rows}, value=shown)
         self._show_row()
 
-    # what somebody chooses
+    # selection
 
     def _show_section(self, name: str) -> None:
         section = self._section = SECTIONS[name]
@@ -99,7 +99,7 @@ class _Form:
         )
         same_row = row is not None and self._row is not None and row[section.key] == self._row[section.key]
         if same_row and self._inputs and any(field.changed for field in self._inputs.values()):
-            self._row = row  # somebody is typing; what is saved is only what was typed
+            self._row = row  # the user is typing; only changed fields will be saved
             return
         if row is None and self._inputs:
             return
@@ -108,7 +108,7 @@ class _Form:
         with self._fields:
             self._inputs = {field.name: _Input(field, row) for field in section.fields if not field.fixed}
 
-    # what becomes of it
+    # changes
 
     async def _save(self) -> None:
         if self._row is None:
@@ -136,14 +136,14 @@ class _Form:
         self._row, self._inputs = None, {}
 
     def _select_row(self, name: str) -> None:
-        """Show the row of this name, once it has come."""
+        """Select the row of this name, which may not have arrived yet."""
         self._row_select.set_options(
             {row[self._section.key]: _row_title(row) for row in self._rows} | {name: name}, value=name
         )
 
 
 class _Input:
-    """The fields of one value, in the units that people use."""
+    """The fields of one value, in the units of the screen."""
 
     def __init__(self, field: Field, row: Row | None) -> None:
         self._field = field
@@ -186,7 +186,7 @@ class _Input:
         return [box.value for box in self._boxes] != self._initial
 
     def value(self) -> Any:
-        """In SI units; a number that was not touched has all its digits. Raises ValueError."""
+        """The value in SI units; an unchanged number keeps all its digits. Raises ValueError."""
         field = self._field
         if field.kind in ("flag", "text", "choice"):
             return self._boxes[0].value

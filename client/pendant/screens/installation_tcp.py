@@ -16,11 +16,11 @@ _MM: Final = 1000.0
 _VECTOR: Final = "vector"
 _RPY: Final = "rpy"
 _NAMES: Final = {_VECTOR: ("RX", "RY", "RZ"), _RPY: ("Roll", "Pitch", "Yaw")}
-_FLANGE: Final = "Flange"  # the TCP that every arm has
+_FLANGE: Final = "Flange"  # the predefined TCP
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the panel to the page."""
     with page.panel("Tool centre point", "tcp-panel"):
         _Editor(page)
 
@@ -47,7 +47,7 @@ class _Editor:
         page.live.effect(lambda station: station.tools.version, lambda _: self._show_list())
         ui.label("In effect until a program or an installation sets another one.").classes("soft")
 
-    # the one in effect
+    # the active TCP
 
     def _active_tcp(self) -> None:
         live = self._page.live
@@ -63,7 +63,7 @@ class _Editor:
     # the form
 
     def _entered(self) -> Pose:
-        """Raises ValueError when a number is missing."""
+        """The entered TCP. Raises ValueError if a number is missing."""
         values = [box.value for box in self._boxes]
         if any(value is None for value in values):
             raise ValueError("a TCP has six numbers: fill in all of them")
@@ -97,7 +97,7 @@ class _Editor:
         if tcp is not None:
             self._show(tcp)
 
-    # what becomes of it
+    # actions
 
     async def _apply(self, tcp: Callable[[], Sequence[float]]) -> None:
         async def apply() -> None:
@@ -163,7 +163,7 @@ def _element_text(index: int) -> Callable[[Station], str]:
 
 
 def _saved_name(station: Station) -> Any:
-    """The name under which it was saved."""
+    """The name under which the active TCP was saved."""
     tcp = active_tcp(station)
     if tcp is None:
         return "-"

@@ -27,7 +27,7 @@ _PARITIES: Final = {0: "no parity", 1: "odd parity", 2: "even parity"}
 
 
 def build_tool(page: Page) -> None:
-    """Put it on the page."""
+    """The panel of the tool."""
     with page.panel("Tool", "tool-panel") as panel:
         simulated(page, panel)
         with ui.row().classes("tool-wires"):
@@ -45,7 +45,7 @@ def build_tool(page: Page) -> None:
 
 
 def build_supply(page: Page) -> None:
-    """What the control box and the arm draw."""
+    """Voltages and currents of the control box and the arm."""
     with page.panel("Supply", "power-panel"), ui.element("div").classes("supply-facts"):
         _fact(page, "Main", lambda s: _number_text(s, "actual_main_voltage", "V", 1))
         _fact(page, "Arm", lambda s: _number_text(s, "actual_robot_voltage", "V", 1))
@@ -95,7 +95,7 @@ def _tool_voltage(page: Page) -> None:
 
 
 def _pin_mode_row(page: Page) -> None:
-    """What the output pins are for; an e-Series has a choice."""
+    """The modes of the output pins, which can be chosen on e-Series."""
     with ui.row().classes("tool-uses") as row:
         _pin_mode_select(page, _PIN_MODES, "Output pins", "output_mode", "set_tool_output_mode({})").props(
             "data-testid=tool-use"
@@ -150,7 +150,7 @@ SIMULATED = "simulated: touch to change"
 
 
 def build_digital(page: Page) -> None:
-    """The control box's."""
+    """The digital signals of the control box."""
     with page.panel("Digital inputs", "wire-panel") as panel:
         simulated(page, panel)
         for group in (STANDARD, CONFIGURABLE):
@@ -163,13 +163,13 @@ def build_digital(page: Page) -> None:
 
 
 def simulated(page: Page, panel: ui.element) -> None:
-    """Say on an emulator that these can be changed, which on a robot they cannot."""
+    """Show on an emulator that these inputs can be changed, unlike on a robot."""
     ui.label(SIMULATED).classes("simulated-mark")
     page.live.bind(panel, "state", lambda station: "simulated" if station.emulator.available else "real")
 
 
 def inputs(page: Page, group: DigitalGroup) -> None:
-    """Lamps of a group."""
+    """The input lamps of a group; on an emulator, they are switches."""
     station = page.station
 
     async def switch(index: int) -> None:
@@ -183,7 +183,7 @@ def inputs(page: Page, group: DigitalGroup) -> None:
 
 
 def outputs(page: Page, group: DigitalGroup) -> None:
-    """Lamps of a group that switch."""
+    """The output lamps of a group, which are also switches."""
     station = page.station
 
     async def switch(index: int) -> None:
@@ -207,7 +207,7 @@ def _signal_row(page: Page, group: DigitalGroup, direction: str, field: str, swi
 
 def _bits_reader(field: str, group: DigitalGroup) -> Callable[[Station], str]:
     def read(station: Station) -> str:
-        """A digit each, 0 or 1, in order; "" while they are not known."""
+        """A digit for each signal, 0 or 1, in order; "" while unknown."""
         if field not in station.values:
             return ""
         bits = station.values[field] >> group.first
@@ -224,7 +224,7 @@ _DOMAINS: Final = {int(AnalogDomain.CURRENT): "mA", int(AnalogDomain.VOLTAGE): "
 
 
 def build_analog(page: Page) -> None:
-    """Two inputs, two outputs."""
+    """The two analog inputs and outputs of the control box."""
     with page.panel("Analog inputs", "analog-panel") as panel:
         simulated(page, panel)
         for index in range(2):
@@ -281,7 +281,7 @@ def _analog_output(page: Page, index: int) -> None:
 
 
 def domain_choice(page: Page, read: Callable[[Station], int], choose: Callable[[int], Any], name: str) -> ui.toggle:
-    """mA or V; follows the robot."""
+    """A choice of mA or V that follows the robot."""
     toggle = ui.toggle(_DOMAINS).props("dense no-caps unelevated").classes("domain")
     bind_choice(page, toggle, lambda station: read(station) if station.connected else None, choose, f"domain of {name}")
     return toggle
@@ -328,7 +328,7 @@ def _slider(
 
 
 def _number_field(set_value: Callable[[float], Any], name: str) -> ui.number:
-    """Enter sets it."""
+    """A field whose value is set with Enter."""
     box = ui.number(format="%.3f", placeholder="set").props("dense outlined hide-bottom-space").classes("analog-value")
     box.props(f"aria-label={name}")
 
@@ -355,7 +355,7 @@ def _value_text(value: Callable[[Station], float | None], domain: Callable[[Stat
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     titles = {"signals": "Robot", "registers": "Registers", "modbus": "Modbus"}
     with ui.column().classes("io"), Views(page, "io", titles) as views:
         with views.view("signals", "io-signals"):

@@ -19,7 +19,7 @@ _FORMATS: dict[str, Callable[[int], str]] = {
 
 
 def build_modbus(page: Page, views: Views) -> None:
-    """Put it on the page."""
+    """The view of the Modbus registers."""
     registers = page.station.general_registers
     format_ = ["unsigned"]
 
@@ -67,11 +67,11 @@ def to_word(value: float) -> int:
     return int(value) & 0xFFFF
 
 
-CELLS: Final = 24  # integers and doubles in view each way
+CELLS: Final = 24  # visible integers and doubles per direction
 _BITS: Final = 64
 _RATE_HZ: Final = 10.0
 _LOWER: Final = "fieldbus"  # the half that RTDE clients share with a fieldbus
-_UPPER: Final = "clients"  # the half that is theirs
+_UPPER: Final = "clients"  # the half reserved for RTDE clients
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +83,12 @@ class Bank:
 
     @property
     def first(self) -> int:
-        """Index of the first."""
+        """Index of the first register."""
         return 0 if self.half == _LOWER else _BITS if self.kind == "bit" else CELLS
 
     @property
     def count(self) -> int:
-        """How many."""
+        """Number of registers."""
         return _BITS if self.kind == "bit" else CELLS
 
     def fields(self, direction: str) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ class Bank:
         return tuple(f"{direction}_{self.kind}_register_{self.first + index}" for index in range(self.count))
 
     def levels(self, direction: str, values: Mapping[str, Any]) -> str:
-        """A digit for each boolean, 0 or 1, or a dash for what is not known."""
+        """A digit for each boolean, 0 or 1, or a dash if unknown."""
         found = [values.get(field) for field in self.fields(direction)]
         if self.half == _LOWER:
             bits = [None if word is None else word >> bit & 1 for word in found for bit in range(32)]
@@ -107,12 +107,12 @@ class Bank:
         return "".join("-" if bit is None else str(int(bit)) for bit in bits)
 
     def texts(self, direction: str, values: Mapping[str, Any]) -> list[str]:
-        """Of each number."""
+        """The text of each number."""
         found = [values.get(field) for field in self.fields(direction)]
         return ["-" if value is None else f"{value:.6g}" if self.kind == "double" else str(value) for value in found]
 
     def input_values(self, index: int, value: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-        """What to write over RTDE for one input register. Raises ValueError for what does not fit."""
+        """The RTDE inputs that set one register. Raises ValueError if the value does not fit."""
         if self.kind == "bit" and self.half == _LOWER:
             field, bit = self.fields("input")[index // 32], index % 32
             word = values.get(field, 0)
@@ -138,7 +138,7 @@ class _Registers:
         views.on_view_change.append(lambda view: self.update_feed())
 
     def update_feed(self) -> None:
-        """Have the states of what is in view, and of nothing else."""
+        """Subscribe to the visible registers only."""
         feeds, previous = self.page.station.feeds, self.feed
         visible = self._views.visible_view == "registers"
         names = (*self.bank.fields("input"), *self.bank.fields("output"))
@@ -156,7 +156,7 @@ class _Registers:
         return {} if self.feed is None else self.feed.values
 
     async def edit(self, index: int) -> None:
-        """Switch an input boolean, or ask for the number of an input register."""
+        """Switch an input boolean, or request the number of an input register."""
         bank, values = self.bank, self.values
         if bank.kind == "bit":
             level = bank.levels("input", values)[index] != "1"
@@ -175,7 +175,7 @@ class _Registers:
 
 
 def build(page: Page, views: Views) -> None:
-    """Put it on the page."""
+    """The view of the RTDE registers."""
     registers = _Registers(page, views)
     with ui.row().classes("register-choice"):
         kinds = {"bit": "Boolean", "int": "Integer", "double": "Double"}
@@ -232,7 +232,7 @@ def _cells(registers: _Registers, direction: str, count: int, style: str) -> Non
 def _cached(
     registers: _Registers, read: Callable[[Bank, Mapping[str, Any]], Any], bits: bool
 ) -> Callable[[Station], Any]:
-    """What ``read`` gives, worked out once for each state; None hides the grid of the other kind."""
+    """The value of ``read``, computed once per state; None hides the grid of the other kind."""
     last: list[Any] = [None, None, None]
 
     def read_cached(station: Station) -> Any:
@@ -245,7 +245,7 @@ def _cached(
 
 
 async def request_number(page: Page, name: str, value: float | None, whole: bool) -> float | None:
-    """Ask a person for a number; None when there is none."""
+    """Request a number from the user; None if cancelled."""
     with page.content, ui.dialog() as dialog, ui.card():
         ui.label(name).classes("text-subtitle1")
         box = ui.number(value=value, precision=0 if whole else None).props(

@@ -12,7 +12,7 @@ from client.pendant.station import Station
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     settings = MoveSettings(page)
     jog = JogPanels(page, settings)
     planned = PlannedMove(page, settings)
@@ -52,7 +52,7 @@ def _targets(page: Page, settings: MoveSettings, planned: PlannedMove) -> None:
 
 
 def _stop_button(page: Page) -> None:
-    """Of whatever moves the arm: a motion from here, or a program."""
+    """A button that stops the arm: a motion from here, or a program."""
 
     async def stop() -> None:
         station = page.station
@@ -66,7 +66,7 @@ def _stop_button(page: Page) -> None:
 
 
 def _status_line(page: Page) -> None:
-    """What moves the arm, and why slowly, or why nothing may."""
+    """The present motion, and why it is slow or why none is permitted."""
     with ui.element("div").classes("move-status"):
         chip = page.live.text(lambda station: station.mover.activity, "chip move-doing")
         chip.props("data-testid=doing")

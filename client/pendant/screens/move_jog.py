@@ -22,7 +22,7 @@ from urproto.vectors import Matrix3
 
 FEATURES: Final = {"base": "Base", "tool": "Tool", "view": "View"}
 MAX_JOINT_SPEED: Final = 1.0472  # rad/s, of joints and of a tool's rotation; 60 degrees/s is URScript's default
-MAX_LINE_SPEED: Final = 0.25  # m/s: URScript's default, and what ISO 10218 lets an arm move at in manual mode
+MAX_LINE_SPEED: Final = 0.25  # m/s: URScript's default, and the limit of ISO 10218 in manual mode
 _JOINT_ACCELERATION: Final = 1.4  # rad/s2, m/s2
 _LINE_ACCELERATION: Final = 1.2
 _IDENTITY: Final[Matrix3] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
@@ -48,14 +48,14 @@ class MoveSettings:
         page.live.on_lost.append(self._stop_own_motion)
 
     def set_rotation_format(self, *, as_rpy: bool) -> None:
-        """So from now on."""
+        """Set how rotations are shown: as RPY or as rotation vectors."""
         if as_rpy != self.as_rpy:
             self.as_rpy = as_rpy
             for callback in self.on_rotation:
                 callback(as_rpy)
 
     def axes(self, azimuth_rad: float) -> Matrix3:
-        """Of the feature, in the base frame. azimuth: how far what the camera calls right is from the base's x."""
+        """Axes of the feature in the base frame. azimuth_rad: angle from the base's x axis to the right in the view."""
         pose = self.page.station.values.get("actual_TCP_pose")
         if self.feature == "tool" and pose is not None:
             return rotvec_to_matrix(*pose[3:])
@@ -66,23 +66,23 @@ class MoveSettings:
 
     @property
     def rotation(self) -> str:
-        """How rotations are written: rv or rpy."""
+        """The format of rotations: rv or rpy."""
         return "rpy" if self.as_rpy else "rv"
 
     @property
     def joint_speed(self) -> dict[str, float]:
-        """For move_j."""
+        """Options for move_j."""
         return {"speed_rad_s": self.speed * MAX_JOINT_SPEED, "acceleration_rad_s2": _JOINT_ACCELERATION}
 
     @property
     def line_speed(self) -> dict[str, float]:
-        """For move_l."""
+        """Options for move_l."""
         return {"speed_m_s": self.speed * MAX_LINE_SPEED, "acceleration_m_s2": _LINE_ACCELERATION}
 
     async def move(self, motion: Callable[[], Awaitable[None]]) -> None:
-        """Begin a motion that ends by itself, if it may be; it ends too when this browser is gone.
+        """Start a motion to a target, if permitted; it also ends when this browser disconnects.
 
-        Raises NotNowError.
+        Raises NotPermittedError.
         """
         self.page.station.situation.require(Action.MOVE)
         if await self.page.confirm_move():
@@ -95,7 +95,7 @@ class MoveSettings:
         except MotionStoppedError:
             self.page.show_message("Stopped")
         finally:
-            self._moving = was_moving  # another motion of this browser may be the one that is under way
+            self._moving = was_moving  # another motion of this browser may be in progress
 
     def _stop_own_motion(self) -> None:
         if self._moving:
@@ -103,7 +103,7 @@ class MoveSettings:
 
 
 _AXES: Final = ("X", "Y", "Z", "RX", "RY", "RZ")
-_VIEW_AXES: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the same in feature View
+_VIEW_AXES: Final = ("Right", "Away", "Up", "Pitch", "Roll", "Yaw")  # the axes of the feature View
 _NEAR_LIMIT_RAD: Final = 0.09  # rad from a limit: where a bar turns amber
 _MAX_SILENCE_S: Final = 3.0  # guess: longer than a browser under load is silent, shorter than a laptop sleeps
 _UNKNOWN: Final = "\N{EN DASH}"
@@ -115,18 +115,18 @@ class JogPanels:
     def __init__(self, page: Page, settings: MoveSettings) -> None:
         self._page = page
         self._settings = settings
-        self._pressed = False  # a button is, and what it was pressed for has begun
-        self._press_failed = False  # it is, but this press has failed
-        self._silent = False  # freedrive has ended because nothing was heard of its button
+        self._pressed = False  # a button is held, and its motion has started
+        self._press_failed = False  # a button is held, but its motion could not start
+        self._silent = False  # freedrive has ended because its button sent no more messages
         self._confirmation: asyncio.Task[Any] | None = None
         self._freedrive_task: asyncio.Task[Any] | None = None
         self._last_message_s = 0.0
         page.live.on_held.append(self._on_held)
 
-    # the panels
+    # panels
 
     def tool(self) -> None:
-        """Of the TCP."""
+        """The panel of the TCP."""
         settings = self._settings
         with self._page.panel("TCP", "move-jog"):
             with ui.row().classes("move-choices"):
@@ -140,7 +140,7 @@ class JogPanels:
                     _hold_buttons("axis", i, _AXES[i].lower(), _AXES[i])
 
     def joints(self) -> None:
-        """One row each: where it is within its limits, its angle, its buttons."""
+        """The panel of the joints: position within the limits, angle, and buttons."""
         live = self._page.live
         with self._page.panel("Joints", "move-jog"):
             for i, title in enumerate(JOINT_TITLES):
@@ -155,7 +155,7 @@ class JogPanels:
                     _hold_buttons("joint", i, str(i), title)
 
     def speed_and_freedrive(self) -> None:
-        """How fast everything here goes; freedrive."""
+        """The panel with the speed of motions and the freedrive buttons."""
         page, settings = self._page, self._settings
         with page.panel("Speed and freedrive"):
             with ui.row().classes("move-speed"):
@@ -184,7 +184,7 @@ class JogPanels:
                 button.classes("hand")
                 page.live.bind(button, "state", lambda station: "on" if station.mover.freedrive else "off")
 
-    # the numbers
+    # values
 
     def _axis_name(self, axis: int, _: Station) -> str:
         return (_VIEW_AXES if self._settings.feature == "view" else _AXES)[axis]
@@ -202,13 +202,15 @@ class JogPanels:
     def _coordinate_unit(self, axis: int, _: Station) -> str:
         return "mm" if axis < 3 else "°" if self._settings.as_rpy else "rad"
 
-    # what is held
+    # held buttons
 
     def _on_held(self, held: Mapping[str, Any] | None) -> None:
         mover, now = self._page.station.mover, asyncio.get_running_loop().time()
         silent_s, self._last_message_s = now - self._last_message_s, now
         if held is not None and self._pressed and not self._press_failed and silent_s > _MAX_SILENCE_S:
-            self._press_failed = True  # a browser that wakes up still holds what nobody may hold any more
+            self._press_failed = (
+                True  # a browser that wakes from sleep still reports a button that may have been released
+            )
             self._page.show_error(f"Nothing was heard of the button for {silent_s:.0f} s: press it again.")
         if held is None:
             if self._freedrive_task is not None:
@@ -229,7 +231,7 @@ class JogPanels:
             self._press_failed = True
             self._confirmation = asyncio.create_task(self._page.confirm_move())
         elif held.get("freedrive") is True:
-            # a button that was silent for a moment only is still held: as with a jog, its motion begins again
+            # a button that was silent only for a moment is still held: as in jogging, its motion starts again
             if not self._pressed or (self._silent and self._freedrive_task is None):
                 self._silent = False
                 self._freedrive_task = asyncio.create_task(self._run_freedrive())
@@ -238,7 +240,7 @@ class JogPanels:
         self._pressed = True
 
     def _velocity(self, held: Mapping[str, Any]) -> Velocity:
-        """What a button means. Raises ValueError for what none says."""
+        """The velocity for a held button. Raises ValueError if the message is invalid."""
         sign = 1.0 if held.get("sign", 0) > 0 else -1.0
         speeds = [0.0] * 6
         if "joint" in held:
@@ -304,7 +306,7 @@ def _checked_index(value: Any) -> int:
 
 
 def _format_number(value: float, digits: int) -> str:
-    """With a minus as wide as the digits, and none before a zero."""
+    """Format a number with a minus sign as wide as the digits, and without one before zero."""
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if not text.strip("-0.") else text.replace("-", "\N{MINUS SIGN}")
 
@@ -320,7 +322,7 @@ def _limits(joint: int, station: Station) -> tuple[float, float]:
 
 
 def _joint_percent(joint: int, station: Station) -> float:
-    """Where a joint is between its limits [percent]; one without limits turns round and round."""
+    """Position of a joint between its limits [percent]."""
     q: Joints | None = station.values.get("actual_q")
     if q is None:
         return 50.0

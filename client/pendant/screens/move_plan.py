@@ -94,7 +94,7 @@ class PlannedMove:
         live.effect(lambda station: not self._move_refusal(station), move.set_enabled)
         live.bind(move, "title", self._move_refusal)
 
-    # what is known
+    # state
 
     def _scene(self, station: Station) -> MonitoredScene | None:
         return station.planning_scene if self._visible or station.has_surroundings else None
@@ -145,7 +145,7 @@ class PlannedMove:
             return "off", "Drag the ball, the arrows or the rings at the tool, or type joint angles, then press Plan."
         return "off", "The target is free: press Plan to plan a path there."
 
-    # what is drawn
+    # drawing
 
     def _objects(self, station: Station) -> dict[str, Any] | None:
         monitored = self._scene(station)
@@ -173,7 +173,7 @@ class PlannedMove:
             return None
         return planned.moving if station.mover.activity else planned.playing
 
-    # what a person does
+    # user actions
 
     def _move_target(self, message: Any) -> None:
         """Move the target with the handle, as far as the arm can reach. Raises ValueError for an invalid message."""

@@ -22,7 +22,7 @@ _ICONS: Final = {"Home": "home", "Zero": "exposure_zero"}
 
 
 def saved_poses(page: Page, settings: MoveSettings) -> None:
-    """A list that all browsers share, and what adds to it."""
+    """The list of poses that all browsers share, and a form to add one."""
     pose_list = ui.element("div").classes("pose-list")
 
     def show(version: tuple[str, int] | None) -> None:
@@ -56,7 +56,7 @@ def saved_poses(page: Page, settings: MoveSettings) -> None:
 
 
 def _list_version(station: Station) -> tuple[str, int] | None:
-    """What the list depends on."""
+    """Model and version of the list of poses."""
     return None if station.model is None else (station.model.name, station.poses.version)
 
 
@@ -111,7 +111,7 @@ async def _rename(page: Page, name: str) -> None:
 
 
 async def _request_name(title: str, text: str) -> str | None:
-    """What somebody types instead of a text; None if nothing."""
+    """Request a new name from the user; None if cancelled."""
     with ui.dialog() as dialog, ui.card():
         ui.label(title).classes("text-h6")
         box = ui.input(value=text).props(f'autofocus outlined dense data-testid=pose-new-name aria-label="{title}"')
@@ -124,12 +124,12 @@ async def _request_name(title: str, text: str) -> str | None:
     return answer
 
 
-_MAX_RANGE_DEG: Final = 360.0  # degrees: of a slider for a joint that has no limit
+_MAX_RANGE_DEG: Final = 360.0  # of a slider for a joint without limits
 _POSITIONS: Final = ("X", "Y", "Z")
 
 
 def joint_target(page: Page, settings: MoveSettings) -> None:
-    """Six sliders and numbers, and what moves the arm there."""
+    """Sliders and fields for six joint angles, and a button that moves the arm there."""
     numbers = []
     sliders = []
     with ui.element("div").classes("target-grid"):
@@ -180,7 +180,7 @@ def joint_target(page: Page, settings: MoveSettings) -> None:
 
 
 def pose_target(page: Page, settings: MoveSettings) -> None:
-    """Six numbers, and what moves the TCP there: joints together, or in a straight line."""
+    """Fields for a pose, and a button that moves the TCP there: in joint space, or in a straight line."""
     fields = {}
     with ui.element("div").classes("target-grid pose-grid"):
         for i in (0, 3, 1, 4, 2, 5):
@@ -207,7 +207,7 @@ def pose_target(page: Page, settings: MoveSettings) -> None:
             await settings.move(lambda: mover.move_to_pose(pose, activity, **settings.joint_speed))
 
     def convert_rotation(as_rpy: bool) -> None:
-        """The same rotation in the other numbers."""
+        """Convert the entered rotation to the other format."""
         if all(number.value is not None for number in numbers):
             show(read(not as_rpy))
 
@@ -263,7 +263,7 @@ def _number(field: ui.number) -> float:
 
 
 def _require_within_limits(model: RobotModel | None, q_rad: list[float]) -> list[float]:
-    """Raises ValueError with the limits, in degrees as they are on the screen."""
+    """Raises ValueError with the limits, in degrees as on the screen."""
     lows, highs = ((-inf,) * 6, (inf,) * 6) if model is None else model.position_limits
     for title, low, angle, high in zip(JOINT_TITLES, lows, q_rad, highs, strict=True):
         if not low <= angle <= high:

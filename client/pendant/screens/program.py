@@ -17,12 +17,12 @@ from client.pendant.situation import Action
 from client.pendant.station import Station
 from urproto.versions import PolyscopeVersion
 
-_DROP_PLACES: Final = ("before", "onto", "after")  # where a node is dropped at another one
+_DROP_PLACES: Final = ("before", "onto", "after")  # where a node is dropped relative to another one
 _BREAKPOINT: Final = "Breakpoint: the program pauses here (F9)"
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     selection = Selection(page.station.program_draft)
     commands = Commands(page, selection)
     with ui.element("div").classes("program-screen"):
@@ -50,7 +50,7 @@ class Commands:
         self.save: Callable[[], Awaitable[object]] = _do_nothing
 
     def handle(self, message: Any, form: NodeForm) -> None:
-        """What the browser says of its tree: [word, id of a node]."""
+        """Run a command of the browser's tree: [name, id of a node]."""
         if not isinstance(message, list) or len(message) != 2 or not isinstance(message[0], str):
             return
         name, node = message
@@ -64,7 +64,7 @@ class Commands:
             self.page.run_in_background(command)
 
     def drop(self, message: Any) -> None:
-        """A node that was dragged: [its id, the other's, one of `_PLACES`]."""
+        """Move a dragged node: [its id, the other's id, one of `_DROP_PLACES`]."""
         match message:
             case [str(node), str(at), str(place)] if place in _DROP_PLACES:
                 self._selection.choose(node)
@@ -75,7 +75,7 @@ class Commands:
 
     @property
     def by_name(self) -> dict[str, Callable[[], Awaitable[None]]]:
-        """By the words of static/screen_program.js."""
+        """The commands by their names in static/screen_program.js."""
         return {
             "undo": self.undo,
             "redo": self.redo,
@@ -90,60 +90,60 @@ class Commands:
         }
 
     async def undo(self) -> None:
-        """The last change, whoever made it."""
+        """Undo the last change of any user."""
         self._draft.undo()
 
     async def redo(self) -> None:
-        """What was undone last."""
+        """Redo the change that was undone last."""
         self._draft.redo()
 
     async def cut(self) -> None:
-        """Into the clipboard of the station."""
+        """Move the node to the clipboard of the station."""
         self._draft.copy(self._selection.node)
         await self.delete()
 
     async def copy(self) -> None:
-        """Into the clipboard of the station."""
+        """Copy the node to the clipboard of the station."""
         self._draft.copy(self._selection.node)
 
     async def paste(self) -> None:
-        """Behind the selected node, or into it."""
+        """Paste after the selected node, or into it."""
         self._selection.choose(self._draft.paste(self._selection.node))
 
     async def delete(self) -> None:
-        """With all below it; its neighbour is selected then."""
+        """Delete the node and its children, and select its neighbour."""
         node = self._selection.node
         neighbour = self._draft.view.neighbour(node)
         self._draft.delete(node)
         self._selection.choose(neighbour)
 
     async def up(self) -> None:
-        """Before the node above it."""
+        """Move the node before its previous sibling."""
         self._draft.move_by(self._selection.node, -1)
 
     async def down(self) -> None:
-        """Behind the node below it."""
+        """Move the node after its next sibling."""
         self._draft.move_by(self._selection.node, 1)
 
     async def suppress(self) -> None:
-        """Or not any more."""
+        """Suppress the node, or no longer."""
         self._draft.suppress(self._selection.node)
 
     async def breakpoint(self) -> None:
-        """Or none any more."""
+        """Set or remove a breakpoint at the node."""
         self._draft.toggle_breakpoint(self._selection.node)
         await playing.send_breakpoints(self.page.station)
 
     async def play(self) -> None:
-        """From the start, or on from where it is paused."""
+        """Play from the start, or resume."""
         await self._start_program(lambda: playing.play(self.page.station))
 
     async def play_from(self) -> None:
-        """From the selected node."""
+        """Play from the selected node."""
         await self._start_program(lambda: playing.play(self.page.station, at=self._selection.node))
 
     async def step(self) -> None:
-        """To the next node."""
+        """Step to the next node."""
         await self._start_program(lambda: playing.step(self.page.station))
 
     async def _start_program(self, start: Callable[[], Awaitable[None]]) -> None:
@@ -157,7 +157,7 @@ class Commands:
 
 
 async def _do_nothing() -> None:
-    """Before the toolbar is there."""
+    """A placeholder until the toolbar is built."""
 
 
 def _toolbar(page: Page, commands: Commands) -> None:
@@ -233,7 +233,7 @@ def _play_note(station: Station) -> str:
 
 
 def _palette(page: Page, selection: Selection) -> None:
-    """Types of nodes in the groups of PolyScope; a click inserts one behind the selected node, or into it."""
+    """Types of nodes in the groups of PolyScope; a click inserts one after the selected node, or into it."""
     draft = page.station.program_draft
 
     async def insert(kind: str) -> None:
@@ -264,23 +264,23 @@ def _tree_element() -> ui.element:
 
 
 def _connect_tree(page: Page, selection: Selection, commands: Commands, tree: ui.element, form: NodeForm) -> None:
-    """Let the tree show the program, and hear what is done in it.
+    """Show the program in the tree, and handle the commands of the tree.
 
-    What the tree says comes over the connection of the form's fields, and so behind what was typed there before: the
-    form has it when another node is selected, even before it hears that the field has lost the focus.
+    The commands arrive over the same connection as the content of the form's fields, and so after it: when another node
+    is selected, the form already has the typed content, even before the field reports the loss of focus.
     """
     draft = page.station.program_draft
     page.live.bind(tree, "value", lambda _: draft.view.shown_rows())
     marks, selected = ui.element("span").classes("hidden"), ui.element("span").classes("hidden")
     page.live.bind(marks, "value", _running_numbers)
     page.live.bind(selected, "value", lambda _: selection.node)
-    tree.on("said", lambda event: commands.handle(event.args.get("detail"), form), ["detail"])
+    tree.on("treecommand", lambda event: commands.handle(event.args.get("detail"), form), ["detail"])
     ids = [tree.id, marks.id, selected.id, form.fields_id]
     ui.run_javascript(f"pendantProgram.tree({json.dumps(ids)[1:-1]})")
 
 
 def _running_numbers(station: Station) -> list[int]:
-    """Numbers of the nodes that are carried out, if it is this program that runs."""
+    """Numbers of the nodes that are being executed, if this program is running."""
     threads = station.programs.threads
     if not threads or not playing.is_on_robot(station):
         return []

@@ -39,7 +39,7 @@ class FileButtons:
         self._picker.props('accept=".urp" data-testid=program-file')
 
     async def _confirm_replacing(self) -> bool:
-        """Whether the program may go: asked if something would be lost."""
+        """Whether the program may be replaced; the user is asked if changes would be lost."""
         draft = self._draft
         if not draft.changed:
             return True
@@ -47,12 +47,12 @@ class FileButtons:
         return await self._page.confirm("Leave this program?", text, "Leave it")
 
     async def new(self) -> None:
-        """An empty program."""
+        """Start an empty program."""
         if await self._confirm_replacing():
             self._draft.new()
 
     async def open(self) -> None:
-        """A file of the programs folder, or of the browser's machine."""
+        """Open a file of the programs folder, or of the browser's machine."""
         page = self._page
         if not await self._confirm_replacing():
             return
@@ -88,7 +88,7 @@ class FileButtons:
         self._picker.reset()
 
     async def save(self) -> None:
-        """Under its name, or the one that somebody gives it."""
+        """Save under the present name, or under one that the user enters."""
         if not self._draft.path:
             await self.save_as()
             return
@@ -96,7 +96,7 @@ class FileButtons:
         self._page.show_message(f"{self._draft.path} is saved")
 
     async def save_as(self) -> bool:
-        """Under another name; whether that was done."""
+        """Save under another name; returns whether that was done."""
         page, draft = self._page, self._draft
         with page.content, ui.dialog(value=True) as dialog, ui.card():
             ui.label("Save the program as").classes("text-h6")
@@ -121,6 +121,6 @@ class FileButtons:
         return True
 
     async def download(self) -> None:
-        """The file of the program, to the browser's machine."""
+        """Download the program to the browser's machine."""
         name = PurePosixPath(self._draft.path or "unnamed.urp").name
         ui.download(self._draft.data(), name)

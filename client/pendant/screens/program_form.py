@@ -30,10 +30,12 @@ class NodeForm:
         self._page = page
         self._selection = selection
         self._draft = page.station.program_draft
-        self._setters = dict[str, Callable[[Any], object]]()  # lets a field show a value
+        self._setters = dict[str, Callable[[Any], object]]()  # sets the shown value of a field
         self._shown_values = dict[str, Any]()  # the values that were shown last
-        self._node = ""  # whose fields there are
-        self._on_leave = list[Callable[[], None]]()  # takes what was typed in a field that goes, or says why not
+        self._node = ""  # the node whose fields are shown
+        self._on_leave = list[
+            Callable[[], None]
+        ]()  # commits the content of a field that is removed, or shows why it is invalid
         self._settings = MoveSettings(page)
         with ui.card().classes("panel program-form").props('role=form aria-label="Selected node"') as self._panel:
             page.live.text(lambda _: self._draft.view.text(selection.node), "panel-title").props(
@@ -48,14 +50,14 @@ class NodeForm:
 
     @property
     def fields_id(self) -> int:
-        """Of the element with the fields."""
+        """Id of the element with the fields."""
         return self._fields.id
 
     def focus(self) -> None:
-        """Where somebody types first."""
+        """Focus the first field."""
         ui.run_javascript(f"pendantProgram.edit({self.fields_id})")
 
-    # what there is
+    # fields
 
     def _form_fields(self) -> tuple[FormField, ...]:
         return self._draft.view.form(self._selection.node)
@@ -68,7 +70,7 @@ class NodeForm:
         return tuple((field.key, field.value) for field in self._form_fields())
 
     def _show_changes(self, values: tuple[tuple[str, Any], ...]) -> None:
-        """What another browser, or undoing, has changed; a text that somebody is typing elsewhere stays."""
+        """Show changes by other browsers or by undo; a text that is being typed in another field stays."""
         previous, self._shown_values = self._shown_values, dict(values)
         for key, value in values:
             if key in self._setters and not (key in previous and previous[key] == value):
@@ -99,7 +101,7 @@ class NodeForm:
     # kinds of fields
 
     def _set_value(self, node: str, field: FormField, value: Any) -> str:
-        """Set it; what is wrong with the value, "" if nothing."""
+        """Set a field; returns the problem of the value, "" without one."""
         try:
             self._draft.set(node, field.key, value)
         except EXPECTED_ERRORS as error:
@@ -107,7 +109,7 @@ class NodeForm:
         return ""
 
     def _text_field(self, node: str, field: FormField) -> None:
-        """A number, a text, an expression, a variable."""
+        """A field for a number, a text, an expression or a variable."""
         suggestions = [str(value) for value, _ in field.choices]
         box = ui.input(field.title, value=_text(field.value), autocomplete=suggestions or None)
         box.props(
@@ -120,7 +122,7 @@ class NodeForm:
         if field.help:
             box.props(f'hint="{field.help}"')
 
-        committed = _text(field.value)  # what was typed and is either in the program or known to be wrong
+        committed = _text(field.value)  # the last typed text, which is in the program or known to be invalid
 
         def commit() -> None:
             nonlocal committed
@@ -151,7 +153,7 @@ class NodeForm:
     def _select_field(self, node: str, field: FormField) -> None:
         options = dict(field.choices)
         if field.value not in (None, "") and field.value not in options:
-            options[str(field.value)] = str(field.value)  # the installation has lost it: the node says so
+            options[str(field.value)] = str(field.value)  # no longer in the installation, which the node reports
         value = field.value if field.value in options else None
         select = ui.select(options, label=field.title, value=value, clearable=field.optional)
         select.props(
@@ -178,7 +180,7 @@ class NodeForm:
         self._setters[field.key] = lambda value: box.set_value(bool(value))
 
     def _position_field(self, node: str, field: FormField) -> None:
-        """Taught from the arm, which can be sent there."""
+        """A position that is taught from the arm, and a button that moves the arm there."""
         page = self._page
         shown = ui.label(_position_text(field.value)).classes("program-doc").props(f"data-testid=field-{field.key}")
         self._setters[field.key] = lambda value: shown.set_text(_position_text(value))
@@ -215,7 +217,7 @@ def _text(value: Any) -> str:
 
 
 def _position_text(value: Any) -> str:
-    """Joint angles of a taught position, in words."""
+    """A taught position as text."""
     if not isinstance(value, Mapping) or not value.get("joints"):
         return "Not taught yet"
     return "Joints " + ", ".join(f"{degrees(angle):.1f}°" for angle in value["joints"])

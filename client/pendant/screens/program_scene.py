@@ -12,11 +12,11 @@ from client.pendant.program_draft import Selection
 _RADIUS_M: Final = 0.012
 _COLOR: Final = "#e08a00"
 _SELECTED_COLOR: Final = "#2f7fb8"
-_MAX_WAYPOINTS: Final = 300  # waypoints drawn; more are no picture any more
+_MAX_WAYPOINTS: Final = 300  # drawn waypoints; more would be unreadable
 
 
 def program_scene(page: Page, selection: Selection) -> None:
-    """Put it on the page. Waypoints are where their poses are; lines between them are straight, as those of MoveL."""
+    """Add the scene to the page. Lines between waypoints are straight, like those of MoveL."""
     with ui.card().classes("panel program-scene").props("data-testid=program-scene"):
         scene = arm_scene(page)
         camera_buttons(page, scene)

@@ -23,7 +23,7 @@ _NOT_PLAYED_YET: Final = "The script of a program tree is available once the pro
 
 
 def build_program(page: Page, edit: Callable[[], object]) -> None:
-    """Put it on the page. edit: show the editor, which got the text."""
+    """The view of the program. edit: shows the editor."""
     live = page.live
     form = ui.toggle({"tree": "Tree", "script": "Script"}, value="tree").props("dense no-caps unelevated")
 
@@ -67,7 +67,7 @@ class _Content:
 
 
 def _marked_numbers(station: Station, tree: bool) -> list[int]:
-    """Lines of the script, or numbers of nodes, that are carried out."""
+    """Lines of the script, or numbers of nodes, that are being executed."""
     programs = station.programs
     if tree:
         return [thread.label_id for thread in programs.threads if thread.label_id] if programs.shown.running else []
@@ -76,7 +76,7 @@ def _marked_numbers(station: Station, tree: bool) -> list[int]:
 
 
 def _thread_positions(station: Station) -> str:
-    """What each thread does, as its labels say."""
+    """The label that each thread is executing."""
     return "   ".join(f"{thread.name}: {thread.label}" for thread in station.programs.threads if thread.label)
 
 
@@ -99,7 +99,7 @@ async def _copy(page: Page, edit: Callable[[], object]) -> None:
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     with ui.element("div").classes("run-screen"):
         with ui.column().classes("run-left"):
             _control_panel(page)
@@ -189,7 +189,7 @@ def _state_color(station: Station) -> str:
 
 
 def _play_refusal(station: Station) -> str:
-    """What keeps programs from running, if it is not that one does."""
+    """Why no program can be played, "" if one is running."""
     situation = station.situation
     return "" if situation.permits(Action.PLAY) or situation.permits(Action.PAUSE) else situation.refusal(Action.PLAY)
 

@@ -25,7 +25,7 @@ _MAX_SHOWN: Final = 50
 
 
 def build_editor(page: Page) -> None:
-    """Put it on the page."""
+    """Add the editor to the page."""
     draft = page.station.programs.draft
     author = page.live.page_id
     with ui.row().classes("program-head"):
@@ -62,7 +62,7 @@ def build_editor(page: Page) -> None:
 
 
 async def replace_draft(page: Page, text: str) -> bool:
-    """Put another text into the editor, after asking if somebody's text would be lost; whether that was done."""
+    """Replace the text of the editor, after asking if a user's text would be lost; returns whether that was done."""
     draft = page.station.programs.draft
     if (
         draft.has_user_text
@@ -81,7 +81,7 @@ async def replace_draft(page: Page, text: str) -> bool:
 async def _send(page: Page) -> None:
     station = page.station
     draft, script = station.programs.draft, station.programs.draft.prepared_script()
-    if script.name:  # it may move the arm, and takes the place of what does
+    if script.name:  # it may move the arm, and replaces the running program
         station.situation.require(Action.SEND)
         if not await page.confirm_move():
             return
@@ -91,7 +91,7 @@ async def _send(page: Page) -> None:
 
 
 def _open_button(page: Page) -> None:
-    """A button that reads a file of the browser's machine."""
+    """A button that opens a file of the browser's machine."""
 
     async def open_upload(upload: events.UploadEventArguments) -> None:
         await page.attempt(lambda: _open(page, upload))
@@ -116,7 +116,7 @@ def _write(page: Page, draft: Draft, text: str, author: str) -> None:
 
 
 def _show(editor: ui.codemirror, draft: Draft, author: str) -> None:
-    """What another browser wrote."""
+    """Show changes by other browsers."""
     if draft.author != author and editor.value != draft.text:
         editor.set_value(draft.text)
 
@@ -136,7 +136,7 @@ def _mark_problems(editor: ui.codemirror, problems: Sequence[ScriptError]) -> No
 
 
 def _problem_row(editor: ui.codemirror, problem: ScriptError) -> None:
-    """A click shows the line."""
+    """A problem; a click on it shows its line."""
     with ui.element("button").classes(f"script-error {problem.severity}").props("type=button") as row:
         ui.icon(problem.severity)
         ui.label(f"Line {problem.line}, column {problem.column}: {problem.text}")

@@ -28,7 +28,7 @@ _BUTTONS: Final = {"emergency_stop": "robot", "system_emergency_stop": "system"}
 
 
 def safety_tab(page: Page) -> None:
-    """Put it there."""
+    """Add the tab to the page."""
     with ui.element("div").classes("sim-stack"):
         ui.label("Devices").classes("panel-title")
         with ui.element("div").classes("sim-devices"):
@@ -117,7 +117,7 @@ _Connections = Mapping[str, Sequence[str]]
 
 
 def connections_tab(page: Page) -> None:
-    """Put it there."""
+    """Add the tab to the page."""
     with ui.element("div").classes("sim-rows sim-connections").props("data-testid=connections") as rows:
         rows.props('tabindex=0 role=region aria-label="Connections"')
 
@@ -249,7 +249,7 @@ _TABS: Final[tuple[tuple[str, str, Callable[[Page], None]], ...]] = (
 
 
 def build(page: Page) -> None:
-    """Put it on the page."""
+    """Add the screen to the page."""
     with ui.element("div").classes("simulation-absent") as absent_panel:
         page.live.text(_absence_reason).props("data-testid=simulation-absent")
     with ui.element("div").classes("simulation") as present_panel:
@@ -270,7 +270,7 @@ def _tools(page: Page) -> None:
     screen = page.live.building
 
     def show(name: str) -> None:
-        """A tab is built when somebody wants to see it first."""
+        """Show a tab. It is built when it is first shown."""
         if name in unbuilt:
             build_tab, panel = unbuilt.pop(name)
             page.live.building = screen

@@ -14,11 +14,11 @@ from urproto.robots import START_Q
 from urproto.text import json_document
 
 _MM: Final = 1e3
-_MAX_BYTES: Final = 4_000_000  # what the control API takes
+_MAX_BYTES: Final = 4_000_000  # limit of the control API
 
 
 def arm_tab(page: Page) -> None:
-    """Put it there."""
+    """Add the tab to the page."""
     with ui.element("div").classes("sim-stack"):
         _pose_form(page)
         _payload_form(page)
@@ -26,14 +26,14 @@ def arm_tab(page: Page) -> None:
 
 
 def read_numbers(fields: Sequence[ui.number], subject: str) -> list[float]:
-    """What is in number fields. Raises ValueError when one is empty."""
+    """The content of number fields. Raises ValueError if one is empty."""
     if any(field.value is None for field in fields):
         raise ValueError(f"{subject}: fill in every field.")
     return [float(field.value) for field in fields]
 
 
 def number_field(label: str, unit: str, test_id: str, value: float = 0.0, format_: str = "%.1f") -> ui.number:
-    """A field for a number, its unit behind it."""
+    """A field for a number with a unit."""
     field = ui.number(label, value=value, format=format_)
     return field.props(f'outlined dense hide-bottom-space suffix="{unit}" data-testid={test_id}').classes("number")
 
@@ -117,7 +117,7 @@ def _state_form(page: Page) -> None:
 
 
 def read_document(content: bytes) -> dict[str, Any]:
-    """A state that was saved. Raises ValueError."""
+    """Parse a saved state. Raises ValueError."""
     try:
         document = json_document(content)
     except (ValueError, UnicodeDecodeError) as error:

@@ -19,13 +19,13 @@ SUBJECTS: Final = {
     "machine": "Controller",
     "scene": "Scene",
 }
-"""What the emulator calls what its faults are about, as the list has it."""
+"""Titles of the subjects of the emulator's faults, in the order of the list."""
 
 _MAX_PAST_SHOWN: Final = 20
 
 
 def faults_tab(page: Page) -> None:
-    """Put it there."""
+    """Add the tab to the page."""
     with ui.element("div").classes("sim-faults"):
         form = _Form(page)
         _fault_list(page)
@@ -48,7 +48,7 @@ class _Form:
                 inject.props("unelevated color=negative data-testid=fault-inject").classes("sim-button")
 
     def set_catalogue(self, catalogue: Mapping[str, Any]) -> None:
-        """What kinds there are."""
+        """Set the available kinds of faults."""
         self._kinds = fault_kinds(catalogue.get("fault_kinds", ()), list(catalogue.get("ports", ())))
         ordered = sorted(self._kinds.values(), key=lambda kind: list(SUBJECTS).index(kind.subject))
         options = {
@@ -157,11 +157,11 @@ class _Row:
 
     @staticmethod
     def key(fault: Mapping[str, Any]) -> tuple[object, ...]:
-        """What stays the same in a row. An emulator that was started anew counts from one again."""
+        """The constant part of a row. A restarted emulator counts from one again."""
         return fault["id"], fault["kind"], _arguments_text(fault), fault["state"] == "over"
 
     def show(self, fault: Mapping[str, Any]) -> None:
-        """What may change."""
+        """Show the parts that may change."""
         strikes = fault["strikes"]
         times = f"struck {strikes} time{'' if strikes == 1 else 's'}"
         self._problem.set_text(fault["problem"] or "")

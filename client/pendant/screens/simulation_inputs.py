@@ -42,7 +42,7 @@ _MA: Final = 1e3
 
 
 def inputs_tab(page: Page) -> None:
-    """Put it there."""
+    """Add the tab to the page."""
     with ui.element("div").classes("sim-stack"):
         for group in _GROUPS:
             ui.label(group.title).classes("panel-title")
@@ -114,7 +114,7 @@ def _domain(station: Station, analog: _Analog) -> AnalogDomain:
 
 
 def _value(station: Station, analog: _Analog) -> float:
-    """In V or mA."""
+    """The value in V or mA."""
     value = float(station.values.get(analog.field, 0.0))
     return round(_MA * value if _domain(station, analog) is AnalogDomain.CURRENT else value, 2)
 

@@ -16,11 +16,11 @@ from urproto.vectors import ZERO3
 
 _NAMES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _UNITS: Final = ("N",) * 3 + ("Nm",) * 3
-_POSITION_DIGITS: Final = 4  # digits: a tenth of a millimetre
+_POSITION_DIGITS: Final = 4  # of metres: a tenth of a millimetre
 
 
 def scene_panel(page: Page) -> None:
-    """Put it there."""
+    """Add the panel to the page."""
     with ui.card().classes("panel sim-scene"):
         with ui.element("div").classes("sim-view"):
             scene = arm_scene(page)
@@ -66,7 +66,7 @@ def _is_vector(message: Any) -> bool:
 
 
 def _wrench_form(page: Page) -> ui.checkbox:
-    """Numbers for those who want to push exactly so."""
+    """Fields for pushing the tool with an exact wrench."""
     emulator = page.station.emulator
     with ui.element("div").classes("sim-six"):
         fields = [number_field(name, unit, f"wrench-{name.lower()}") for name, unit in zip(_NAMES, _UNITS, strict=True)]
@@ -125,7 +125,7 @@ class _Surroundings:
         self._descriptions: list[dict[str, Any]] = []
 
     def read(self, station: Station) -> dict[str, Any] | None:
-        """None before the first state."""
+        """The data, None before the first state."""
         pose = station.values.get("actual_TCP_pose")
         if pose is None:
             return None
@@ -137,7 +137,7 @@ class _Surroundings:
         }
 
     def _describe_objects(self, objects: Any) -> list[dict[str, Any]]:
-        """With rotations as matrices; made again only when there are others."""
+        """Descriptions of the objects with rotation matrices, computed again only after a change."""
         if objects is not self._objects:
             self._objects = objects
             self._descriptions = [
@@ -148,7 +148,7 @@ class _Surroundings:
 
 
 def _base_force(push: Mapping[str, Any] | None, pose: Sequence[float]) -> list[float]:
-    """In the base frame."""
+    """The pushing force in the base frame."""
     if push is None:
         return [*ZERO3]
     force = push["wrench"][:3]

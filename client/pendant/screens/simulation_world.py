@@ -21,7 +21,7 @@ _DEFAULT_POSE: Final = (350.0, 0.0, 50.0, 0.0, 0.0, 0.0)
 
 
 def world_tab(page: Page) -> None:
-    """Put it there."""
+    """Add the tab to the page."""
     with ui.element("div").classes("sim-stack"):
         _add_form(page)
         ui.label("Objects").classes("panel-title")
@@ -31,7 +31,7 @@ def world_tab(page: Page) -> None:
     sizes: dict[str, str] = {}
 
     def show(objects: Mapping[str, Any] | None) -> None:
-        """Rows stay while only places change: somebody may be typing there."""
+        """Keep the rows while only poses change, because a user may be typing there."""
         current = {name: _size(obj) for name, obj in (objects or {}).items()}
         if current != sizes or not fields:
             sizes.clear()
@@ -57,7 +57,7 @@ def _objects(station: Station) -> Any:
 def object_description(
     shape: str, size_mm: list[float], pose: list[float], material: Mapping[str, float]
 ) -> dict[str, Any]:
-    """As ``add_object`` wants it. pose: mm and degrees."""
+    """The description of an object for ``add_object``. pose: mm and degrees."""
     sizes: dict[str, Any] = {
         "plane": {},
         "sphere": size_mm[0] / _MM if size_mm else 0.0,

@@ -4,13 +4,13 @@
 const pendant = (() => {
   const followers = new Map(); // element id -> function of a value, for kinds that are not plain DOM
   const receivers = {}; // kind, used by one screen -> function of a value, an element id, and the element if it exists
-  const waiting = new Map(); // changes whose element does not exist yet: only the newest, but all of kind "lines"
+  const pending = new Map(); // changes whose element does not exist yet: only the newest, but all of kind "lines"
   const elements = new Map(); // a cache, because the elements of a hidden screen are not in the document
   let socket = null;
   let held = null; // the message of the held button; `holder` is the button
   let holder = null;
-  let beat = 0;
-  let lost = null; // records that the connection was lost
+  let heartbeat = 0;
+  let recordLoss = null; // records when the connection was lost
   const context = {}; // functions by name, whose values are sent with every message of a held button
 
   function element(id) {
@@ -37,46 +37,46 @@ const pendant = (() => {
     return target && show && show(value, target) !== false;
   }
 
-  function take(changes) {
+  function receive(changes) {
     for (const change of changes) {
       const key = `${change[0]} ${change[1]}`;
-      const queue = (change[1] === "lines" && waiting.get(key)) || [];
+      const queue = (change[1] === "lines" && pending.get(key)) || [];
       queue.push(change);
-      waiting.set(key, queue);
-      work(queue, key);
+      pending.set(key, queue);
+      drain(queue, key);
     }
   }
 
-  function work(queue, key) {
+  function drain(queue, key) {
     while (queue.length && apply(queue[0])) queue.shift();
-    if (!queue.length) waiting.delete(key);
+    if (!queue.length) pending.delete(key);
   }
 
-  setInterval(() => waiting.forEach(work), 100);
+  setInterval(() => pending.forEach(drain), 100);
 
-  // After a restart the pendant does not know this page, and after a time without messages it has forgotten it. NiceGUI
-  // then reloads the page, and the reloaded page tells the user what happened.
-  function tellLoss(process) {
+  // After a restart the pendant does not know this page, and after some time without messages it has discarded it.
+  // NiceGUI then reloads the page, and the reloaded page tells the user what happened.
+  function notifyOfReload(process) {
     const [since, before] = JSON.parse(sessionStorage.getItem("pendant lost") || "[]");
     sessionStorage.removeItem("pendant lost");
     if (since) {
       const seconds = Math.max(1, Math.round((Date.now() - since) / 1000));
-      const what = before === process ? "Connection to the pendant lost" : "The pendant was restarted";
-      const text = `${what}: this page was disconnected for ${seconds} s and has been reloaded. Held buttons were released.`;
+      const reason = before === process ? "Connection to the pendant lost" : "The pendant was restarted";
+      const text = `${reason}: this page was disconnected for ${seconds} s and has been reloaded. Held buttons were released.`;
       sessionStorage.setItem("pendant told", text); // until it is confirmed: the page may be reloaded again before that
     }
     const message = sessionStorage.getItem("pendant told");
     if (!message) return;
-    const read = { label: "OK", color: "dark", handler: () => sessionStorage.removeItem("pendant told") };
-    Quasar.Notify.create({ message, type: "warning", position: "top", timeout: 0, actions: [read] });
+    const confirm = { label: "OK", color: "dark", handler: () => sessionStorage.removeItem("pendant told") };
+    Quasar.Notify.create({ message, type: "warning", position: "top", timeout: 0, actions: [confirm] });
   }
 
   // process: identifies the pendant process that created this page.
   function start(page, process) {
-    tellLoss(process);
+    notifyOfReload(process);
     let leaving = false;
     addEventListener("pagehide", () => (leaving = true));
-    lost = () => {
+    recordLoss = () => {
       if (leaving || sessionStorage.getItem("pendant lost")) return;
       sessionStorage.setItem("pendant lost", JSON.stringify([Date.now(), process]));
     };
@@ -89,49 +89,49 @@ const pendant = (() => {
   function follow(page) {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     socket = new WebSocket(`${scheme}://${location.host}/live/${page}`);
-    socket.onmessage = (event) => take(JSON.parse(event.data));
+    socket.onmessage = (event) => receive(JSON.parse(event.data));
     socket.onopen = () => sessionStorage.removeItem("pendant lost");
     socket.onclose = () => {
-      letGo();
-      lost();
+      release();
+      recordLoss();
       setTimeout(() => follow(page), 500);
     };
   }
 
-  function say(what) {
-    if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what));
+  function send(message) {
+    if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
   }
 
-  function sayHeld() {
-    const more = Object.entries(context).map(([name, read]) => [name, read()]);
-    say({ held: { ...held, ...Object.fromEntries(more) } });
+  function sendHeld() {
+    const values = Object.entries(context).map(([name, read]) => [name, read()]);
+    send({ held: { ...held, ...Object.fromEntries(values) } });
   }
 
   // Buttons with data-hold move the arm while they are held; the robot stops when these messages stop.
   function hold(button) {
-    letGo();
+    release();
     holder = button;
     holder.dataset.held = "";
     held = JSON.parse(button.dataset.hold);
-    sayHeld();
-    clearInterval(beat);
-    beat = setInterval(sayHeld, 100);
+    sendHeld();
+    clearInterval(heartbeat);
+    heartbeat = setInterval(sendHeld, 100);
   }
 
-  function letGo() {
+  function release() {
     if (held === null) return;
     delete holder.dataset.held;
     held = holder = null;
-    clearInterval(beat);
-    say({ held: null });
+    clearInterval(heartbeat);
+    send({ held: null });
   }
 
   const holdable = (event) => event.target.closest && event.target.closest("[data-hold]");
 
   // All of these listen in the capture phase of the window, before another listener can stop the event, as Quasar's
   // buttons do with keys.
-  function listen(type, does) {
-    window.addEventListener(type, does, true);
+  function listen(type, handler) {
+    window.addEventListener(type, handler, true);
   }
 
   listen("pointerdown", (event) => {
@@ -146,13 +146,13 @@ const pendant = (() => {
     event.preventDefault();
     if (!event.repeat) hold(button);
   });
-  for (const end of ["pointerup", "pointercancel", "keyup"]) listen(end, letGo);
-  listen("blur", (event) => (event.target === window || event.target === holder) && letGo()); // also gets blur of elements
-  listen("visibilitychange", () => document.hidden && letGo());
+  for (const end of ["pointerup", "pointercancel", "keyup"]) listen(end, release);
+  listen("blur", (event) => (event.target === window || event.target === holder) && release()); // also gets blur of elements
+  listen("visibilitychange", () => document.hidden && release());
   listen("contextmenu", (event) => {
     if (holdable(event)) event.preventDefault(); // a long touch holds the button, and opens no menu
-    else letGo();
+    else release();
   });
 
-  return { start, followers, receivers, context, say };
+  return { start, followers, receivers, context, send };
 })();

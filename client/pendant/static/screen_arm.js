@@ -26,15 +26,15 @@
       if (!child.isDirectionalLight) continue;
       child.intensity = 1.5;
       child.position.set(2, -3, 5);
-      const other = child.clone(); // from the other side, so that no side looks flat
-      other.intensity = 0.9;
-      other.position.set(-4, 3, 2);
-      scene.scene.add(other);
+      const second = child.clone(); // from the other side, so that no side looks flat
+      second.intensity = 0.9;
+      second.position.set(-4, 3, 2);
+      scene.scene.add(second);
     }
   }
 
   // A number that changes when anything has moved; the sines keep movements from cancelling each other out.
-  function looks(scene) {
+  function fingerprint(scene) {
     let sum = scene.$el.clientWidth + 3 * scene.$el.clientHeight;
     let i = 1;
     const add = (value) => (sum += value * Math.sin(i++));
@@ -66,19 +66,19 @@
   function render(id, scene) {
     const draw = scene.renderer.render.bind(scene.renderer);
     let last = null;
-    scene.renderer.render = (...what) => {
+    scene.renderer.render = (...options) => {
       if (!scene.$el.offsetParent) return;
-      turn(id, scene);
-      const now = looks(scene);
+      setJoints(id, scene);
+      const now = fingerprint(scene);
       if (now === last) return;
       last = now;
-      draw(...what);
+      draw(...options);
     };
     new ResizeObserver(() => fit(scene)).observe(scene.$el);
   }
 
   // NiceGUI creates a scene again after the browser has lost its graphics context.
-  function dress(id) {
+  function setUp(id) {
     const scene = getElement(id);
     if (!scene || !scene.renderer || !scene.controls) return;
     const known = scenes.get(id);
@@ -90,9 +90,9 @@
   }
 
   // Joints are groups with the names "joint 0" and so on, those of the ghost "ghost joint 0" and so on.
-  function turn(id, scene) {
-    const { angles, way } = scenes.get(id);
-    const ghost = along(way) || scenes.get(id).ghost;
+  function setJoints(id, scene) {
+    const { angles, path } = scenes.get(id);
+    const ghost = playbackConfiguration(path) || scenes.get(id).ghost;
     scene.scene.traverse((object) => {
       if (angles && object.name.startsWith("joint ")) object.rotation.z = angles[object.name.slice(6)];
       if (ghost && object.name.startsWith("ghost joint ")) object.rotation.z = ghost[object.name.slice(12)];
@@ -102,12 +102,12 @@
   }
 
   // The configuration of a ghost that plays a path; null if the user prefers reduced motion.
-  const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const REST_S = 1; // pause at the end of the path before it is played again
-  function along(way) {
-    if (!way?.angles.length || still.matches) return null;
-    const share = ((performance.now() / 1000 - way.since) % (way.duration + REST_S)) / way.duration;
-    return way.angles[Math.min(way.angles.length - 1, Math.floor(share * way.angles.length))];
+  const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
+  const PAUSE_S = 1; // pause at the end of the path before it is played again
+  function playbackConfiguration(path) {
+    if (!path?.angles.length || reducedMotion.matches) return null;
+    const fraction = ((performance.now() / 1000 - path.since) % (path.duration + PAUSE_S)) / path.duration;
+    return path.angles[Math.min(path.angles.length - 1, Math.floor(fraction * path.angles.length))];
   }
 
   // Adds a point to the trace of the TCP, if the trace is shown and the TCP has moved.
@@ -120,8 +120,8 @@
     const { geometry } = line;
     const points = geometry.attributes.position;
     let count = geometry.drawRange.count;
-    const far = (i) => Math.hypot(points.getX(i) - x, points.getY(i) - y, points.getZ(i) - z);
-    if (count && far(count - 1) < 0.001) return;
+    const distance = (i) => Math.hypot(points.getX(i) - x, points.getY(i) - y, points.getZ(i) - z);
+    if (count && distance(count - 1) < 0.001) return;
     if (count === points.count) {
       points.array.copyWithin(0, 3);
       count -= 1;
@@ -143,48 +143,48 @@
     return Boolean(known);
   };
 
-  pendant.play = (id, way) => {
-    scenes.get(id).way = way && { ...way, since: performance.now() / 1000 };
+  pendant.play = (id, path) => {
+    scenes.get(id).path = path && { ...path, since: performance.now() / 1000 };
   };
 
   // Creates an object from its description in a world file, in the colour of its kind unless one is given.
-  pendant.thing = (THREE, thing, color) => {
-    const [radius, length] = thing.cylinder || [];
-    const geometry = thing.box
-      ? new THREE.BoxGeometry(...thing.box)
-      : thing.sphere
-        ? new THREE.SphereGeometry(thing.sphere, 32, 20)
-        : thing.cylinder
+  pendant.createObject = (THREE, description, color) => {
+    const [radius, length] = description.cylinder || [];
+    const geometry = description.box
+      ? new THREE.BoxGeometry(...description.box)
+      : description.sphere
+        ? new THREE.SphereGeometry(description.sphere, 32, 20)
+        : description.cylinder
           ? new THREE.CylinderGeometry(radius, radius, length, 32).rotateX(Math.PI / 2)
-          : thing.mesh
-            ? hull(THREE, thing.mesh)
+          : description.mesh
+            ? hull(THREE, description.mesh)
             : new THREE.PlaneGeometry(1.6, 1.6);
-    const flat = !thing.box && !thing.sphere && !thing.cylinder && !thing.mesh;
+    const flat = !description.box && !description.sphere && !description.cylinder && !description.mesh;
     const material = new THREE.MeshPhongMaterial({
       color: color || (flat ? "#8f9ba6" : "#c99a5b"), transparent: true, opacity: flat ? 0.45 : 0.9, side: THREE.DoubleSide,
     });
     const mesh = new THREE.Mesh(geometry, material);
-    if (!thing.sphere)
+    if (!description.sphere)
       mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(geometry), new THREE.LineBasicMaterial({ color: "#6b4d22" })));
     return mesh;
   };
 
   function hull(THREE, { points, triangles }) {
-    const corners = triangles.flatMap((three) => three.flatMap((corner) => points[corner]));
+    const corners = triangles.flatMap((triangle) => triangle.flatMap((corner) => points[corner]));
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));
     geometry.computeVertexNormals();
     return geometry;
   }
 
-  pendant.place = (mesh, { pose, rotation: r }) => {
+  pendant.setPose = (mesh, { pose, rotation: r }) => {
     mesh.matrix.set(r[0], r[1], r[2], 0, r[3], r[4], r[5], 0, r[6], r[7], r[8], 0, 0, 0, 0, 1);
     mesh.quaternion.setFromRotationMatrix(mesh.matrix);
     mesh.position.set(...pose.slice(0, 3));
   };
 
   // Returns a raycaster for the position of the pointer in a scene.
-  pendant.ray = (THREE, view, event) => {
+  pendant.createRaycaster = (THREE, view, event) => {
     const box = view.renderer.domElement.getBoundingClientRect();
     const at = new THREE.Vector2(
       ((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2,
@@ -195,22 +195,22 @@
   };
 
   // Returns the position of a point of a scene in pixels of the page.
-  pendant.pixels = (view, place) => {
-    const at = place.clone().project(view.camera);
+  pendant.toPixels = (view, point) => {
+    const at = point.clone().project(view.camera);
     const box = view.renderer.domElement.getBoundingClientRect();
     return [box.left + ((at.x + 1) / 2) * box.width, box.top + ((1 - at.y) / 2) * box.height];
   };
 
-  pendant.dress = (id) => {
-    scenes.set(id, { scene: null, angles: null, ghost: null, way: null });
+  pendant.addScene = (id) => {
+    scenes.set(id, { scene: null, angles: null, ghost: null, path: null });
     pendant.followers.set(id, (angles) => {
       scenes.get(id).angles = angles;
       const scene = getElement(id);
-      if (scene?.scene?.getObjectByName("trace")?.visible) turn(id, scene); // the trace gets more points than frames
+      if (scene?.scene?.getObjectByName("trace")?.visible) setJoints(id, scene); // the trace gets more points than frames
     });
   };
 
-  setInterval(() => [...scenes.keys()].forEach(dress), 200);
+  setInterval(() => [...scenes.keys()].forEach(setUp), 200);
   new MutationObserver(() => [...scenes.keys()].forEach((id) => getElement(id)?.renderer && paint(getElement(id)))).observe(
     document.body,
     { attributeFilter: ["class"] },
@@ -218,9 +218,9 @@
 
   // For feature View: the angle from the x axis of the base to the direction that is right in the view.
   pendant.context.azimuth = () => {
-    const seen = [...scenes.keys()].map(getElement).find((scene) => scene?.camera && scene.$el.offsetParent);
-    if (!seen) return 0;
-    const [x, y] = seen.camera.matrixWorld.elements;
+    const visible = [...scenes.keys()].map(getElement).find((scene) => scene?.camera && scene.$el.offsetParent);
+    if (!visible) return 0;
+    const [x, y] = visible.camera.matrixWorld.elements;
     return Math.atan2(y, x);
   };
 })();

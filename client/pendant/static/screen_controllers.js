@@ -1,7 +1,7 @@
 "use strict";
 // Six sliders with number fields: see client/pendant/screens/controllers.py.
 (() => {
-  const EVERY_MS = 100; // between messages to the pendant, which does not send trajectories more often either
+  const PERIOD_MS = 100; // between messages to the pendant, which does not send trajectories more often either
   let enabled = false;
   let grid = null;
   let moved = false; // a value has changed and has not been sent yet
@@ -11,23 +11,23 @@
   const numbers = () => [...grid.querySelectorAll("input[type=number]")];
 
   // Sends the values immediately, or when the time since the last message is over.
-  function tell() {
+  function sendTargets() {
     if (waiting || !moved || !enabled) return;
     moved = false;
-    pendant.say({ sliders: ranges().map((range) => Number(range.value)) });
+    pendant.send({ sliders: ranges().map((range) => Number(range.value)) });
     waiting = setTimeout(() => {
       waiting = 0;
-      tell();
-    }, EVERY_MS);
+      sendTargets();
+    }, PERIOD_MS);
   }
 
-  function set(event) {
-    const [mine, others] = event.target.type === "range" ? [ranges(), numbers()] : [numbers(), ranges()];
-    const i = mine.indexOf(event.target);
+  function onInput(event) {
+    const [changed, counterparts] = event.target.type === "range" ? [ranges(), numbers()] : [numbers(), ranges()];
+    const i = changed.indexOf(event.target);
     if (i < 0 || !Number.isFinite(event.target.valueAsNumber)) return;
-    others[i].value = event.target.type === "range" ? Number(event.target.value).toFixed(2) : event.target.value;
+    counterparts[i].value = event.target.type === "range" ? Number(event.target.value).toFixed(2) : event.target.value;
     moved = true;
-    tell();
+    sendTargets();
   }
 
   // [whether the arm follows, angles or null, lowest angles or null, highest angles or null], in degrees
@@ -35,8 +35,8 @@
     if (!element || element.querySelectorAll("input").length < 12) return false;
     if (grid !== element) {
       grid = element;
-      grid.addEventListener("input", (event) => event.target.type === "range" && set(event));
-      grid.addEventListener("change", (event) => event.target.type === "number" && set(event));
+      grid.addEventListener("input", (event) => event.target.type === "range" && onInput(event));
+      grid.addEventListener("change", (event) => event.target.type === "number" && onInput(event));
     }
     const [follows, angles, lows, highs] = value;
     enabled = follows;

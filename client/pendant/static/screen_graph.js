@@ -2,14 +2,14 @@
 // Live diagrams: see client/pendant/plots.py. They are drawn without a library: for twelve signals over one minute at
 // 125 Hz, ECharts took 0.6 s for a frame and this takes 2 ms (measured side by side on a machine under load).
 (() => {
-  const KEPT = 80000; // rows
-  const BACK_S = 0.5; // a time stamp that is older by this much is from another clock: all samples are dropped
+  const MAX_ROWS = 80000;
+  const CLOCK_STEP_S = 0.5; // a time stamp that is older by this much is from another clock: all samples are dropped
   const GAP_S = 0.3; // a longer time between two states is shown as a gap in the line
   const COLORS = ["#2f7fb8", "#d9542b", "#2e9e5b", "#8e5cc2", "#c79a00", "#17a2b0", "#d1498b", "#7a8b2a", "#5b6ee1", "#a0522d", "#607d8b", "#e07b39"];
   const MARGIN = { left: 66, right: 10, top: 8, bottom: 20 };
 
   let config = null;
-  let places = new Map(); // key -> column
+  let columnOf = new Map(); // key -> column
   let width = 1;
   let capacity = 0;
   let count = 0;
@@ -17,16 +17,16 @@
   let pausedAt = null; // time of the right edge
   let cursor = null; // x as a fraction of the width of the diagram
   let drawing = false;
-  let textsAt = 0;
+  let lastTexts = 0;
   const hidden = new Set();
   const ranges = new WeakMap(); // canvas -> [low, high]
   const legends = new WeakMap(); // legend -> { version, values }
-  const seen = new WeakSet();
+  const watched = new WeakSet();
 
   const time = (row) => data[row * width];
 
   function begin(columns) {
-    places = new Map(columns.map((key, index) => [key, index]));
+    columnOf = new Map(columns.map((key, index) => [key, index]));
     width = columns.length;
     capacity = 0;
     count = 0;
@@ -35,14 +35,14 @@
 
   function add(numbers) {
     const rows = numbers.length / width;
-    if (rows && count && numbers[0] < time(count - 1) - BACK_S) count = 0;
-    if (count + rows > KEPT) {
-      const drop = Math.max(KEPT >> 3, count + rows - KEPT);
+    if (rows && count && numbers[0] < time(count - 1) - CLOCK_STEP_S) count = 0;
+    if (count + rows > MAX_ROWS) {
+      const drop = Math.max(MAX_ROWS >> 3, count + rows - MAX_ROWS);
       data.copyWithin(0, drop * width, count * width);
       count -= drop;
     }
     if (count + rows > capacity) {
-      capacity = Math.min(KEPT, Math.max(4096, 2 * (count + rows)));
+      capacity = Math.min(MAX_ROWS, Math.max(4096, 2 * (count + rows)));
       const larger = new Float64Array(capacity * width);
       larger.set(data.subarray(0, count * width));
       data = larger;
@@ -65,7 +65,7 @@
     pausedAt = config.paused ? (pausedAt ?? (count ? time(count - 1) : 0)) : null;
     for (const pane of panes) {
       watch(pane.box);
-      describe(pane);
+      buildLegend(pane);
     }
     schedule();
   };
@@ -73,13 +73,13 @@
   // pointer and size
 
   function watch(canvas) {
-    if (seen.has(canvas)) return;
-    seen.add(canvas);
+    if (watched.has(canvas)) return;
+    watched.add(canvas);
     new ResizeObserver(schedule).observe(canvas);
     const move = (event) => {
       const box = canvas.getBoundingClientRect();
-      const share = (event.clientX - box.left - MARGIN.left) / (box.width - MARGIN.left - MARGIN.right);
-      cursor = share >= 0 && share <= 1 ? share : null;
+      const fraction = (event.clientX - box.left - MARGIN.left) / (box.width - MARGIN.left - MARGIN.right);
+      cursor = fraction >= 0 && fraction <= 1 ? fraction : null;
       schedule();
     };
     canvas.addEventListener("pointermove", move);
@@ -91,7 +91,7 @@
     });
   }
 
-  function describe(pane) {
+  function buildLegend(pane) {
     pane.list.replaceChildren();
     const values = pane.series.map((series, index) => {
       const entry = document.createElement("button");
@@ -117,7 +117,7 @@
     });
     if (!pane.series.length) pane.list.textContent = "Select signals with the button on the right.";
     legends.set(pane.list, values);
-    textsAt = 0;
+    lastTexts = 0;
   }
 
   const color = (index) => COLORS[index % COLORS.length];
@@ -141,12 +141,12 @@
     const last = Math.min(rowAt(view.right + 1e-9), count);
     const row = cursor === null ? last - 1 : Math.min(Math.max(nearest(view.left + cursor * config.window), first), last - 1);
     const now = performance.now();
-    const texts = cursor !== null || now - textsAt > 100;
-    if (texts) textsAt = now;
+    const texts = cursor !== null || now - lastTexts > 100;
+    if (texts) lastTexts = now;
     for (const pane of config.panes) {
       if (!pane.box.isConnected || !pane.box.clientWidth) continue;
       drawPane(pane, view, first, last, row);
-      if (texts) tellValues(pane, row);
+      if (texts) showValues(pane, row);
     }
   }
 
@@ -166,11 +166,11 @@
     return row > 0 && (row === count || seconds - time(row - 1) < time(row) - seconds) ? row - 1 : row;
   }
 
-  function tellValues(pane, row) {
+  function showValues(pane, row) {
     const values = legends.get(pane.list);
     pane.series.forEach((series, index) => {
-      const place = places.get(series.key);
-      const value = row >= 0 && place !== undefined ? data[row * width + place] * series.factor : NaN;
+      const column = columnOf.get(series.key);
+      const value = row >= 0 && column !== undefined ? data[row * width + column] * series.factor : NaN;
       const text = Number.isNaN(value) ? "-" : series.steps ? String(value) : value.toFixed(3);
       if (values[index].textContent !== text) values[index].textContent = text;
     });
@@ -187,7 +187,7 @@
     }
     const area = { left: MARGIN.left, top: MARGIN.top, width: size.x - MARGIN.left - MARGIN.right, height: size.y - MARGIN.top - MARGIN.bottom };
     if (area.width < 20 || area.height < 20) return;
-    const lines = pane.series.map((series, index) => ({ series, index })).filter(({ series }) => !hidden.has(series.key) && places.has(series.key));
+    const lines = pane.series.map((series, index) => ({ series, index })).filter(({ series }) => !hidden.has(series.key) && columnOf.has(series.key));
     const paths = lines.map(({ series }) => thin(series, view, area, first, last));
     const range = pane.auto || !ranges.has(canvas) ? rangeOf(paths) : ranges.get(canvas);
     ranges.set(canvas, range);
@@ -207,7 +207,7 @@
   // Reduces a line to the width of the diagram: x in pixels, values. With several samples per pixel, these are the
   // smallest and the largest value of each pixel.
   function thin(series, view, area, first, last) {
-    const place = places.get(series.key);
+    const column = columnOf.get(series.key);
     const scale = area.width / (view.right - view.left);
     const xs = [];
     const ys = [];
@@ -218,7 +218,7 @@
           ys.push(NaN);
         }
         xs.push(area.left + (time(row) - view.left) * scale);
-        ys.push(data[row * width + place] * series.factor);
+        ys.push(data[row * width + column] * series.factor);
       }
       return { xs, ys };
     }
@@ -233,7 +233,7 @@
       let high = -Infinity;
       let rising = true;
       for (; row < last && Math.floor((time(row) - view.left) * scale) === x; row++) {
-        const value = data[row * width + place];
+        const value = data[row * width + column];
         if (value < low) {
           low = value;
           rising = false;
@@ -293,11 +293,11 @@
     pen.stroke();
   }
 
-  function stepOf(span, about) {
-    const rough = span / Math.max(about, 1);
+  function stepOf(span, steps) {
+    const rough = span / Math.max(steps, 1);
     const power = 10 ** Math.floor(Math.log10(rough));
-    const share = rough / power;
-    return power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10);
+    const fraction = rough / power;
+    return power * (fraction < 1.5 ? 1 : fraction < 3.5 ? 2 : fraction < 7.5 ? 5 : 10);
   }
 
   function drawGrid(pen, style, area, view, [low, high]) {

@@ -28,13 +28,13 @@ const pendantLog = (() => {
     return line;
   }
 
-  function show(id, most) {
+  function show(id, maxLines) {
     pendant.followers.set(id, (change, box) => {
-      const [anew, rows] = change;
-      const atEnd = anew || box.scrollHeight - box.scrollTop - box.clientHeight < 40;
-      if (anew) box.replaceChildren();
+      const [cleared, rows] = change;
+      const atEnd = cleared || box.scrollHeight - box.scrollTop - box.clientHeight < 40;
+      if (cleared) box.replaceChildren();
       box.append(...rows.map(row));
-      while (box.childElementCount > most) box.firstElementChild.remove();
+      while (box.childElementCount > maxLines) box.firstElementChild.remove();
       if (atEnd) box.scrollTop = box.scrollHeight;
     });
   }

@@ -1,7 +1,7 @@
 "use strict";
 // Plan tab: obstacles, the handle with which the target is dragged, and the planned path. See screens/move_plan.py.
 (() => {
-  const TELL_MS = 60;
+  const SEND_PERIOD_MS = 60;
   const ARROW_M = 0.17;
   const RING_M = 0.12;
   const PATH_M = 0.004; // radius of the line that shows the path
@@ -21,14 +21,14 @@
       this.objects = [];
       this.version = 1;
       this.drag = null;
-      this.told = 0;
+      this.lastSent = 0;
       this.build();
-      const listen = (type, does) => scene.$el.addEventListener(type, does.bind(this), true);
-      listen("pointerdown", this.down);
+      const listen = (type, handler) => scene.$el.addEventListener(type, handler.bind(this), true);
+      listen("pointerdown", this.startDrag);
       listen("pointermove", this.move);
-      listen("pointerup", this.up);
-      listen("pointercancel", this.up);
-      window.addEventListener("blur", () => this.up());
+      listen("pointerup", this.endDrag);
+      listen("pointercancel", this.endDrag);
+      window.addEventListener("blur", () => this.endDrag());
     }
 
     // The handle: a ball, and an arrow and a ring per axis. Thicker invisible shapes make them easier to grab.
@@ -36,8 +36,8 @@
       this.handle = new THREE.Group();
       this.handle.name = "handle";
       this.handle.visible = false;
-      this.catchers = [];
-      this.ball = this.part(new THREE.SphereGeometry(0.028, 24, 16), TARGET, 0.8, { what: "ball" });
+      this.grabShapes = [];
+      this.ball = this.part(new THREE.SphereGeometry(0.028, 24, 16), TARGET, 0.8, { shape: "ball" });
       AXES.forEach((color, axis) => {
         const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), this.unit(axis));
         const along = (geometry) => geometry.rotateX(Math.PI / 2).translate(0, 0, ARROW_M / 2); // from y to z
@@ -46,8 +46,8 @@
         this.part(tip, color, 0.9).quaternion.copy(turn);
         this.part(new THREE.TorusGeometry(RING_M, 0.003, 8, 64), color, 0.75).quaternion.copy(turn);
         const arrow = new THREE.CylinderGeometry(0.014, 0.014, ARROW_M * 0.75, 8).translate(0, ARROW_M * 0.25, 0);
-        this.part(along(arrow), color, 0, { what: "arrow", axis }).quaternion.copy(turn);
-        this.part(new THREE.TorusGeometry(RING_M, 0.012, 6, 48), color, 0, { what: "ring", axis }).quaternion.copy(turn);
+        this.part(along(arrow), color, 0, { shape: "arrow", axis }).quaternion.copy(turn);
+        this.part(new THREE.TorusGeometry(RING_M, 0.012, 6, 48), color, 0, { shape: "ring", axis }).quaternion.copy(turn);
       });
       this.root.add(this.handle);
     }
@@ -56,14 +56,14 @@
       return new THREE.Vector3().setComponent(axis, 1);
     }
 
-    part(geometry, color, opacity, caught) {
+    part(geometry, color, opacity, grab) {
       const material = new THREE.MeshBasicMaterial({ color, opacity, transparent: true, depthTest: false });
       const mesh = new THREE.Mesh(geometry, material);
       mesh.renderOrder = 4;
       mesh.visible = opacity > 0;
-      if (caught) {
-        mesh.userData = caught;
-        this.catchers.push(mesh);
+      if (grab) {
+        mesh.userData = grab;
+        this.grabShapes.push(mesh);
       }
       this.handle.add(mesh);
       return mesh;
@@ -78,10 +78,10 @@
         for (const name of object.attached ? ["joint 5", "ghost joint 5"] : [null]) {
           const parent = name ? this.root.getObjectByName(name) : this.root;
           if (!parent) return false; // the arm has not been drawn yet
-          const mesh = pendant.thing(THREE, object, color);
+          const mesh = pendant.createObject(THREE, object, color);
           mesh.name = `object ${object.name}`;
           mesh.userData.version = this.version++;
-          pendant.place(mesh, object);
+          pendant.setPose(mesh, object);
           parent.add(mesh);
           this.objects.push(mesh);
         }
@@ -89,7 +89,7 @@
       return true;
     }
 
-    lacksObjects() {
+    hasOrphanedObjects() {
       return this.objects.some((mesh) => {
         let top = mesh;
         while (top.parent) top = top.parent;
@@ -100,7 +100,7 @@
     showGoal(value) {
       this.goal = value;
       this.handle.visible = Boolean(value);
-      if (!value) return this.up();
+      if (!value) return this.endDrag();
       this.ball.material.color.set(value.far ? FAR : value.red.length ? RED : TARGET);
       const ghost = this.root.getObjectByName("ghost");
       ghost?.traverse((part) => {
@@ -129,10 +129,10 @@
       pendant.play(id, value);
       if (!value) return;
       const points = value.points.map((point) => new THREE.Vector3(...point));
-      const apart = points.filter((point, i) => i === 0 || point.distanceTo(points[i - 1]) > 1e-4);
-      if (apart.length < 2) return; // the TCP does not move: the path only rotates the tool
-      const curve = new THREE.CatmullRomCurve3(apart, false, "centripetal");
-      const geometry = new THREE.TubeGeometry(curve, 2 * apart.length, PATH_M, 6);
+      const distinct = points.filter((point, i) => i === 0 || point.distanceTo(points[i - 1]) > 1e-4);
+      if (distinct.length < 2) return; // the TCP does not move: the path only rotates the tool
+      const curve = new THREE.CatmullRomCurve3(distinct, false, "centripetal");
+      const geometry = new THREE.TubeGeometry(curve, 2 * distinct.length, PATH_M, 6);
       this.path = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: PATH }));
       this.path.name = "path";
       this.path.userData.version = this.version++;
@@ -141,44 +141,44 @@
 
     // dragging
 
-    caught(event) {
+    hitTest(event) {
       if (!this.handle.visible) return null;
-      return pendant.ray(THREE, this.scene, event).intersectObjects(this.catchers, false)[0] || null;
+      return pendant.createRaycaster(THREE, this.scene, event).intersectObjects(this.grabShapes, false)[0] || null;
     }
 
-    down(event) {
+    startDrag(event) {
       if (event.button > 0 || this.drag) return;
-      const met = this.caught(event);
-      if (!met) return;
-      const { what, axis } = met.object.userData;
-      const away = this.scene.camera.getWorldDirection(new THREE.Vector3());
+      const hit = this.hitTest(event);
+      if (!hit) return;
+      const { shape, axis } = hit.object.userData;
+      const viewDirection = this.scene.camera.getWorldDirection(new THREE.Vector3());
       const along = axis === undefined ? null : this.unit(axis).applyQuaternion(this.handle.quaternion);
-      const normal = what === "ball" ? away : what === "ring" ? along : along.clone().cross(away).cross(along).normalize();
+      const normal = shape === "ball" ? viewDirection : shape === "ring" ? along : along.clone().cross(viewDirection).cross(along).normalize();
       const center = this.handle.position.clone();
       const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(normal, center);
-      const start = this.on(plane, event);
+      const start = this.pointOn(plane, event);
       if (!start) return;
-      this.drag = { what, along, plane, center, start, turn: this.turn.clone(), axes: this.handle.quaternion.clone(), pointer: event.pointerId };
+      this.drag = { shape, along, plane, center, start, turn: this.turn.clone(), axes: this.handle.quaternion.clone(), pointer: event.pointerId };
       this.scene.controls.enabled = false;
       this.scene.$el.setPointerCapture(event.pointerId);
       event.stopPropagation();
       event.preventDefault();
     }
 
-    on(plane, event) {
-      return pendant.ray(THREE, this.scene, event).ray.intersectPlane(plane, new THREE.Vector3());
+    pointOn(plane, event) {
+      return pendant.createRaycaster(THREE, this.scene, event).ray.intersectPlane(plane, new THREE.Vector3());
     }
 
     move(event) {
       if (!this.drag) {
-        this.scene.$el.style.cursor = this.caught(event) ? "grab" : "";
+        this.scene.$el.style.cursor = this.hitTest(event) ? "grab" : "";
         return;
       }
       event.stopPropagation();
-      const { what, along, plane, center, start, turn, axes } = this.drag;
-      const at = this.on(plane, event);
+      const { shape, along, plane, center, start, turn, axes } = this.drag;
+      const at = this.pointOn(plane, event);
       if (!at) return;
-      if (what === "ring") {
+      if (shape === "ring") {
         const from = start.clone().sub(center);
         const to = at.clone().sub(center);
         const angle = Math.atan2(from.clone().cross(to).dot(along), from.dot(to));
@@ -187,23 +187,23 @@
         if (this.goal.turned) this.handle.quaternion.copy(by).multiply(axes);
       } else {
         const offset = at.sub(start);
-        this.handle.position.copy(center).add(what === "arrow" ? along.clone().multiplyScalar(offset.dot(along)) : offset);
+        this.handle.position.copy(center).add(shape === "arrow" ? along.clone().multiplyScalar(offset.dot(along)) : offset);
       }
-      this.tell(false);
+      this.sendGoal(false);
     }
 
-    tell(end) {
+    sendGoal(end) {
       const now = performance.now();
-      if (!end && now - this.told < TELL_MS) return;
-      this.told = now;
-      pendant.say({ goal: { position: this.handle.position.toArray(), quaternion: this.turn.toArray(), end } });
+      if (!end && now - this.lastSent < SEND_PERIOD_MS) return;
+      this.lastSent = now;
+      pendant.send({ goal: { position: this.handle.position.toArray(), quaternion: this.turn.toArray(), end } });
     }
 
-    up(event) {
+    endDrag(event) {
       if (!this.drag) return;
       const { pointer } = this.drag;
       event?.stopPropagation();
-      this.tell(true);
+      this.sendGoal(true);
       this.drag = null;
       this.scene.controls.enabled = true;
       if (this.scene.$el.hasPointerCapture?.(pointer)) this.scene.$el.releasePointerCapture(pointer);
@@ -236,7 +236,7 @@
     for (const [id, values] of shown) {
       const known = views.get(id);
       const found = view(id);
-      if (found && (found !== known || found.lacksObjects()))
+      if (found && (found !== known || found.hasOrphanedObjects()))
         for (const kind of Object.keys(values)) kinds[kind](found, values[kind], id);
     }
   }, 500);
@@ -244,11 +244,11 @@
   pendant.plan = async (id) => {
     THREE = (await import("nicegui-scene")).THREE;
     // Returns where a point of the handle, given in its axes [m], is on the page [px]; null without a handle.
-    pendant.handle = (...place) => {
+    pendant.handle = (...point) => {
       const found = view(id);
       if (!found?.handle.visible) return null;
       found.handle.updateWorldMatrix(true, false);
-      return pendant.pixels(found.scene, found.handle.localToWorld(new THREE.Vector3(...place)));
+      return pendant.toPixels(found.scene, found.handle.localToWorld(new THREE.Vector3(...point)));
     };
   };
 })();

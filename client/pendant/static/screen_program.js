@@ -1,5 +1,5 @@
 "use strict";
-// Program: the tree of nodes, used by mouse, touch and keyboard. The user's actions are sent as the event "said".
+// Program: the tree of nodes, used by mouse, touch and keyboard. The user's actions are sent as the event "treecommand".
 const pendantProgram = (() => {
   // A row is [id, number, depth, icon, text, marks, problem]. The marks are words: undefined, problem, suppressed,
   // breakpoint.
@@ -15,10 +15,10 @@ const pendantProgram = (() => {
   }
 
   // Keys for the whole screen work everywhere except in a field; keys for a node work only in the tree.
-  const DEEDS = {
+  const COMMANDS = {
     "ctrl+z": "undo", "ctrl+y": "redo", "ctrl+shift+z": "redo", "ctrl+s": "save",
   };
-  const NODE_DEEDS = {
+  const NODE_COMMANDS = {
     "ctrl+x": "cut", "ctrl+c": "copy", "ctrl+v": "paste", delete: "delete", backspace: "delete",
     "alt+arrowup": "up", "alt+arrowdown": "down", "ctrl+e": "suppress", f9: "breakpoint", enter: "edit",
   };
@@ -31,7 +31,7 @@ const pendantProgram = (() => {
     return [...words, event.key.toLowerCase()].join("+");
   }
 
-  const writes = (target) => target.closest && target.closest("input, textarea, [contenteditable=true], .q-dialog");
+  const isEditing = (target) => target.closest && target.closest("input, textarea, [contenteditable=true], .q-dialog");
 
   // boxId: the tree; marksId: numbers of the nodes that are executing; chosenId: the selected node; formId: its fields.
   function tree(boxId, marksId, chosenId, formId) {
@@ -46,7 +46,7 @@ const pendantProgram = (() => {
     let chosen = null;
     let box = null;
 
-    const say = (word, id) => box.dispatchEvent(new CustomEvent("said", { detail: [word, id] }));
+    const send = (command, id) => box.dispatchEvent(new CustomEvent("treecommand", { detail: [command, id] }));
     const fields = () => document.getElementById(`c${formId}`);
     const hasChildren = (index) => index + 1 < rows.length && rows[index + 1][DEPTH] > rows[index][DEPTH];
     const indexOf = (id) => order.get(id) ?? -1;
@@ -64,8 +64,8 @@ const pendantProgram = (() => {
         const opens = hasChildren(index);
         hidden = closed.has(row[ID]) && opens ? row[DEPTH] : Infinity;
         const made = JSON.stringify([row, opens, closed.has(row[ID])]);
-        const [was, item] = before.get(row[ID]) ?? [];
-        drawn.set(row[ID], was === made ? [was, item] : [made, line(row, opens)]);
+        const [drawnContent, item] = before.get(row[ID]) ?? [];
+        drawn.set(row[ID], drawnContent === made ? [drawnContent, item] : [made, line(row, opens)]);
         items.set(row[ID], drawn.get(row[ID])[1]);
       });
       for (const [id, item] of [...before].map(([id, [, item]]) => [id, item])) if (items.get(id) !== item) item.remove();
@@ -106,7 +106,7 @@ const pendantProgram = (() => {
     function mark(focus) {
       const before = marked;
       marked = new Set(rows.filter((row) => running.has(row[NUMBER])).map((row) => row[ID]));
-      const carriedOut = new Set(marked);
+      const executing = new Set(marked);
       if (chosen) marked.add(chosen);
       if (first) marked.add(first.dataset.node);
       for (const id of new Set([...before, ...marked])) {
@@ -114,24 +114,24 @@ const pendantProgram = (() => {
         if (!item) continue;
         item.setAttribute("aria-selected", String(id === chosen));
         item.tabIndex = id === chosen ? 0 : -1;
-        item.classList.toggle("is-running", carriedOut.has(id));
-        if (carriedOut.has(id)) item.setAttribute("aria-current", "step");
+        item.classList.toggle("is-running", executing.has(id));
+        if (executing.has(id)) item.setAttribute("aria-current", "step");
         else item.removeAttribute("aria-current");
       }
       const item = items.get(chosen);
       if (item && focus) item.focus();
       first = !item && items.size ? items.values().next().value : null; // the tree needs a tab stop
       if (first) first.tabIndex = 0;
-      guard();
+      disableOldFields();
     }
 
     // The fields are inert until they are those of the selected node, so that nothing is typed into the previous ones.
-    function guard() {
+    function disableOldFields() {
       const form = fields();
       if (form) form.inert = form.dataset.node !== chosen;
     }
 
-    function intoView(item) {
+    function reveal(item) {
       if (item) item.scrollIntoView({ block: "nearest" });
     }
 
@@ -139,8 +139,8 @@ const pendantProgram = (() => {
       if (id === undefined || id === null) return;
       chosen = id;
       mark(true);
-      intoView(items.get(id));
-      say("select", id);
+      reveal(items.get(id));
+      send("select", id);
     }
 
     function fold(id, close) {
@@ -149,7 +149,7 @@ const pendantProgram = (() => {
       draw();
     }
 
-    function walk(event) {
+    function navigate(event) {
       const shown = [...items.keys()];
       const at = Math.max(0, shown.indexOf(chosen));
       const index = indexOf(chosen);
@@ -170,7 +170,7 @@ const pendantProgram = (() => {
     function key(event) {
       const word = chord(event);
       const plain = !event.ctrlKey && !event.metaKey && !event.altKey;
-      const done = (plain && walk(event)) || (NODE_DEEDS[word] && (say(NODE_DEEDS[word], chosen), true));
+      const done = (plain && navigate(event)) || (NODE_COMMANDS[word] && (send(NODE_COMMANDS[word], chosen), true));
       if (!done) return;
       event.preventDefault();
       event.stopPropagation();
@@ -181,7 +181,7 @@ const pendantProgram = (() => {
       if (!item) return;
       const id = item.dataset.node;
       if (event.target.closest(".program-fold") && item.hasAttribute("aria-expanded")) fold(id, !closed.has(id));
-      else if (event.target.closest(".program-break")) say("breakpoint", id);
+      else if (event.target.closest(".program-break")) send("breakpoint", id);
       choose(id);
     }
 
@@ -195,7 +195,7 @@ const pendantProgram = (() => {
       drag = { id: item.dataset.node, x: event.clientX, y: event.clientY, begun: false, at: null };
     }
 
-    function pull(event) {
+    function dragOver(event) {
       if (!drag) return;
       if (!drag.begun && Math.hypot(event.clientX - drag.x, event.clientY - drag.y) < DRAG_PX) return;
       if (!drag.begun) {
@@ -209,7 +209,7 @@ const pendantProgram = (() => {
       const { top, height } = over.getBoundingClientRect();
       const share = (event.clientY - top) / height;
       showDrop([over.dataset.node, share < 0.3 ? "before" : share > 0.7 ? "after" : "onto"]);
-      intoView(over);
+      reveal(over);
     }
 
     function showDrop(at) {
@@ -218,26 +218,26 @@ const pendantProgram = (() => {
       if (at) items.get(at[0])?.setAttribute("data-drop", at[1]);
     }
 
-    function release(drops) {
+    function release(accept) {
       if (!drag) return;
       const { id, at, begun } = drag;
       if (begun) showDrop(null);
       box.classList.remove("is-dragging");
       drag = null;
-      if (begun && at && drops) pendant.say({ drop: [id, ...at] });
+      if (begun && at && accept) pendant.send({ drop: [id, ...at] });
     }
 
     pendant.followers.set(boxId, (content, target) => {
       if (box !== target) {
         box = target;
         box.addEventListener("pointerdown", press);
-        box.addEventListener("pointermove", pull);
+        box.addEventListener("pointermove", dragOver);
         box.addEventListener("pointerup", () => release(true));
         box.addEventListener("pointercancel", () => release(false));
         window.addEventListener("keydown", (event) => event.key === "Escape" && release(false));
         box.addEventListener("keydown", key);
         box.addEventListener("click", click);
-        new MutationObserver(guard).observe(fields(), { attributeFilter: ["data-node"] });
+        new MutationObserver(disableOldFields).observe(fields(), { attributeFilter: ["data-node"] });
       }
       rows = content;
       order = new Map(rows.map((row, index) => [row[ID], index]));
@@ -247,8 +247,8 @@ const pendantProgram = (() => {
       const before = running;
       running = new Set(numbers);
       mark(false);
-      const news = rows.find((row) => running.has(row[NUMBER]) && !before.has(row[NUMBER]));
-      if (news) intoView(items.get(news[ID]));
+      const started = rows.find((row) => running.has(row[NUMBER]) && !before.has(row[NUMBER]));
+      if (started) reveal(items.get(started[ID]));
     });
     pendant.followers.set(chosenId, (id) => {
       chosen = id;
@@ -257,12 +257,12 @@ const pendantProgram = (() => {
         depth = Math.min(depth, rows[index][DEPTH]);
       }
       draw();
-      intoView(items.get(id));
+      reveal(items.get(id));
     });
     window.addEventListener("keydown", (event) => {
-      if (!box || !box.offsetParent || writes(event.target) || !DEEDS[chord(event)]) return;
+      if (!box || !box.offsetParent || isEditing(event.target) || !COMMANDS[chord(event)]) return;
       event.preventDefault();
-      say(DEEDS[chord(event)], chosen);
+      send(COMMANDS[chord(event)], chosen);
     });
   }
 

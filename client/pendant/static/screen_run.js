@@ -51,10 +51,10 @@ const pendantRun = (() => {
       document.querySelectorAll(".program-line.current").forEach((line) => line.classList.remove("current"));
       const found = marked.map((number) => lines.get(number)).filter((line) => line);
       found.forEach((line) => line.classList.add("current"));
-      if (found.length && box) intoView(found[0]);
+      if (found.length && box) reveal(found[0]);
     }
 
-    function intoView(line) {
+    function reveal(line) {
       const top = line.offsetTop - box.offsetTop;
       if (top < box.scrollTop || top + line.offsetHeight > box.scrollTop + box.clientHeight)
         box.scrollTop = top - box.clientHeight / 2;

@@ -2,17 +2,17 @@
 // The surroundings of an arm: objects that can be dragged, and a ball at the tool that is dragged to push it.
 (() => {
   const N_PER_M = 120; // guess: dragging by the width of a hand gives 12 N
-  const MOST_N = 150; // guess
+  const MAX_N = 150; // guess
   const HEAD_M = 0.06;
-  const TELL_MS = 60;
+  const SEND_PERIOD_MS = 60;
 
   class Surroundings {
     constructor(THREE, view) {
       this.THREE = THREE;
       this.view = view;
-      this.things = new Map(); // name -> mesh
+      this.objects = new Map(); // name -> mesh
       this.drag = null;
-      this.told = 0;
+      this.lastSent = 0;
       this.group = new THREE.Group();
       this.ball = new THREE.Mesh(
         new THREE.SphereGeometry(0.032, 24, 16),
@@ -28,20 +28,20 @@
       this.arrow.visible = false;
       this.group.add(this.ball, this.arrow);
       view.scene.add(this.group);
-      for (const [type, handler] of [["pointerdown", this.down], ["pointermove", this.move], ["pointerup", this.up], ["pointercancel", this.up]])
+      for (const [type, handler] of [["pointerdown", this.startDrag], ["pointermove", this.move], ["pointerup", this.endDrag], ["pointercancel", this.endDrag]])
         view.$el.addEventListener(type, handler.bind(this), true);
-      window.addEventListener("blur", () => this.up());
+      window.addEventListener("blur", () => this.endDrag());
     }
 
     show({ tool, force, things }) {
       this.ball.position.set(...tool);
-      if (this.drag?.what !== "push") this.point(force);
-      const names = new Set(things.map((thing) => thing.name));
-      for (const [name, mesh] of this.things) if (!names.has(name)) this.remove(name, mesh);
-      for (const thing of things) this.put(thing);
+      if (this.drag?.kind !== "push") this.showForce(force);
+      const names = new Set(things.map((object) => object.name));
+      for (const [name, mesh] of this.objects) if (!names.has(name)) this.remove(name, mesh);
+      for (const object of things) this.showObject(object);
     }
 
-    point(force) {
+    showForce(force) {
       const along = new this.THREE.Vector3(...force);
       const size = along.length();
       this.arrow.visible = size > 0.05;
@@ -55,22 +55,22 @@
       this.head.position.y = length - HEAD_M / 2;
     }
 
-    put(thing) {
-      const shape = JSON.stringify([thing.box, thing.sphere]);
-      let mesh = this.things.get(thing.name);
-      if (mesh && mesh.userData.shape !== shape) this.remove(thing.name, mesh), (mesh = null);
+    showObject(object) {
+      const shape = JSON.stringify([object.box, object.sphere]);
+      let mesh = this.objects.get(object.name);
+      if (mesh && mesh.userData.shape !== shape) this.remove(object.name, mesh), (mesh = null);
       if (!mesh) {
-        mesh = pendant.thing(this.THREE, thing);
-        mesh.userData = { shape, name: thing.name };
-        this.things.set(thing.name, mesh);
+        mesh = pendant.createObject(this.THREE, object);
+        mesh.userData = { shape, name: object.name };
+        this.objects.set(object.name, mesh);
         this.group.add(mesh);
       }
       if (this.drag?.mesh === mesh) return;
-      pendant.place(mesh, thing);
+      pendant.setPose(mesh, object);
     }
 
     remove(name, mesh) {
-      this.things.delete(name);
+      this.objects.delete(name);
       mesh.removeFromParent();
       mesh.geometry.dispose();
     }
@@ -78,21 +78,21 @@
     // dragging
 
     ray(event) {
-      return pendant.ray(this.THREE, this.view, event);
+      return pendant.createRaycaster(this.THREE, this.view, event);
     }
 
-    down(event) {
+    startDrag(event) {
       if (event.button > 0 || this.drag) return;
       const caster = this.ray(event);
-      const away = this.view.camera.getWorldDirection(new this.THREE.Vector3());
+      const viewDirection = this.view.camera.getWorldDirection(new this.THREE.Vector3());
       const pushed = caster.intersectObject(this.ball)[0];
-      const met = pushed ? null : caster.intersectObjects([...this.things.values()], false)[0];
-      if (!pushed && !met) return;
-      const normal = pushed ? away : event.shiftKey ? away.setZ(0).normalize() : new this.THREE.Vector3(0, 0, 1);
-      const start = pushed ? this.ball.position.clone() : met.point;
+      const hit = pushed ? null : caster.intersectObjects([...this.objects.values()], false)[0];
+      if (!pushed && !hit) return;
+      const normal = pushed ? viewDirection : event.shiftKey ? viewDirection.setZ(0).normalize() : new this.THREE.Vector3(0, 0, 1);
+      const start = pushed ? this.ball.position.clone() : hit.point;
       this.drag = {
-        what: pushed ? "push" : "move", mesh: met?.object, start, vertical: event.shiftKey, pointer: event.pointerId,
-        from: met?.object.position.clone(),
+        kind: pushed ? "push" : "move", mesh: hit?.object, start, vertical: event.shiftKey, pointer: event.pointerId,
+        from: hit?.object.position.clone(),
         plane: new this.THREE.Plane().setFromNormalAndCoplanarPoint(normal, start),
       };
       this.view.controls.enabled = false;
@@ -103,73 +103,73 @@
 
     move(event) {
       if (!this.drag) {
-        const over = this.ray(event).intersectObjects([this.ball, ...this.things.values()], false).length > 0;
+        const over = this.ray(event).intersectObjects([this.ball, ...this.objects.values()], false).length > 0;
         this.view.$el.style.cursor = over ? "grab" : "";
         return;
       }
       event.stopPropagation();
       const at = this.ray(event).ray.intersectPlane(this.drag.plane, new this.THREE.Vector3());
       if (!at) return;
-      if (this.drag.what === "push") this.push(at);
-      else this.carry(at.sub(this.drag.start));
+      if (this.drag.kind === "push") this.push(at);
+      else this.moveObject(at.sub(this.drag.start));
     }
 
     push(at) {
-      const force = at.sub(this.ball.position).multiplyScalar(N_PER_M).clampLength(0, MOST_N);
+      const force = at.sub(this.ball.position).multiplyScalar(N_PER_M).clampLength(0, MAX_N);
       this.drag.force = force.toArray().map((value) => Math.round(value * 10) / 10);
-      this.point(this.drag.force);
-      this.tell({ push: this.drag.force });
+      this.showForce(this.drag.force);
+      this.send({ push: this.drag.force });
     }
 
-    carry(way) {
+    moveObject(offset) {
       const { mesh, from, vertical } = this.drag;
       mesh.position.copy(from);
-      if (vertical) mesh.position.z += way.z;
-      else mesh.position.add(way.setZ(0));
+      if (vertical) mesh.position.z += offset.z;
+      else mesh.position.add(offset.setZ(0));
       this.drag.moved = { move_thing: { name: mesh.userData.name, position: mesh.position.toArray() } };
-      this.tell(this.drag.moved);
+      this.send(this.drag.moved);
     }
 
-    tell(what, now = false) {
+    send(message, now = false) {
       const time = performance.now();
-      if (!now && time - this.told < TELL_MS) return;
-      this.told = time;
-      pendant.say(what);
+      if (!now && time - this.lastSent < SEND_PERIOD_MS) return;
+      this.lastSent = time;
+      pendant.send(message);
     }
 
-    up(event) {
+    endDrag(event) {
       const drag = this.drag;
       if (!drag) return;
       event?.stopPropagation();
       this.drag = null;
       this.view.controls.enabled = true;
       if (this.view.$el.hasPointerCapture?.(drag.pointer)) this.view.$el.releasePointerCapture(drag.pointer);
-      if (drag.what === "push") {
-        if (drag.force) this.tell({ push: drag.force }, true); // the last one may not have been sent
-        this.tell({ push: null }, true);
-      } else if (drag.moved) this.tell(drag.moved, true);
+      if (drag.kind === "push") {
+        if (drag.force) this.send({ push: drag.force }, true); // the last one may not have been sent
+        this.send({ push: null }, true);
+      } else if (drag.moved) this.send(drag.moved, true);
     }
 
     // Returns the position of an object, or of the ball without a name, in pixels of the page.
-    where(name) {
-      const mesh = name === undefined ? this.ball : this.things.get(name);
+    pixelPosition(name) {
+      const mesh = name === undefined ? this.ball : this.objects.get(name);
       if (!mesh) return null;
-      return pendant.pixels(this.view, mesh.getWorldPosition(new this.THREE.Vector3()));
+      return pendant.toPixels(this.view, mesh.getWorldPosition(new this.THREE.Vector3()));
     }
   }
 
-  const known = new Map();
+  const surroundings = new Map();
   let THREE = null;
 
   pendant.surroundings = async (id, scene) => {
     pendant.followers.set(id, (value) => {
       const view = getElement(scene);
       if (!THREE || !view || !view.controls) return false;
-      if (!known.has(id) || known.get(id).view !== view) known.set(id, new Surroundings(THREE, view));
-      if (value) known.get(id).show(value);
+      if (!surroundings.has(id) || surroundings.get(id).view !== view) surroundings.set(id, new Surroundings(THREE, view));
+      if (value) surroundings.get(id).show(value);
       return true;
     });
-    pendant.where = (name) => known.get(id)?.where(name) ?? null;
+    pendant.pixelPosition = (name) => surroundings.get(id)?.pixelPosition(name) ?? null;
     THREE = (await import("nicegui-scene")).THREE;
   };
 })();
