@@ -21,7 +21,7 @@ __all__ = ["KINDS", "HostileRobot"]
 
 SPOILT: Final = ("dashboard", "primary", "secondary", "realtime", "rtde", "tool line", "modbus")
 _PATIENCE_S: Final = 30.0
-_MOST: Final = 4_000_000  # bytes of an endless answer; a client has to give up earlier
+_MAX_ENDLESS: Final = 4_000_000  # bytes of an endless answer; a client has to give up earlier
 _LENGTH: Final = struct.Struct(">i")
 _FRAMES: Final = {  # length field of a frame, and the size of its header
     "rtde": (struct.Struct(">H"), 3),
@@ -99,7 +99,7 @@ class Spoiler:
         )
 
     async def _endless(self, data: bytes, write: Any, end: Any) -> None:
-        for _ in range(_MOST // 65536):
+        for _ in range(_MAX_ENDLESS // 65536):
             await write(data[:1] * 65536)
 
     async def _twice(self, data: bytes, write: Any, end: Any) -> None:

@@ -91,16 +91,17 @@ THIRD_PARTY = {
     ),
     "rich": ("emulator", "client", "urproto.commandline"),
 }
-URSCRIPT_SEES = ("urproto.compat", "urproto.robots.pose", "urproto.text", "urproto.versions")
-URSCRIPT_COMMANDS_SEE = (*URSCRIPT_SEES, "urproto.robots")  # the version follows from the arm
-POLYSCOPE_SEES = (*URSCRIPT_COMMANDS_SEE, "urproto.vectors")  # PolyScope's files contain poses and joint angles
+URSCRIPT_MAY_IMPORT = ("urproto.compat", "urproto.robots.pose", "urproto.text", "urproto.versions")
+URSCRIPT_COMMANDS_MAY_IMPORT = (*URSCRIPT_MAY_IMPORT, "urproto.robots")  # the version follows from the arm
+# PolyScope's files contain poses and joint angles
+POLYSCOPE_MAY_IMPORT = (*URSCRIPT_COMMANDS_MAY_IMPORT, "urproto.vectors")
 # the parts of `urscript` that the client may import: programs are created on the client's side too
-CLIENT_SEES_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
+CLIENT_MAY_IMPORT_OF_URSCRIPT = ("urscript.polyscope", "urscript.work")
 # modules that run whole emulators for tests may import the emulator for type checkers
 FOR_TESTS = ("urproto.pytest_plugin", "urproto.testing")
 # modules of the world outside the tick: only these parts of the emulator and of the client may use them
 OUTSIDE_WORLD = {"asyncio", "http", "socket", "threading", "select", "time", "selectors", "datetime"}
-MAY_TOUCH_OUTSIDE = (
+MAY_ACCESS_OUTSIDE = (
     "emulator.clock",
     "emulator.logs",
     "emulator.realtime",
@@ -211,14 +212,15 @@ def _not_allowed(name: str, imported: str) -> str | None:
         return None
     if top not in MAY_IMPORT[package]:
         return "see MAY_IMPORT"
-    if package == "client" and top == "urscript" and not within(imported, CLIENT_SEES_OF_URSCRIPT):
-        return "see CLIENT_SEES_OF_URSCRIPT"
+    if package == "client" and top == "urscript" and not within(imported, CLIENT_MAY_IMPORT_OF_URSCRIPT):
+        return "see CLIENT_MAY_IMPORT_OF_URSCRIPT"
     if package == "urscript" and top == "urproto":
         within_polyscope = within(name, ("urscript.polyscope",))
-        seen = URSCRIPT_COMMANDS_SEE if name == "urscript.commands" else URSCRIPT_SEES
-        return None if within(imported, POLYSCOPE_SEES if within_polyscope else seen) else "the language knows no robot"
+        seen = URSCRIPT_COMMANDS_MAY_IMPORT if name == "urscript.commands" else URSCRIPT_MAY_IMPORT
+        allowed = POLYSCOPE_MAY_IMPORT if within_polyscope else seen
+        return None if within(imported, allowed) else "the language is independent of robots"
     if package == "urscript" and within(imported, ("urscript.polyscope",)) != within(name, ("urscript.polyscope",)):
-        return None if within(imported, ("urscript.work",)) else "the language knows no PolyScope"
+        return None if within(imported, ("urscript.work",)) else "the language does not depend on PolyScope"
     return None
 
 
@@ -243,7 +245,7 @@ def _level_violations(package: str, levels: Sequence[tuple[str, ...]]) -> Iterat
 
 
 def test_only_the_io_shells_access_the_outside_world() -> None:
-    inner = (name for name in modules() if not within(name, MAY_TOUCH_OUTSIDE))
+    inner = (name for name in modules() if not within(name, MAY_ACCESS_OUTSIDE))
     assert_none(
         f"{name} imports {imported}"
         for name in inner

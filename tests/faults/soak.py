@@ -33,7 +33,7 @@ from emulator.control.verbs import BadArguments, NotPossible
 from emulator.servers.rtde import RTDEServer
 from urproto.rtde.codec import RequestProtocol, SetupInputs, SetupOutputs, Start
 
-MOST_CLIENTS: Final = 12
+MAX_CLIENTS: Final = 12
 SCRIPTS: Final = (
     "def go():\n  movej([0.3, -1, 1, 0, 0, 0], t=1)\n  movej([0, -1.5, 0.5, 0, 0, 0], t=1)\nend\n",
     "def busy():\n  i = 0\n  while True:\n    i = i + 1\n    sync()\n  end\nend\n",
@@ -124,7 +124,7 @@ class Soak:
     # clients
 
     def _connect(self) -> None:
-        if len(self.clients) >= MOST_CLIENTS:
+        if len(self.clients) >= MAX_CLIENTS:
             return
         port = self.chance.choice(PORTS[:-2])
         source = self.chance.choice(("127.0.0.1", "127.0.0.2"))

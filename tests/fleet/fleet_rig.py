@@ -17,9 +17,9 @@ from urproto.compat import module_command
 
 DEADLINE_S = 60  # under load by other tests
 DASHBOARD = 29999
-MOST = 16
+ADDRESSES_PER_PROCESS = 16
 # specific to this test process, by its process number
-FIRST = ip_address("127.96.0.1") + os.getpid() % 2**16 * MOST
+FIRST = ip_address("127.96.0.1") + os.getpid() % 2**16 * ADDRESSES_PER_PROCESS
 
 
 def host(index: int) -> str:

@@ -23,7 +23,7 @@ HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[1]
 CORPUS = HERE / "corpus"
 LONGEST_INPUT = 4096  # bytes; a corpus is read by people and replayed by every test run
-MOST_KEPT = 48  # inputs of a target
+MAX_KEPT = 48  # inputs of a target
 LONGEST_KEPT = 1024  # bytes
 _CHATTER = ("#", "INFO:", "stat::", "MERGE", "WARNING: Failed to find", "Done ", '"')
 HANGING_S = 120  # one input; wall-clock time, since the machine may be under load
@@ -111,7 +111,7 @@ def _fuzz(name: str, seconds: int, findings: Path, *, keep_new: bool) -> None:
             _run(command, ["-merge=1", *options, f"-max_len={LONGEST_KEPT}", str(small), str(found), str(known)])
             chosen = sorted((path.read_bytes() for path in small.iterdir()), key=len)
             given = set(_seeds(name))
-            keep(name, [data for data in chosen if len(data) <= LONGEST_KEPT and data not in given][:MOST_KEPT])
+            keep(name, [data for data in chosen if len(data) <= LONGEST_KEPT and data not in given][:MAX_KEPT])
     print(f"{name}: {runs} inputs, {covered} places covered, {len(kept(name))} inputs kept", flush=True)
 
 

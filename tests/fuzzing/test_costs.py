@@ -30,14 +30,14 @@ from urproto.versions import DEFAULT_VERSION, Series
 from urscript import compiler
 from urscript.splitter import ScriptSplitter
 
-WANTED = os.environ.get("RANDOM_COSTS")
-EACH = int(WANTED or 12) // 2
+RANDOM_COSTS_COUNT = os.environ.get("RANDOM_COSTS")
+EACH = int(RANDOM_COSTS_COUNT or 12) // 2
 HALF_S = {"ur3": Series.CB3.period_s / 2, "ur5e": Series.E.period_s / 2}
-MOST_OF_A_STEP = 2600  # units of `urscript.work`: half a period of a CB3 arm. One statement may take as many
-MOST_TO_START = 10_500  # of these, to start a program of as many defs and threads as there may be; others: as above
+MAX_STEP = 2600  # units of `urscript.work`: half a period of a CB3 arm. One statement may take as many
+MAX_START = 10_500  # of these, to start a program of as many defs and threads as there may be; others: as above
 # Processor time on a shared core is up to three times as long alongside other tests. What is exact there
 # is the count of `test_every_step_of_compiling_a_long_text_is_short`; `make soak` measures times.
-CROWDED = 1.25 if WANTED else 4.0
+CROWDED = 1.25 if RANDOM_COSTS_COUNT else 4.0
 COMPILED_WITHIN = 10  # periods
 # In every run; the work on all of them is counted.
 TIMED = (
@@ -47,7 +47,7 @@ TIMED = (
     "threads",
     "no end",
 )
-SIZE = 2000 if WANTED is None else 20_000
+SIZE = 2000 if RANDOM_COSTS_COUNT is None else 20_000
 
 CHUNK = 1024  # as a port reads
 STREAMS: dict[str, tuple[Callable[[], object], Callable[[int], bytes]]] = {
@@ -102,7 +102,7 @@ def test_reading_byte_by_byte_gives_the_same_result(data: bytes) -> None:
     assert min_time(lambda: one_by_one(40_000)) < 9 * min_time(lambda: one_by_one(10_000))
 
 
-@pytest.mark.timeout(0 if WANTED else 120)
+@pytest.mark.timeout(0 if RANDOM_COSTS_COUNT else 120)
 @pytest.mark.parametrize("model", HALF_S)
 def test_a_busy_program_uses_at_most_half_the_period(model: str) -> None:
     bound_s = CROWDED * HALF_S[model] * slowness()
@@ -116,11 +116,13 @@ def test_a_busy_program_uses_at_most_half_the_period(model: str) -> None:
 def test_every_step_of_compiling_a_long_text_is_short(name: str) -> None:
     """By count: a step is work that cannot be interrupted. The next test shows that the count is right."""
     *steps, last = [0, *steps_of(source(name, SIZE))]
-    assert max(steps, default=0) <= MOST_OF_A_STEP
-    assert last <= (MOST_TO_START if WANTED else MOST_OF_A_STEP)
+    assert max(steps, default=0) <= MAX_STEP
+    assert last <= (MAX_START if RANDOM_COSTS_COUNT else MAX_STEP)
 
 
-@pytest.mark.parametrize("name", SOURCES if WANTED else ["functions that call each other", "a long call", "threads"])
+@pytest.mark.parametrize(
+    "name", SOURCES if RANDOM_COSTS_COUNT else ["functions that call each other", "a long call", "threads"]
+)
 def test_a_long_text_leaves_little_to_the_garbage_collector(name: str) -> None:
     """It is paused while a text is compiled; then it examines all remaining objects in one step."""
     text = source(name, SIZE)
@@ -137,22 +139,22 @@ def test_replaced_programs_are_freed_in_steps(monkeypatch: pytest.MonkeyPatch) -
     short = "def short():\n  a = 1\nend\n"
     steps = [*compiler.compile_steps(short, LIBRARY_SET, DEFAULT_VERSION[Series.E])]
     assert [text for text, *_ in compiler._cache] == [short]
-    assert max(steps) <= MOST_OF_A_STEP
+    assert max(steps) <= MAX_STEP
     assert len(steps) > SIZE // 400  # pieces of the long one
 
 
-@pytest.mark.timeout(0 if WANTED else 120)
+@pytest.mark.timeout(0 if RANDOM_COSTS_COUNT else 120)
 @pytest.mark.parametrize("name", some(SOURCES, now=TIMED))
 def test_compiling_a_long_text_uses_at_most_half_the_period(name: str) -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
-    if WANTED and name == "threads":
-        bound_s *= 5  # Python defines 5,000 of them in one step, when the program starts: see MOST_TO_START
+    if RANDOM_COSTS_COUNT and name == "threads":
+        bound_s *= 5  # Python defines 5,000 of them in one step, when the program starts: see MAX_START
     longest, period = longest_tick(source(name, SIZE), 300, "ur3", bound_s)
     assert longest <= bound_s, f"period {period}: {longest * 1e3:.2f} ms"
 
 
-@pytest.mark.timeout(0 if WANTED else 120)
-@pytest.mark.skipif(not WANTED, reason="every kind of text is covered; mixtures are for the soak test")
+@pytest.mark.timeout(0 if RANDOM_COSTS_COUNT else 120)
+@pytest.mark.skipif(not RANDOM_COSTS_COUNT, reason="every kind of text is covered; mixtures are for the soak test")
 def test_random_long_texts() -> None:
     bound_s = CROWDED * HALF_S["ur3"] * slowness()
     for seed in range(EACH // 10):

@@ -27,8 +27,8 @@ ROBOT_TIME_S = {Series.CB3: 6.0, Series.E: 2.5}  # a program is stopped after th
 STAND_WITHIN_S = 1.0
 COMPILED_WITHIN = 100  # periods
 ROUNDING = 1e-5
-MOST = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twice that before it gives up
-MOST_BESIDE = 12.0  # with force mode, conveyor, or offset, which have separate bounds; stops add to them
+MAX_ACCELERATION = 2.05  # times a joint's acceleration limit: `pacing` lets a path have twice that before it gives up
+MAX_COMBINED = 12.0  # with force mode, conveyor, or offset, which have separate bounds; stops add to them
 # the safety system's limits do not slow streams and additions to a path; it acts after 0.25 s beyond them
 DETECTED_WITHIN_S = 0.3
 HARD_SAFETY = (SafetyMode.VIOLATION, SafetyMode.FAULT)
@@ -347,7 +347,7 @@ class Run:
         if largest_acceleration > 1.0 + 1e-2:
             self.outcome.largest_acceleration.append((largest_acceleration, self.period, self._doing()))
         deviating = self.controller.motion.deviating or self._was_deviating
-        assert largest_acceleration <= (MOST_BESIDE if deviating else MOST), self._at(
+        assert largest_acceleration <= (MAX_COMBINED if deviating else MAX_ACCELERATION), self._at(
             f"a joint does {largest_acceleration:.2f} times qdd_max"
         )
         self._was_deviating = self.controller.motion.deviating

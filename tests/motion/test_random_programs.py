@@ -13,9 +13,9 @@ from random_programs import Case, programs, run
 
 from urproto.robots import MODELS
 
-WANTED = os.environ.get("RANDOM_PROGRAMS")
-PHASES = tuple(Phase) if WANTED else (Phase.generate,)  # shrinking a finding takes minutes
-EACH = max(1, round(int(WANTED) / len(MODELS))) if WANTED else 4
+PROGRAM_COUNT = os.environ.get("RANDOM_PROGRAMS")
+PHASES = tuple(Phase) if PROGRAM_COUNT else (Phase.generate,)  # shrinking a finding takes minutes
+EACH = max(1, round(int(PROGRAM_COUNT) / len(MODELS))) if PROGRAM_COUNT else 4
 
 
 UPRIGHT, BENT = (0.0, -1.57, 0.0, -1.57, 0.0, 0.0), (0.0, -1.5, 1.5, -1.6, -1.57, 0.0)
@@ -78,7 +78,7 @@ def test_previously_found_programs(name: str) -> None:
     run(FOUND[name])
 
 
-@pytest.mark.timeout(0 if WANTED else 120)
+@pytest.mark.timeout(0 if PROGRAM_COUNT else 120)
 @pytest.mark.parametrize("model", MODELS)
 def test_random_programs_keep_the_limits_of_the_arm(model):
     @settings(max_examples=EACH, deadline=None, database=None, suppress_health_check=list(HealthCheck), phases=PHASES)

@@ -37,9 +37,9 @@ from urproto.compat import load_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 LIST = Path(__file__).with_name("mutants.toml")
-LEAST = 100
+MIN_MUTANTS = 100
 """Minimum number of mutants."""
-WANTED = 0.9
+MIN_FOUND = 0.9
 """Minimum fraction of mutants that must be found."""
 PATIENCE_S = 300.0
 
@@ -198,10 +198,10 @@ def _report(mutants: list[Mutant], verdicts: dict[Mutant, str], *, whole: bool) 
     problems = [f"not as listed: {mutant}" for mutant in surprises]
     if len(verdicts) < len(mutants):
         problems.append(f"{len(mutants) - len(verdicts)} were not planted, since their tests fail without a bug")
-    if whole and len(mutants) < LEAST:
-        problems.append(f"{len(mutants)} are too few: at least {LEAST} are required")
-    if whole and found < WANTED * len(mutants):
-        problems.append(f"too few are found: {WANTED:.0%} are required")
+    if whole and len(mutants) < MIN_MUTANTS:
+        problems.append(f"{len(mutants)} are too few: at least {MIN_MUTANTS} are required")
+    if whole and found < MIN_FOUND * len(mutants):
+        problems.append(f"too few are found: {MIN_FOUND:.0%} are required")
     print(*(problems or ["all as listed"]), sep="\n")
     return bool(problems)
 

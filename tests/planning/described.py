@@ -19,7 +19,7 @@ _LINKS = ("base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link"
           "wrist_3_link")  # fmt: skip
 # disable_collisions of ur_moveit_config's SRDF
 _NEVER = {(i, i + 1) for i in range(6)} | {(4, 6)}
-_BESIDE = {(0, 2), (3, 5)}  # a few millimetres apart when they pass each other, in any plan
+_PASSING = {(0, 2), (3, 5)}  # a few millimetres apart when they pass each other, in any plan
 _MOVED = range(2, 7)
 
 
@@ -62,8 +62,8 @@ class Described:
 
     def beyond_padding(self, q_rad: Sequence[float]) -> float:
         """How far the nearest pair is beyond the padding [m]; links next to each other must only not touch."""
-        beside = {(_LINKS[i], _LINKS[j]) for i, j in _BESIDE}
-        return min(far - (0.0 if pair in beside else self._padding_m) for pair, far in self(q_rad).items())
+        passing = {(_LINKS[i], _LINKS[j]) for i, j in _PASSING}
+        return min(far - (0.0 if pair in passing else self._padding_m) for pair, far in self(q_rad).items())
 
     def __call__(self, q_rad: Sequence[float]) -> dict[tuple[str, str], float]:
         """The distance of each pair [m]; negative where they penetrate."""

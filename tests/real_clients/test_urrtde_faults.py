@@ -13,7 +13,7 @@ from rtde_receive import RTDEReceiveInterface
 
 from emulator.control.remote import RemoteControl
 
-BESIDE_Q = [START_Q[0] + 0.3, *START_Q[1:]]
+TARGET_Q = [START_Q[0] + 0.3, *START_Q[1:]]
 ATTEMPTS = 4  # ur_rtde 1.6.5: about one in ten ends with a signal
 LOSES_ITS_CONNECTION = """
 import sys, time
@@ -64,7 +64,7 @@ def test_a_dropped_connection_is_noticed_and_reestablished(
 def test_a_program_survives_the_loss_of_its_client_connection(rig: Rig, faults: RemoteControl) -> None:
     """In a separate process: the thread in which ur_rtde reconnects sometimes terminates its process."""
     for _ in range(ATTEMPTS):
-        command = [sys.executable, "-c", LOSES_ITS_CONNECTION, rig.host, *map(str, BESIDE_Q)]
+        command = [sys.executable, "-c", LOSES_ITS_CONNECTION, rig.host, *map(str, TARGET_Q)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
             assert child.stdout is not None
             assert child.stdout.readline() == "connected\n"

@@ -34,7 +34,7 @@ from urproto.versions import PolyscopeVersion
 VERBS: Final = verbs_of(LiveControl.SUBJECTS)
 ENDS_IT: Final = ("quit", "shutdown")
 STEPS: Final = ("step", "run_until")  # time of this robot is driven by the test
-MOST_PERIODS: Final = 400
+MAX_PERIODS: Final = 400
 LATIN: Final = "Grüße an Zoë".encode("latin-1")
 INSTALLATION: Final = (
     b'<Installation><TCPSettings activePose="TCP" toolPayload="0.5"><availablePoses>'
@@ -78,7 +78,7 @@ class Robot:
         """The answer to a new client that sends these bytes, once it is a complete line."""
         client = self.client(port)
         client.feed(data)
-        for _ in range(MOST_PERIODS):
+        for _ in range(MAX_PERIODS):
             self.tick()
             if client.transport.delivered.endswith(b"\n"):
                 break
@@ -93,7 +93,7 @@ class Robot:
         client = self.client("control")
         head = f"POST /verbs/{verb} HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
         client.feed(head.encode() + b"Content-Length: %d\r\n\r\n" % len(body) + body)
-        for _ in range(MOST_PERIODS):
+        for _ in range(MAX_PERIODS):
             if client.transport.delivered:
                 break
             self.tick()
@@ -105,7 +105,7 @@ class Robot:
     def play(self, statements: bytes) -> None:
         """Run a program that continues after these statements."""
         self.command(b"brake release")
-        for _ in range(4 * MOST_PERIODS):
+        for _ in range(4 * MAX_PERIODS):
             if self.controller.snapshot.robot_mode is RobotMode.RUNNING:
                 break
             self.tick()

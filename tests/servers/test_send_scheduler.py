@@ -7,7 +7,7 @@ import pytest
 from emulator.servers.send_scheduler import PACKAGES_PER_SECOND, SendScheduler, StateFeed
 
 PERIOD_S = 0.002
-MOST = round(PACKAGES_PER_SECOND * PERIOD_S)
+MAX_PER_PERIOD = round(PACKAGES_PER_SECOND * PERIOD_S)
 
 
 @dataclass(eq=False)
@@ -32,7 +32,7 @@ def publish(scheduler: SendScheduler, listeners: list[Listener], step: int) -> i
     return sum(len(listener.seen) for listener in listeners) - before
 
 
-@pytest.mark.parametrize("count", [1, 5, MOST])
+@pytest.mark.parametrize("count", [1, 5, MAX_PER_PERIOD])
 def test_few_clients_get_each_package_in_its_period(count: int) -> None:
     scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(count)]
     for step in range(1, 50):
@@ -47,20 +47,20 @@ def check_turns(listeners: list[Listener], last_step: int) -> None:
     for listener in listeners:
         steps = list(map(int, listener.seen))
         assert steps == sorted(set(steps))
-        assert steps[-1] >= last_step - len(listeners) // MOST - 2
+        assert steps[-1] >= last_step - len(listeners) // MAX_PER_PERIOD - 2
 
 
 def test_many_clients_take_turns_and_get_the_newest_package() -> None:
     scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(256)]
     for step in range(1, 300):
-        assert publish(scheduler, listeners, step) <= MOST
+        assert publish(scheduler, listeners, step) <= MAX_PER_PERIOD
     check_turns(listeners, last_step=299)
 
 
 def test_a_burst_is_served_within_the_next_periods() -> None:
     scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(128)]
     publish(scheduler, listeners, 1)
-    for step in range(2, 2 + 128 // MOST + 1):
+    for step in range(2, 2 + 128 // MAX_PER_PERIOD + 1):
         scheduler.next_period(step)
     assert all(listener.seen == [b"1"] for listener in listeners)
 
@@ -72,7 +72,7 @@ def test_a_client_that_does_not_read_takes_no_turns() -> None:
 
 
 def test_packages_that_belong_together_stay_together() -> None:
-    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(MOST)]
+    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(MAX_PER_PERIOD)]
     for step in (1, 2, 3, 4):
         scheduler.next_period(step)
         if step == 1:
@@ -82,7 +82,7 @@ def test_packages_that_belong_together_stay_together() -> None:
 
 
 def test_disconnected_clients_are_removed() -> None:
-    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(2 * MOST)]
+    scheduler, listeners = SendScheduler(PERIOD_S), [Listener() for _ in range(2 * MAX_PER_PERIOD)]
     publish(scheduler, listeners, 1)
     scheduler.remove(listeners[-1])
     scheduler.next_period(2)
@@ -96,7 +96,7 @@ def publish_feed(scheduler: SendScheduler, feed: StateFeed, step: int) -> None:
 
 def test_few_clients_of_a_feed_get_each_package_in_its_period() -> None:
     scheduler, feed = SendScheduler(PERIOD_S), StateFeed()
-    listeners = [Listener() for _ in range(MOST)]
+    listeners = [Listener() for _ in range(MAX_PER_PERIOD)]
     feed.up_to_date.extend(listeners)
     for step in range(1, 50):
         publish_feed(scheduler, feed, step)
@@ -112,7 +112,7 @@ def test_clients_of_two_feeds_take_turns_and_get_the_newest_package() -> None:
         before = sum(len(listener.seen) for listener in listeners)
         for feed in feeds:
             publish_feed(scheduler, feed, step)
-        assert sum(len(listener.seen) for listener in listeners) - before <= MOST + 1
+        assert sum(len(listener.seen) for listener in listeners) - before <= MAX_PER_PERIOD + 1
     check_turns(listeners, last_step=299)
 
 
