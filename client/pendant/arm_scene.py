@@ -143,8 +143,8 @@ class ArmScene(ui.scene):
         target = self.preview() or station.values.get("target_q")
         if actual is None or target is None or not self.ghost_shown:
             return None
-        far = any(abs(a - b) > _GHOST_THRESHOLD_RAD for a, b in zip(actual, target, strict=True))
-        return [round(angle, 4) for angle in target] if far else None
+        differs = any(abs(a - b) > _GHOST_THRESHOLD_RAD for a, b in zip(actual, target, strict=True))
+        return [round(angle, 4) for angle in target] if differs else None
 
 
 def arm_scene(page: Page) -> ArmScene:
@@ -157,9 +157,9 @@ def arm_scene(page: Page) -> ArmScene:
     with scene:
         scene.trace = TcpTrace().with_name("trace").material(_TRACE_COLOR).visible(False)
 
-    def set_model(known: tuple[RobotModel | None, KinematicsInfo | None]) -> None:
-        arm.set_model(*known)
-        ghost.set_model(*known)
+    def set_model(model_and_kinematics: tuple[RobotModel | None, KinematicsInfo | None]) -> None:
+        arm.set_model(*model_and_kinematics)
+        ghost.set_model(*model_and_kinematics)
 
     page.live.effect(lambda station: (station.model, station.core.kinematics), set_model)
     page.live.effect(_tcp_offset, arm.set_tcp)
@@ -354,8 +354,8 @@ class _Link:
 
 
 def _move_camera(scene: ui.scene, model: RobotModel, direction: Vector3, duration: float = 0.4) -> None:
-    far, height = _DISTANCE * model.reach_m, _TARGET_HEIGHT * model.reach_m
-    x, y, z = (far * part / hypot(*direction) for part in direction)
+    distance, height = _DISTANCE * model.reach_m, _TARGET_HEIGHT * model.reach_m
+    x, y, z = (distance * part / hypot(*direction) for part in direction)
     scene.move_camera(x, y, z + height, 0.0, 0.0, height, duration=duration)
 
 

@@ -62,14 +62,14 @@ async def check_forever(
     last_checked: object = None
     while True:
         await asyncio.sleep(_POLL_PERIOD_S)
-        revision, known = draft.revision, version()
-        if known is None or last_checked == (revision, known):
+        revision, polyscope = draft.revision, version()
+        if polyscope is None or last_checked == (revision, polyscope):
             continue
         await asyncio.sleep(_DEBOUNCE_S)
         if draft.revision != revision:
             continue
-        last_checked = (revision, known)
+        last_checked = (revision, polyscope)
         try:
-            draft.set_diagnoses(revision, await check(draft.text, known))
+            draft.set_diagnoses(revision, await check(draft.text, polyscope))
         except (CheckerError, TimeoutError, OSError) as error:
             on_problem(str(error) or "urscript check takes too long")

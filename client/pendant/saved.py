@@ -143,10 +143,10 @@ class JsonFile(Generic[_T]):
     the file; its ValueError, like all errors of the file, becomes a FileError. version: number of changes.
     """
 
-    def __init__(self, path: Path | None, parse: Callable[[Any], dict[str, _T]], what: str) -> None:
+    def __init__(self, path: Path | None, parse: Callable[[Any], dict[str, _T]], label: str) -> None:
         self._path = path
         self._parse = parse
-        self._what = what
+        self._label = label
         self._content: dict[str, _T] | None = None
         self.version = 0
 
@@ -177,7 +177,9 @@ class JsonFile(Generic[_T]):
         except OSError as error:
             raise FileError(path, error.strerror or str(error)) from error
         except (ValueError, AttributeError, ArithmeticError, RecursionError) as error:  # huge numbers, deep nesting
-            raise FileError(path, f"the file does not contain {self._what}: {error}; move it out of the way") from error
+            raise FileError(
+                path, f"the file does not contain {self._label}: {error}; move it out of the way"
+            ) from error
 
 
 def checked_name(name: str, subject: str) -> str:

@@ -28,7 +28,7 @@ def build(page: Page) -> None:
 class _Editor:
     def __init__(self, page: Page) -> None:
         self._page = page
-        self._form = _VECTOR
+        self._rotation_format = _VECTOR
         self._active_tcp()
         ui.separator()
         with ui.row().classes("tcp-head"):
@@ -69,25 +69,25 @@ class _Editor:
             raise ValueError("a TCP has six numbers: fill in all of them")
         x, y, z = (value / _MM for value in values[:3])
         a, b, c = values[3:]
-        return (x, y, z, *(rpy_to_rotvec(a / _DEG, b / _DEG, c / _DEG) if self._form == _RPY else (a, b, c)))
+        return (x, y, z, *(rpy_to_rotvec(a / _DEG, b / _DEG, c / _DEG) if self._rotation_format == _RPY else (a, b, c)))
 
     def _show(self, tcp: Sequence[float]) -> None:
         rotation: Sequence[float] = tcp[3:]
-        if self._form == _RPY:
+        if self._rotation_format == _RPY:
             rotation = [_DEG * angle for angle in rotvec_to_rpy(*tcp[3:])]
         for box, value in zip(self._boxes, (*(_MM * value for value in tcp[:3]), *rotation), strict=True):
             box.set_value(round(value, 6) + 0.0)
 
     def _label_boxes(self) -> None:
-        for box, name in zip(self._boxes, ("X [mm]", "Y [mm]", "Z [mm]", *_NAMES[self._form]), strict=True):
+        for box, name in zip(self._boxes, ("X [mm]", "Y [mm]", "Z [mm]", *_NAMES[self._rotation_format]), strict=True):
             box.props(f'label="{name}"')
 
-    def _change_form(self, form: str) -> None:
+    def _change_form(self, rotation_format: str) -> None:
         try:
             entered = self._entered()
         except ValueError:
             entered = None
-        self._form = form
+        self._rotation_format = rotation_format
         self._label_boxes()
         if entered is not None:
             self._show(entered)

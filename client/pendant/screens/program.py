@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from client.pendant import program_playing as playing
+from client.pendant import program_playback as playback
 from client.pendant.page import Page
 from client.pendant.program_draft import ProgramDraft, Selection
 from client.pendant.program_view import palette
@@ -35,8 +35,8 @@ def build(page: Page) -> None:
         _connect_tree(page, selection, commands, tree, form)
     page.live.on_message("drop", commands.drop)
     page.live.effect(
-        lambda station: page.live.screen == "program" and playing.can_save_files(station),
-        lambda visible: page.run_in_background(lambda: playing.load_installation(page.station)) if visible else None,
+        lambda station: page.live.screen == "program" and playback.can_save_files(station),
+        lambda visible: page.run_in_background(lambda: playback.load_installation(page.station)) if visible else None,
     )
 
 
@@ -132,23 +132,23 @@ class Commands:
     async def breakpoint(self) -> None:
         """Set or remove a breakpoint at the node."""
         self._draft.toggle_breakpoint(self._selection.node)
-        await playing.send_breakpoints(self.page.station)
+        await playback.send_breakpoints(self.page.station)
 
     async def play(self) -> None:
         """Play from the start, or resume."""
-        await self._start_program(lambda: playing.play(self.page.station))
+        await self._start_program(lambda: playback.play(self.page.station))
 
     async def play_from(self) -> None:
         """Play from the selected node."""
-        await self._start_program(lambda: playing.play(self.page.station, at=self._selection.node))
+        await self._start_program(lambda: playback.play(self.page.station, at=self._selection.node))
 
     async def step(self) -> None:
         """Step to the next node."""
-        await self._start_program(lambda: playing.step(self.page.station))
+        await self._start_program(lambda: playback.step(self.page.station))
 
     async def _start_program(self, start: Callable[[], Awaitable[None]]) -> None:
         self.page.station.situation.require(Action.PLAY)
-        if not self._draft.path and playing.can_play_files(self.page.station):
+        if not self._draft.path and playback.can_play_files(self.page.station):
             await self.save()
             if not self._draft.path:
                 return
@@ -210,23 +210,23 @@ def _play_buttons(page: Page, commands: Commands, button: Callable[..., ui.butto
         page.bind_button(Action.PLAY, command, new_button, text)
         if emulated:
             page.live.effect(_can_step, new_button.set_enabled)
-            page.live.bind(new_button, "title", playing.why_no_stepping)
+            page.live.bind(new_button, "title", playback.why_no_stepping)
     breakpoint_button = button(
         "Breakpoint", "stop_circle", page.handler(commands.breakpoint), "program-breakpoint", _BREAKPOINT
     )
-    page.live.effect(playing.can_play_files, breakpoint_button.set_enabled)
-    page.live.bind(breakpoint_button, "title", playing.why_no_stepping)
+    page.live.effect(playback.can_play_files, breakpoint_button.set_enabled)
+    page.live.bind(breakpoint_button, "title", playback.why_no_stepping)
     page.live.text(_play_note, "program-why").props("data-testid=program-why")
 
 
 def _can_step(station: Station) -> bool:
-    return playing.can_play_files(station) and station.situation.permits(Action.PLAY)
+    return playback.can_play_files(station) and station.situation.permits(Action.PLAY)
 
 
 def _play_note(station: Station) -> str:
     situation = station.situation
     return (
-        playing.play_hint(station)
+        playback.play_hint(station)
         if situation.permits(Action.PLAY) or situation.permits(Action.PAUSE)
         else situation.refusal(Action.PLAY)
     )
@@ -282,6 +282,6 @@ def _connect_tree(page: Page, selection: Selection, commands: Commands, tree: ui
 def _running_numbers(station: Station) -> list[int]:
     """Numbers of the nodes that are being executed, if this program is running."""
     threads = station.programs.threads
-    if not threads or not playing.is_on_robot(station):
+    if not threads or not playback.is_on_robot(station):
         return []
     return [thread.label_id for thread in threads if thread.label_id]

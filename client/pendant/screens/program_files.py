@@ -6,7 +6,7 @@ from pathlib import PurePosixPath
 
 from nicegui import events, ui
 
-from client.pendant import program_playing as playing
+from client.pendant import program_playback as playback
 from client.pendant.page import Page
 
 _MAX_BYTES = 2_000_000
@@ -23,12 +23,12 @@ class FileButtons:
         save = button("Save", "save", page.handler(self.save), "program-save")
         save_as = button("Save as", "save_as", page.handler(self.save_as), "program-save-as")
         for save_button in (save, save_as):
-            page.live.effect(playing.can_save_files, save_button.set_enabled)
+            page.live.effect(playback.can_save_files, save_button.set_enabled)
             page.live.bind(
                 save_button,
                 "title",
                 lambda s: (
-                    "" if playing.can_save_files(s) else "A robot saves no files for others: download the program"
+                    "" if playback.can_save_files(s) else "A robot saves no files for others: download the program"
                 ),
             )
         button("Download", "download", page.handler(self.download), "program-download")
@@ -56,10 +56,10 @@ class FileButtons:
         page = self._page
         if not await self._confirm_replacing():
             return
-        if not playing.can_save_files(page.station):
+        if not playback.can_save_files(page.station):
             self._picker.run_method("pickFiles")
             return
-        names = [name for name in await page.station.programs.files(page.station) if name.endswith(playing.EXTENSION)]
+        names = [name for name in await page.station.programs.files(page.station) if name.endswith(playback.EXTENSION)]
         with page.content, ui.dialog(value=True) as dialog, ui.card().classes("program-files"):
             ui.label("Open a program").classes("panel-title")
             if not names:
@@ -74,7 +74,7 @@ class FileButtons:
         choice = await dialog
         dialog.delete()
         if choice:
-            await playing.open_file(page.station, choice)
+            await playback.open_file(page.station, choice)
         elif choice == "":
             self._picker.run_method("pickFiles")
 
@@ -92,7 +92,7 @@ class FileButtons:
         if not self._draft.path:
             await self.save_as()
             return
-        await playing.save(self._page.station, self._draft.path)
+        await playback.save(self._page.station, self._draft.path)
         self._page.show_message(f"{self._draft.path} is saved")
 
     async def save_as(self) -> bool:
@@ -111,12 +111,12 @@ class FileButtons:
         dialog.delete()
         if name is None:
             return False
-        path = playing.with_extension(name)
+        path = playback.with_extension(name)
         if path != draft.path and path in await page.station.programs.files(page.station):
             text = f"{path} is there already."
             if not await page.confirm("Replace the program?", text, "Replace it"):
                 return False
-        await playing.save(page.station, path)
+        await playback.save(page.station, path)
         page.show_message(f"{path} is saved")
         return True
 

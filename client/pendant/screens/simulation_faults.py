@@ -71,8 +71,8 @@ class _Form:
                 ui.label(f"Strikes on {kind.occasion}.").classes("init-hint")
             with ui.element("div").classes("sim-grid"):
                 self._add_inputs(field for field in kind.fields if not field.is_timing)
-            when = ui.expansion("When and how often").props("dense").classes("sim-wide sim-when")
-            with when, ui.element("div").classes("sim-grid"):
+            timing_section = ui.expansion("When and how often").props("dense").classes("sim-wide sim-when")
+            with timing_section, ui.element("div").classes("sim-grid"):
                 self._add_inputs(field for field in kind.fields if field.is_timing)
 
     def _add_inputs(self, fields: Any) -> None:

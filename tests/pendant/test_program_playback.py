@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from client.pendant import program_playing as playing
+from client.pendant import program_playback as playback
 from client.pendant.emulator_control import EmulatorControlError
 from client.pendant.program_draft import ProgramDraft
 from client.pendant.program_file import ProgramFile
@@ -39,50 +39,50 @@ class FakeStation(SimpleNamespace):
 
 
 @pytest.fixture
-def arm() -> Any:
+def station() -> Any:
     return FakeStation()
 
 
-async def test_robot_gets_script_from_start_or_node(arm: Any) -> None:
-    draft = arm.program_draft
+async def test_robot_gets_script_from_start_or_node(station: Any) -> None:
+    draft = station.program_draft
     one = draft.insert("comment", draft.view.first())
     two = draft.insert("halt", one)
-    await playing.play(arm)
-    assert arm.sent[0].startswith("def unnamed():")
-    assert not playing.is_on_robot(arm)  # it has not reported that yet
-    arm.programs.running = "unnamed"
-    assert playing.is_on_robot(arm)
-    await playing.play(arm, at=two)
-    assert "play_from_selection" not in arm.sent[0]
-    assert "play_from_selection" in arm.sent[1]
+    await playback.play(station)
+    assert station.sent[0].startswith("def unnamed():")
+    assert not playback.is_on_robot(station)  # it has not reported that yet
+    station.programs.running = "unnamed"
+    assert playback.is_on_robot(station)
+    await playback.play(station, at=two)
+    assert "play_from_selection" not in station.sent[0]
+    assert "play_from_selection" in station.sent[1]
     draft.delete(one)
-    assert not playing.is_on_robot(arm)
+    assert not playback.is_on_robot(station)
 
 
-async def test_incomplete_or_external_control_program_is_not_sent(arm: Any) -> None:
-    draft = arm.program_draft
+async def test_incomplete_or_external_control_program_is_not_sent(station: Any) -> None:
+    draft = station.program_draft
     waypoint = draft.insert("waypoint", draft.view.first())
-    with pytest.raises(playing.PlayError, match="teach it: complete the program"):
-        await playing.play(arm)
+    with pytest.raises(playback.PlayError, match="teach it: complete the program"):
+        await playback.play(station)
     draft.delete(waypoint)
     draft.insert("external_control", draft.view.first())
-    with pytest.raises(playing.PlayError, match="at the robot's own pendant"):
-        playing.script(arm)
-    assert arm.sent == []
+    with pytest.raises(playback.PlayError, match="at the robot's own pendant"):
+        playback.script(station)
+    assert station.sent == []
 
 
 @pytest.mark.parametrize(("name", "path"), [("job", "job.urp"), (" cell/job.urp ", "cell/job.urp")])
 def test_names_get_extension(name: str, path: str) -> None:
-    assert playing.with_extension(name) == path
+    assert playback.with_extension(name) == path
 
 
 @pytest.mark.parametrize("name", ["", "  ", ".urp"])
 def test_empty_name_is_rejected(name: str) -> None:
     with pytest.raises(ValueError, match="a name"):
-        playing.with_extension(name)
+        playback.with_extension(name)
 
 
-async def test_nodes_can_use_installation_of_emulator(arm: Any, tmp_path: Path) -> None:
+async def test_nodes_can_use_installation_of_emulator(station: Any, tmp_path: Path) -> None:
     robot = VirtualRobot(ControllerConfig(model=load_model("ur3"), programs_dir=tmp_path))
 
     async def call(verb: str, **arguments: Any) -> Any:
@@ -91,13 +91,13 @@ async def test_nodes_can_use_installation_of_emulator(arm: Any, tmp_path: Path) 
         except NotPossible as error:
             raise EmulatorControlError(str(error)) from error
 
-    arm.emulator = SimpleNamespace(available=True, verbs={"save_program", "installation"}, call=call)
-    draft = arm.program_draft
+    station.emulator = SimpleNamespace(available=True, verbs={"save_program", "installation"}, call=call)
+    draft = station.program_draft
     move = draft.insert("move", draft.view.first())
-    await playing.load_installation(arm)  # there is no file yet
+    await playback.load_installation(station)  # there is no file yet
     before = draft.version
     assert "gripper" not in str(draft.editor.form(move))
     robot.add_to_installation("tcps", {"name": "gripper", "pose": [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]})
-    await playing.load_installation(arm)
+    await playback.load_installation(station)
     assert "gripper" in str(draft.editor.form(move))
     assert draft.version == before  # not an edit
