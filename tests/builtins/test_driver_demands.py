@@ -141,8 +141,8 @@ def test_a_protective_stop_sends_one_error_after_its_safety_mode(rig):
     rig.until(lambda: rig.controller.snapshot.safety_mode is SafetyMode.PROTECTIVE_STOP, 1.0)
     rig.seconds(1.0)
     assert rig.controller.snapshot.robot_mode is RobotMode.RUNNING
-    told = [message for message in rig.messages if isinstance(message, SafetyModeMessage | ErrorCodeMessage)]
-    mode, error = told
+    notices = [message for message in rig.messages if isinstance(message, SafetyModeMessage | ErrorCodeMessage)]
+    mode, error = notices
     assert isinstance(mode, SafetyModeMessage)
     assert isinstance(error, ErrorCodeMessage)
     assert (error.label, error.level) == ("C209A0", ReportLevel.WARNING)

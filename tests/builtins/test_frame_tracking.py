@@ -68,12 +68,12 @@ def test_moving_the_base_keeps_the_tool_in_place_in_the_world(rig):
 
 @pytest.mark.parametrize("frame", ["flange", "tcp", "part"])
 def test_frames_attached_to_the_arm_cannot_be_tracked(rig, frame):
-    said = rig.fault(PART + f'attach_frame("part", "tcp")\nframe_tracking_enable("{frame}")')
-    assert f'the frame "{frame}" moves with the arm itself' in said
+    problem = rig.fault(PART + f'attach_frame("part", "tcp")\nframe_tracking_enable("{frame}")')
+    assert f'the frame "{frame}" moves with the arm itself' in problem
 
 
 @pytest.mark.parametrize(
-    ("body", "said"),
+    ("body", "problem"),
     [
         ('frame_tracking_enable("nowhere")', 'there is no frame "nowhere"'),
         (
@@ -82,8 +82,8 @@ def test_frames_attached_to_the_arm_cannot_be_tracked(rig, frame):
         ),
     ],
 )
-def test_invalid_calls_end_the_program(rig, body, said):
-    assert said in rig.fault(body)
+def test_invalid_calls_end_the_program(rig, body, problem):
+    assert problem in rig.fault(body)
 
 
 def test_disabling_without_enabling_only_stops_the_arm(rig):
@@ -98,18 +98,18 @@ def test_a_secondary_program_cannot_track(rig):
 
 
 @pytest.mark.parametrize(
-    ("loss", "said"),
+    ("loss", "problem"),
     [
         ('delete_frame("part")', 'there is no frame "part"'),
         ("reset_world_model()", 'there is no frame "part"'),
         ('attach_frame("part", "flange")', 'the frame "part" moves with the arm itself'),
     ],
 )
-def test_a_lost_frame_stops_the_arm_and_ends_the_program_at_its_next_move(rig, loss, said):
+def test_a_lost_frame_stops_the_arm_and_ends_the_program_at_its_next_move(rig, loss, problem):
     rig.start(TRACK + f"sleep(0.1)\n{loss}\nsleep(1)\nmovej(get_actual_joint_positions())")
     rig.until(lambda: rig.controller.safety.mode is SafetyMode.PROTECTIVE_STOP)
     assert rig.controller.motion.fault is not None
-    assert said in rig.controller.motion.fault.text
+    assert problem in rig.controller.motion.fault.text
     rig.seconds(6.0)
     assert rig.controller.safety_event(SafetyEvent.UNLOCK)
     assert rig.controller.programs.resume()

@@ -89,7 +89,7 @@ def test_noise_is_averaged_by_least_squares(rig):
 
 
 @pytest.mark.parametrize(
-    ("turns", "told"),
+    ("turns", "problem"),
     [
         (TURNS[:3], "4 or more"),
         ([*TURNS[:3], (0.1, 0, 0)], "differ by only 0.100 rad"),
@@ -97,12 +97,12 @@ def test_noise_is_averaged_by_least_squares(rig):
         ([(x, 0, 0) for x in (0, 0.8, 1.6, 2.4)], None),
     ],
 )
-def test_insufficient_poses_are_refused(rig, turns, told):
+def test_insufficient_poses_are_refused(rig, turns, problem):
     program = call(turns, weights(1.0, np.array([0.0, 0.0, 0.1]), turns))
-    if told is None:  # turned about one axis: the weight sweeps a plane, which determines everything
+    if problem is None:  # turned about one axis: the weight sweeps a plane, which determines everything
         assert rig.value(program).members["cog"] == pytest.approx([0, 0, 0.1], abs=1e-9)
     else:
-        assert told in rig.fault(program)
+        assert problem in rig.fault(program)
 
 
 @pytest.mark.parametrize("arguments", ["[1, 2, 3, 4], [1, 2, 3, 4]", "[[0]], [[0]]", '["a"], ["b"]'])

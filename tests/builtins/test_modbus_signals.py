@@ -30,7 +30,7 @@ def sent(modbus: MemoryModbus, function: Function) -> list[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize(
-    ("type_", "address", "more", "said", "function"),
+    ("type_", "address", "more", "expected_text", "function"),
     [
         (0, 0, "", "True", Function.READ_DISCRETE_INPUTS),
         (1, 1, "", "False", Function.READ_COILS),
@@ -41,9 +41,9 @@ def sent(modbus: MemoryModbus, function: Function) -> list[tuple[int, ...]]:
         (16, 1, "", "7", Function.READ_HOLDING_REGISTERS),
     ],
 )
-def test_each_signal_type_reads_its_table(rig, modbus, type_, address, more, said, function):
+def test_each_signal_type_reads_its_table(rig, modbus, type_, address, more, expected_text, function):
     rig.run(add(type_, address, more) + 'sleep(0.01)\ntextmsg(modbus_get_signal_status("s"))')
-    assert rig.texts == [said]
+    assert rig.texts == [expected_text]
     assert {request.function for request in modbus.units[UNIT].requests} == {function}
 
 
@@ -435,10 +435,12 @@ def test_a_high_input_signal_enables_freedrive_while_its_unit_answers(rig, modbu
     assert rig.controller.snapshot.control_mode is not ControlMode.TEACH
 
 
-@pytest.mark.parametrize(("choice", "said"), [(3, None), (4, "must be 0 to 3, not 4"), (5, "must be 0 to 3, not 5")])
-def test_cb3_has_run_state_choices_up_to_3(cb3, choice, said):
+@pytest.mark.parametrize(
+    ("choice", "expected_text"), [(3, None), (4, "must be 0 to 3, not 4"), (5, "must be 0 to 3, not 5")]
+)
+def test_cb3_has_run_state_choices_up_to_3(cb3, choice, expected_text):
     body = add(1) + f'modbus_set_runstate_dependent_choice("s", {choice})'
-    if said is None:
+    if expected_text is None:
         cb3.run(body)
     else:
-        assert said in cb3.fault(body)
+        assert expected_text in cb3.fault(body)

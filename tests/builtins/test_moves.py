@@ -76,9 +76,9 @@ def test_overlapping_blends_are_reported_as_an_error_code(series, request):
     robot = request.getfixturevalue(series)
     robot.run(OVERLAPPING)
     assert robot.texts == ["True"]
-    said = [m for m in robot.messages if isinstance(m, ErrorCodeMessage)]
-    assert [(m.code, m.argument, m.level) for m in said] == [(171, 11, ReportLevel.WARNING)]
-    assert "overlapping blends, a waypoint is skipped" in said[0].text
+    problem = [m for m in robot.messages if isinstance(m, ErrorCodeMessage)]
+    assert [(m.code, m.argument, m.level) for m in problem] == [(171, 11, ReportLevel.WARNING)]
+    assert "overlapping blends, a waypoint is skipped" in problem[0].text
     assert robot.controller.snapshot.safety_mode == SafetyMode.NORMAL
 
 
@@ -204,7 +204,7 @@ def test_a_goal_in_a_tracked_frame_uses_the_current_position_of_the_frame(rig):
 
 
 @pytest.mark.parametrize(
-    ("goal", "said"),
+    ("goal", "problem"),
     [
         ('"nowhere"', 'there is no frame "nowhere"'),
         ('struct(pose=p[0, 0, 0, 0, 0, 0], frame="nowhere")', 'there is no frame "nowhere"'),
@@ -215,8 +215,8 @@ def test_a_goal_in_a_tracked_frame_uses_the_current_position_of_the_frame(rig):
         ('["a", 0, 0, 0, 0, 0]', "6 finite numbers"),
     ],
 )
-def test_impossible_goals_of_optimove_end_the_program(rig, goal, said):
-    assert said in rig.fault(f"optimovej({goal})")
+def test_impossible_goals_of_optimove_end_the_program(rig, goal, problem):
+    assert problem in rig.fault(f"optimovej({goal})")
 
 
 def test_servoj_blocks_for_its_time(rig):

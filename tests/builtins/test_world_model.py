@@ -117,7 +117,7 @@ def test_the_base_on_a_rail_survives_delete_all_and_is_reset(rig):
 
 
 @pytest.mark.parametrize(
-    ("body", "told"),
+    ("body", "problem"),
     [
         ('add_frame("tcp", p[0,0,0,0,0,0])', "already"),
         ('add_frame("", p[0,0,0,0,0,0])', "name"),
@@ -135,9 +135,9 @@ def test_the_base_on_a_rail_survives_delete_all_and_is_reset(rig):
         ('i = 0\nwhile True:\n  add_frame(str_cat("f", i), p[0,0,0,0,0,0])\n  i = i + 1\nend', "100 frames"),
     ],
 )
-def test_invalid_calls_are_reported_and_change_nothing(rig, body, told):
+def test_invalid_calls_are_reported_and_change_nothing(rig, body, problem):
     frames = rig.value('get_children("world")')
-    assert told in rig.fault(body)
+    assert problem in rig.fault(body)
     assert rig.value('get_children("world")')[: len(frames)] == frames
 
 

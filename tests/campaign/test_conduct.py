@@ -125,13 +125,13 @@ class RaisingWorkers(InProcessWorkers):
     """Returns the exception of a function, like the other workers."""
 
     def submit(self, function: Callable[..., object], *arguments: object) -> int:
-        def told(*given: object) -> object:
+        def returning_errors(*given: object) -> object:
             try:
                 return function(*given)
             except Exception as error:
                 return error
 
-        return super().submit(told, *arguments)
+        return super().submit(returning_errors, *arguments)
 
 
 def test_one_failed_run_of_each_kind_is_reduced_to_a_minimum(tmp_path: Path) -> None:

@@ -137,8 +137,8 @@ def test_script_commands(command, words):
 @pytest.mark.parametrize(("message", "words"), ANSWERS)
 def test_answers(message, words):
     assert _words(message.encode()) == words
-    (told,) = ReplyDecoder().feed(message.encode())
-    assert told.values == pytest.approx(message.values, abs=1e-15)
+    (received,) = ReplyDecoder().feed(message.encode())
+    assert received.values == pytest.approx(message.values, abs=1e-15)
 
 
 def test_an_answer_is_at_most_a_6_by_6_matrix():

@@ -70,9 +70,9 @@ def data_of(case: str) -> bytes:
 
 def primary(version: str, case: str) -> set[str]:
     parsed, data = PolyscopeVersion.parse(version), data_of(case)
-    told = PrimaryDecoder(parsed).feed(data)
+    received = PrimaryDecoder(parsed).feed(data)
     kinds, again = set(), b""
-    for message in told:
+    for message in received:
         if isinstance(message, state.RobotStateData):
             assert not message.unknown
             kinds |= {part_kind(type(part)) for part in message.parts}
@@ -84,13 +84,13 @@ def primary(version: str, case: str) -> set[str]:
             kinds.add(type(message).__name__)
             again += message.encode(parsed)
     read_only = False
-    if len(told) == 1 and isinstance(told[0], program_state.GlobalVariableValues) and version in CODES:
+    if len(received) == 1 and isinstance(received[0], program_state.GlobalVariableValues) and version in CODES:
         name = CODES[version][data[16]]
         kinds.add(value_kind(version, name))
         read_only = name in ("var string", "num")
-    if isinstance(told[0], messages.PopupMessage):
+    if isinstance(received[0], messages.PopupMessage):
         kinds.add("PopupMessage as " + ("request" if data[14] == 9 else "popup" if version != "3.2" else "short popup"))
-    assert again == data or (read_only and PrimaryDecoder(parsed).feed(again) == told)
+    assert again == data or (read_only and PrimaryDecoder(parsed).feed(again) == received)
     return kinds
 
 
@@ -139,15 +139,15 @@ def interpreter(_: str, case: str) -> set[str]:
     asked, answer = map(data_of, case.split(" -> "))
     (line,) = StatementDecoder().feed(asked)
     assert isinstance(line, str)
-    told = parse_answer(answer.decode().removesuffix("\n"))
-    assert told.line == line
-    if told.number is None:
-        reason = Reason(told.reason)
+    received = parse_answer(answer.decode().removesuffix("\n"))
+    assert received.line == line
+    if received.number is None:
+        reason = Reason(received.reason)
         assert encode_answer(discard(reason, line)) == answer
         return {f"discard: {reason.name}"}
     command = InterpreterCommand.of(line)
     say = state_answer if answer.startswith(b"state") else ack
-    assert encode_answer(say(told.number, line)) == answer
+    assert encode_answer(say(received.number, line)) == answer
     return {command.value if command else "ack"}
 
 
@@ -185,15 +185,15 @@ def script_command(_: str, case: str) -> set[str]:
 
 
 def result(_: str, case: str) -> set[str]:
-    (told,) = ec.MessageDecoder.results().feed(data_of(case))
-    return {f"result: {told.name}"}
+    (received,) = ec.MessageDecoder.results().feed(data_of(case))
+    return {f"result: {received.name}"}
 
 
 def answer(_: str, case: str) -> set[str]:
-    (told,) = ec.ReplyDecoder().feed(data_of(case))
-    assert isinstance(told, ec.Answer)
-    assert told.encode() == data_of(case)
-    return {"answer: values" if told.values else "answer: no solution"}
+    (received,) = ec.ReplyDecoder().feed(data_of(case))
+    assert isinstance(received, ec.Answer)
+    assert received.encode() == data_of(case)
+    return {"answer: values" if received.values else "answer: no solution"}
 
 
 def sender(_: str, case: str) -> set[str]:

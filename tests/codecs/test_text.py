@@ -47,16 +47,16 @@ def test_invalid_utf_8_is_displayed_as_bytes() -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class Record:
     text: str
     parts: tuple[str, ...]
 
 
 def test_values_are_displayed_completely() -> None:
     odd = from_bytes(b"\xe9")
-    value = {odd: [odd, (odd, 1)], "said": Said(odd, (odd, "a")), "n": None}
+    value = {odd: [odd, (odd, 1)], "record": Record(odd, (odd, "a")), "n": None}
     shown = readable_in(value)
-    assert shown == {r"\xe9": [r"\xe9", (r"\xe9", 1)], "said": Said(r"\xe9", (r"\xe9", "a")), "n": None}
+    assert shown == {r"\xe9": [r"\xe9", (r"\xe9", 1)], "record": Record(r"\xe9", (r"\xe9", "a")), "n": None}
     json.dumps(shown["\\xe9"], ensure_ascii=False).encode("utf-8")
 
 

@@ -40,15 +40,15 @@ async def test_all_clients_in_one_event_loop(robot):
         RealtimeClient(robot.host) as realtime,
         RTDEClient(robot.host, ["timestamp", "robot_mode"], [["input_int_register_29"]]) as rtde,
     ):
-        mode, state, seen, told, _ = await asyncio.gather(
+        mode, state, seen, rtde_state, _ = await asyncio.gather(
             asked.ask(dashboard.ROBOT_MODE),
             primary.run(primary.core.robot_state()),
             realtime.receive(),
             rtde.latest(),
             rtde.write(input_int_register_29=3),
         )
-        assert mode == state.mode.robot_mode == seen["robot_mode"] == told["robot_mode"]
+        assert mode == state.mode.robot_mode == seen["robot_mode"] == rtde_state["robot_mode"]
         await rtde.pause()
         await rtde.resume()
         await rtde.reconnect()
-        assert (await rtde.receive())["timestamp"] > told["timestamp"]
+        assert (await rtde.receive())["timestamp"] > rtde_state["timestamp"]

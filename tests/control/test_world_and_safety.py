@@ -179,12 +179,12 @@ def test_the_world_is_reported_as_described(make) -> None:
     robot.add_object("block", block)
     robot.add_object("ball", {"sphere": 0.05, "friction": 0.4})
     robot.add_object("table", {"plane": {}, "pose": [0, 0, -1]})
-    told = robot.world()
-    assert told["objects"]["block"] == {**block, "friction": 0.0}
+    described = robot.world()
+    assert described["objects"]["block"] == {**block, "friction": 0.0}
     other = make()
-    for name, description in told["objects"].items():
+    for name, description in described["objects"].items():
         other.add_object(name, description)
-    assert other.world() == told
+    assert other.world() == described
 
 
 def test_the_world_reports_pushes_and_the_mounted_payload(make) -> None:
@@ -193,10 +193,10 @@ def test_the_world_reports_pushes_and_the_mounted_payload(make) -> None:
     robot.push_tool((1.0, 2.0, 3.0, 0.0, 0.0, 0.0), "tool")
     robot.mount_payload(0.5, (0.0, 0.0, 0.1))
     robot.mount_tool({"sphere": 0.01})
-    told = robot.world()
-    assert told["push"] == {"wrench": [1.0, 2.0, 3.0, 0.0, 0.0, 0.0], "frame": "tool"}
-    assert told["payload"] == {"mass_kg": 0.5, "cog_m": [0.0, 0.0, 0.1]}
-    assert told["tool"] == {"sphere": 0.01, "pose": [0.0] * 6}
+    described = robot.world()
+    assert described["push"] == {"wrench": [1.0, 2.0, 3.0, 0.0, 0.0, 0.0], "frame": "tool"}
+    assert described["payload"] == {"mass_kg": 0.5, "cog_m": [0.0, 0.0, 0.1]}
+    assert described["tool"] == {"sphere": 0.01, "pose": [0.0] * 6}
 
 
 def test_safety_devices_are_reported(make) -> None:

@@ -87,8 +87,8 @@ def test_a_push_deflects_the_arm_at_first_and_is_then_held(still):
         assert error_rad(still) < 5e-5
         jacobian = still.controller.arm.kinematics.jacobian(still.now.actual_q)
         pressed = [-newton * z for z in jacobian[2]]
-        told = [a - b for a, b in zip(still.now.joint_control_output, still.now.target_current, strict=True)]
-        held = [a * k for a, k in zip(told, still.controller.arm.torque_constants, strict=True)]
+        measured_parts = [a - b for a, b in zip(still.now.joint_control_output, still.now.target_current, strict=True)]
+        held = [a * k for a, k in zip(measured_parts, still.controller.arm.torque_constants, strict=True)]
         assert held == pytest.approx([-torque for torque in pressed], abs=0.1)
     assert 1e-4 < sags[0] < 2e-3
     still.controller.external_wrench = ZERO6
@@ -341,13 +341,13 @@ def test_encoders_are_quantised_and_the_seed_determines_the_noise(make):
         arm, states = rig.controller.arm, []
         for _ in range(400):
             s = rig.tick()
-            told = (s.actual_q, s.actual_qd, s.actual_TCP_pose, s.actual_current, s.actual_TCP_force)
-            states.append((told, (arm.drives.body.q, arm.drives.body.qd, arm.q, arm.tcp_pose)))
+            measured_parts = (s.actual_q, s.actual_qd, s.actual_TCP_pose, s.actual_current, s.actual_TCP_force)
+            states.append((measured_parts, (arm.drives.body.q, arm.drives.body.qd, arm.q, arm.tcp_pose)))
         return states
 
     first, again, other = run(seed=7), run(seed=7), run(seed=8)
     assert first == again
-    assert [told for told, _ in first] != [told for told, _ in other]
+    assert [measured_parts for measured_parts, _ in first] != [measured_parts for measured_parts, _ in other]
     assert [true for _, true in first] == [true for _, true in other], "noise is of the sensors, not of the arm"
     for _, (_, _, q, _) in first:
         assert all(abs(angle / STEP - round(angle / STEP)) < 1e-6 for angle in q)

@@ -119,8 +119,8 @@ def test_non_finite_inputs_are_refused_and_reported_once(ready, bad):
     assert ready.now.input_double_registers[24] == 1.5
     assert ready.now.target_speed_fraction == 0.5
     assert ready.now.standard_analog_output0 == before
-    told = [line for line in ready.controller.messages.history if "is rejected" in line]
-    assert len(told) == 4
+    rejections = [line for line in ready.controller.messages.history if "is rejected" in line]
+    assert len(rejections) == 4
 
 
 def test_an_implausible_wrench_is_refused(ready):

@@ -22,7 +22,7 @@ def test_each_change_of_state_is_one_line_with_its_reason(rig, caplog):
     rig.seconds(0.3)
     lines = [record.getMessage() for record in caplog.records]
     assert all(line.split(" s: ")[0].replace(".", "", 1).isdigit() for line in lines), lines
-    told = "\n".join(line.split(" s: ", 1)[1] for line in lines)
+    trace_text = "\n".join(line.split(" s: ", 1)[1] for line in lines)
     for expected in (
         "DashboardLine(text='power on', restricted=False) is answered with 'Powering on'",
         "power: POWER_ON in state OFF",
@@ -37,7 +37,7 @@ def test_each_change_of_state_is_one_line_with_its_reason(rig, caplog):
         "fault 1 begins: ProgramStuck(",
         "fault 1 is over: program_stuck",
     ):
-        assert expected in told
+        assert expected in trace_text
 
 
 def test_nothing_is_formatted_without_debug_logging(rig, caplog):

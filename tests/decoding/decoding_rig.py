@@ -19,7 +19,7 @@ def golden(name: str) -> bytes:
     return bytes.fromhex("".join(line for line in lines if not line.startswith("#")))
 
 
-def told(data: bytes, chunk: int = 0, **choice) -> list[str]:
+def decoded_lines(data: bytes, chunk: int = 0, **choice) -> list[str]:
     """The output lines for raw bytes."""
     return session(data, chunk, **{"form": InputForm.RAW, **choice})[0]
 

@@ -35,7 +35,7 @@ def rtde_conversation() -> Conversation:
     return one.close()
 
 
-RTDE_TOLD = [
+RTDE_DECODED = [
     "request request_protocol_version: version=2",
     "reply request_protocol_version: accepted=true",
     "request get_urcontrol_version",
@@ -65,7 +65,7 @@ def test_a_conversation(write, order, chunk):
     assert lines[2] == (
         "22:13:20.003000 10.0.0.1:30004 > 10.0.0.2:45678 rtde: reply request_protocol_version: accepted=true"
     )
-    assert messages(lines) == RTDE_TOLD
+    assert messages(lines) == RTDE_DECODED
     assert problems == 0
 
 
@@ -85,7 +85,7 @@ LINKS = {
 def test_link_layers(name):
     link, wrap = LINKS[name]
     packets = [wrap(ip_packet(sent, 30004)) for sent in rtde_conversation().segments]
-    assert messages(session(pcap(packets, link))[0]) == RTDE_TOLD
+    assert messages(session(pcap(packets, link))[0]) == RTDE_DECODED
 
 
 def test_ipv6():
@@ -93,7 +93,7 @@ def test_ipv6():
     packets = [ethernet(ip_packet(sent, 30004, **ends)) for sent in rtde_conversation().segments]
     lines, _ = session(pcap(packets, nanoseconds=True))
     assert lines[1].startswith("22:13:20.002000 [fd00::2]:45678 > [fd00::1]:30004 rtde: ")
-    assert messages(lines) == RTDE_TOLD
+    assert messages(lines) == RTDE_DECODED
 
 
 @given(st.randoms(use_true_random=False), st.booleans())
@@ -101,11 +101,11 @@ def test_segments_in_any_order_and_repeated(shuffler: random.Random, repeated: b
     segments = rtde_conversation().segments * (2 if repeated else 1)
     shuffler.shuffle(segments)
     lines, problems = session(pcap([ip_packet(sent, 30004) for sent in segments], 101))
-    told = messages(lines)
-    assert sorted(told) == sorted(RTDE_TOLD)
-    assert [line for line in told if "request" in line] == [line for line in RTDE_TOLD if "request" in line]
-    assert [line for line in told if "reply" in line] == [line for line in RTDE_TOLD if "reply" in line]
-    assert told[-3:] == RTDE_TOLD[-3:]
+    decoded = messages(lines)
+    assert sorted(decoded) == sorted(RTDE_DECODED)
+    assert [line for line in decoded if "request" in line] == [line for line in RTDE_DECODED if "request" in line]
+    assert [line for line in decoded if "reply" in line] == [line for line in RTDE_DECODED if "reply" in line]
+    assert decoded[-3:] == RTDE_DECODED[-3:]
     assert problems == 0
 
 
@@ -114,16 +114,16 @@ def test_missing_bytes_are_reported_and_the_stream_continues():
     gone = next(index for index, sent in enumerate(segments) if sent.data[2:3] == b"U")
     lost = segments.pop(gone)
     lines, problems = session(pcap([ip_packet(sent, 30004) for sent in segments], 101))
-    told = messages(lines)
-    assert f"{len(lost.data)} bytes are not in the capture" in told
-    assert told[-2:] == RTDE_TOLD[-2:]
+    decoded = messages(lines)
+    assert f"{len(lost.data)} bytes are not in the capture" in decoded
+    assert decoded[-2:] == RTDE_DECODED[-2:]
     assert sum(line.startswith("! ") for line in lines) == problems > 0
 
 
 def test_a_capture_that_begins_mid_connection():
     segments = [sent for sent in rtde_conversation().segments if sent.from_robot][1:]
-    told = messages(session(pcap([ip_packet(sent, 30004) for sent in segments], 101))[0])
-    assert told[-1] == "data 1: DOUBLE=43 VECTOR6D=[0.5, 0.5, 0.5, 0.5, 0.5, 0.5] INT32=7"
+    decoded = messages(session(pcap([ip_packet(sent, 30004) for sent in segments], 101))[0])
+    assert decoded[-1] == "data 1: DOUBLE=43 VECTOR6D=[0.5, 0.5, 0.5, 0.5, 0.5, 0.5] INT32=7"
 
 
 def test_reused_ports_are_a_new_connection():
@@ -171,10 +171,10 @@ def test_several_connections_with_different_protocols():
 
 def test_other_ports_by_number_offset_and_content():
     packets = [ip_packet(sent, 40104) for sent in rtde_conversation().segments]
-    assert messages(session(pcap(packets, 101), port_offset=10100)[0]) == RTDE_TOLD
-    assert messages(session(pcap(packets, 101), ports=(40104,), codec=CODECS["rtde"])[0]) == RTDE_TOLD
+    assert messages(session(pcap(packets, 101), port_offset=10100)[0]) == RTDE_DECODED
+    assert messages(session(pcap(packets, 101), ports=(40104,), codec=CODECS["rtde"])[0]) == RTDE_DECODED
     guessed = session(pcap(packets, 101), ports=(40104,))[0]
-    assert [line for line in messages(guessed) if not line.startswith("#")] == RTDE_TOLD
+    assert [line for line in messages(guessed) if not line.startswith("#")] == RTDE_DECODED
 
 
 def test_truncated_and_damaged_files():

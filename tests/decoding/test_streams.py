@@ -4,7 +4,7 @@ import struct
 import tracemalloc
 
 import pytest
-from decoding_rig import golden, session, told
+from decoding_rig import golden, session, decoded_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -64,12 +64,12 @@ RTDE_DATA = codec.OutputData(struct.pack(">di", 41.5, 7), 3).encode(2)
 @pytest.mark.parametrize("name", EVENTS)
 @pytest.mark.parametrize("chunk", [0, 1, 7])
 def test_recorded_messages(name, chunk):
-    assert told(golden(name), chunk) == [PRIMARY, *EVENTS[name]]
+    assert decoded_lines(golden(name), chunk) == [PRIMARY, *EVENTS[name]]
 
 
 @pytest.mark.parametrize("name", STATES)
 def test_recorded_states_are_one_line(name):
-    lines = told(golden(name))
+    lines = decoded_lines(golden(name))
     assert lines[0] == PRIMARY
     assert len(lines) == 2
     assert lines[1].startswith("state: ")
@@ -94,7 +94,7 @@ def test_invalid_hexadecimal_text_is_reported_with_its_line():
 
 
 def test_rtde_values_are_named_only_if_the_request_was_seen():
-    lines = told(RTDE_REPLIES + RTDE_DATA)
+    lines = decoded_lines(RTDE_REPLIES + RTDE_DATA)
     assert lines[0] == "# guessed to be rtde (sender: robot?); override with --as and --from"
     assert lines[1:] == [
         "reply request_protocol_version: accepted=true",
@@ -108,12 +108,12 @@ def test_rtde_values_are_named_only_if_the_request_was_seen():
 def test_rtde_inputs_without_a_reply_take_the_names_of_their_request():
     names = ("speed_slider_mask", "speed_slider_fraction")
     data = codec.InputData(1, struct.pack(">Id", 1, 0.5))
-    lines = told(codec.RequestProtocol(2).encode(1) + codec.SetupInputs(names).encode(2) + data.encode(2))
+    lines = decoded_lines(codec.RequestProtocol(2).encode(1) + codec.SetupInputs(names).encode(2) + data.encode(2))
     assert lines[-1] == ("input 1: speed_slider_mask=1 speed_slider_fraction=0.5 (recipe guessed, no reply was seen)")
 
 
 def test_rtde_data_without_a_setup_stays_raw():
-    assert told(RTDE_DATA)[1:] == ["data: 13 bytes 034044c0000000000000000007 (the set-up was not seen)"]
+    assert decoded_lines(RTDE_DATA)[1:] == ["data: 13 bytes 034044c0000000000000000007 (the set-up was not seen)"]
 
 
 @pytest.mark.parametrize("chunk", [0, 1, 5])
@@ -130,14 +130,14 @@ def test_garbage_is_reported_with_its_position_and_skipped(chunk):
 
 def test_a_stream_that_begins_mid_message():
     message = golden("safety_mode_5.24")
-    lines = told(golden("robot_state_steady_5.x")[300:] + message + message)
+    lines = decoded_lines(golden("robot_state_steady_5.x")[300:] + message + message)
     assert lines[0] == PRIMARY
     assert lines[1].startswith("! offset 0: 416 bytes are not valid primary interface data: ")
     assert lines[2:] == EVENTS["safety_mode_5.24"] * 2
 
 
 def test_a_stream_that_ends_mid_message():
-    lines = told(golden("safety_mode_5.24")[:20])
+    lines = decoded_lines(golden("safety_mode_5.24")[:20])
     assert lines[1:] == ["! offset 0: 20 bytes are not valid primary interface data: the stream ends 20 bytes into a "
                          "message of 32"]  # fmt: skip
 
@@ -160,43 +160,43 @@ def test_bytes_of_an_unknown_protocol():
     ],
 )
 def test_text_protocols_are_distinguished(line, name, sender):
-    assert told(line)[0] == f"# guessed to be {name} (sender: {sender}); override with --as and --from"
+    assert decoded_lines(line)[0] == f"# guessed to be {name} (sender: {sender}); override with --as and --from"
 
 
 def test_terminal_control_characters_are_escaped():
-    assert told(b"popup \x1b[2J\x07\xff\r\n", codec=CODECS["dashboard"]) == [r"popup \x1b[2J\x07\xff"]
+    assert decoded_lines(b"popup \x1b[2J\x07\xff\r\n", codec=CODECS["dashboard"]) == [r"popup \x1b[2J\x07\xff"]
 
 
 def test_interpreter_mode():
     answers = b"ack: 1: stopj(2)\ndiscard: Syntax error: stopj(\nwhat\n"
-    assert told(answers, codec=CODECS["interpreter"]) == [
+    assert decoded_lines(answers, codec=CODECS["interpreter"]) == [
         "ack: 1: stopj(2)", "discarded, Syntax error: stopj(", '! not an answer of interpreter mode: "what"',
     ]  # fmt: skip
-    assert told(b"stopj(2)\nabort\n", codec=CODECS["interpreter"], side=Side.CLIENT) == [
+    assert decoded_lines(b"stopj(2)\nabort\n", codec=CODECS["interpreter"], side=Side.CLIENT) == [
         "statements: stopj(2)", "command abort",
     ]  # fmt: skip
 
 
 def test_gripper_answers_without_line_ends():
-    assert told(b"ack", codec=CODECS["gripper"]) == ["ack"]
+    assert decoded_lines(b"ack", codec=CODECS["gripper"]) == ["ack"]
 
 
 def test_external_control():
     reverse = ReverseMessage.setpoint(ControlMode.SERVOJ, [0.1, 0, 0, 0, 0, -1], 20).encode()
     reverse += ReverseMessage.trajectory(TrajectoryAction.START, 2).encode() + ReverseMessage.stop().encode()
-    assert told(reverse)[1:] == [
+    assert decoded_lines(reverse)[1:] == [
         "SERVOJ [0.1, 0, 0, 0, 0, -1] read_timeout_ms=20",
         "FORWARD START points=2 read_timeout_ms=200",
         "STOPPED read_timeout_ms=100",
     ]
     point = TrajectoryPoint.spline([1, 2, 3, 4, 5, 6], [0] * 6, 0.5).encode()
-    assert told(point)[1:] == [
+    assert decoded_lines(point)[1:] == [
         "CUBIC SPLINE target=[1, 2, 3, 4, 5, 6] second=[0, 0, 0, 0, 0, 0] third=[0, 0, 0, 0, 0, 0] duration_s=0.5"
     ]
     commands = ScriptCommand.set_payload(1.5, [0, 0, 0.1]).encode()
     commands += ScriptCommand.plain(ScriptCommandKind.END_FORCE_MODE).encode()
-    assert told(commands, ports=(50004,)) == ["SET_PAYLOAD [1.5, 0, 0, 0.1]", "END_FORCE_MODE"]
-    assert told(b"\0\0\0\1", ports=(50003,), side=Side.ROBOT) == ["result: CANCELED"]
+    assert decoded_lines(commands, ports=(50004,)) == ["SET_PAYLOAD [1.5, 0, 0, 0.1]", "END_FORCE_MODE"]
+    assert decoded_lines(b"\0\0\0\1", ports=(50003,), side=Side.ROBOT) == ["result: CANCELED"]
 
 
 def test_modbus_with_only_one_direction():
@@ -204,8 +204,8 @@ def test_modbus_with_only_one_direction():
     ask = modbus.encode_frame(modbus.Frame(7, 255, modbus.encode_request(request)))
     answer = modbus.encode_frame(modbus.Frame(7, 255, modbus.encode_response(request, (3, 4))))
     refusal = modbus.encode_frame(modbus.Frame(8, 255, modbus.exception_response(3, 2)))
-    assert told(ask)[1:] == ["request 7 unit 255 read_holding_registers: 128..129"]
-    assert told(answer + refusal)[1:] == [
+    assert decoded_lines(ask)[1:] == ["request 7 unit 255 read_holding_registers: 128..129"]
+    assert decoded_lines(answer + refusal)[1:] == [
         "answer 7 unit 255 read_holding_registers: [3, 4] (the request was not seen)",
         "answer 8 unit 255 read_holding_registers: refused, exception ILLEGAL_DATA_ADDRESS",
     ]
@@ -222,8 +222,8 @@ PIECES = st.lists(
 
 @given(PIECES, CHOICES, SIDES, st.integers(1, 50))
 def test_any_bytes_in_any_split(data, codec_, side, chunk):
-    whole = told(data, codec=codec_, side=side)
-    pieces = told(data, chunk, codec=codec_, side=side)
+    whole = decoded_lines(data, codec=codec_, side=side)
+    pieces = decoded_lines(data, chunk, codec=codec_, side=side)
     assert all(line.replace("\t", " ").isprintable() for line in (*whole, *pieces) if line)
     if codec_ is None or codec_.name in ("bytes", "gripper"):  # these report data that arrives together
         return

@@ -28,7 +28,7 @@ Medians.
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "expected_lines"),
     [
         ("57,298", "57,000", []),
         ("0 of 2501", "3 of 2501", []),
@@ -40,11 +40,11 @@ Medians.
         ("0.10 ms", "0.15 ms", ["worse  x1.50  Control period | ur3, 125 Hz, 5, emulator | p50: 0.10 ms -> 0.15 ms"]),
     ],
 )
-def test_changed_figures_are_listed(tmp_path: Path, old: str, new: str, said: list[str]) -> None:
+def test_changed_figures_are_listed(tmp_path: Path, old: str, new: str, expected_lines: list[str]) -> None:
     before, after = tmp_path / "before.md", tmp_path / "after.md"
     before.write_text(PAGE)
     after.write_text(PAGE.replace(old, new))
     done = subprocess.run([sys.executable, str(COMPARE), str(before), str(after)], capture_output=True, text=True)
     *listed, _ = done.stdout.splitlines()
-    assert listed == said
-    assert done.returncode == any(line.startswith("worse") for line in said), done.stderr
+    assert listed == expected_lines
+    assert done.returncode == any(line.startswith("worse") for line in expected_lines), done.stderr

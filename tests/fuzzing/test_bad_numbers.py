@@ -193,11 +193,11 @@ def _controllers(path: Path) -> list[str]:
     driver = _Driver()
     hardware = URHardware(cast(Any, driver), PolyscopeVersion(5, 12), cast(Any, None))
     manager = ControllerManager(hardware, read_controllers(path), 500.0)
-    told: list[Any] = []
+    wrenches: list[Any] = []
     for cycle in range(8):
         time_s = 10.0 + 0.002 * cycle
         manager.cycle(ROBOT | {"timestamp": time_s}, time_s, 0.002)
-        told += [one.topic.latest for one in manager.active() if isinstance(one, ForceTorqueSensorBroadcaster)]
+        wrenches += [one.topic.latest for one in manager.active() if isinstance(one, ForceTorqueSensorBroadcaster)]
         if cycle == 2:
             manager.activate(*manager.file.types)
         if cycle == 3 and "arm" in manager.file.types:
@@ -208,7 +208,7 @@ def _controllers(path: Path) -> list[str]:
             return []
     inactive = [one.name for one in manager.list_controllers() if one.state is not LifecycleState.ACTIVE]
     assert not inactive, "it failed"
-    return not_finite([told, driver.sent], "told")
+    return not_finite([wrenches, driver.sent], "wrenches")
 
 
 def outcome(use: Callable[[Path], list[str]], path: Path) -> tuple[list[str], str]:

@@ -70,8 +70,8 @@ def test_the_payload_is_as_recorded_or_given():
     values = {name: array[10:] for name, array in values.items()}
     assert worst(fidelity(Recording(values), ARM), "target_moment") < 1e-9
     bare = without(values, "payload")
-    said = fidelity(bare, ARM, Payload(4.0, (0.0, 0.05, 0.1)))
-    assert worst(said, "target_moment") < 1e-9
+    with_payload = fidelity(bare, ARM, Payload(4.0, (0.0, 0.05, 0.1)))
+    assert worst(with_payload, "target_moment") < 1e-9
     with pytest.raises(RecordingError, match=r"Nm \(rms\) from that of a UR10 with 0 kg.*--payload"):
         fidelity(bare, ARM)
 
@@ -146,10 +146,10 @@ def test_damaged_states_are_left_out_and_noted(motion):
 def test_the_command_reads_files_without_a_header_and_plots(motion, tmp_path):
     file = saved(tmp_path / "bare.csv", {name: array[:800] for name, array in motion.items()}, COLUMNS)
     arguments = ["fidelity", str(file), "--model", "ur10", "--columns", ",".join(COLUMNS)]
-    told = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "bare.png")])
-    assert told.exit_code == 0, told.output
+    outcome = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "bare.png")])
+    assert outcome.exit_code == 0, outcome.output
     assert (tmp_path / "bare.png").read_bytes().startswith(b"\x89PNG")
-    assert [line.split()[0] for line in told.stdout.splitlines()[1:]] == [
+    assert [line.split()[0] for line in outcome.stdout.splitlines()[1:]] == [
         name for name in COLUMNS[:2:-1] for _ in range(6)
     ]
     as_json = CliRunner().invoke(app, [*arguments, "--json"])
@@ -161,8 +161,8 @@ def test_files_of_the_vendors_recorder_are_separated_by_blanks(motion, tmp_path)
     head = ["timestamp", *(f"{name}_{joint}" for name in names[1:] for joint in range(6))]
     file = saved(tmp_path / "official.csv", motion, names, ",".join(head))
     file.write_text(file.read_text().replace(",", " "))
-    told = CliRunner().invoke(app, ["fidelity", str(file), "--model", "ur10", "--json"])
-    assert len(json.loads(told.stdout)["errors"]) == 6
+    outcome = CliRunner().invoke(app, ["fidelity", str(file), "--model", "ur10", "--json"])
+    assert len(json.loads(outcome.stdout)["errors"]) == 6
 
 
 @pytest.mark.parametrize(
@@ -176,6 +176,6 @@ def test_files_of_the_vendors_recorder_are_separated_by_blanks(motion, tmp_path)
 )
 def test_invalid_options_are_reported(motion, tmp_path, more, message):
     file = saved(tmp_path / "bare.csv", {name: array[:50] for name, array in motion.items()}, COLUMNS)
-    told = CliRunner().invoke(app, ["fidelity", str(file), "--model", "ur10", "--columns", ",".join(COLUMNS), *more])
-    assert told.exit_code != 0
-    assert message in f"{told.output}{told.exception}"
+    outcome = CliRunner().invoke(app, ["fidelity", str(file), "--model", "ur10", "--columns", ",".join(COLUMNS), *more])
+    assert outcome.exit_code != 0
+    assert message in f"{outcome.output}{outcome.exception}"

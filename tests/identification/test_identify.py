@@ -109,9 +109,9 @@ def test_the_emulator_uses_the_written_arm_file(motion, tmp_path):
     recording = saved(tmp_path / "run.csv", motion, COLUMNS)
     file = tmp_path / "arm.yaml"
     arguments = ["identify", str(recording), "--model", "ur10", "--columns", ",".join(COLUMNS), "-o", str(file)]
-    told = CliRunner().invoke(app, arguments)
-    assert told.exit_code == 0, told.output
-    assert "rotor_kg_m2" in told.stdout
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 0, outcome.output
+    assert "rotor_kg_m2" in outcome.stdout
     config = controller_config(arm=str(file))
     assert config.dynamic
     assert config.model.name == "ur10"

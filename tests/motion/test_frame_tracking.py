@@ -270,14 +270,14 @@ def test_a_missing_frame_stops_the_arm(rig):
 
 
 @pytest.mark.parametrize(
-    ("by", "said"), [((4e-3, 0, 0, 0, 0, 0), "2.000 m/s"), ((0, 0, 0, 0, 0, 0.02), "10.000 rad/s")]
+    ("by", "problem"), [((4e-3, 0, 0, 0, 0, 0), "2.000 m/s"), ((0, 0, 0, 0, 0, 0.02), "10.000 rad/s")]
 )
-def test_a_frame_that_is_too_fast_stops_the_arm(rig, by, said):
+def test_a_frame_that_is_too_fast_stops_the_arm(rig, by, problem):
     part = Part(rig)
     part.step(by, 10)
     assert rig.fault is None  # until here it could have been repositioned
     part.step(by, 2)
-    assert said in str(rig.fault)
+    assert problem in str(rig.fault)
     rig.rest()
 
 

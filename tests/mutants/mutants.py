@@ -161,11 +161,11 @@ class Bench:
                 file.write_text(original)
 
         try:
-            said = self.in_a_tree(judge)
+            verdict_text = self.in_a_tree(judge)
         except GoneError as error:
-            said = f"GONE ({error})"
-        print(f"{said:7}{mutant}", flush=True)
-        return said
+            verdict_text = f"GONE ({error})"
+        print(f"{verdict_text:7}{mutant}", flush=True)
+        return verdict_text
 
 
 def main() -> int:

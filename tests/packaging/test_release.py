@@ -28,7 +28,7 @@ def test_release_notes_are_the_section_of_the_version() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tag", "version", "said"),
+    ("tag", "version", "problem"),
     [
         ("v1.3.0", "1.2.0", "the tag is v1.3.0 and pyproject.toml says 1.2.0"),
         ("1.2.0", "1.2.0", "the tag is 1.2.0"),
@@ -36,6 +36,6 @@ def test_release_notes_are_the_section_of_the_version() -> None:
         ("vUnreleased", "Unreleased", "is empty"),
     ],
 )
-def test_unready_releases_are_refused(tag: str, version: str, said: str) -> None:
-    with pytest.raises(NotReadyError, match=said.replace("[", r"\[")):
+def test_unready_releases_are_refused(tag: str, version: str, problem: str) -> None:
+    with pytest.raises(NotReadyError, match=problem.replace("[", r"\[")):
         notes(tag, version, CHANGELOG)

@@ -54,13 +54,13 @@ print(sorted(name for name in __import__("sys").modules if name in ("pinocchio",
 def test_features_that_need_pinocchio_are_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "world.yaml").write_text("links: true\nobjects: {ball: {sphere: 0.1, pose: [1, 0, 0]}}\n")
     starting = "from emulator.cli import main; sys.argv[0] = 'ur-emulator'; main()"
-    for options, said in (
+    for options, feature in (
         (["--world", "world.yaml"], "links: true in world.yaml"),
         (["--self-collision"], "--self-collision"),
     ):
         done = run(starting, *options, "--exit-when-ready", cwd=tmp_path)
         assert done.returncode == 2, done.stdout + done.stderr
-        assert f"{said} needs Pinocchio (pip install pin)" in done.stderr
+        assert f"{feature} needs Pinocchio (pip install pin)" in done.stderr
         assert done.stderr.count("\n") == 1
 
 

@@ -96,9 +96,9 @@ async def test_urcap_functions_grip_a_part(tmp_path: Path) -> None:
         "ur5", world=scene, physics=True, running=True, gripper="robotiq-2f-85", initial_q=HOME
     )
     async with Emulator(EmulatorConfig(controller=controller_of, ephemeral_ports=True), StepClock()) as emulator:
-        controller, said = emulator.controller, list[str]()
+        controller, texts = emulator.controller, list[str]()
         controller.subscribe(
-            lambda snapshot: said.extend(m.text for m in snapshot.messages if isinstance(m, TextMessage))
+            lambda snapshot: texts.extend(m.text for m in snapshot.messages if isinstance(m, TextMessage))
         )
         controller.programs.submit(PROGRAM)
         async with timeout(60):
@@ -107,6 +107,6 @@ async def test_urcap_functions_grip_a_part(tmp_path: Path) -> None:
                 await asyncio.sleep(0)
         assert controller.world is not None
         assert controller.world.poses()["part"][2] > 0.19
-        width = controller.gripper.model.width_mm(float(said[3].removeprefix("at ")))
-    assert said == ["connected True", "nothing there False", "a part True", said[3], "carried True"]
+        width = controller.gripper.model.width_mm(float(texts[3].removeprefix("at ")))
+    assert texts == ["connected True", "nothing there False", "a part True", texts[3], "carried True"]
     assert 39.0 < width < 41.0

@@ -95,7 +95,7 @@ def test_undo_restores_the_same_bytes_and_redo_repeats():
 
 
 @pytest.mark.parametrize(
-    ("kind", "values", "field", "said"),
+    ("kind", "values", "field", "refusal"),
     [
         ("wait", {"type": "Sleep", "time": -1}, "time", "Wait: 0.01, Time: -1 s is outside the limits: 0 or more s"),
         ("move", {"joint_speed": 1e4}, "joint_speed", "10000 °/s is outside the limits: 0 to 360 °/s"),
@@ -120,10 +120,10 @@ def test_undo_restores_the_same_bytes_and_redo_repeats():
         ("wait", {"depth": 1}, "depth", "has no field 'depth'; it has type"),
     ],
 )
-def test_a_value_that_a_field_cannot_take_is_refused_with_node_and_field(kind, values, field, said):
+def test_a_value_that_a_field_cannot_take_is_refused_with_node_and_field(kind, values, field, refusal):
     made = editor()
     before = made.document()
-    with pytest.raises(EditError, match=said.replace("(", r"\(")) as refused:
+    with pytest.raises(EditError, match=refusal.replace("(", r"\(")) as refused:
         made.insert(kind, into=ROOT, values=values)
     assert refused.value.field == field
     assert refused.value.node
@@ -138,7 +138,7 @@ def test_nodes_can_be_placed_only_where_allowed():
     branch = made.insert("if", into=ROOT)
     switch = made.insert("switch", into=ROOT)
     case = id_of(made, "case")
-    for kind, where, said in [
+    for kind, where, refusal in [
         ("case", {"into": ROOT}, "must be inside a Switch, not inside Robot Program"),
         ("wait", {"into": switch}, "can contain only cases"),
         ("wait", {"into": wait}, "can contain no nodes"),
@@ -152,10 +152,10 @@ def test_nodes_can_be_placed_only_where_allowed():
         ("wait", {"into": "n999"}, "n999 is no longer in the program"),
         ("wait", {"before": made.rows()[0].id}, "cannot be placed next to"),
     ]:
-        if said is None:
+        if refusal is None:
             made.insert(kind, **where)
             continue
-        with pytest.raises(EditError, match=said):
+        with pytest.raises(EditError, match=refusal):
             made.insert(kind, **where)
     made.insert("else", into=branch)
     made.insert("elseif", into=branch)

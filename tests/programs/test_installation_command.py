@@ -54,12 +54,12 @@ def test_values_are_set_and_shown_in_user_units(path):
     assert [line.split(b" ")[0] for line in changed if not line.startswith(b"  ")] == [
         *(b"crc", b"maxJointPosition", b"maxJointRevolutions")
     ]
-    said = json.loads(run("show", path, "--section", "external_control", "--json"))
-    assert said == {"external_control": [{"host": "10.1.2.3", "port": 50002}]}
+    output_text = json.loads(run("show", path, "--section", "external_control", "--json"))
+    assert output_text == {"external_control": [{"host": "10.1.2.3", "port": 50002}]}
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "said"),
+    ("before", "after", "output_text"),
     [
         ('activePose="TCP"', 'activePose="gripper"', "TCP: the active one is 'gripper', which does not exist"),
         ('DigitalInputNames value=", ', 'DigitalInputNames value="a, a', "I/O: 4 signals are called 'a'"),
@@ -69,16 +69,16 @@ def test_values_are_set_and_shown_in_user_units(path):
         ("minJointRevolutions = [-2", "minJointRevolutions = [3", "a minimum position is not below the maximum"),
     ],
 )
-def test_invalid_values_are_found(path, before, after, said):
+def test_invalid_values_are_found(path, before, after, output_text):
     text = unpacked(path.read_bytes()).decode()
     assert before in text
     path.write_text(text.replace(before, after))
-    assert said in run("check", path, status=1)
+    assert output_text in run("check", path, status=1)
 
 
 def test_errors_are_one_line_and_change_nothing(tmp_path, path):
     before = path.read_bytes()
-    for arguments, said in (
+    for arguments, output_text in (
         (("new", path), "exists: pass --force"),
         (("new", tmp_path / "x.urp"), "must end in .installation"),
         (("show", tmp_path / "none.installation"), "No such file"),
@@ -88,7 +88,7 @@ def test_errors_are_one_line_and_change_nothing(tmp_path, path):
         (("set", path, "tcps", "pose=[1]", "--row", "TCP"), "6 numbers"),
         (("set", path, "tcps", "pose=[0,0,0,0,0,0]", "--row", "hand"), "there is no 'hand'"),
     ):
-        with pytest.raises(URError, match=said) as error:
+        with pytest.raises(URError, match=output_text) as error:
             run(*arguments)
         assert "\n" not in str(error.value)
     (tmp_path / "p.installation").write_text("<URProgram/>")

@@ -42,8 +42,8 @@ def run(*arguments: object) -> str:
 def test_the_emulator_plays_a_program_created_with_new(tmp_path, model, options):
     """Loaded from the dashboard, it sends a request to the driver in its installation, and runs the answer."""
     path = tmp_path / "external_control.urp"
-    said = run("new", path, "--host", "10.1.2.3", "--port", 50010, *(options or ["--model", model]))
-    assert "the driver is at 10.1.2.3:50010" in said
+    output_text = run("new", path, "--host", "10.1.2.3", "--port", 50010, *(options or ["--model", model]))
+    assert "the driver is at 10.1.2.3:50010" in output_text
     assert not path.with_suffix(".script").exists()  # its code is from the driver
     assert path.with_suffix(".txt").read_text().splitlines()[-1] == "     Control by 10.1.2.3"
     arm = Arm(tmp_path, model)
@@ -100,14 +100,14 @@ def test_the_command_line_shows_checks_and_exports(tmp_path):
     run("new", path, "--empty")
     with pytest.raises(URError, match=r"p\.urp: exists: pass --force to overwrite it"):
         run("new", path)
-    for wrong, said in [
+    for wrong, output_text in [
         (("new", tmp_path / "p.txt"), r"the name of a program must end in \.urp"),
         (("new", tmp_path / "q.urp", "--model", "ur7"), "ur7"),
         (("new", tmp_path / "q.urp", "--empty", "--host", "h"), "--empty leaves out"),
         (("show", tmp_path / "none.urp"), "none.urp: No such file"),
         (("export", path, "-o", tmp_path / "p.pdf"), r"exported to \.script or \.txt"),
     ]:
-        with pytest.raises(URError, match=said):
+        with pytest.raises(URError, match=output_text):
             run(*wrong)
     lacks = "<empty> lacks the node to execute here"
     assert run("show", path) == f"1 Variables Setup\n2 Robot Program\n3   <empty>  <- {lacks}\n"

@@ -69,10 +69,10 @@ def test_a_program_survives_the_loss_of_its_client_connection(rig: Rig, faults: 
             assert child.stdout is not None
             assert child.stdout.readline() == "connected\n"
             faults.inject_fault("restart_port", port="rtde", outage_s=0.3)
-            said, _ = child.communicate(timeout=PATIENCE_S)
+            child_output, _ = child.communicate(timeout=PATIENCE_S)
         if child.returncode >= 0:
             break
-    assert child.returncode == 0, said
+    assert child.returncode == 0, child_output
 
 
 def test_stale_data_has_a_running_time_stamp(rig: Rig, faults: RemoteControl, receive: RTDEReceiveInterface) -> None:

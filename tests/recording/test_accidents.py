@@ -33,13 +33,13 @@ try:
     for number in range(20_000):
         recorder.write({"timestamp": 0.002 * number, "actual_q": (0.1 * number, 1.0 / (number + 1)) * 3})
 except RecordingError as error:
-    count, said = recorder.count, str(error)
+    count, error_text = recorder.count, str(error)
 recorder.write({"timestamp": 100.0, "actual_q": (0.0,) * 6})
 try:
     recorder.close()
 except RecordingError as error:
-    assert str(error) != said
-print(count, said)
+    assert str(error) != error_text
+print(count, error_text)
 """
 
 
@@ -54,15 +54,15 @@ def run(program: str, *arguments: str) -> str:
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_file_that_cannot_grow_reports_how_much_it_contains(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"
-    count, _, said = run(FULL, str(path)).partition(" ")
+    count, _, error_text = run(FULL, str(path)).partition(" ")
     found = read(path)
-    told = re.fullmatch(
+    reported = re.fullmatch(
         rf"{path} can no longer be written: File too large; (\d+) states are certainly in the file, the last (\d+) "
         "may be lost: free some space and record again",
-        said.strip(),
+        error_text.strip(),
     )
-    assert told
-    saved, lost = map(int, told.groups())
+    assert reported
+    saved, lost = map(int, reported.groups())
     assert saved + lost == int(count)
     assert 100 < saved <= len(found) <= int(count)
     assert saved == len(found) or suffix == ".mcap"  # its last chunk may be complete, but its index not

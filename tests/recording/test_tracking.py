@@ -149,11 +149,11 @@ def test_bags_of_ros_have_joints_in_any_order_and_older_names(tmp_path: Path, de
         for number in range(20):
             stamp = {"stamp": {"sec": 7, "nanosec": 10_000_000 * number}, "frame_id": ""}
             names, q = [f"left_{JOINT_NAMES[joint]}" for joint in order], [0.1 * joint for joint in order]
-            told = {"header": stamp, "name": list(JOINT_NAMES), "position": [0.0] * 6, "velocity": [], "effort": []}
-            writer.write_message("/joint_states", joints, told, number, number)
+            content = {"header": stamp, "name": list(JOINT_NAMES), "position": [0.0] * 6, "velocity": [], "effort": []}
+            writer.write_message("/joint_states", joints, content, number, number)
             point = {"positions": q, "velocities": [], "accelerations": [], "effort": []}
-            told = {"header": stamp, "joint_names": names, desired: point, actual: point}
-            writer.write_message("/left/jtc/controller_state", states, told, number, number)
+            content = {"header": stamp, "joint_names": names, desired: point, actual: point}
+            writer.write_message("/left/jtc/controller_state", states, content, number, number)
         writer.finish()
     found = read(tmp_path / "bag.mcap").tracking()
     assert (found.source, found.joints[0]) == ("left/jtc", "left_shoulder_pan_joint")

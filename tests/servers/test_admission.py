@@ -86,10 +86,10 @@ async def test_one_address_cannot_occupy_every_connection(
     assert await let_in(server, clients, ELSEWHERE)
     assert await let_in(server, clients, ELSEWHERE) is None
     assert server.turned_away.counts == {"address full": 4, "port full": 1}
-    told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert len(told) == 2
-    assert "--most-clients-per-address" in told[0]
-    assert "--most-clients allows" in told[1]
+    warnings = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert len(warnings) == 2
+    assert "--most-clients-per-address" in warnings[0]
+    assert "--most-clients allows" in warnings[1]
     first.close()
     await until(lambda: len(server.connections) == 2)
     assert await let_in(server, clients), "there is room again"
@@ -103,9 +103,9 @@ async def test_the_log_reports_the_number_of_rejections_a_minute_later(
         await let_in(server, clients)
     server.turned_away._lines[Reason.PORT_FULL]._next_s -= EVERY_S
     await let_in(server, clients)
-    told = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
-    assert len(told) == 2
-    assert told[1].endswith("(2 more since the last such line)")
+    warnings = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert len(warnings) == 2
+    assert warnings[1].endswith("(2 more since the last such line)")
 
 
 def no_descriptors(*_: object) -> None:

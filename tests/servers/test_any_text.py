@@ -159,9 +159,9 @@ def test_any_text_in_any_field(robot: Robot, text: bytes) -> None:
 @pytest.mark.parametrize("text", ODD)
 def test_ports_return_text_byte_for_byte(robot: Robot, text: bytes) -> None:
     robot.play(b'  global v = "%s"\n  textmsg(v, str_len(v))\n  popup(v, v)\n' % text)
-    said = robot.messages()
-    assert [to_bytes(m.text) for m in said if isinstance(m, TextMessage)] == [text + b"%d" % len(text)]
-    popups = [(to_bytes(m.title), to_bytes(m.text)) for m in said if isinstance(m, PopupMessage)]
+    received = robot.messages()
+    assert [to_bytes(m.text) for m in received if isinstance(m, TextMessage)] == [text + b"%d" % len(text)]
+    popups = [(to_bytes(m.title), to_bytes(m.text)) for m in received if isinstance(m, PopupMessage)]
     assert popups == [(text, text)]
     assert robot.call("variables")[1]["result"]["v"] == readable(from_bytes(text))
     assert robot.command(b"popup " + text) == b"showing popup"
@@ -236,11 +236,13 @@ def test_files_of_any_name_and_messages_about_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "told"),
+    ("line", "expected_slider"),
     [(b"set speed \xd9\xa3", None), (b"set speed 0_1", None), (b"set speed 0.5", 0.5), (b"set\x1cspeed 0.7", None)],
 )
-def test_keywords_and_numbers_of_text_commands_are_ascii(robot: Robot, line: bytes, told: float | None) -> None:
+def test_keywords_and_numbers_of_text_commands_are_ascii(
+    robot: Robot, line: bytes, expected_slider: float | None
+) -> None:
     robot.controller.speed.set_slider(1.0)
     robot.client("secondary").feed(line + b"\n")
     robot.tick(10)
-    assert robot.controller.speed.slider == (told or 1.0)
+    assert robot.controller.speed.slider == (expected_slider or 1.0)

@@ -159,8 +159,8 @@ async def test_a_program_reaches_the_gripper_of_its_own_controller(network: Scri
             while controller.programs.busy:
                 controller.tick()
                 await asyncio.sleep(0)
-        said = [message.text for message in texts if isinstance(message, TextMessage)]
-        assert said == ["opened True", "sid [3,97,99,107]", "held 2", "at 150"]
+        sent_texts = [message.text for message in texts if isinstance(message, TextMessage)]
+        assert sent_texts == ["opened True", "sid [3,97,99,107]", "held 2", "at 150"]
         assert controller.programs.state is RuntimeState.STOPPED
         assert controller.gripper is not None
         assert controller.gripper.status is Status.ACTIVE

@@ -82,8 +82,8 @@ def test_granted_realtime_settings_are_reported_and_effective(mode: str) -> None
             assert time.monotonic() < until_s, robot.output
             time.sleep(0.01)  # its ports answer before it reports to be ready
         assert robot._process is not None
-        said = os.SCHED_FIFO if "SCHED_FIFO" in ready else os.SCHED_OTHER
-        while (policy := os.sched_getscheduler(robot._process.pid) & ~os.SCHED_RESET_ON_FORK) != said:
+        announced = os.SCHED_FIFO if "SCHED_FIFO" in ready else os.SCHED_OTHER
+        while (policy := os.sched_getscheduler(robot._process.pid) & ~os.SCHED_RESET_ON_FORK) != announced:
             assert time.monotonic() < until_s, f"the policy is {policy}, and the emulator says: {ready}"
             time.sleep(0.1)  # under load, the work of its start made it give up its priority for ten seconds
         status = Path(f"/proc/{robot._process.pid}/status").read_text()

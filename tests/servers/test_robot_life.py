@@ -24,9 +24,9 @@ VERSIONS = [  # those between the oldest and the newest of a series: make long
 
 def checked(version: str, stream: bytes) -> list[tuple[int, int | None, dict]]:
     """The stream's messages, checked against the rules of every version."""
-    told = list(Reader(version).read(stream))
-    assert told[0][:2] == (20, 3), "the version message is the first"
-    states = [parts for kind, _, parts in told if kind == 16]
+    decoded = list(Reader(version).read(stream))
+    assert decoded[0][:2] == (20, 3), "the version message is the first"
+    states = [parts for kind, _, parts in decoded if kind == 16]
     fresh = parts_of(version)
     assert set(states[0]) == fresh
     assert all(set(parts) == fresh - FIRST_STATE_ONLY for parts in states[1:])
@@ -36,15 +36,15 @@ def checked(version: str, stream: bytes) -> list[tuple[int, int | None, dict]]:
         assert parts[0].robot_mode in set(RobotMode)
         assert parts[3].safety_mode in set(SafetyMode)
         assert {joint.mode for joint in parts[1].joints} <= set(JointMode)
-    return told
+    return decoded
 
 
 @pytest.mark.parametrize(("model", "version"), VERSIONS)
 def test_a_minute_of_every_message_layout(model: str, version: str) -> None:
     life = Life(model, version, seed=sum(map(ord, version)))
     life.run(60.0)
-    told = checked(version, life.take())
-    assert len([kind for kind, _, _ in told if kind == 16]) >= 600
+    decoded = checked(version, life.take())
+    assert len([kind for kind, _, _ in decoded if kind == 16]) >= 600
 
 
 @pytest.mark.parametrize(
@@ -54,14 +54,14 @@ def test_every_kind_of_episode(model: str, version: str) -> None:
     life = Life(model, version)
     while len(life.happened) <= len(EPISODES):
         life.run(10.0)
-    told = checked(version, life.take())
-    said = Counter((kind, sub) for kind, sub, _ in told)
+    decoded = checked(version, life.take())
+    counts = Counter((kind, sub) for kind, sub, _ in decoded)
     behind_the_version = {12} if version.startswith("5") else set()
     messages = {0, 3, 5, 6, 7, 9, 10, 14} | behind_the_version
-    assert said.keys() == {(16, None), *((20, sub) for sub in messages), (25, 0), (25, 1), (25, 2)}
-    requested = {message.body.requested_type for kind, sub, message in told if (kind, sub) == (20, 9)}
+    assert counts.keys() == {(16, None), *((20, sub) for sub in messages), (25, 0), (25, 1), (25, 2)}
+    requested = {message.body.requested_type for kind, sub, message in decoded if (kind, sub) == (20, 9)}
     assert requested == {0, 1, 2, 3, NO_REQUEST}
-    modes = {parts[3].safety_mode for kind, _, parts in told if kind == 16}
+    modes = {parts[3].safety_mode for kind, _, parts in decoded if kind == 16}
     assert modes == set(range(SafetyMode.NORMAL, SafetyMode.FAULT + 1)) - {SafetyMode.RECOVERY}
 
 

@@ -87,13 +87,13 @@ async def emulator(camera: Camera) -> AsyncIterator[Emulator]:  # after the came
 
 async def run(emulator: Emulator, body: str) -> list[RobotMessage]:
     """Run a program to its end; its messages."""
-    said: list[RobotMessage] = []
+    reply: list[RobotMessage] = []
     ended = asyncio.Event()
     started = False
 
     def watch(snapshot: Any) -> None:
         nonlocal started
-        said.extend(snapshot.messages)
+        reply.extend(snapshot.messages)
         started = started or snapshot.runtime_state is RuntimeState.PLAYING
         if started and snapshot.runtime_state is RuntimeState.STOPPED:
             ended.set()
@@ -103,7 +103,7 @@ async def run(emulator: Emulator, body: str) -> list[RobotMessage]:
     async with timeout(20):
         await ended.wait()
     unsubscribe()
-    return [message for message in said if isinstance(message, TextMessage | RuntimeExceptionMessage)]
+    return [message for message in reply if isinstance(message, TextMessage | RuntimeExceptionMessage)]
 
 
 def factory(camera: Camera, path: str = "/RPC2") -> str:
@@ -124,9 +124,9 @@ def factory(camera: Camera, path: str = "/RPC2") -> str:
     ],
 )
 async def test_values_round_trip(emulator: Emulator, camera: Camera, value: str, text: str) -> None:
-    (said,) = await run(emulator, f"{factory(camera)}textmsg(camera.echo({value}))")
-    assert isinstance(said, TextMessage)
-    assert said.text == text
+    (reply,) = await run(emulator, f"{factory(camera)}textmsg(camera.echo({value}))")
+    assert isinstance(reply, TextMessage)
+    assert reply.text == text
 
 
 async def test_arguments_received_by_the_server(emulator: Emulator, camera: Camera) -> None:
@@ -153,15 +153,15 @@ async def test_a_closed_connection_is_reopened(emulator: Emulator, camera: Camer
 
 async def test_long_arguments_and_results(emulator: Emulator, camera: Camera) -> None:
     body = "a = make_list(9000, 0.123456789)\nb = camera.echo(a)\ntextmsg(a == b)"
-    (said,) = await run(emulator, factory(camera) + body)
-    assert isinstance(said, TextMessage), said
-    assert said.text == "True"
+    (reply,) = await run(emulator, factory(camera) + body)
+    assert isinstance(reply, TextMessage), reply
+    assert reply.text == "True"
 
 
 async def test_dotted_methods(emulator: Emulator, camera: Camera) -> None:
-    (said,) = await run(emulator, f"{factory(camera)}names = camera.system.listMethods()\ntextmsg(names[0])")
-    assert isinstance(said, TextMessage)
-    assert said.text == "echo"
+    (reply,) = await run(emulator, f"{factory(camera)}names = camera.system.listMethods()\ntextmsg(names[0])")
+    assert isinstance(reply, TextMessage)
+    assert reply.text == "echo"
 
 
 @pytest.mark.parametrize(
@@ -174,13 +174,13 @@ async def test_dotted_methods(emulator: Emulator, camera: Camera) -> None:
     ],
 )
 async def test_failures_end_the_program(emulator: Emulator, camera: Camera, call: str, path: str, problem: str) -> None:
-    (said,) = await run(emulator, f"{factory(camera, path)}camera.{call}")
-    assert isinstance(said, RuntimeExceptionMessage)
-    assert problem in said.text
-    assert said.line == 3
+    (reply,) = await run(emulator, f"{factory(camera, path)}camera.{call}")
+    assert isinstance(reply, RuntimeExceptionMessage)
+    assert problem in reply.text
+    assert reply.line == 3
 
 
 async def test_a_missing_server(emulator: Emulator, camera: Camera) -> None:
-    (said,) = await run(emulator, f'camera = rpc_factory("xmlrpc", "http://{HOST}:1")\ncamera.echo(1)')
-    assert isinstance(said, RuntimeExceptionMessage)
-    assert "cannot connect to 127.0.0.1:1: is the server running?" in said.text
+    (reply,) = await run(emulator, f'camera = rpc_factory("xmlrpc", "http://{HOST}:1")\ncamera.echo(1)')
+    assert isinstance(reply, RuntimeExceptionMessage)
+    assert "cannot connect to 127.0.0.1:1: is the server running?" in reply.text

@@ -372,8 +372,8 @@ def test_simulated_peers_answer(go: Go, tmp_path: Path) -> None:
       tool.unheard_of()
     end"""
     status, out = go(program, "--peers", str(peers), "--script-network", "none")
-    said = [line.split("] ", 1)[1] for line in out.splitlines() if line.startswith("[")]
-    assert [text for text in said if "network" not in text][:10] == [
+    texts = [line.split("] ", 1)[1] for line in out.splitlines() if line.startswith("[")]
+    assert [text for text in texts if "network" not in text][:10] == [
         "open True",
         "hello hi",
         "at [2,0.1,-2.5]",

@@ -378,9 +378,9 @@ async def test_a_program_uses_its_own_control_api_only_if_allowed(network: Scrip
         emulator.controller.programs.submit(turn_an_input_on(emulator.ports["control"]))
         log = emulator.controller.messages.history
         await until(lambda: any("opened " in line for line in log))
-        told = network is ScriptNetwork.ANY_AND_CONTROL
-        assert any(line.endswith(f"opened {told}") for line in log)
-        assert bool(emulator.controller.snapshot.actual_digital_input_bits & 1) is told
+        allowed = network is ScriptNetwork.ANY_AND_CONTROL
+        assert any(line.endswith(f"opened {allowed}") for line in log)
+        assert bool(emulator.controller.snapshot.actual_digital_input_bits & 1) is allowed
 
 
 async def test_a_remote_procedure_call_does_not_reach_the_control_api() -> None:

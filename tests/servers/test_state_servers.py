@@ -246,8 +246,8 @@ def test_a_new_safety_mode_is_followed_immediately_by_a_state(controller: FakeCo
     controller.tick(14)
     received(client)
     stop = SafetyModeMessage(timestamp_us=1, safety_mode=SafetyMode.PROTECTIVE_STOP)
-    told = TextMessage(timestamp_us=2, text="why")
-    controller.tick(messages=(stop, told))
+    remark = TextMessage(timestamp_us=2, text="why")
+    controller.tick(messages=(stop, remark))
     assert [type(message) for message in received(client)] == [SafetyModeMessage, RobotStateData, TextMessage]
 
 
