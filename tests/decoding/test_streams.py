@@ -4,7 +4,7 @@ import struct
 import tracemalloc
 
 import pytest
-from decoding_rig import golden, session, decoded_lines
+from decoding_rig import decoded_lines, golden, session
 from hypothesis import given
 from hypothesis import strategies as st
 
