@@ -168,12 +168,12 @@ async def _manager() -> AsyncIterator[RemoteManager]:
 
 
 async def _active(manager: RemoteManager) -> list[str]:
-    return [one["name"] for one in await manager.ask("list_controllers") if one["state"] == "active"]
+    return [one["name"] for one in await manager.request("list_controllers") if one["state"] == "active"]
 
 
 @asynccontextmanager
 async def _by_socket(manager: RemoteManager) -> AsyncIterator[Callable[[Sequence[float]], Awaitable[object]]]:
-    yield lambda q: manager.ask("forward_command", controller=_FORWARD, values=list(q))
+    yield lambda q: manager.request("forward_command", controller=_FORWARD, values=list(q))
 
 
 @asynccontextmanager

@@ -59,13 +59,13 @@ _PACKAGES = ("ur-emulator", "ur-rtde", "pin", "numpy")
 
 def examine_versions() -> Iterator[Finding]:
     """Report the versions of Python and of the installed packages."""
-    here = [f"Python {platform.python_version()}"]
+    versions = [f"Python {platform.python_version()}"]
     for package in _PACKAGES:
         try:
-            here.append(f"{package} {version(package)}")
+            versions.append(f"{package} {version(package)}")
         except PackageNotFoundError:
             continue
-    yield Finding(Grade.GOOD, "versions", ", ".join(here))
+    yield Finding(Grade.GOOD, "versions", ", ".join(versions))
 
 
 def examine_calibration(host: str, file: Path | None = None, port_offset: int = 0) -> Iterator[Finding]:

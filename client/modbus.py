@@ -90,9 +90,9 @@ def _answer(request: ModbusRequest, pdu: bytes) -> tuple[int, ...]:
     try:
         return decode_response(request, pdu)
     except ModbusException as error:
-        what = f"Modbus {Function(request.function).name} at {request.address}"
+        title = f"Modbus {Function(request.function).name} at {request.address}"
         name, advice = _EXCEPTIONS.get(error.code, (str(error.code), ""))
-        raise RobotRefused(what, f"exception {name}", advice) from error
+        raise RobotRefused(title, f"exception {name}", advice) from error
 
 
 class ModbusClient(AsyncConnection):

@@ -68,8 +68,8 @@ class ApiRequest(Generic[Answer]):
         return f"{wire.BASE}{path}"
 
     def __str__(self) -> str:
-        what = f" {self.body}" if isinstance(self.body, Mapping) else ""
-        return f"{self.endpoint.method} {self.endpoint.path}{what}"
+        suffix = f" {self.body}" if isinstance(self.body, Mapping) else ""
+        return f"{self.endpoint.method} {self.endpoint.path}{suffix}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,8 +302,8 @@ def _reason(response: _Response) -> str:
         content = None
     if isinstance(content, dict):
         details: Sequence[Any] = content["detail"] if isinstance(content.get("detail"), list) else ()
-        said = [str(each.get("msg")) for each in details if isinstance(each, dict)]
-        text = content.get("message") or "; ".join(said)
+        messages = [str(each.get("msg")) for each in details if isinstance(each, dict)]
+        text = content.get("message") or "; ".join(messages)
         if text:
             return str(text)
     return f"HTTP status {response.status}"

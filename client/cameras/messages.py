@@ -22,7 +22,7 @@ _PARENTS: Final = {BASE: "base", FLANGE: "tool0"}  # ur_description's names of t
 _NOT_IN_NAMES: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
-class Transform(NamedTuple):
+class FrameTransform(NamedTuple):
     """The pose of a frame in its parent."""
 
     parent: str
@@ -41,20 +41,20 @@ def optical_frame(camera: CameraDescription, prefix: str = "") -> str:
     return f"{prefix}{ros_name(camera)}_optical_frame"
 
 
-def fixed_frames(camera: CameraDescription, prefix: str = "") -> list[Transform]:
+def fixed_frames(camera: CameraDescription, prefix: str = "") -> list[FrameTransform]:
     """The camera's frames that never move, for ``/tf_static``."""
     link = f"{prefix}{ros_name(camera)}_link"
-    optical = Transform(link, optical_frame(camera, prefix), _OPTICAL_IN_LINK)
+    optical = FrameTransform(link, optical_frame(camera, prefix), _OPTICAL_IN_LINK)
     if camera.frame not in _PARENTS:
         return [optical]
-    return [Transform(prefix + _PARENTS[camera.frame], link, _link(camera.pose)), optical]
+    return [FrameTransform(prefix + _PARENTS[camera.frame], link, _link(camera.pose)), optical]
 
 
-def moving_frames(shot: Shot, prefix: str = "") -> list[Transform]:
+def moving_frames(shot: Shot, prefix: str = "") -> list[FrameTransform]:
     """The camera's moving frames at the time of the image, for ``/tf``."""
     if shot.camera.frame in _PARENTS:
         return []
-    return [Transform(f"{prefix}base", f"{prefix}{ros_name(shot.camera)}_link", _link(shot.pose))]
+    return [FrameTransform(f"{prefix}base", f"{prefix}{ros_name(shot.camera)}_link", _link(shot.pose))]
 
 
 def image(picture: NDArray[Any]) -> dict[str, Any]:

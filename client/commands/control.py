@@ -86,7 +86,7 @@ SpeedSlider: TypeAlias = Annotated[
 Seen: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[None]]
 
 
-class Arm(Protocol):
+class ArmAccess(Protocol):
     """Access to the controller manager that moves the arm.
 
     alone: whether this command runs the manager itself; otherwise it shares one that is already running.
@@ -94,7 +94,7 @@ class Arm(Protocol):
 
     alone: bool
 
-    async def ask(self, do: str, /, **arguments: Any) -> Any:
+    async def request(self, do: str, /, **arguments: Any) -> Any:
         """See `client.controllers.session.Session`. Raises URError."""
 
 
@@ -109,8 +109,8 @@ class _Shared(RemoteManager):
 
     alone = False
 
-    async def ask(self, do: str, /, **arguments: Any) -> Any:
-        return await super().ask(do, timeout_s=_READY_S if do in _SLOW else ANSWER_S, **arguments)
+    async def request(self, do: str, /, **arguments: Any) -> Any:
+        return await super().request(do, timeout_s=_READY_S if do in _SLOW else ANSWER_S, **arguments)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,14 +135,14 @@ class Target:
         return _Shared(self.robot_ip, ROBOT_PORTS["rtde"] + self.port_offset)
 
     @asynccontextmanager
-    async def open(self) -> AsyncIterator[Arm]:
+    async def open(self) -> AsyncIterator[ArmAccess]:
         """Connect to the running manager, or else run one.
 
         When a manager of this command ends, the arm is at rest and its program has ended.
         """
         async with AsyncExitStack() as opened:
             try:
-                arm: Arm = await opened.enter_async_context(self.manager())
+                arm: ArmAccess = await opened.enter_async_context(self.manager())
             except NoManagerError:
                 typer.echo(
                     f"no controller manager is running for {self.robot_ip}: starting one for this command", err=True
@@ -151,17 +151,17 @@ class Target:
             else:
                 typer.echo(f"using the controller manager that is running for {self.robot_ip}", err=True)
                 if self.make_ready:
-                    await arm.ask("make_ready")
+                    await arm.request("make_ready")
             if self.record is not None:
-                await arm.ask("begin_recording", path=str(self.record.absolute()))
-                opened.push_async_callback(arm.ask, "end_recording")
+                await arm.request("begin_recording", path=str(self.record.absolute()))
+                opened.push_async_callback(arm.request, "end_recording")
                 typer.echo(f"recording to {self.record}", err=True)
             if self.speed_slider is not None:
-                await arm.ask("set_speed_slider", fraction=self.speed_slider)
+                await arm.request("set_speed_slider", fraction=self.speed_slider)
             yield arm
 
     @asynccontextmanager
-    async def _open_alone(self) -> AsyncIterator[Arm]:
+    async def _open_alone(self) -> AsyncIterator[ArmAccess]:
         robot = ControlledRobot(
             self.robot_ip,
             controllers_file(self.controllers, self.prefix),
@@ -178,24 +178,24 @@ class Target:
                 finally:
                     await session.close()
 
-    async def activate(self, arm: Arm, name: str) -> None:
+    async def activate(self, arm: ArmAccess, name: str) -> None:
         """Load and configure a controller if necessary, and activate it in place of those that move the arm."""
-        states = {one["name"]: one["state"] for one in await arm.ask("list_controllers")}
+        states = {one["name"]: one["state"] for one in await arm.request("list_controllers")}
         if name not in states:
-            await arm.ask("load_controller", name=name, **self._described(arm, name))
+            await arm.request("load_controller", name=name, **self._described(arm, name))
         elif self.controllers is not None and not arm.alone:
             typer.echo(
                 f"note: {name} is loaded already and keeps its parameters: --controllers has no effect on it", err=True
             )
         if states.get(name, UNCONFIGURED) == UNCONFIGURED:
-            await arm.ask("configure_controller", name=name)
+            await arm.request("configure_controller", name=name)
         if states.get(name) != ACTIVE:
-            others = await arm.ask("moving_controllers")
-            await arm.ask("switch_controller", activate=[name], deactivate=others)
+            others = await arm.request("moving_controllers")
+            await arm.request("switch_controller", activate=[name], deactivate=others)
             if others:
                 typer.echo(f"note: {name} replaces {', '.join(others)}", err=True)
 
-    def _described(self, arm: Arm, name: str) -> dict[str, Any]:
+    def _described(self, arm: ArmAccess, name: str) -> dict[str, Any]:
         """Type and parameters of a controller from the file, for a manager that did not read the same file."""
         if arm.alone or self.controllers is None:
             return {}
@@ -246,17 +246,19 @@ async def announce(running: RunningManager, options: ManagerOptions) -> None:
     typer.echo(f"ready: {options.robot_ip}, {running.summary()}. Ctrl-C ends it.", err=True)
 
 
-async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str, seen: Seen | None = None) -> Result:
+async def follow(
+    arm: ArmAccess, name: str, trajectory: JointTrajectory, title: str, seen: Seen | None = None
+) -> Result:
     """Send a goal and show its progress. If the task is cancelled, the arm is brought to rest first.
 
     seen: called from time to time with the robot's state, as `Session.robot_state` returns it.
     """
-    number = await arm.ask("send_goal", controller=name, trajectory=asdict(trajectory))
+    number = await arm.request("send_goal", controller=name, trajectory=asdict(trajectory))
     try:
         with ProgressBar(title) as progress:
             waiting = False
-            while "error_code" not in (goal := await arm.ask("goal", goal=number)):
-                state = await arm.ask("robot_state")
+            while "error_code" not in (goal := await arm.request("goal", goal=number)):
+                state = await arm.request("robot_state")
                 if seen is not None:
                     await seen(state)
                 waiting = _print_stop(state, progress, waiting)
@@ -265,27 +267,27 @@ async def follow(arm: Arm, name: str, trajectory: JointTrajectory, title: str, s
             progress.update(1.0 if goal["error_code"] == 0 else goal["progress"])
     except asyncio.CancelledError:
         if arm.alone:
-            await arm.ask("switch_controller", deactivate=[name])
+            await arm.request("switch_controller", deactivate=[name])
         else:
-            await arm.ask("cancel_goal", goal=number)
+            await arm.request("cancel_goal", goal=number)
         await rest(arm)
         raise
     await rest(arm)  # the goal succeeds once within tolerance: the arm may still be moving
     return Result(ErrorCode(goal["error_code"]), goal["error_string"])
 
 
-async def rest(arm: Arm) -> None:
+async def rest(arm: ArmAccess) -> None:
     """Wait until the arm is at rest, at most a few seconds of robot time."""
-    state = await arm.ask("robot_state")
+    state = await arm.request("robot_state")
     end_s = state["time_s"] + _REST_S
     while not state["at_rest"] and state["time_s"] < end_s:
         await asyncio.sleep(_POLL_S)
-        state = await arm.ask("robot_state")
+        state = await arm.request("robot_state")
 
 
-async def until(arm: Arm, time_s: float) -> None:
+async def until(arm: ArmAccess, time_s: float) -> None:
     """Wait until a point in robot time."""
-    while (await arm.ask("robot_state"))["time_s"] < time_s:
+    while (await arm.request("robot_state"))["time_s"] < time_s:
         await asyncio.sleep(_POLL_S)
 
 

@@ -97,7 +97,7 @@ def _request(robot_ip: str, port_offset: int, do: str, **arguments: Any) -> Any:
 
     async def work() -> Any:
         async with Target(robot_ip, port_offset).manager() as manager:
-            return await manager.ask(do, **arguments)
+            return await manager.request(do, **arguments)
 
     return asyncio.run(work())
 
@@ -314,12 +314,12 @@ def hardware_command(
 
     async def work() -> Any:
         async with Target(robot_ip, port_offset).manager() as manager:
-            components = await manager.ask("list_hardware_components")
+            components = await manager.request("list_hardware_components")
             if set_state is None:
                 return components
             name = components[0]["name"]
-            await manager.ask("set_hardware_component_state", name=name, state=set_state)
-            return await manager.ask("list_hardware_components")
+            await manager.request("set_hardware_component_state", name=name, state=set_state)
+            return await manager.request("list_hardware_components")
 
     found = asyncio.run(work())
     if as_json:
@@ -342,7 +342,7 @@ def interfaces_command(
 
     async def work() -> Any:
         async with Target(robot_ip, port_offset, make_ready=make_ready).open() as arm:
-            return await arm.ask("list_hardware_interfaces")
+            return await arm.request("list_hardware_interfaces")
 
     found: list[Any] = asyncio.run(work())
     if as_json:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from client.commands.control import (
-    Arm,
+    ArmAccess,
     ControllersOption,
     MakeReady,
     RecordOption,
@@ -25,7 +25,7 @@ from client.commands.control import (
 from client.commands.following import PortOffset, RobotIP
 from client.commands.record import Overwrite, check_free
 from client.controllers import JOINT_NAMES, JointTrajectory, JointTrajectoryPoint
-from client.controllers.goal_files import GOAL_TIME_S, GoalFile, NamedGoal, read_goals
+from client.controllers.goal_files import GOAL_TIME_S, FileGoal, GoalFile, read_goals
 from client.controllers.running import DEFAULT_CONTROLLER
 from client.errors import MotionError
 from urproto.commandline import application, with_options_of
@@ -123,7 +123,7 @@ async def go(target: Target, name: str, trajectory: JointTrajectory) -> None:
 async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -> None:
     """Send all goals of a file ``rounds`` times; 0 repeats them without end. Raises ControllerError."""
     async with target.open() as arm:
-        goals.check_start((await arm.ask("robot_state"))["positions"])
+        goals.check_start((await arm.request("robot_state"))["positions"])
         await target.activate(arm, goals.controller)
         done = 0
         while rounds == 0 or done < rounds:
@@ -134,11 +134,11 @@ async def publish(target: Target, goals: GoalFile, time_s: float, rounds: int) -
             done += 1
 
 
-async def _execute_goal(arm: Arm, goals: GoalFile, goal: NamedGoal, title: str, time_s: float, last: bool) -> None:
-    began_s = (await arm.ask("robot_state"))["time_s"]
+async def _execute_goal(arm: ArmAccess, goals: GoalFile, goal: FileGoal, title: str, time_s: float, last: bool) -> None:
+    began_s = (await arm.request("robot_state"))["time_s"]
     if goals.commands:
         typer.echo(f"{goal.name}: {_format(goal.point.positions)}")
-        await arm.ask("forward_command", controller=goals.controller, values=goal.point.positions, hold=True)
+        await arm.request("forward_command", controller=goals.controller, values=goal.point.positions, hold=True)
     else:
         point = replace(goal.point, time_from_start_s=time_s)
         trajectory = JointTrajectory(goals.joints or JOINT_NAMES, (point,))
@@ -179,9 +179,9 @@ async def forward(
     position = kind is ForwardKind.POSITION
     async with target.open() as arm:
         await target.activate(arm, name)
-        begin_s = (await arm.ask("robot_state"))["time_s"]
+        begin_s = (await arm.request("robot_state"))["time_s"]
         ramp_s = time_s if position and not at_once else 0.0
-        await arm.ask("forward_command", controller=name, values=values, time_s=ramp_s, hold=True)
+        await arm.request("forward_command", controller=name, values=values, time_s=ramp_s, hold=True)
         try:
             if position:
                 await _wait_for_arrival(arm, values)
@@ -189,17 +189,17 @@ async def forward(
                 await until(arm, begin_s + time_s)
         finally:
             if not position:
-                await arm.ask("forward_command", controller=name, values=[0.0] * len(values))
+                await arm.request("forward_command", controller=name, values=[0.0] * len(values))
             await rest(arm)
-        reached = (await arm.ask("robot_state"))["positions"]
+        reached = (await arm.request("robot_state"))["positions"]
     typer.echo(f"{name}: the arm is at {', '.join(f'{q:.3f}' for q in reached.values())} rad")
 
 
-async def _wait_for_arrival(arm: Arm, values: Sequence[float]) -> None:
+async def _wait_for_arrival(arm: ArmAccess, values: Sequence[float]) -> None:
     """Wait until the joints have reached the values. Raises MotionError if they stop elsewhere."""
     standstill_since_s: float | None = None
     while True:
-        state = await arm.ask("robot_state")
+        state = await arm.request("robot_state")
         away = max(abs(q - value) for q, value in zip(state["positions"].values(), values, strict=True))
         if away < _ARRIVED_RAD:
             return

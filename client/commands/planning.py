@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from client.commands.control import Arm, MakeReady, RecordOption, Seen, Target, follow, print_result, run
+from client.commands.control import ArmAccess, MakeReady, RecordOption, Seen, Target, follow, print_result, run
 from client.commands.following import PortOffset, RobotIP
 from client.commands.planning_goals import angles, constraints, parse_item
 from client.commands.record import Overwrite, check_free
@@ -152,7 +152,7 @@ async def _execute(plan: "Plan", target: Target, controller: str, drawn: "Planni
         for values in (plan.trajectory.times_s, plan.trajectory.q, plan.trajectory.qd, plan.trajectory.qdd)
     )
     async with target.open() as arm:
-        state = await arm.ask("robot_state")
+        state = await arm.request("robot_state")
         current = state["positions"]  # by name, with the manager's prefix, base to wrist 3
         plan.check_start(list(current.values()))
         await target.activate(arm, controller)
@@ -164,7 +164,7 @@ async def _execute(plan: "Plan", target: Target, controller: str, drawn: "Planni
         return await follow(arm, controller, trajectory, "plan", draw)
 
 
-def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
+def _drawer(arm: ArmAccess, scene: "PlanningScene", plan: "Plan") -> Seen:
     """A callback that draws the scene and the path into the recording of the robot's states."""
     from client.planning.markers import SceneDrawing
 
@@ -172,7 +172,7 @@ def _drawer(arm: Arm, scene: "PlanningScene", plan: "Plan") -> Seen:
 
     async def draw(state: Mapping[str, Any]) -> None:
         for topic, markers in drawing.at(state["time_s"], list(state["positions"].values())):
-            await arm.ask("record_markers", topic=topic, markers=markers)
+            await arm.request("record_markers", topic=topic, markers=markers)
 
     return draw
 

@@ -38,8 +38,8 @@ def _model(robot: primary.BlockingPrimaryClient) -> RobotModel:
     model = calibrated_model(arm, calibration)
     if model is None:
         known = ", ".join(MODELS)
-        what = f"robot type {arm.robot_type}, sub type {arm.sub_type}"
-        raise RobotRefused("its model", f"it is not known here ({what})", f"known are {known}")
+        arm_text = f"robot type {arm.robot_type}, sub type {arm.sub_type}"
+        raise RobotRefused("its model", f"it is not known here ({arm_text})", f"known are {known}")
     return model
 
 

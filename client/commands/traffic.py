@@ -20,7 +20,7 @@ from client.decoding.session import Choice, DecodingSession, InputForm
 from client.decoding.streams import Line
 from client.traffic.ports import ask_identity, choose_ports
 from client.traffic.proxy import Proxy, Route, driver_routes, robot_routes
-from client.traffic.recording import Recorder, Recording
+from client.traffic.recording import TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
 from urproto.commandline import AsJson, print_json
 
@@ -138,7 +138,7 @@ def replay_traffic_command(
     port_offset: PortOffset = 0,
 ) -> None:
     """Act as the robot of a recording, until Ctrl-C: send its states at their times and its answers to requests."""
-    recording = Recording.read(file, recorded_offset)
+    recording = TrafficRecording.read(file, recorded_offset)
     for problem in recording.problems:
         typer.echo(f"! {problem}", err=True)
     try:
@@ -147,7 +147,7 @@ def replay_traffic_command(
         raise typer.BadParameter(str(error)) from error
 
 
-async def _play(recording: Recording, listen: str, speed: float, loop: bool, port_offset: int) -> None:
+async def _play(recording: TrafficRecording, listen: str, speed: float, loop: bool, port_offset: int) -> None:
     robot = ReplayRobot(recording, listen, speed=speed, loop=loop, port_offset=port_offset, report=typer.echo)
     async with robot:
         for name, port in robot.ports.items():
@@ -207,12 +207,12 @@ def _refuse_loop(routes: list[Route]) -> None:
             )
 
 
-def _recorder(file: Path, robot_ip: str, port_offset: int) -> Recorder:
+def _recorder(file: Path, robot_ip: str, port_offset: int) -> TrafficRecorder:
     comments = asyncio.run(ask_identity(robot_ip, port_offset))
-    return Recorder(file, comments, problem=_warn)
+    return TrafficRecorder(file, comments, problem=_warn)
 
 
-async def _relay(routes: list[Route], recorder: Recorder | None) -> None:
+async def _relay(routes: list[Route], recorder: TrafficRecorder | None) -> None:
     async with Proxy(routes, recorder, typer.echo) as proxy:
         for name, port in proxy.ports.items():
             route = proxy.routes[name]

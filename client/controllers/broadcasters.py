@@ -56,8 +56,8 @@ class JointStateBroadcaster(Controller[JointStateParameters]):
         return tuple(f"{joint}/{kind}" for kind in kinds for joint in self.parameters.joints or ("*_joint",))
 
     def on_configure(self) -> None:
-        if strange := set(self.parameters.interfaces) - set(_KINDS):
-            raise self.error(f"interfaces must be among {', '.join(_KINDS)}, not {min(strange)}")
+        if unknown := set(self.parameters.interfaces) - set(_KINDS):
+            raise self.error(f"interfaces must be among {', '.join(_KINDS)}, not {min(unknown)}")
 
     def on_activate(self, time_s: float) -> None:
         self._joints = tuple(dict.fromkeys(name.rpartition("/")[0] for name in self.states.names))

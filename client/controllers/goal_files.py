@@ -36,7 +36,7 @@ _TURN: Final = 2 * math.pi  # a joint without given limits may be anywhere withi
 
 
 @dataclass(frozen=True, slots=True)
-class NamedGoal:
+class FileGoal:
     """A named target; for forward controllers, ``positions`` contains the commands."""
 
     name: str
@@ -56,7 +56,7 @@ class GoalFile:
     controller: str
     commands: bool
     joints: tuple[str, ...]
-    goals: tuple[NamedGoal, ...]
+    goals: tuple[FileGoal, ...]
     wait_s: float
     starting_point_limits: Mapping[str, tuple[float, float]]
     notes: tuple[str, ...] = ()
@@ -105,7 +105,7 @@ class _Section:
         names = self._texts("goal_names")
         if not names:
             raise self._error("goal_names is empty")
-        goals = tuple(NamedGoal(name, self._point(name, len(joints))) for name in names)
+        goals = tuple(FileGoal(name, self._point(name, len(joints))) for name in names)
         controller, commands = self._target()
         strange = [key for key in self._given if key not in (*_KNOWN, *names)]
         notes = tuple(f"{self._node}: {key} is unknown, or not listed in goal_names, and is ignored" for key in strange)

@@ -1,7 +1,7 @@
 """Client for a controller manager that runs in another process.
 
 async with RemoteManager("192.168.1.10") as manager:
-    await manager.ask("switch_controller", activate=["forward_velocity_controller"], deactivate=[SCALED])
+    await manager.request("switch_controller", activate=["forward_velocity_controller"], deactivate=[SCALED])
 
 `client.controllers.session.Session` lists the requests.
 """
@@ -79,7 +79,7 @@ class RemoteManager:
             reason = error.strerror if isinstance(error, OSError) and error.strerror else "it does not answer"
             raise ManagerError(f"no connection to the controller manager of {self.robot_ip}: {reason}") from None
 
-    async def ask(self, do: str, /, *, timeout_s: float = ANSWER_S, **arguments: Any) -> Any:
+    async def request(self, do: str, /, *, timeout_s: float = ANSWER_S, **arguments: Any) -> Any:
         """Send a request and return its answer.
 
         Raises ControllerError and GoalRejectedError as the manager did, and ManagerError for all other errors.

@@ -196,9 +196,9 @@ class ControlledRobot(ControlLoop):
                 self.manager.configure(name)
         self.manager.switch(activate=activate, deactivate=deactivate)
 
-    def command(self, name: str, what: Sequence[float] | JointTrajectory) -> None:
+    def command(self, name: str, values: Sequence[float] | JointTrajectory) -> None:
         """Send commands to a forward controller, or a trajectory without a result to a trajectory controller."""
-        self.manager.controller(name).command(what)
+        self.manager.controller(name).command(values)
 
     def do(self, work: Callable[[ControllerManager], Answer]) -> Answer:
         """Call ``work`` with the manager, between two cycles, and return its result."""

@@ -198,7 +198,7 @@ async def _answer(session: Session, line: bytes) -> protocol.Message:
     if isinstance(number, bool) or not isinstance(number, int) or not isinstance(do, str):
         raise ManagerError("a request must have an id (a whole number) and a field do (a string)")
     try:
-        return {"id": number, "result": await session.ask(do, **message)}
+        return {"id": number, "result": await session.request(do, **message)}
     except URError as error:
         return {"id": number, "error": protocol.described_error(error)}
     except Exception as error:  # a request must not end the control loop, nor the connection

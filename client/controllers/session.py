@@ -136,7 +136,7 @@ class Session:
         self._recording = AsyncExitStack()
         self._recorder: BackgroundRecorder | None = None
 
-    async def ask(self, do: str, /, **arguments: Any) -> Answer:
+    async def request(self, do: str, /, **arguments: Any) -> Answer:
         """Carry out a request. Raises ManagerError for an unknown request, and the errors of the request itself."""
         if do not in _HANDLERS:
             raise ManagerError(f"there is no request {quoted(do)}: this may be another version of ur-client")

@@ -6,7 +6,7 @@ from typing import Final
 
 from client import dashboard, primary, robotapi, rtde
 from client.calibration import parameters
-from client.driver.control_program import ToolCommunication
+from client.driver.control_program import ToolCommunicationSettings
 from client.driver.endpoint import KEEP_ALIVE_TIMEOUT_S, REVERSE_PORT, SENDER_PORT
 from client.driver.results import COMMAND_PORT, TRAJECTORY_PORT
 from client.driver.scheduling import RealTime
@@ -102,4 +102,4 @@ class DriverConfig:
     servoj_lookahead_s: float = 0.03
     servoj_gain: int = 2000
     tool_voltage: int | None = None
-    tool_communication: ToolCommunication | None = None
+    tool_communication: ToolCommunicationSettings | None = None

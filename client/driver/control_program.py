@@ -106,7 +106,7 @@ _NO_INERTIA: Final = "set_payload(words[2] / ec_scale, ec_three(words, 3))"
 
 
 @dataclass(frozen=True, slots=True)
-class ToolCommunication:
+class ToolCommunicationSettings:
     """Settings of an e-Series tool's serial line: parity 0 none, 1 odd, 2 even; idle times in characters."""
 
     baud_rate: int = 115200
@@ -139,7 +139,7 @@ class ControlProgram:
     servoj_lookahead_s: float = 0.03
     servoj_gain: int = 2000
     tool_voltage: int | None = None
-    tool_communication: ToolCommunication | None = None
+    tool_communication: ToolCommunicationSettings | None = None
     token: str = ""
 
     def __post_init__(self) -> None:

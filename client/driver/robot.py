@@ -342,8 +342,8 @@ class RobotLink:
 
     def _wake(self) -> None:
         self._awaited = False
-        news, self._changed = self._changed, asyncio.Event()
-        news.set()
+        previous, self._changed = self._changed, asyncio.Event()
+        previous.set()
 
     async def _watch_messages(self) -> None:
         while True:

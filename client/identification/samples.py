@@ -176,11 +176,11 @@ def _check_units(time_s: Array, q: Array, arrays: dict[str, Array], parts: Seque
     if speeds is None:
         return
     slopes = np.concatenate([np.gradient(q[a:b], time_s[a:b], axis=0) for a, b in parts])
-    said = np.concatenate([speeds[a:b] for a, b in parts])
+    reported = np.concatenate([speeds[a:b] for a, b in parts])
     power = float((slopes**2).sum())
     if power < MOVES_RAD_S**2 * len(slopes):
         return
-    ratio = float((slopes * said).sum()) / power
+    ratio = float((slopes * reported).sum()) / power
     if not _RATE_RANGE[0] < ratio < _RATE_RANGE[1]:
         raise RecordingError(
             f"joint speeds are {ratio:.3g} times the change of angles per second: rad, rad/s and seconds are expected"

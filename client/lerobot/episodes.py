@@ -67,8 +67,8 @@ def episode(
     end = min([times[-1], *(taken.times_ns[-1] for taken in pictures.values())])
     count = int((end - begin + _TOLERANCE_NS) * fps // _NS) + 1 if end >= begin else 0
     if count < 2:
-        what = "its states and images overlap for too short a time" if pictures else "it is too short"
-        raise RecordingError(f"{what} for a frame at {fps} frames per second")
+        reason = "its states and images overlap for too short a time" if pictures else "it is too short"
+        raise RecordingError(f"{reason} for a frame at {fps} frames per second")
     _check_rate(times, fps)
     moments = begin + np.round(np.arange(count) * (_NS / fps)).astype(np.int64)
     rows = np.searchsorted(times, moments + _TOLERANCE_NS, side="right") - 1

@@ -41,11 +41,11 @@ class _Series:
             raise RecordingError(problem)
         kind = OUTPUT_FIELDS[name].type
         if index is not None:
-            what, parts = ("numbers", kind.count) if kind.count > 1 else ("bits", _BITS.get(kind.letter, 0))
+            unit_name, parts = ("numbers", kind.count) if kind.count > 1 else ("bits", _BITS.get(kind.letter, 0))
             if not parts:
                 raise RecordingError(f"{text}: {name} is a single number: leave out [{index}]")
             if int(index) >= parts:
-                raise RecordingError(f"{text}: {name} has {parts} {what}, 0 to {parts - 1}")
+                raise RecordingError(f"{text}: {name} has {parts} {unit_name}, 0 to {parts - 1}")
         return cls(name, None if index is None else int(index))
 
     @property

@@ -183,13 +183,13 @@ class CartesianInterpolator:
             return Interpolation(None, start_rad, stopped_by=self._reason(tool_path, 0.0, start_rad))
         step = coarsest
         while shares[-1] < 1.0:
-            there = min(1.0, shares[-1] + step)
-            if 1.0 - there < 0.01 * step:  # leave no tiny step for the end
-                there = 1.0
-            after = self._inverse(tool_path, there, q)
-            end = None if after is None else self._knot(tool_path, there, after)
-            piece = None if end is None else hermite(begin, end, there - shares[-1])
-            if piece is None or not self._is_accurate(tool_path, shares[-1], there, piece):
+            next_share = min(1.0, shares[-1] + step)
+            if 1.0 - next_share < 0.01 * step:  # leave no tiny step for the end
+                next_share = 1.0
+            after = self._inverse(tool_path, next_share, q)
+            end = None if after is None else self._knot(tool_path, next_share, after)
+            piece = None if end is None else hermite(begin, end, next_share - shares[-1])
+            if piece is None or not self._is_accurate(tool_path, shares[-1], next_share, piece):
                 step *= 0.5
                 if step < _MIN_STEP:
                     break
@@ -197,7 +197,7 @@ class CartesianInterpolator:
             assert after is not None
             assert end is not None
             pieces.append(piece)
-            shares.append(there)
+            shares.append(next_share)
             q, begin, step = after, end, min(coarsest, 2.0 * step)
         path = PiecewisePath(np.array(pieces), np.diff(shares).tolist(), _GRIDPOINTS) if pieces else None
         reason = "" if shares[-1] >= 1.0 else self._reason(tool_path, min(1.0, shares[-1] + 2.0 * _MIN_STEP), q)

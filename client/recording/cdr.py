@@ -48,7 +48,7 @@ Get = Callable[["_Cursor"], Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class MessageField:
     """One field of a message. type: a number type, ``string``, or another message type.
 
     count: None for a single value, 0 for an array of variable length, otherwise the length of the array.
@@ -141,7 +141,7 @@ def _short_names(names: list[str]) -> Iterator[str]:
     return (name.replace("/msg/", "/") for name in names)
 
 
-def _fields(text: str, parent: str) -> Iterator[Field]:
+def _fields(text: str, parent: str) -> Iterator[MessageField]:
     """The fields in the definition of the type ``parent``."""
     for line in text.splitlines():
         line = line.split("#")[0].strip()
@@ -152,7 +152,7 @@ def _fields(text: str, parent: str) -> Iterator[Field]:
             raise RecordingError(f"invalid line in a message definition: {line!r}")
         count = match["count"] or ""
         fixed = int(count) if count.isdigit() else 0
-        yield Field(match["name"], _resolved(match["type"], parent), fixed if match["array"] else None)
+        yield MessageField(match["name"], _resolved(match["type"], parent), fixed if match["array"] else None)
 
 
 def _resolved(kind: str, parent: str) -> str:

@@ -14,7 +14,7 @@ from client.recording.extras import extra
 from client.recording.output import FLUSH_S, OutputFile
 from client.recording.pictures import Pictures, PictureTopic
 from client.recording.recording import ROBOT, Columns, Info, Recording
-from client.recording.topics import RTDE_TOPIC, ControllerTopic, MarkerTopic, Topic, Topics, controller_message
+from client.recording.topics import RTDE_TOPIC, ControllerTopic, MarkerTopic, RosTopic, Topics, controller_message
 from client.recording.tracking import Tracking, TrackingBuilder
 from urproto.joints import JOINT_NAMES
 from urproto.rtde.fields import OUTPUT_FIELDS
@@ -99,7 +99,7 @@ class McapWriter:
         finally:
             self._file.close()
 
-    def _add(self, topic: Topic | ControllerTopic | MarkerTopic | PictureTopic, data: bytes, time_ns: int) -> None:
+    def _add(self, topic: RosTopic | ControllerTopic | MarkerTopic | PictureTopic, data: bytes, time_ns: int) -> None:
         if topic.name not in self._channels:
             self._channels[topic.name] = self._writer.register_channel(topic.name, "cdr", self._schema(topic.type))
         self._writer.add_message(self._channels[topic.name], time_ns, data, time_ns)

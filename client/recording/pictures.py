@@ -13,7 +13,7 @@ from client.cameras.messages import (
     COMPRESSED,
     IMAGE,
     INFO,
-    Transform,
+    FrameTransform,
     camera_info,
     compressed,
     fixed_frames,
@@ -74,7 +74,7 @@ def _message(name: str, kind: str, values: dict[str, Any]) -> tuple[PictureTopic
     return topic, topic.type.encode(values)
 
 
-def _transforms(frames: Iterable[Transform], time_ns: int) -> dict[str, Any]:
+def _transforms(frames: Iterable[FrameTransform], time_ns: int) -> dict[str, Any]:
     return {
         "transforms": [
             {

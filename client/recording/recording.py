@@ -119,8 +119,8 @@ class Recording:
     @property
     def times_ns(self) -> list[int]:
         """Time of each state [ns], since 1970 if the file has that time, otherwise since the robot's start."""
-        said = self.info.get("began_ns", "")
-        began = int(said) if said.isdecimal() else round(float(self.values["timestamp"][0]) * _NS)
+        began_ns = self.info.get("began_ns", "")
+        began = int(began_ns) if began_ns.isdecimal() else round(float(self.values["timestamp"][0]) * _NS)
         return [began + round(float(time_s) * _NS) for time_s in self.time_s]
 
     def states(self) -> Iterator[dict[str, Any]]:

@@ -21,7 +21,7 @@ Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class RosTopic:
     """A topic, the variables it needs, and the function that builds its messages.
 
     slowly: published only when the message changes, and once a second.
@@ -83,11 +83,11 @@ class Topics:
     """The topics that a set of RTDE variables allows, and the messages for each state."""
 
     def __init__(self, names: Collection[str]) -> None:
-        everything = Topic(RTDE_TOPIC, rtde_type(names), frozenset(names), _with_ros_names)
+        everything = RosTopic(RTDE_TOPIC, rtde_type(names), frozenset(names), _with_ros_names)
         self.topics = (everything, *(topic for topic in _TOPICS if topic.needs <= set(names)))
         self._published: dict[str, tuple[int, Values]] = {}
 
-    def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
+    def encoded(self, values: Values, time_ns: int) -> Iterable[tuple[RosTopic, bytes]]:
         """The messages of one state. A message that cannot represent it, such as a mode of 1000, is left out."""
         for topic in self.topics:
             try:
@@ -96,7 +96,7 @@ class Topics:
                 if topic.name == RTDE_TOPIC:
                     raise
 
-    def _encoded(self, topic: Topic, values: Values, time_ns: int) -> Iterable[tuple[Topic, bytes]]:
+    def _encoded(self, topic: RosTopic, values: Values, time_ns: int) -> Iterable[tuple[RosTopic, bytes]]:
         message = topic.message(values)
         if topic.slowly and not self._is_due(topic.name, message, time_ns):
             return
@@ -215,8 +215,8 @@ def _tool_analog(values: Values) -> list[Values]:
     ]
 
 
-def _topic(name: str, kind: str, needs: str, message: Callable[[Values], Values], slowly: bool = False) -> Topic:
-    return Topic(name, message_type(kind), frozenset(needs.split()), message, slowly)
+def _topic(name: str, kind: str, needs: str, message: Callable[[Values], Values], slowly: bool = False) -> RosTopic:
+    return RosTopic(name, message_type(kind), frozenset(needs.split()), message, slowly)
 
 
 _RUNNING: Final = (RuntimeState.PLAYING, RuntimeState.RESUMING)

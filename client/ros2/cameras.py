@@ -20,7 +20,7 @@ from client.cameras.messages import (
     COMPRESSED,
     IMAGE,
     INFO,
-    Transform,
+    FrameTransform,
     camera_info,
     compressed,
     fixed_frames,
@@ -155,7 +155,7 @@ def _has_subscribers(publisher: Publisher) -> bool:
     return bool(publisher.get_subscription_count())
 
 
-def _transforms(frames: Sequence[Transform], time_ns: int) -> Any:
+def _transforms(frames: Sequence[FrameTransform], time_ns: int) -> Any:
     message = interface(_FRAMES)()
     for frame in frames:
         transform = interface("geometry_msgs/msg/TransformStamped")()

@@ -53,7 +53,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Service:
+class DashboardService:
     """A row of the table.
 
     type: in std_srvs or ur_dashboard_msgs. operation: the dashboard operation for a request. values: dotted names of
@@ -101,12 +101,16 @@ def _polyscope_x(request: Any) -> Operation[Any]:
     raise RobotRefused(type(request).__qualname__, "this robot does not have it", _POLYSCOPE_X)
 
 
-def _trigger(name: str, operation: Operation[Any], effect: Effect | None = None, *, parts: bool = False) -> Service:
-    return Service(name, "Trigger", _always(operation), effect=effect, parts=parts)
+def _trigger(
+    name: str, operation: Operation[Any], effect: Effect | None = None, *, parts: bool = False
+) -> DashboardService:
+    return DashboardService(name, "Trigger", _always(operation), effect=effect, parts=parts)
 
 
-def _query(name: str, of_type: str, operation: Operation[Any], **values: Callable[[Any], Any]) -> Service:
-    return Service(name, of_type, _always(operation), {path.replace("__", "."): of for path, of in values.items()})
+def _query(name: str, of_type: str, operation: Operation[Any], **values: Callable[[Any], Any]) -> DashboardService:
+    return DashboardService(
+        name, of_type, _always(operation), {path.replace("__", "."): of for path, of in values.items()}
+    )
 
 
 def _identity(answer: Any) -> Any:
@@ -139,27 +143,27 @@ SERVICES: Final = (
     _trigger("clear_operational_mode", dashboard.CLEAR_OPERATIONAL_MODE),
     _trigger("shutdown", dashboard.SHUTDOWN),
     _trigger("quit", dashboard.QUIT, parts=True),
-    Service(
+    DashboardService(
         "load_program", "Load", lambda request: dashboard.load(request.filename),
         effect=Effect(dashboard.PROGRAM_STATE, _has_loaded),
     ),
-    Service("load_installation", "Load", lambda request: dashboard.load_installation(request.filename)),
-    Service("popup", "Popup", lambda request: dashboard.popup(request.message)),
-    Service("add_to_log", "AddToLog", lambda request: dashboard.add_to_log(request.message)),
-    Service("set_user_role", "SetUserRole", lambda request: dashboard.set_user_role(request.user_role.role)),
-    Service(
+    DashboardService("load_installation", "Load", lambda request: dashboard.load_installation(request.filename)),
+    DashboardService("popup", "Popup", lambda request: dashboard.popup(request.message)),
+    DashboardService("add_to_log", "AddToLog", lambda request: dashboard.add_to_log(request.message)),
+    DashboardService("set_user_role", "SetUserRole", lambda request: dashboard.set_user_role(request.user_role.role)),
+    DashboardService(
         "set_operational_mode", "SetOperationalMode",
         lambda request: dashboard.set_operational_mode(request.operational_mode.mode),
     ),
-    Service(
+    DashboardService(
         "generate_flight_report", "GenerateFlightReport",
         lambda request: dashboard.generate_flight_report(request.report_type), {"report_id": _identity},
     ),
-    Service(
+    DashboardService(
         "generate_support_file", "GenerateSupportFile",
         lambda request: dashboard.generate_support_file(request.dir_path), {"generated_file_name": _identity},
     ),
-    Service("raw_request", "RawRequest", lambda request: dashboard.command(request.query)),
+    DashboardService("raw_request", "RawRequest", lambda request: dashboard.command(request.query)),
     _query("get_robot_mode", "GetRobotMode", dashboard.ROBOT_MODE, robot_mode__mode=int),
     _query("get_safety_mode", "GetSafetyMode", dashboard.SAFETY_MODE, safety_mode__mode=int),
     _query("get_safety_status", "GetSafetyStatus", dashboard.SAFETY_STATUS, safety_status__status=int),
@@ -192,10 +196,10 @@ SERVICES: Final = (
         version__major=lambda version: version.major, version__minor=lambda version: version.minor,
         version__bugfix=lambda version: version.bugfix, version__build=lambda version: version.build,
     ),
-    Service("get_programs", "GetPrograms", _polyscope_x),
-    Service("upload_program", "UploadProgram", _polyscope_x),
-    Service("update_program", "UploadProgram", _polyscope_x),
-    Service("download_program", "DownloadProgram", _polyscope_x),
+    DashboardService("get_programs", "GetPrograms", _polyscope_x),
+    DashboardService("upload_program", "UploadProgram", _polyscope_x),
+    DashboardService("update_program", "UploadProgram", _polyscope_x),
+    DashboardService("download_program", "DownloadProgram", _polyscope_x),
 )  # fmt: skip
 
 
@@ -240,7 +244,7 @@ class DashboardNode:
 
     # in the node's thread
 
-    def _serve(self, service: Service, request: Any, response: Any) -> Any:
+    def _serve(self, service: DashboardService, request: Any, response: Any) -> Any:
         try:
             line, answer = self._perform(service, request)
             for path, value in service.values.items():
@@ -262,7 +266,7 @@ class DashboardNode:
         self._autoconnect = True
         return _answered(response, True, f"{self._server_name} is connected")
 
-    def _perform(self, service: Service, request: Any) -> "tuple[str, Any]":
+    def _perform(self, service: DashboardService, request: Any) -> "tuple[str, Any]":
         """The robot's line and its meaning, once the effect shows."""
         operation = service.operation(request)
         both = replace(operation, read=lambda reply: (reply, operation.read(reply)))

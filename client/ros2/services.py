@@ -33,7 +33,7 @@ _TRIGGER: Final = "std_srvs/srv/Trigger"
 
 
 @dataclass(frozen=True)
-class Service:
+class ControllerService:
     """A service.
 
     begin: passes a request to the controller, which answers with a `Call`; raises ControllerError. stamped: the part of
@@ -145,30 +145,36 @@ QUERIES: Final = (
     Query(JointTrajectoryController, "query_state", "control_msgs/srv/QueryTrajectoryState", _trajectory_state),
 )
 SERVICES: Final = (
-    Service(GPIOController, "set_io", "ur_msgs/srv/SetIO", _set_io),
-    Service(GPIOController, "set_analog_output", "ur_msgs/srv/SetAnalogOutput", _set_analog_output),
-    Service(
+    ControllerService(GPIOController, "set_io", "ur_msgs/srv/SetIO", _set_io),
+    ControllerService(GPIOController, "set_analog_output", "ur_msgs/srv/SetAnalogOutput", _set_analog_output),
+    ControllerService(
         GPIOController,
         "set_speed_slider",
         "ur_msgs/srv/SetSpeedSliderFraction",
         lambda controller, request, _: controller.set_speed_slider(request.speed_slider_fraction),
     ),
-    Service(GPIOController, "resend_robot_program", _TRIGGER, lambda controller, *_: controller.resend_robot_program()),
-    Service(GPIOController, "hand_back_control", _TRIGGER, lambda controller, *_: controller.hand_back_control()),
-    Service(GPIOController, "set_payload", "ur_msgs/srv/SetPayload", _set_payload),
-    Service(GPIOController, "zero_ftsensor", _TRIGGER, lambda controller, *_: controller.zero_ftsensor()),
-    Service(
+    ControllerService(
+        GPIOController, "resend_robot_program", _TRIGGER, lambda controller, *_: controller.resend_robot_program()
+    ),
+    ControllerService(
+        GPIOController, "hand_back_control", _TRIGGER, lambda controller, *_: controller.hand_back_control()
+    ),
+    ControllerService(GPIOController, "set_payload", "ur_msgs/srv/SetPayload", _set_payload),
+    ControllerService(GPIOController, "zero_ftsensor", _TRIGGER, lambda controller, *_: controller.zero_ftsensor()),
+    ControllerService(
         ForceModeController,
         "start_force_mode",
         "ur_msgs/srv/SetForceMode",
         _start_force_mode,
         lambda request: request.task_frame,
     ),
-    Service(ForceModeController, "stop_force_mode", _TRIGGER, lambda controller, *_: controller.stop_force_mode()),
-    Service(
+    ControllerService(
+        ForceModeController, "stop_force_mode", _TRIGGER, lambda controller, *_: controller.stop_force_mode()
+    ),
+    ControllerService(
         GravityUpdateController, "set_gravity", "ur_msgs/srv/SetGravity", _set_gravity, lambda request: request.gravity
     ),
-    Service(
+    ControllerService(
         FrictionModelController,
         "set_friction_model_parameters",
         "ur_msgs/srv/SetFrictionModelParameters",
@@ -192,7 +198,12 @@ def serve(host: NodeHost, node: Node, controller: Controller[Any], loop: Control
 
 
 def _handler(
-    host: NodeHost, node: Node, controller: Controller[Any], loop: ControlLoop, transforms: Transforms, row: Service
+    host: NodeHost,
+    node: Node,
+    controller: Controller[Any],
+    loop: ControlLoop,
+    transforms: Transforms,
+    row: ControllerService,
 ) -> Callable[[Any, Any], Any]:
     async def ask(request: Any) -> None:
         frames = (row.stamped(request).header.frame_id,) if row.stamped else ()

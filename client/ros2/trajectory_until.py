@@ -146,13 +146,13 @@ class TrajectoryUntilNode:
         if moved.done():
             status, answer = moved.result().status, moved.result().result
             result.error_code, result.error_string = answer.error_code, answer.error_string
-            what = "Trajectory action"
+            action_title = "Trajectory action"
         else:
-            status, what = touched.result().status, "Until action"
+            status, action_title = touched.result().status, "Until action"
         if status == GoalStatus.STATUS_SUCCEEDED:
             goals.goal.succeed()
             return result
-        result.error_string = f"{result.error_string} {what} was {_ENDS.get(status, 'lost')}.".lstrip()
+        result.error_string = f"{result.error_string} {action_title} was {_ENDS.get(status, 'lost')}.".lstrip()
         self.node.get_logger().error(f"execute: {result.error_string}")
         if goals.goal.is_cancel_requested:
             goals.goal.canceled()

@@ -13,8 +13,8 @@
         ...  # clients connect to 127.0.0.1 instead of the robot
 
     from client.traffic.compare import compare
-    from client.traffic.recording import Recording
+    from client.traffic.recording import TrafficRecording
     from client.traffic.report import report
 
-    print(report(compare(Recording.read(Path("robot.pcapng")), Recording.read(Path("emulator.pcapng")))))
+    print(report(compare(TrafficRecording.read(Path("robot.pcapng")), TrafficRecording.read(Path("emulator.pcapng")))))
 """

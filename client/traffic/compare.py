@@ -7,9 +7,9 @@ from pathlib import Path
 from client.errors import FileError
 from client.traffic.alignment import Offset, find_offset
 from client.traffic.messages import MessageComparison, compare_messages
-from client.traffic.recording import Recording
+from client.traffic.recording import TrafficRecording
 from client.traffic.tracks import Track, tracks_of, tracks_of_csv
-from client.traffic.trajectories import Difference, Tolerances, TrackPair, compare_tracks
+from client.traffic.trajectories import ComparisonTolerances, Difference, TrackPair, compare_tracks
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class Source:
 
     path: Path
     tracks: tuple[Track, ...]
-    recording: Recording | None = None
+    recording: TrafficRecording | None = None
 
     @property
     def remarks(self) -> list[str]:
@@ -64,12 +64,12 @@ def read_source(path: Path, port_offset: int = 0) -> Source:
     """Read a recording, or a table of states if the name ends in .csv. Raises FileError."""
     if path.suffix.lower() == ".csv":
         return Source(path, tuple(tracks_of_csv(path)))
-    recording = Recording.read(path, port_offset)
+    recording = TrafficRecording.read(path, port_offset)
     return Source(path, tuple(tracks_of(recording)), recording)
 
 
 def compare(
-    first: Recording, second: Recording, tolerances: Iterable[str] = (), offset_s: float | None = None
+    first: TrafficRecording, second: TrafficRecording, tolerances: Iterable[str] = (), offset_s: float | None = None
 ) -> Comparison:
     """Compare two recordings. tolerances: such as ``rad=0.01`` or ``actual_q=0.01``. offset_s: between the clocks."""
     sources = [Source(one.path, tuple(tracks_of(one)), one) for one in (first, second)]
@@ -80,7 +80,7 @@ def compare_sources(
     first: Source, second: Source, tolerances: Iterable[str] = (), offset_s: float | None = None
 ) -> Comparison:
     """Like ``compare``, also for tables. Raises FileError if one is a table and the other has no states."""
-    allowed = Tolerances(tolerances)
+    allowed = ComparisonTolerances(tolerances)
     partners, unpaired = _pair_tracks(first.tracks, second.tracks)
     common = Offset(offset_s, ()) if offset_s is not None else _common_offset(partners)
     pairs = tuple(compare_tracks(a, b, _offset(a, b, common), allowed) for a, b in partners)

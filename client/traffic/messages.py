@@ -8,7 +8,7 @@ from typing import Final
 
 from client.decoding.codecs import CODECS, Codec, Side, codec_of_port
 from client.traffic.ports import port_name
-from client.traffic.recording import Conversation, Recording
+from client.traffic.recording import Conversation, TrafficRecording
 
 _STATES = re.compile(r"(state:|state of |data \d+: |data: |input \d+: )")  # compared as tracks, or not at all
 _TIMES = re.compile(r"\btimestamp_us=\S+ ?")
@@ -41,7 +41,7 @@ class MessageComparison:
     cut: bool = False
 
 
-def compare_messages(first: Recording, second: Recording) -> Iterator[MessageComparison]:
+def compare_messages(first: TrafficRecording, second: TrafficRecording) -> Iterator[MessageComparison]:
     """Compare the n-th connection to each port with the n-th in the other recording."""
     for port in sorted({*first.ports, *second.ports}):
         own, other = first.on_port(port), second.on_port(port)

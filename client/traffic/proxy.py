@@ -19,7 +19,7 @@ from typing import Final
 
 from client.errors import RobotUnreachableError
 from client.traffic.ports import DRIVER_PORTS, ROBOT_PORTS, ask_identity
-from client.traffic.recording import FLUSH_S, Recorder
+from client.traffic.recording import FLUSH_S, TrafficRecorder
 from client.traffic.relay import DIAL_S, Relay, reason_of
 from urproto.compat import Self
 from urproto.compat_asyncio import timeout
@@ -83,7 +83,7 @@ class Proxy:
     def __init__(
         self,
         routes: Iterable[Route],
-        recorder: Recorder | None = None,
+        recorder: TrafficRecorder | None = None,
         report: Callable[[str], None] = _logger.info,
     ) -> None:
         self.routes = {route.name: route for route in routes}
@@ -198,7 +198,7 @@ class Proxy:
         self._relays.add(relay)
         return relay.client
 
-    async def _keep_flushing(self, recorder: Recorder) -> None:
+    async def _keep_flushing(self, recorder: TrafficRecorder) -> None:
         while True:
             await asyncio.sleep(FLUSH_S)
             recorder.flush()
@@ -228,7 +228,7 @@ async def record(
 ) -> AsyncIterator[Proxy]:
     """A proxy of all ports of a robot that records to ``path``. Raises FileError, RobotUnreachableError."""
     comments = await ask_identity(robot, port_offset)
-    recorder = Recorder(path, comments, problem=report)
+    recorder = TrafficRecorder(path, comments, problem=report)
     try:
         async with Proxy(robot_routes(robot, listen, port_offset=port_offset), recorder, report) as proxy:
             yield proxy

@@ -28,7 +28,7 @@ def wall_clock() -> Callable[[], int]:
     return lambda: begin + time.monotonic_ns()
 
 
-class Recorder:
+class TrafficRecorder:
     """Writes connections to a capture file. Raises FileError if it cannot be created.
 
     comments: stored at the start of the file. now_ns: clock for the packets. problem: called once with the reason if
@@ -146,7 +146,7 @@ class Conversation:
 
 
 @dataclass(slots=True)
-class Recording:
+class TrafficRecording:
     """All connections to the ports of a robot or its driver, in the order in which they were opened.
 
     comments: remarks stored in the file. problems: messages about parts that could not be read.

@@ -32,7 +32,7 @@ from client.traffic.dialogues import (
 )
 from client.traffic.players import Broadcast, PlaybackOptions, Player, SequentialPlayer, TimedMessages, UnansweredError
 from client.traffic.ports import port_name, server_is_robot
-from client.traffic.recording import Conversation, Recording
+from client.traffic.recording import Conversation, TrafficRecording
 from client.traffic.relay import reason_of
 from client.traffic.rtde_log import RTDELog
 from client.traffic.rtde_player import RTDELibrary, RTDEPlayer
@@ -61,7 +61,7 @@ class ReplayRobot:
 
     def __init__(
         self,
-        recording: Recording,
+        recording: TrafficRecording,
         listen: str = "127.0.0.1",
         *,
         speed: float = 1.0,
@@ -214,7 +214,7 @@ class _Connection(asyncio.Protocol):
 
 
 def _player_factories(
-    recording: Recording, timing: PlaybackOptions, report: Callable[[str], None]
+    recording: TrafficRecording, timing: PlaybackOptions, report: Callable[[str], None]
 ) -> dict[int, PlayerFactory]:
     factories: dict[int, PlayerFactory] = {}
     for port in recording.ports:
@@ -235,7 +235,7 @@ def _player_factory(
     port: int,
     conversations: list[Conversation],
     timing: PlaybackOptions,
-    recording: Recording,
+    recording: TrafficRecording,
     report: Callable[[str], None],
 ) -> PlayerFactory:
     name = port_name(port)

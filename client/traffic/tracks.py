@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from client.errors import FileError
-from client.traffic.recording import Conversation, Recording
+from client.traffic.recording import Conversation, TrafficRecording
 from client.traffic.rtde_log import RTDELog
 from urproto.errors import RemoteProtocolError
 from urproto.primary.framing import PrimaryDecoder
@@ -56,7 +56,7 @@ def base_name(column: str) -> str:
     return _INDEX.sub("", column)
 
 
-def tracks_of(recording: Recording) -> list[Track]:
+def tracks_of(recording: TrafficRecording) -> list[Track]:
     """All states of a recording, in the order of its connections. Adds read errors to its ``problems``."""
     tracks: list[Track] = []
     for number, one in enumerate(recording.conversations, 1):

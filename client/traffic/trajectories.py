@@ -54,7 +54,7 @@ _PRIMARY: Final[Mapping[str, str]] = {
 }  # fmt: skip
 
 
-class Tolerances:
+class ComparisonTolerances:
     """Usual tolerances, with changes by the caller: ``rad=0.01`` for a unit, ``actual_q=0.01`` for a field."""
 
     def __init__(self, wanted: Iterable[str] = ()) -> None:
@@ -94,7 +94,7 @@ _SLACK_PERIODS: Final = {True: 0.5, False: 2.0}
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ValuePair:
     """Values of one column at a moment. time_s: since the start of the first recording's track [s]."""
 
     time_s: float
@@ -109,8 +109,8 @@ class Difference:
     column: str
     unit: str
     tolerance: float
-    begins: Sample
-    largest: Sample
+    begins: ValuePair
+    largest: ValuePair
     size: float
     share: float
 
@@ -135,7 +135,7 @@ class TrackPair:
         return max(0.0, min(self.first.times_s[-1] + self.offset.seconds, self.second.times_s[-1]) - begin)
 
 
-def compare_tracks(first: Track, second: Track, offset: Offset, tolerances: Tolerances) -> TrackPair:
+def compare_tracks(first: Track, second: Track, offset: Offset, tolerances: ComparisonTolerances) -> TrackPair:
     """Compare every common column over the common time."""
     matcher = _Matcher(first, second, offset.seconds)
     shared = [name for name in first.columns if name in second.columns and base_name(name) not in IGNORED]
@@ -158,7 +158,7 @@ def _only_in_first(track: Track, other: Track) -> tuple[str, ...]:
 
 
 def _differences(
-    first: Track, second: Track, names: list[str], matcher: "_Matcher", tolerances: Tolerances
+    first: Track, second: Track, names: list[str], matcher: "_Matcher", tolerances: ComparisonTolerances
 ) -> Iterator[Difference]:
     if not matcher.states:
         return
@@ -219,10 +219,10 @@ class _Matcher:
         gaps = np.maximum(0.0, np.maximum(low - values_inside, values_inside - high) - missed)
         return np.where(np.isnan(gaps), 0.0, gaps)  # one of them did not send it in this state
 
-    def moment(self, index: int, a: Numbers, b: Numbers) -> Sample:
+    def moment(self, index: int, a: Numbers, b: Numbers) -> ValuePair:
         nearest = int(np.argmin(np.abs(self._other - self._moved[index])))
         time_s = float(self._times[index]) - self._begin
-        return Sample(time_s, float(a[self._inside][index]), float(b[nearest]))
+        return ValuePair(time_s, float(a[self._inside][index]), float(b[nearest]))
 
 
 def _curvature(values: Numbers) -> Numbers:

@@ -32,8 +32,7 @@ from client.recording import DEFAULT_FIELDS, Recorder, read
 from client.rtde import BlockingRTDEClient, RTDEClient
 from client.tool_communication import ToolCommunication
 from client.traffic.proxy import Proxy, Route
-from client.traffic.recording import Recorder as TrafficRecorder
-from client.traffic.recording import Recording
+from client.traffic.recording import TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
 from tests.hostile import KINDS, HostileRobot
 from urproto.errors import RobotRefused, URError
@@ -239,7 +238,7 @@ def recorded_and_replayed(robot: HostileRobot, folder: Path) -> None:
                 await asyncio.to_thread(watch, "127.0.0.1", proxy.ports["rtde"])
         finally:
             recorder.close()
-        recording = Recording.read(folder / "traffic.pcapng")
+        recording = TrafficRecording.read(folder / "traffic.pcapng")
         async with ReplayRobot(recording, "127.0.0.1", speed=100.0, free_ports=True) as again:
             if "rtde" in again.ports:
                 await asyncio.to_thread(watch, "127.0.0.1", again.ports["rtde"])

@@ -81,33 +81,35 @@ def point(*positions, time_s=1.0):
 async def test_controllers_go_through_their_lives(manager):
     async with served(manager), remote() as shell:
         assert shell.pid == os.getpid()
-        assert await shell.ask("list_controllers") == []
-        assert (await shell.ask("list_available"))["jtc"] == "joint_trajectory_controller/JointTrajectoryController"
+        assert await shell.request("list_controllers") == []
+        assert (await shell.request("list_available"))["jtc"] == "joint_trajectory_controller/JointTrajectoryController"
         for name in ("jtc", "forward"):
-            assert await shell.ask("load_controller", name=name) == {"notes": []}
-            await shell.ask("configure_controller", name=name)
+            assert await shell.request("load_controller", name=name) == {"notes": []}
+            await shell.request("configure_controller", name=name)
         with pytest.raises(ControllerError, match="jtc: it is already loaded"):
-            await shell.ask("load_controller", name="jtc")
-        done = await shell.ask("switch_controller", activate=["jtc"])
+            await shell.request("load_controller", name="jtc")
+        done = await shell.request("switch_controller", activate=["jtc"])
         assert done == {"activated": ["jtc"], "deactivated": []}
         with pytest.raises(
             ControllerError, match="forward: jtc has claimed shoulder_joint/position: deactivate it in the same"
         ):
-            await shell.ask("switch_controller", activate=["forward"])
+            await shell.request("switch_controller", activate=["forward"])
         with pytest.raises(ControllerError, match="nonsense: it is not loaded"):
-            await shell.ask("switch_controller", activate=["forward", "nonsense"], deactivate=["jtc"])
-        done = await shell.ask(
+            await shell.request("switch_controller", activate=["forward", "nonsense"], deactivate=["jtc"])
+        done = await shell.request(
             "switch_controller", activate=["forward", "nonsense"], deactivate=["jtc"], strictness="best_effort"
         )
         assert done == {"activated": ["forward"], "deactivated": ["jtc"]}
-        first, second = await shell.ask("list_controllers")
+        first, second = await shell.request("list_controllers")
         assert (first["state"], second["state"]) == ("inactive", "active")
         assert second["claimed_interfaces"] == ["shoulder_joint/position", "elbow_joint/position"]
         with pytest.raises(ControllerError, match="it is active, which cannot be followed by shutdown"):
-            await shell.ask("unload_controller", name="forward")
-        await shell.ask("unload_controller", name="jtc")
-        assert [one["name"] for one in await shell.ask("list_controllers")] == ["forward"]
-        claimed = {(one["kind"], one["name"]): one["claimed_by"] for one in await shell.ask("list_hardware_interfaces")}
+            await shell.request("unload_controller", name="forward")
+        await shell.request("unload_controller", name="jtc")
+        assert [one["name"] for one in await shell.request("list_controllers")] == ["forward"]
+        claimed = {
+            (one["kind"], one["name"]): one["claimed_by"] for one in await shell.request("list_hardware_interfaces")
+        }
         assert claimed["command", "elbow_joint/position"] == "forward"
         assert claimed["command", "io/lamp"] == claimed["state", "elbow_joint/position"] == ""
 
@@ -115,15 +117,15 @@ async def test_controllers_go_through_their_lives(manager):
 async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
     shell = Session(manager)
     for do in ("load_controller", "configure_controller"):
-        await shell.ask(do, name="jtc")
+        await shell.request(do, name="jtc")
     told = []
 
     async def tell(controller, values):
         told.append((controller.name, dict(values)))
 
     manager.on_parameters.append(tell)
-    await shell.ask("set_parameters", name="jtc", parameters={"constraints.goal_time": 0.5})
-    found = await shell.ask("list_parameters", name="jtc")
+    await shell.request("set_parameters", name="jtc", parameters={"constraints.goal_time": 0.5})
+    found = await shell.request("list_parameters", name="jtc")
     assert found["constraints.goal_time"] == {"value": 0.5, "read_only": False}
     assert found["joints"] == {"value": list(JOINTS), "read_only": True}
     for values, words in (
@@ -133,7 +135,7 @@ async def test_parameters_are_set_as_a_whole_or_not_at_all(manager):
         ({"constraints.goal_time": 1.0, "interpolation_method": "x"}, "read-only"),
     ):
         with pytest.raises(ControllerError, match=words):
-            await shell.ask("set_parameters", name="jtc", parameters=values)
+            await shell.request("set_parameters", name="jtc", parameters=values)
     assert manager.manager.controller("jtc").parameters.constraints.goal_time == 0.5
     assert told == [("jtc", {"constraints.goal_time": 0.5})]
 
@@ -142,17 +144,17 @@ async def test_two_shells_switch_at_once(manager):
     """One of them comes first, and the other is told why it cannot be: never both, never neither."""
     async with served(manager), remote() as one, remote() as other:
         for name in ("jtc", "forward"):
-            await one.ask("load_controller", name=name)
-            await other.ask("configure_controller", name=name)
+            await one.request("load_controller", name=name)
+            await other.request("configure_controller", name=name)
         for _ in range(20):
             results = await asyncio.gather(
-                one.ask("switch_controller", activate=["jtc"]),
-                other.ask("switch_controller", activate=["forward"]),
+                one.request("switch_controller", activate=["jtc"]),
+                other.request("switch_controller", activate=["forward"]),
                 return_exceptions=True,
             )
             assert sorted(isinstance(result, ControllerError) for result in results) == [False, True]
             (active,) = [one.name for one in manager.manager.active()]
-            await one.ask("switch_controller", deactivate=[active])
+            await one.request("switch_controller", deactivate=[active])
 
 
 async def test_what_a_client_began_ends_with_it(manager):
@@ -160,12 +162,12 @@ async def test_what_a_client_began_ends_with_it(manager):
     manager.manager.activate("jtc")
     async with served(manager):
         async with remote() as shell:
-            number = await shell.ask("send_goal", controller="jtc", trajectory=point(1.0, 1.0))
+            number = await shell.request("send_goal", controller="jtc", trajectory=point(1.0, 1.0))
             bench.run(0.3)
             goal = manager.manager.controller("jtc").goal
-            assert 0.0 < (await shell.ask("goal", goal=number))["progress"] < 1.0
+            assert 0.0 < (await shell.request("goal", goal=number))["progress"] < 1.0
             with pytest.raises(GoalRejectedError, match="has no joint x"):
-                await shell.ask(
+                await shell.request(
                     "send_goal", controller="jtc", trajectory={**point(1.0, 1.0), "joint_names": ["x", "y"]}
                 )
         await _until(lambda: goal.done)
@@ -175,7 +177,7 @@ async def test_what_a_client_began_ends_with_it(manager):
         manager.manager.deactivate("jtc")
         manager.manager.activate("speeds")
         async with remote() as shell:
-            await shell.ask("forward_command", controller="speeds", values=[0.5, 0.0], hold=True)
+            await shell.request("forward_command", controller="speeds", values=[0.5, 0.0], hold=True)
             bench.run(0.1)
             assert bench.joints.commands["shoulder_joint/velocity"] == 0.5
             await asyncio.sleep(0)
@@ -186,12 +188,12 @@ async def test_a_goal_is_followed_to_its_end(manager):
     bench = manager.robot.bench
     manager.manager.activate("jtc")
     async with served(manager), remote() as shell:
-        number = await shell.ask("send_goal", controller="jtc", trajectory=point(0.5, -0.5))
+        number = await shell.request("send_goal", controller="jtc", trajectory=point(0.5, -0.5))
         bench.run(1.5)
-        assert (await shell.ask("goal", goal=number)).items() >= {"error_code": 0, "progress": 1.0}.items()
+        assert (await shell.request("goal", goal=number)).items() >= {"error_code": 0, "progress": 1.0}.items()
         assert bench.q == pytest.approx((0.5, -0.5), abs=1e-6)
         with pytest.raises(ManagerError, match="has no goal 1"):
-            await shell.ask("goal", goal=number)
+            await shell.request("goal", goal=number)
 
 
 def test_positions_are_gone_to_gradually_and_wait_when_the_arm_does():
@@ -252,7 +254,7 @@ async def test_who_talks_nonsense_is_told_so_and_sent_away(manager, said, answer
         writer.close()
         assert answer in json.loads(heard.splitlines()[-1])["error"]["text"]
         async with remote() as shell:
-            assert await shell.ask("list_controllers") == []
+            assert await shell.request("list_controllers") == []
 
 
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
@@ -310,7 +312,7 @@ async def test_who_never_reads_holds_up_nobody(manager, monkeypatch):
         deaf.write(request * 2000)
         async with remote() as shell, timeout(20.0):
             for _ in range(50):
-                assert len(await shell.ask("list_controllers")) == 40
+                assert len(await shell.request("list_controllers")) == 40
             deaf.transport.pause_reading()
             with contextlib.suppress(OSError):
                 while not deaf.is_closing():
@@ -386,10 +388,10 @@ async def test_the_end_of_the_manager_is_told(manager):
     async with contextlib.AsyncExitStack() as ending:
         await ending.enter_async_context(served(manager))
         shell = await remote().__aenter__()
-        await shell.ask("list_controllers")
+        await shell.request("list_controllers")
         await ending.aclose()
         with pytest.raises(ManagerError, match="has ended: start it again"):
-            await shell.ask("list_controllers")
+            await shell.request("list_controllers")
         await shell.__aexit__(None, None, None)
 
 

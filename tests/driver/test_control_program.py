@@ -2,7 +2,7 @@
 
 import pytest
 
-from client.driver.control_program import ControlProgram, ToolCommunication
+from client.driver.control_program import ControlProgram, ToolCommunicationSettings
 from emulator.programs.compiling import LIBRARY_SET
 from urproto.errors import LocalProtocolError
 from urproto.versions import PolyscopeVersion
@@ -44,7 +44,7 @@ def test_what_a_version_lacks_is_not_named(name, without, with_it):
 
 
 def test_the_tool_is_set_up_at_the_beginning():
-    program = ControlProgram(host="10.0.0.1", tool_voltage=24, tool_communication=ToolCommunication(9600))
+    program = ControlProgram(host="10.0.0.1", tool_voltage=24, tool_communication=ToolCommunicationSettings(9600))
     text = program.render(PolyscopeVersion(5, 22))
     assert "\nset_tool_voltage(24)\nset_tool_communication(True, 9600, 0, 1, 1.5, 3.5)\n" in text
 

@@ -59,7 +59,7 @@ async def shell(options):
 
 
 async def state_of(manager, name):
-    return {one["name"]: one["state"] for one in await manager.ask("list_controllers")}[name]
+    return {one["name"]: one["state"] for one in await manager.request("list_controllers")}[name]
 
 
 async def until(condition):
@@ -170,12 +170,12 @@ async def test_the_robot_goes_and_comes_back():
             await until(lambda: _is(manager, SCALED, "inactive"))
             trajectory = {"joint_names": JOINT_NAMES, "points": [{"positions": HOME, "time_from_start_s": 1.0}]}
             with pytest.raises(ControllerError, match=f"{SCALED}: it is inactive: activate it first"):
-                await manager.ask("joint_trajectory", controller=SCALED, trajectory=trajectory)
+                await manager.request("joint_trajectory", controller=SCALED, trajectory=trajectory)
             await asyncio.to_thread(robot.start)
             await until(lambda: _is(manager, SCALED, "active"))
-            await manager.ask("set_hardware_component_state", name="ur3", state="unconfigured")
+            await manager.request("set_hardware_component_state", name="ur3", state="unconfigured")
             assert await state_of(manager, SCALED) == "inactive"
             with pytest.raises(ControllerError, match="the hardware component ur3 is unconfigured: activate it first"):
-                await manager.ask("switch_controller", activate=[SCALED])
-            await manager.ask("set_hardware_component_state", name="ur3", state="active")
+                await manager.request("switch_controller", activate=[SCALED])
+            await manager.request("set_hardware_component_state", name="ur3", state="active")
             await until(lambda: _is(manager, SCALED, "active"))

@@ -11,7 +11,7 @@ from client.cli import app
 from client.errors import FileError
 from client.traffic.alignment import Offset, find_offset
 from client.traffic.compare import compare, compare_sources, read_source
-from client.traffic.recording import Recording
+from client.traffic.recording import TrafficRecording
 from client.traffic.report import report
 from client.traffic.tracks import Track, tracks_of
 from urproto.errors import LocalProtocolError
@@ -23,7 +23,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def usual(folder) -> Recording:
+def usual(folder) -> TrafficRecording:
     return recorded_robot(folder / "usual")
 
 

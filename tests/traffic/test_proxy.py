@@ -20,7 +20,7 @@ from client.cli import app
 from client.errors import RobotUnreachableError
 from client.traffic.ports import ask_identity
 from client.traffic.proxy import Proxy, Route, robot_routes
-from client.traffic.recording import Recorder, Recording
+from client.traffic.recording import TrafficRecorder, TrafficRecording
 from client.traffic.tracks import tracks_of
 from emulator.app import Emulator
 from emulator.config import EmulatorConfig
@@ -33,7 +33,9 @@ Serve = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 
 @asynccontextmanager
-async def proxied(serve: Serve, recorder: Recorder | None = None, *, mirrored: bool = False) -> AsyncIterator[int]:
+async def proxied(
+    serve: Serve, recorder: TrafficRecorder | None = None, *, mirrored: bool = False
+) -> AsyncIterator[int]:
     """A server, and the port of a proxy in front of it; recorded as the tool line."""
 
     async with serving(serve) as target:
@@ -70,7 +72,7 @@ async def echo_until_end(reader: asyncio.StreamReader, writer: asyncio.StreamWri
 
 
 async def test_bytes_and_half_closes_are_forwarded_both_ways(tmp_path):
-    recorder = Recorder(tmp_path / "file")
+    recorder = TrafficRecorder(tmp_path / "file")
     data = bytes(range(256)) * 4000
     async with proxied(echo_until_end, recorder) as port:
         reader, writer = await asyncio.open_connection(HOST, port)
@@ -79,7 +81,7 @@ async def test_bytes_and_half_closes_are_forwarded_both_ways(tmp_path):
         assert await asyncio.wait_for(reader.read(), 20) == data[::-1]
         await ended(writer)
     recorder.close()
-    (one,) = Recording.read(tmp_path / "file").conversations
+    (one,) = TrafficRecording.read(tmp_path / "file").conversations
     assert (one.sent(from_server=False), one.sent(from_server=True)) == (data, data[::-1])
     assert [piece.from_server for piece in one.pieces if not piece.data] == [False, True]
 
@@ -182,11 +184,11 @@ async def test_a_session_with_an_emulator(tmp_path: Path):
             if route.name in emulator.ports
         ]
         comments = await ask_identity(HOST, emulator.ports["dashboard"] - dashboard.PORT)
-        recorder = Recorder(tmp_path / "session.pcapng", comments)
+        recorder = TrafficRecorder(tmp_path / "session.pcapng", comments)
         async with Proxy(routes, recorder, lambda text: None) as proxy:
             seen = await asyncio.to_thread(use, proxy.ports)
         recorder.close()
-    recording = Recording.read(tmp_path / "session.pcapng")
+    recording = TrafficRecording.read(tmp_path / "session.pcapng")
     assert recording.comments == ["robot: UR3", "PolyScope: 3.15.8.106339"]
     assert {30001, 30004, 29999} <= set(recording.ports)
     (track,) = (track for track in tracks_of(recording) if track.source == "rtde")
@@ -236,7 +238,7 @@ async def test_ctrl_c_ends_the_command_with_a_complete_recording(tmp_path):
         f"tool line: {listen}:{port} -> {HOST}:{port}\n", f"Recording to {tmp_path / 'file'}. Ctrl-C ends it.\n",
     ]  # fmt: skip
     assert command.returncode == 0
-    (one,) = Recording.read(tmp_path / "file").conversations
+    (one,) = TrafficRecording.read(tmp_path / "file").conversations
     assert (one.port, one.sent(from_server=True)) == (54321, b"cba")
 
 

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from client.cli import app
 from client.decoding.packets import SocketAddress
 from client.errors import FileError
-from client.traffic.recording import Recorder, Recording
+from client.traffic.recording import TrafficRecorder, TrafficRecording
 
 PIECES = st.lists(st.tuples(st.integers(0, 2), st.booleans(), st.binary(min_size=1, max_size=300)), max_size=30)
 PORTS = (30004, 29999, 50001)
@@ -27,7 +27,7 @@ PORTS = (30004, 29999, 50001)
 def write(path: Path, pieces: list[tuple[int, bool, bytes]], *, end: bool = True) -> None:
     """Three concurrent connections, 1 ms between messages."""
     clock = VirtualTime()
-    recorder = Recorder(path, ["robot: UR3"], now_ns=clock)
+    recorder = TrafficRecorder(path, ["robot: UR3"], now_ns=clock)
     recorded = [recorder.connection(*ends(port)) for port in PORTS]
     for number, from_client, data in pieces:
         clock.ns += 1_000_000
@@ -43,7 +43,7 @@ def write(path: Path, pieces: list[tuple[int, bool, bytes]], *, end: bool = True
 def test_every_byte_is_read_back_in_order_with_its_time(pieces, end):
     with TemporaryDirectory() as folder:
         write(Path(folder, "file"), pieces, end=end)
-        recording = Recording.read(Path(folder, "file"))
+        recording = TrafficRecording.read(Path(folder, "file"))
     assert recording.comments == ["robot: UR3"]
     assert recording.problems == []
     for number, port in enumerate(PORTS):
@@ -92,14 +92,14 @@ def test_wireshark_reports_no_errors(tmp_path):
 
 @pytest.mark.parametrize("client", ["fd00::2", "10.0.0.2", "fe80::1%eth0"])
 def test_ipv4_and_ipv6_addresses(tmp_path, client):
-    recorder = Recorder(tmp_path / "file")
+    recorder = TrafficRecorder(tmp_path / "file")
     recorder.connection(SocketAddress(client, 5000), SocketAddress("fd00::1", 29999)).data(True, b"power on\n")
     recorder.close()
-    assert Recording.read(tmp_path / "file").conversations[0].sent(from_server=False) == b"power on\n"
+    assert TrafficRecording.read(tmp_path / "file").conversations[0].sent(from_server=False) == b"power on\n"
 
 
 def test_a_reused_client_port_is_a_new_connection(tmp_path):
-    recorder = Recorder(tmp_path / "file")
+    recorder = TrafficRecorder(tmp_path / "file")
     for text, broken_off in ((b"first\n", False), (b"second\n", True), (b"third\n", False)):
         one = recorder.connection(*ends(29999))
         one.data(True, text)
@@ -109,15 +109,15 @@ def test_a_reused_client_port_is_a_new_connection(tmp_path):
             one.end(True)
             one.end(False)
     recorder.close()
-    sent = [one.sent(from_server=False) for one in Recording.read(tmp_path / "file").conversations]
+    sent = [one.sent(from_server=False) for one in TrafficRecording.read(tmp_path / "file").conversations]
     assert sent == [b"first\n", b"second\n", b"third\n"]
 
 
 def test_flushed_data_survives_without_close(tmp_path):
-    recorder = Recorder(tmp_path / "file")
+    recorder = TrafficRecorder(tmp_path / "file")
     recorder.connection(*ends(29999)).data(True, b"power on\n")
     recorder.flush()
-    recording = Recording.read(tmp_path / "file")
+    recording = TrafficRecording.read(tmp_path / "file")
     assert recording.conversations[0].sent(from_server=False) == b"power on\n"
     assert recording.problems == []
     recorder.close()
@@ -125,7 +125,7 @@ def test_flushed_data_survives_without_close(tmp_path):
 
 def test_a_full_disk_is_reported_once_and_leaves_complete_packets(tmp_path, monkeypatch):
     told: list[str] = []
-    recorder = Recorder(tmp_path / "file", problem=told.append)
+    recorder = TrafficRecorder(tmp_path / "file", problem=told.append)
     one = recorder.connection(*ends(29999))
     one.data(True, b"power on\n")
     recorder.flush()
@@ -136,7 +136,7 @@ def test_a_full_disk_is_reported_once_and_leaves_complete_packets(tmp_path, monk
     recorder.close()
     assert len(told) == 1
     assert told[0].endswith("No space left on device")
-    recording = Recording.read(tmp_path / "file")
+    recording = TrafficRecording.read(tmp_path / "file")
     assert recording.conversations[0].sent(from_server=False) == b"power on\n"
     assert recording.problems == []
 
@@ -158,7 +158,7 @@ def test_any_damage_is_reported_or_skipped(damage, place):
         data = path.read_bytes()
         path.write_bytes(data[:place] + damage + data[place + len(damage) :])
         with suppress(FileError):
-            Recording.read(path)
+            TrafficRecording.read(path)
 
 
 @pytest.mark.parametrize("command", ["replay-traffic", "compare"])
@@ -172,10 +172,10 @@ def test_garbage_is_a_one_line_error(tmp_path, command):
 
 
 def test_an_empty_recording(tmp_path):
-    Recorder(tmp_path / "file").close()
+    TrafficRecorder(tmp_path / "file").close()
     with pytest.raises(FileError, match="contains no connection to a port of a robot"):
-        Recording.read(tmp_path / "file")
+        TrafficRecording.read(tmp_path / "file")
     with pytest.raises(FileError, match="cannot be read: No such file"):
-        Recording.read(tmp_path / "missing")
+        TrafficRecording.read(tmp_path / "missing")
     with pytest.raises(FileError, match="cannot be written: No such file"):
-        Recorder(tmp_path / "missing" / "file")
+        TrafficRecorder(tmp_path / "missing" / "file")

@@ -18,7 +18,7 @@ from client.decoding.states import PRIMARY
 from client.errors import ClientError, FileError
 from client.traffic.dialogues import RequestLog, answer_modbus
 from client.traffic.players import Broadcast, PlaybackOptions, SequentialPlayer, TimedMessages
-from client.traffic.recording import Conversation, Piece, Recorder, Recording
+from client.traffic.recording import Conversation, Piece, TrafficRecorder, TrafficRecording
 from client.traffic.replay import ReplayRobot
 from client.traffic.rtde_log import Outputs
 from client.traffic.rtde_player import RTDELibrary
@@ -30,7 +30,7 @@ SPEED = 20.0
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory) -> Recording:
+def recording(tmp_path_factory) -> TrafficRecording:
     return recorded_robot(tmp_path_factory.mktemp("replay") / "file")
 
 
@@ -96,17 +96,17 @@ def test_impossible_speeds(recording, speed):
         asyncio.run(_make(recording, speed))
 
 
-async def _make(recording: Recording, speed: float) -> None:
+async def _make(recording: TrafficRecording, speed: float) -> None:
     ReplayRobot(recording, speed=speed)
 
 
 def test_a_recording_without_robot_ports_cannot_be_replayed(tmp_path):
-    recorder = Recorder(tmp_path / "file")
+    recorder = TrafficRecorder(tmp_path / "file")
     recorder.connection(*ends(50001)).data(True, b"hello")
     recorder.close()
 
     async def make() -> None:
-        ReplayRobot(Recording.read(tmp_path / "file"))
+        ReplayRobot(TrafficRecording.read(tmp_path / "file"))
 
     with pytest.raises(FileError, match="has no port of a robot to replay"):
         asyncio.run(make())

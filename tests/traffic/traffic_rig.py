@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from client.decoding.packets import SocketAddress
-from client.traffic.recording import Recorded, Recorder, Recording
+from client.traffic.recording import Recorded, TrafficRecorder, TrafficRecording
 from emulator.commands.requests import ScriptUnit
 from emulator.controller import Controller
 from emulator.machine import ControllerConfig
@@ -41,10 +41,10 @@ def recorded_robot(
     idle_s: float = 0.2,
     names: Any = NAMES,
     model: str = "ur3",
-) -> Recording:
+) -> TrafficRecording:
     """An RTDE client observes a robot executing a program, and sends a dashboard query."""
     clock = VirtualTime()
-    recorder = Recorder(path, ["robot: UR3", "PolyScope: 3.15.8.1"], now_ns=clock)
+    recorder = TrafficRecorder(path, ["robot: UR3", "PolyScope: 3.15.8.1"], now_ns=clock)
     controller = Controller(ControllerConfig(model=load_model(model), running=True))
     period_ns = round(controller.period_s * 1e9)
     client = recorder.connection(*ends(30004))
@@ -61,7 +61,7 @@ def recorded_robot(
         clock.ns += period_ns
         client.data(False, pack(controller.tick()))
     recorder.close()
-    return Recording.read(path)
+    return TrafficRecording.read(path)
 
 
 def _agree(client: Recorded, names: tuple[str, ...], version: Any) -> None:

@@ -37,7 +37,7 @@ class CalibrationError(URError, ValueError):
     """Not a calibration, or that of another arm. The message gives the reason."""
 
 
-class Frame(NamedTuple):
+class LinkFrame(NamedTuple):
     """Pose of a joint's frame in the previous frame at joint angle 0."""
 
     position: Vector3  # m
@@ -50,7 +50,7 @@ class Frame(NamedTuple):
         return (atan2(r[7], r[8]), atan2(-r[6], hypot(r[0], r[3])), atan2(r[3], r[0]))
 
 
-Chain = tuple[Frame, ...]
+Chain = tuple[LinkFrame, ...]
 """Six frames: joint 1 in the base, joint 2 in joint 1, and so on. The last one, rotated by its joint, is the flange."""
 
 
@@ -100,9 +100,9 @@ class Calibration:
 
     def check_model(self, model: RobotModel) -> None:
         """Raise CalibrationError if this cannot be the calibration of an arm of this model."""
-        for link, mine, nominal in zip(LINKS, chain_of(self.dh), chain_of(model.dh), strict=True):
-            apart = hypot(*(a - b for a, b in zip(mine.position, nominal.position, strict=True)))
-            turned = max(abs(a - b) for a, b in zip(mine.axes, nominal.axes, strict=True))
+        for link, own, nominal in zip(LINKS, chain_of(self.dh), chain_of(model.dh), strict=True):
+            apart = hypot(*(a - b for a, b in zip(own.position, nominal.position, strict=True)))
+            turned = max(abs(a - b) for a, b in zip(own.axes, nominal.axes, strict=True))
             if apart > _MAX_OFFSET_M or turned > _MAX_ROTATION_RAD:
                 raise CalibrationError(
                     f"this is not a calibration of {model.title}: its {link} is {apart * 1e3:.0f} mm and "
@@ -187,16 +187,16 @@ def _tilt(axes: Matrix3, sign: int) -> tuple[float, float, float]:
     return atan2(side * skew, axes[8]), before, atan2(side * axes[6], side * axes[7])
 
 
-def _along_axis(frame: Frame) -> float:
+def _along_axis(frame: LinkFrame) -> float:
     """Displacement of the frame along its own axis from the line y = z = 0 of the previous frame."""
     (_, y, z), axes = frame.position, frame.axes
     return (y * axes[5] + z * axes[8]) / (axes[5] * axes[5] + axes[8] * axes[8])
 
 
-def _frame(a: float, before: float, alpha: float, theta: float, d: float) -> Frame:
+def _frame(a: float, before: float, alpha: float, theta: float, d: float) -> LinkFrame:
     """Trans_x(a) Rot_z(before) Rot_x(alpha) Rot_z(theta) Trans_z(d)."""
     axes = _turn(before, alpha, theta)
-    return Frame((a + axes[2] * d, axes[5] * d, axes[8] * d), axes)
+    return LinkFrame((a + axes[2] * d, axes[5] * d, axes[8] * d), axes)
 
 
 def _turn(before: float, alpha: float, theta: float) -> Matrix3:
@@ -231,7 +231,7 @@ def _candidates(kinematics: Mapping[str, Any], where: str) -> list[DH]:
     rows = [_row(kinematics, link, where) for link in LINKS]
     found = []
     for order in (_about_fixed_axes, _about_moving_axes):
-        chain = tuple(Frame((x, y, z), order(*angles)) for x, y, z, *angles in rows)
+        chain = tuple(LinkFrame((x, y, z), order(*angles)) for x, y, z, *angles in rows)
         for second, third in product((1, -1), repeat=2):
             dh = dh_of(chain, (second, third))
             if _same(chain_of(dh), chain):
@@ -273,8 +273,8 @@ def _is_number(value: Any) -> bool:
 def _same(one: Chain, other: Chain) -> bool:
     return all(
         abs(a - b) < _TOLERANCE
-        for mine, its in zip(one, other, strict=True)
-        for a, b in zip((*mine.position, *mine.axes), (*its.position, *its.axes), strict=True)
+        for own, its in zip(one, other, strict=True)
+        for a, b in zip((*own.position, *own.axes), (*its.position, *its.axes), strict=True)
     )
 
 

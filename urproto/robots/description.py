@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from urproto.joints import JOINT_NAMES
-from urproto.robots.calibration import Chain, Frame, chain_of
+from urproto.robots.calibration import Chain, LinkFrame, chain_of
 from urproto.robots.meshes import PlacedMesh, mesh_file, placed_meshes
 from urproto.robots.model import DH, Link, RobotModel
 from urproto.robots.pose import Pose, matrix_to_rotvec, rpy_to_rotvec
@@ -105,7 +105,9 @@ def _fixed_link(root: Element, name: str) -> None:
     SubElement(root, "link", name=name)
 
 
-def _moving_joint(root: Element, model: RobotModel, i: int, parent: str, child: str, frame: Frame, prefix: str) -> None:
+def _moving_joint(
+    root: Element, model: RobotModel, i: int, parent: str, child: str, frame: LinkFrame, prefix: str
+) -> None:
     endless = i == 5 and model.wrist3_unlimited
     joint = SubElement(root, "joint", name=prefix + JOINT_NAMES[i], type="continuous" if endless else "revolute")
     _origin(joint, frame.position, frame.rpy)

@@ -19,7 +19,7 @@ from client.ros2.move_group.execution import Execution
 from client.ros2.move_group.monitor import Monitor
 from client.ros2.move_group.plans import PLANS
 from client.ros2.move_group.requests import PlanResult
-from client.ros2.move_group.services import SERVICES, RequestContext, Service, answer_request, set_response_code
+from client.ros2.move_group.services import SERVICES, PlanningService, RequestContext, answer_request, set_response_code
 from client.ros2.move_group.srdf import srdf
 from urproto.robots import RobotModel
 from urproto.robots.description import urdf
@@ -105,7 +105,7 @@ class MoveGroupNode:
         response.success = self._apply_message("apply_planning_scene", request.scene)
         return response
 
-    def _handler(self, row: Service) -> Callable[[Any, Any], Any]:
+    def _handler(self, row: PlanningService) -> Callable[[Any, Any], Any]:
         def handle(request: Any, response: Any) -> Any:
             try:
                 _, reason = answer_request(row, self._host.do(self._context), request, response)
@@ -118,7 +118,7 @@ class MoveGroupNode:
 
         return handle
 
-    def _planner(self, row: Service) -> Callable[[Any, Any], Any]:
+    def _planner(self, row: PlanningService) -> Callable[[Any, Any], Any]:
         async def handle(request: Any, response: Any) -> Any:
             try:
                 now = self._host.do(self._context)
@@ -135,7 +135,7 @@ class MoveGroupNode:
 
         return handle
 
-    def _refuse(self, row: Service, response: Any, error: RefusedError) -> None:
+    def _refuse(self, row: PlanningService, response: Any, error: RefusedError) -> None:
         self._log_error(row.name, error)
         set_response_code(response, error.code, str(error))
 

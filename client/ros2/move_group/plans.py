@@ -14,7 +14,7 @@ from client.ros2.move_group.requests import (
     refusal,
     scaling,
 )
-from client.ros2.move_group.services import RequestContext, Service
+from client.ros2.move_group.services import PlanningService, RequestContext
 from urproto.robots import Joints
 from urproto.robots.pose import Pose, pose_trans
 
@@ -97,7 +97,7 @@ def _from_pose_to_pose(now: RequestContext, request: Any, start: Joints, link_of
 
 
 PLANS: Final = (
-    Service("plan_kinematic_path", "moveit_msgs/srv/GetMotionPlan", plan_kinematic_path),
-    Service("plan_sequence_path", "moveit_msgs/srv/GetMotionSequence", plan_sequence_path),
-    Service("compute_cartesian_path", "moveit_msgs/srv/GetCartesianPath", compute_cartesian_path),
+    PlanningService("plan_kinematic_path", "moveit_msgs/srv/GetMotionPlan", plan_kinematic_path),
+    PlanningService("plan_sequence_path", "moveit_msgs/srv/GetMotionSequence", plan_sequence_path),
+    PlanningService("compute_cartesian_path", "moveit_msgs/srv/GetCartesianPath", compute_cartesian_path),
 )

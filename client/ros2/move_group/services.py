@@ -157,7 +157,7 @@ def get_urdf(now: RequestContext, request: Any, response: Any) -> None:
 
 
 @dataclass(frozen=True)
-class Service:
+class PlanningService:
     """A service. answer: fills the response, and returns the plan if it made one."""
 
     name: str
@@ -166,18 +166,20 @@ class Service:
 
 
 SERVICES: Final = (
-    Service("compute_ik", "moveit_msgs/srv/GetPositionIK", compute_ik),
-    Service("compute_fk", "moveit_msgs/srv/GetPositionFK", compute_fk),
-    Service("check_state_validity", "moveit_msgs/srv/GetStateValidity", check_state_validity),
-    Service("check_multi_state_validity", "moveit_msgs/srv/GetMultiStateValidity", check_multi_state_validity),
-    Service("get_planning_scene", "moveit_msgs/srv/GetPlanningScene", get_planning_scene),
-    Service("get_urdf", "moveit_msgs/srv/GetGroupUrdf", get_urdf),
-    Service("query_planner_interface", "moveit_msgs/srv/QueryPlannerInterfaces", query_planner_interface),
+    PlanningService("compute_ik", "moveit_msgs/srv/GetPositionIK", compute_ik),
+    PlanningService("compute_fk", "moveit_msgs/srv/GetPositionFK", compute_fk),
+    PlanningService("check_state_validity", "moveit_msgs/srv/GetStateValidity", check_state_validity),
+    PlanningService("check_multi_state_validity", "moveit_msgs/srv/GetMultiStateValidity", check_multi_state_validity),
+    PlanningService("get_planning_scene", "moveit_msgs/srv/GetPlanningScene", get_planning_scene),
+    PlanningService("get_urdf", "moveit_msgs/srv/GetGroupUrdf", get_urdf),
+    PlanningService("query_planner_interface", "moveit_msgs/srv/QueryPlannerInterfaces", query_planner_interface),
 )
 """The services that neither change nor move anything."""
 
 
-def answer_request(row: Service, now: RequestContext, request: Any, response: Any) -> tuple[PlanResult | None, str]:
+def answer_request(
+    row: PlanningService, now: RequestContext, request: Any, response: Any
+) -> tuple[PlanResult | None, str]:
     """Fill a response and its code, if it has one; return the plan, if any, and the reason for a failure."""
     code, reason, plan = "SUCCESS", "", None
     try:

@@ -22,7 +22,7 @@ def srdf(arm: Arm) -> str:
     scene = SceneState(arm)
     for one, other in combinations(arm.collision_links, 2):
         if scene.never_checked(one, other):
-            beside = arm.collision_links.index(other) - arm.collision_links.index(one) == 1
-            SubElement(root, "disable_collisions", link1=one, link2=other, reason="Adjacent" if beside else "Never")
+            adjacent = arm.collision_links.index(other) - arm.collision_links.index(one) == 1
+            SubElement(root, "disable_collisions", link1=one, link2=other, reason="Adjacent" if adjacent else "Never")
     indent(root)
     return f'<?xml version="1.0"?>\n{tostring(root, encoding="unicode")}\n'

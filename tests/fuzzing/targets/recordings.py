@@ -14,7 +14,7 @@ from client.errors import ClientError
 from client.recording import Recorder
 from client.recording.files import read as read_recording
 from client.recording.recorded_pictures import read_pictures
-from client.traffic.recording import Recording as Traffic
+from client.traffic.recording import TrafficRecording
 from targets.registry import file, folder, target
 from urproto.cameras import CameraDescription
 from urproto.rtde import codec as rtde_codec
@@ -88,4 +88,4 @@ def captures(data: bytes) -> None:
     for _ in session.end():
         pass
     with suppress(ClientError):
-        Traffic.read(file("any.pcapng", data))
+        TrafficRecording.read(file("any.pcapng", data))
