@@ -1,6 +1,6 @@
 """The planning scene of a pendant's robot: the arm, with the obstacles of a world file or of an emulator's world.
 
-The planning libraries are loaded when a scene is first requested, in a thread: a pendant that nobody uses for planning
+The planning libraries are loaded when a scene is first requested, in a thread: a pendant that is not used for planning
 does without them.
 """
 

@@ -1,8 +1,8 @@
 """A real browser on a separate pendant, which is connected to a separate emulator.
 
-One emulator and one pendant serve all tests of a worker, one browser those of a module; each test has a page of its
-own, and finds the robot as it leaves ``Rig.reset``. Who opens a second page has a second browser for it. What a test
-that failed has left behind, in the robot, in the pendant or in their files, nobody finds: the next test has new ones.
+One emulator and one pendant serve all tests of a worker, one browser those of a module; each test has its own
+page, and finds the robot as ``Rig.reset`` leaves it. A second page of a test has a second browser. After a failed test,
+robot, pendant and their files are replaced, so that the next test does not find what the failed one left behind.
 """
 
 import math

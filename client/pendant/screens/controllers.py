@@ -70,7 +70,7 @@ class _List:
                 if claims := controller.get("claimed_interfaces"):
                     ui.label(f"claims {in_short(claims)}").classes("controllers-type").tooltip("\n".join(claims))
             ui.label(state).classes("chip").props(f"data-state={'good' if state == 'active' else 'off'}")
-            with ui.element("div").classes("controllers-deeds"):
+            with ui.element("div").classes("controllers-actions"):
                 for title, icon, request in _ACTIONS.get(state, ()):
                     button = ui.button(title, icon=icon, color=None, on_click=self._action(name, state, request))
                     button.props(f'no-caps dense unelevated aria-label="{title} {name}"')
