@@ -68,6 +68,8 @@ def test_invalid_versions(text: str) -> None:
         ("ur5e", "11.0", "emulated from 10.7 to 10.13"),
         ("ur15", "10.7.0", "UR15 requires PolyScope X 10.8 or later"),
         ("ur7e", "10.8", "UR7e requires PolyScope X 10.9 or later"),
+        ("ur18", "10.10.0", "UR18 requires PolyScope X 10.11 or later"),
+        ("ur8long", "10.9", "UR8 Long requires PolyScope X 10.11 or later"),
         ("ur5", "10.12", r"\(CB3\) requires PolyScope 3.0 to 3.15"),
     ],
 )
