@@ -110,22 +110,22 @@ async def test_shells_without_ros_talk_to_the_same_manager(lab: Lab) -> None:
     """What one side loads, sets and switches, the other has too."""
     get, second = "rcl_interfaces/srv/GetParameters", "second_controller"
     async with RemoteManager(HOST, lab.robot.ports["rtde"]) as shell:
-        assert {one["name"]: one["state"] for one in await shell.ask("list_controllers")} == await states(lab)
-        await shell.ask("set_parameters", name=SCALED, parameters={"constraints.goal_time": 0.75})
+        assert {one["name"]: one["state"] for one in await shell.request("list_controllers")} == await states(lab)
+        await shell.request("set_parameters", name=SCALED, parameters={"constraints.goal_time": 0.75})
         answer = await lab.peer.call(f"/{SCALED}/get_parameters", get, names=["constraints.goal_time"])
         assert answer["values"][0]["double_value"] == 0.75
-        await shell.ask("set_parameters", name=SCALED, parameters={"constraints.goal_time": 0.0})
+        await shell.request("set_parameters", name=SCALED, parameters={"constraints.goal_time": 0.0})
         kind = "velocity_controllers/JointGroupVelocityController"
-        await shell.ask("load_controller", name=second, type=kind, parameters={"joints": list(JOINT_NAMES)})
+        await shell.request("load_controller", name=second, type=kind, parameters={"joints": list(JOINT_NAMES)})
         answer = await lab.peer.call(f"/{second}/get_parameters", get, names=["joints"])  # it has a node
         assert answer["values"][0]["string_array_value"] == list(JOINT_NAMES)
-        await shell.ask("configure_controller", name=second)
-        await shell.ask("switch_controller", activate=[second], deactivate=[SCALED])
+        await shell.request("configure_controller", name=second)
+        await shell.request("switch_controller", activate=[second], deactivate=[SCALED])
         assert ((await states(lab))[second], (await states(lab))[SCALED]) == ("active", "inactive")
-        await shell.ask("switch_controller", activate=[SCALED], deactivate=[second])
-        await shell.ask("unload_controller", name=second)
+        await shell.request("switch_controller", activate=[SCALED], deactivate=[second])
+        await shell.request("unload_controller", name=second)
         assert second not in await states(lab)
-        (component,) = await shell.ask("list_hardware_components")
+        (component,) = await shell.request("list_hardware_components")
         assert (component["name"], component["state"]) == ("ur5e", "active")
 
 
