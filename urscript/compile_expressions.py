@@ -180,7 +180,7 @@ class ExpressionCompiler:
         self.recursive = recursive
         self.stored_globals: set[str] = set()
         self.size = 0  # expressions compiled so far
-        self.ahead: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
+        self.hoisted: dict[int, tuple[int, ast.expr]] = {}  # runs of values compiled in advance, by the first one's id
         self._kinds: dict[int, KindSet] = {}  # of arithmetic already compiled, by the node's id
         # Functions, not bound methods: those would form a reference cycle, which keeps the whole tree alive until the
         # garbage collector runs.
@@ -201,8 +201,8 @@ class ExpressionCompiler:
 
     def expression(self, node: Expression) -> ast.expr:
         """The Python code for the value of an expression."""
-        if id(node) in self.ahead:
-            return self.ahead[id(node)][1]
+        if id(node) in self.hoisted:
+            return self.hoisted[id(node)][1]
         self.size += 1
         return self._handlers[node.__class__](self, node, place_of(node))
 
@@ -211,7 +211,7 @@ class ExpressionCompiler:
         code: list[ast.expr] = []
         at = 0
         while at < len(nodes):
-            together = self.ahead.get(id(nodes[at]))
+            together = self.hoisted.get(id(nodes[at]))
             code.append(self.expression(nodes[at]))
             at += together[0] if together else 1
         return code

@@ -3,7 +3,7 @@
 Compiling works in steps (`urscript.work`), but Python compiles a function without interruption. Therefore, a long body
 is divided: a group of statements large enough for one Python function becomes a separate function, a *piece*, and a
 call of the piece takes its place. A piece shares the variables of the body, which are global or items of ``_locals``.
-Its exits (return, break, continue) are passed to the caller as return values: see `_Way`. Long parts of an expression
+Its exits (return, break, continue) are passed to the caller as return values: see `_Exit`. Long parts of an expression
 become pieces, too.
 """
 
@@ -151,7 +151,7 @@ def _boxed_locals(compiler: ExpressionCompiler, place: Place, lends: bool) -> as
     return assign("_locals", call("_Locals", place, constant(names, place), arguments), place)
 
 
-_Way: TypeAlias = ast.Return | ast.If
+_Exit: TypeAlias = ast.Return | ast.If
 """An exit of some code: a ``return``, or an ``if`` whose body is a ``break`` or ``continue``.
 
 In a piece, they become ``return (value,)``, ``return True`` and ``return False``; a piece that runs to its end returns
@@ -161,12 +161,12 @@ None.
 
 @dataclass(slots=True)
 class _Part:
-    """Code that may become a piece. ways: its exits, in their order."""
+    """Code that may become a piece. exits: its exits, in their order."""
 
     code: list[ast.stmt] = field(default_factory=list)
     size: int = 0
     stored_globals: set[str] = field(default_factory=set)
-    ways: list[_Way] = field(default_factory=list)
+    exits: list[_Exit] = field(default_factory=list)
     place: Place | None = None
 
 
@@ -192,8 +192,8 @@ class _BodyCompiler(ExpressionCompiler):
             *([] if lasting else ["_pieces"]),
             *(["_depth"] if recursive else []),
         ]
-        self._ways: list[_Way] = []  # exits of the code being compiled, like `stored_globals`
-        self._elsewhere = 0  # the part of the size that is in pieces
+        self._exits: list[_Exit] = []  # exits of the code being compiled, like `stored_globals`
+        self._size_in_pieces = 0  # the part of the size that is in pieces
         self._counted = 0  # the part of the size whose work has been yielded
         self._charged = charged  # a generator, so that it can park
         self._divided = divided
@@ -209,7 +209,7 @@ class _BodyCompiler(ExpressionCompiler):
     @property
     def inline(self) -> int:
         """Size of the code that is not in pieces."""
-        return self.size - self._elsewhere
+        return self.size - self._size_in_pieces
 
     def piece_name(self, number: int) -> str:
         return piece_name(self._symbol, number)
@@ -262,26 +262,26 @@ class _BodyCompiler(ExpressionCompiler):
         When the body is divided, statements move into a piece as soon as there are enough for one, and so do the calls
         of pieces.
         """
-        outer, outer_ways = self.stored_globals, self._ways
+        outer, outer_exits = self.stored_globals, self._exits
         levels = [_Part()]  # statements, calls of pieces, calls of pieces of such, ...
         for run, work in _runs(statements, extra):
             levels[0].code += charge(work, place_of(run[0]), park=True)
             for statement in run:
                 part, before = levels[0], self.inline
                 part.place = part.place or place_of(statement)
-                self.stored_globals, self._ways = part.stored_globals, part.ways
+                self.stored_globals, self._exits = part.stored_globals, part.exits
                 part.code += yield from self._plain([statement])
                 part.size += self.inline - before
                 if self._divided:
                     self._move(levels, _PIECE)
         if self._divided:
             self._move(levels, _REST)
-        self.stored_globals, self._ways = outer, outer_ways
+        self.stored_globals, self._exits = outer, outer_exits
         code: list[ast.stmt] = []
         for part in reversed(levels):
             code += part.code
             outer |= part.stored_globals
-            outer_ways += part.ways
+            outer_exits += part.exits
         return code
 
     def _move(self, levels: list[_Part], enough: int) -> None:
@@ -297,39 +297,39 @@ class _BodyCompiler(ExpressionCompiler):
             above, run = levels[level + 1], self._called(part, part.place)
             above.place = above.place or part.place
             above.code += run.code
-            above.ways += run.ways
+            above.exits += run.exits
             above.size += run.size
             levels[level] = _Part()
 
     def _called(self, part: _Part, place: Place) -> _Part:
         """Move code into a piece; return the code that calls it and passes on its exits, and that stores no globals."""
-        ways, before = part.ways, self.inline - part.size
-        words = {way.body[0].__class__ for way in ways if isinstance(way, ast.If)}
-        for way in ways:
-            if isinstance(way, ast.If):
-                way.body[0] = ast.Return(constant(isinstance(way.body[0], ast.Break), place), **place)
+        exits, before = part.exits, self.inline - part.size
+        words = {exit_.body[0].__class__ for exit_ in exits if isinstance(exit_, ast.If)}
+        for exit_ in exits:
+            if isinstance(exit_, ast.If):
+                exit_.body[0] = ast.Return(constant(isinstance(exit_.body[0], ast.Break), place), **place)
             else:
-                way.value = ast.Tuple([way.value or constant(None, place)], LOAD, **place)
+                exit_.value = ast.Tuple([exit_.value or constant(None, place)], LOAD, **place)
         run = self._run_piece(part.code, part.size, part.stored_globals, place)
-        if not ways:
+        if not exits:
             return _Part([ast.Expr(value=run, **place)], self.inline - before, place=place)
-        code: list[ast.stmt] = [assign("_way", run, place)]
-        left: list[_Way] = []
+        code: list[ast.stmt] = [assign("_exit", run, place)]
+        left: list[_Exit] = []
         for word, value in ((ast.Break, True), (ast.Continue, False)):
             if word in words:
-                way_on = self._way_if(ast.Is(), value, word(**place), place)
-                code.append(way_on)
-                left.append(way_on)
-        if any(isinstance(way, ast.Return) for way in ways):
-            back = ast.Return(subscript(load("_way", place), 0, place), **place)
-            code.append(self._way_if(ast.IsNot(), None, back, place))
+                passed_on = self._exit_if(ast.Is(), value, word(**place), place)
+                code.append(passed_on)
+                left.append(passed_on)
+        if any(isinstance(exit_, ast.Return) for exit_ in exits):
+            back = ast.Return(subscript(load("_exit", place), 0, place), **place)
+            code.append(self._exit_if(ast.IsNot(), None, back, place))
             left.append(back)
         self.size += len(code)
-        return _Part(code, self.inline - before, ways=left, place=place)
+        return _Part(code, self.inline - before, exits=left, place=place)
 
-    def _way_if(self, test: ast.cmpop, value: bool | None, then: ast.stmt, place: Place) -> ast.If:
-        """``if _way is value: then``"""
-        compared = ast.Compare(left=load("_way", place), ops=[test], comparators=[constant(value, place)], **place)
+    def _exit_if(self, test: ast.cmpop, value: bool | None, then: ast.stmt, place: Place) -> ast.If:
+        """``if _exit is value: then``"""
+        compared = ast.Compare(left=load("_exit", place), ops=[test], comparators=[constant(value, place)], **place)
         return ast.If(test=compared, body=[then], orelse=[], **place)
 
     def _run_piece(self, code: list[ast.stmt], size: int, stored_globals: set[str], place: Place) -> ast.expr:
@@ -340,7 +340,7 @@ class _BodyCompiler(ExpressionCompiler):
         if stored_globals:
             code.insert(0, ast.Global(names=sorted(stored_globals), **place))
         self.pieces.append(PythonFunction(function(name, self._shared, code, place), size))
-        self._elsewhere += size
+        self._size_in_pieces += size
         self.size += 1
         piece = load(name, place) if self._lasting else subscript(load("_pieces", place), number, place)
         return yield_from(ast.Call(piece, [load(shared, place) for shared in self._shared], [], **place), place)
@@ -372,15 +372,15 @@ class _BodyCompiler(ExpressionCompiler):
         for number, part in enumerate(row, 1):
             enough += yield from self._divide(part)
             if enough >= _PIECE // 2 and len(row) >= _ROW:
-                yield from self._ahead(row[start:number])
+                yield from self._hoist(row[start:number])
                 size, start, enough = size + 1, number, 0
         size += enough
         if size < _PIECE:
             return size
-        yield from self._ahead([node])
+        yield from self._hoist([node])
         return 1
 
-    def _ahead(self, nodes: list[Expression]) -> Steps[None]:
+    def _hoist(self, nodes: list[Expression]) -> Steps[None]:
         """Move an expression, or a run of values, into a piece."""
         outer, self.stored_globals = self.stored_globals, set[str]()
         place, before = place_of(nodes[0]), self.inline
@@ -390,7 +390,7 @@ class _BodyCompiler(ExpressionCompiler):
         code: list[ast.stmt] = [ast.Return(value=returned, **place)]
         run = self._run_piece(code, self.inline - before, self.stored_globals, place)
         self.stored_globals = outer
-        self.ahead[id(nodes[0])] = (len(nodes), run if alone else ast.Starred(value=run, ctx=LOAD, **place))
+        self.hoisted[id(nodes[0])] = (len(nodes), run if alone else ast.Starred(value=run, ctx=LOAD, **place))
         yield from self._count()
 
     def _step(self, place: Place) -> ast.expr:
@@ -457,11 +457,11 @@ class _BodyCompiler(ExpressionCompiler):
     def _if(self, node: If, place: Place) -> Steps[list[ast.stmt]]:
         """Compile an if. In a long chain of branches, the last become a piece, then those before them, and so on."""
         heavy = _is_heavy(node)
-        outer, outer_ways = self.stored_globals, self._ways
+        outer, outer_exits = self.stored_globals, self._exits
         branches: list[tuple[ast.expr, _Part]] = []
         for condition, statements in [*node.branches, (None, node.otherwise)]:
             part, before = _Part(), self.inline
-            self.stored_globals, self._ways = part.stored_globals, part.ways
+            self.stored_globals, self._exits = part.stored_globals, part.exits
             if condition is not None:
                 if self._divided and node.cost > _PIECE:
                     yield from self._divide(condition)
@@ -469,7 +469,7 @@ class _BodyCompiler(ExpressionCompiler):
                 part.place = place_of(condition)
             part.code = yield from self._inner(statements, heavy)
             part.size = self.inline - before
-        self.stored_globals, self._ways = outer, outer_ways
+        self.stored_globals, self._exits = outer, outer_exits
         rest = part  # of the else
         for (test, part), (source, _) in zip(reversed(branches), reversed(node.branches), strict=True):
             at = place_of(source)
@@ -477,10 +477,10 @@ class _BodyCompiler(ExpressionCompiler):
                 rest = self._called(rest, rest.place)
             branch = ast.If(test=test, body=part.code or [ast.Pass(**at)], orelse=rest.code, **at)
             stored = part.stored_globals | rest.stored_globals
-            rest = _Part([branch], part.size + rest.size, stored, part.ways + rest.ways, at)
+            rest = _Part([branch], part.size + rest.size, stored, part.exits + rest.exits, at)
             yield _BRANCH_WORK
         self.stored_globals |= rest.stored_globals
-        self._ways += rest.ways
+        self._exits += rest.exits
         return rest.code
 
     def _while(self, node: While, place: Place) -> Steps[list[ast.stmt]]:
@@ -490,24 +490,24 @@ class _BodyCompiler(ExpressionCompiler):
         if self.unit.stepped:  # before each pass; _step returns None
             passed = ast.UnaryOp(op=ast.Not(), operand=self._step(place), **place)
             test = ast.BoolOp(op=ast.And(), values=[passed, test], **place)
-        outer, self._ways = self._ways, []
+        outer, self._exits = self._exits, []
         body = (yield from self._metered(node.body, _LOOP_COST)) or charge(_LOOP_COST, place, park=True)
-        outer += [way for way in self._ways if isinstance(way, ast.Return)]
-        self._ways = outer
+        outer += [exit_ for exit_ in self._exits if isinstance(exit_, ast.Return)]
+        self._exits = outer
         return [ast.While(test=test, body=body, orelse=[], **place)]
 
     def _return(self, node: Return, place: Place) -> list[ast.stmt]:
         back = ast.Return(value=None if node.value is None else self.expression(node.value), **place)
-        self._ways.append(back)
+        self._exits.append(back)
         return [back]
 
     def _word(self, node: Word, place: Place) -> list[ast.stmt]:
         match node.word:
             case "break" | "continue":
                 leave = ast.Break(**place) if node.word == "break" else ast.Continue(**place)
-                way = ast.If(test=constant(True, place), body=[leave], orelse=[], **place)  # Python drops the test
-                self._ways.append(way)
-                return [way]
+                exit_ = ast.If(test=constant(True, place), body=[leave], orelse=[], **place)  # Python drops the test
+                self._exits.append(exit_)
+                return [exit_]
             case "halt":
                 return [ast.Raise(exc=load("_Halt", place), cause=None, **place)]
             case _:
