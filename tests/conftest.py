@@ -7,6 +7,7 @@ time down. A test that cannot is marked ``flaky(reruns=...)`` with the reason.
 import logging
 import os
 import shutil
+import signal
 import tempfile
 from collections.abc import Iterator
 
@@ -30,6 +31,8 @@ RUNTIME: list[str] = []  # the runtime folder, so that tests find only their own
 def pytest_configure(config: pytest.Config) -> None:
     RUNTIME.append(tempfile.mkdtemp(prefix="ur"))  # short, as the paths of Unix sockets have to be
     os.environ["XDG_RUNTIME_DIR"] = RUNTIME[0]
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background, which processes inherit
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, "maxschedchunk", CHUNK) is None:
         config.option.maxschedchunk = CHUNK
 

@@ -108,7 +108,7 @@ def save_as(page: Page, name: str) -> None:
     expect(page.get_by_test_id("program-title")).to_have_text(f"{name}.urp")
 
 
-def drive(host: str, goal: tuple[float, ...], listening: Event) -> TrajectoryResult:
+def drive(host: str, goal: tuple[float, ...], listening: Event, arrived: Event) -> TrajectoryResult:
     """A driver that waits until its External Control node is played, moves the arm, and stays until that ends."""
 
     async def run() -> TrajectoryResult:
@@ -116,6 +116,7 @@ def drive(host: str, goal: tuple[float, ...], listening: Event) -> TrajectoryRes
             listening.set()
             await driver.wait_for_program(60.0)
             result = await driver.execute([points.movej(goal)])
+            arrived.set()
             while driver.program_running:  # a program that loops requests its code again
                 await driver.next_state()
             return result
@@ -125,9 +126,9 @@ def drive(host: str, goal: tuple[float, ...], listening: Event) -> TrajectoryRes
 
 def external_control_program(page: Page, rig: Rig) -> None:
     """Create a program with an External Control node, set its host, save and play it: a driver moves the arm."""
-    goal, listening = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1), Event()
+    goal, listening, arrived = (0.2, -1.4, 1.5, -1.7, -1.5, 0.1), Event(), Event()
     with ThreadPoolExecutor(1) as pool:  # Playwright uses the event loop of this thread
-        driver = pool.submit(drive, rig.host, goal, listening)
+        driver = pool.submit(drive, rig.host, goal, listening, arrived)
         assert listening.wait(30.0)
         new_program(page)
         select(page, "Robot Program")
@@ -143,6 +144,7 @@ def external_control_program(page: Page, rig: Rig) -> None:
         page.get_by_test_id("program-play").click()
         expect(row(page, "Control by")).to_have_class(re.compile("is-running"))
         eventually(lambda: rig.state("actual_q") == pytest.approx(goal, abs=1e-3))
+        assert arrived.wait(30.0)  # the control program reports the result a moment after the arm is there
         page.get_by_test_id("stop").click()
         assert driver.result(60.0) is TrajectoryResult.SUCCESS
 

@@ -8,7 +8,7 @@ import numpy as np
 from client.cameras import Shot
 from client.decoding.capture import head_of_capture, packet_block
 from client.decoding.codecs import ConnectionFrames
-from client.decoding.packets import Endpoint
+from client.decoding.packets import SocketAddress
 from client.decoding.session import Choice, DecodingSession
 from client.errors import ClientError
 from client.recording import Recorder
@@ -69,13 +69,13 @@ def npz(data: bytes) -> None:
 
 
 def _captures() -> Iterator[bytes]:
-    ends = Endpoint("10.0.0.2", 45678), Endpoint("10.0.0.1", 30004)
+    ends = SocketAddress("10.0.0.2", 45678), SocketAddress("10.0.0.1", 30004)
     frames = ConnectionFrames(*ends, 1)
     start = rtde_codec.RequestProtocol(2).encode(1)
     parts = [*frames.open(), *frames.data(True, start), *frames.data(False, rtde_codec.ProtocolReply(True).encode(1))]
     yield head_of_capture("fuzz", "lo", ["a comment"]) + b"".join(packet_block(10**18, part) for part in parts)
     for port in (29999, 30001, 30003, 502, 50001, 63352):
-        frames = ConnectionFrames(ends[0], Endpoint("10.0.0.1", port), 1)
+        frames = ConnectionFrames(ends[0], SocketAddress("10.0.0.1", port), 1)
         parts = [*frames.open(), *frames.data(True, b"load a\n"), *frames.data(False, b"\0\0\0\5\x14")]
         yield head_of_capture("fuzz", "lo") + b"".join(packet_block(10**18, part) for part in parts)
 
