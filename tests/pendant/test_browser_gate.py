@@ -92,9 +92,10 @@ def test_page_reconnects_after_pendant_restart(rig: Rig, browser: Browser) -> No
     try:
         page = context.new_page()
         with pendant(rig.host, *options) as first:
-            page.goto(f"http://{rig.host}:6082/move")
+            # A page that has not connected yet cannot lose its connection: values come after the handshake.
+            with page.expect_event("websocket", lambda socket: "/live/" in socket.url):
+                page.goto(f"http://{rig.host}:6082/move")
             expect(page.get_by_test_id("angle-0")).not_to_have_text("\N{EN DASH}")
-            page.wait_for_function("window.did_handshake")  # a page that has not connected yet cannot be lost
             first.kill()
             expect(page.get_by_text("Connection lost")).to_be_visible()
         with pendant(rig.host, *options):
