@@ -455,9 +455,8 @@ class ExpressionCompiler:
                 self.unit.warnings.append(CallWarning(message, argument.line, argument.column))
             arguments = self.values(node.arguments)
             checked = not builtin.plain or not all(map(self._is_accepted, builtin.parameters, bound))
-            for value, parameter in zip(
-                bound[len(node.arguments) :], builtin.parameters[len(node.arguments) :], strict=True
-            ):
+            given = len(node.arguments)
+            for value, parameter in zip(bound[given:], builtin.parameters[given:], strict=True):
                 if value is not None:
                     arguments.append(self.expression(value))
                 else:

@@ -11,6 +11,8 @@ LIBRARY = Library("lists")
 
 
 def _length(name: str, value: Value) -> int:
+    if isinstance(value, list):
+        return len(value)
     if isinstance(value, str):
         charge(len(value) // 16)
         return len(to_bytes(value))
@@ -22,13 +24,13 @@ def _length(name: str, value: Value) -> int:
 @LIBRARY.builtin()
 def get_list_length(v: Any_) -> int:
     """Number of elements of a list or pose, bytes of a string, rows of a matrix."""
-    return len(v) if isinstance(v, list) else _length("get_list_length", v)
+    return _length("get_list_length", v)
 
 
 @LIBRARY.builtin()
 def length(v: Any_) -> int:
     """Number of elements of a list or pose, bytes of a string, rows of a matrix."""
-    return len(v) if isinstance(v, list) else _length("length", v)
+    return _length("length", v)
 
 
 @LIBRARY.builtin(cb3=None, e="5.15", note="the first version is a guess")

@@ -71,7 +71,7 @@ def str_find(src: Str, target: Str, start_from: Int = 0) -> int:
 @LIBRARY.builtin(cb3="3.8", e="5.2")
 def str_len(str_: Str) -> int:
     """Number of bytes of a string."""
-    return len(str_) if str_.isascii() else _length(str_)
+    return _length(str_)
 
 
 @LIBRARY.builtin(cb3="3.8", e="5.2", aliases={"length": "len"})
