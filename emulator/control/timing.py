@@ -179,5 +179,8 @@ class TimeVerbs(Verbs):
             if paused:
                 self._pace.pause()
         if not holds(self.controller.snapshot):
-            raise NotPossible(f"{condition!r} did not become true within {timeout_s:g} s of robot time")
+            raise NotPossible(
+                f"{condition!r} did not become true within {timeout_s:g} s of robot time; "
+                "check the condition, or wait longer (timeout_s)"
+            )
         return self.controller.time_s

@@ -40,7 +40,8 @@ def test_a_slow_client_of_the_robot_does_not_slow_the_cell(cell: Cell, ur_emulat
     for sleeper in sleepers:
         sleeper.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     ur_emulator.set_speed(10)
-    ur_emulator.run_until(f"timestamp > {ur_emulator.time()['time_s'] + 60}")  # 9 MB that nobody reads
+    later = ur_emulator.time()["time_s"] + 60
+    ur_emulator.run_until(f"timestamp >= {later}", timeout_s=120)  # 9 MB that nobody reads
     ur_emulator.set_speed(1)
     now = ur_emulator.state(["timestamp"])["timestamp"]
     wait_until(lambda: cell.receive.getTimestamp() >= now)
