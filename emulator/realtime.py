@@ -9,6 +9,7 @@ import ctypes
 import gc
 import logging
 import os
+import re
 import sys
 import time
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ _CHECK_EVERY_S: Final = 0.5  # interval between checks of the load
 _TOO_MUCH: Final = 0.75  # of a core: more would leave too little for other programs on it (guess)
 _CALM: Final = 0.5  # of a core (guess)
 _CALM_FOR_S: Final = 10.0  # before the priority is claimed again (guess)
+_MAPPING: Final = re.compile(r"[0-9a-f]+-[0-9a-f]+ ")  # in /proc/self/smaps
+_UNWRITTEN_FILE: Final = re.compile(r"([0-9a-f]+)-([0-9a-f]+) r-[-x]p \S+ \S+ \d+ +/")  # read only, private
 _HOW: Final = (
     "permit it to the user (/etc/security/limits.d: '@realtime - rtprio 99' and '@realtime - memlock unlimited', in a "
     "container --cap-add SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1), or use --realtime auto"
@@ -56,6 +59,8 @@ def claim_real_time(wanted: RealTime = RealTime.AUTO) -> list[str]:
         return []
     _set_timer_slack()
     _reserve_descriptors()
+    if wanted is not RealTime.ON:  # which loads every page
+        _return_code_of_startup()
     if wanted is RealTime.OFF:
         return []
     granted = {"SCHED_FIFO": _take_priority(), "memory locked": _lock_memory(everything=wanted is RealTime.ON)}
@@ -103,6 +108,25 @@ def _lock_memory(*, everything: bool) -> bool:
         return bool(ctypes.CDLL(None).mlockall(_CURRENT | _FUTURE | (0 if everything else _ON_FAULT)) == 0)
     except (OSError, AttributeError):
         return False
+
+
+def _return_code_of_startup() -> None:
+    """Unmap the pages of libraries that this process has not changed; those that are used again are mapped again.
+
+    Most of them were used once, while the library was loaded: symbols, relocations, the registration of thousands of
+    functions with Python. Without this they count as this process's memory, and would be locked with the rest.
+    """
+    do_not_need = 4  # MADV_DONTNEED of madvise(2)
+    with contextlib.suppress(OSError, AttributeError), open("/proc/self/smaps", encoding="utf-8") as lines:
+        madvise = ctypes.CDLL(None).madvise
+        madvise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
+        mapping: re.Match[str] | None = None
+        for line in lines:  # for each mapping a line with addresses, permissions and file, then its figures
+            if _MAPPING.match(line):
+                mapping = _UNWRITTEN_FILE.match(line)
+            elif mapping and line.startswith("Anonymous:") and line.split()[1] == "0":  # no page was changed
+                begin, end = (int(address, 16) for address in mapping.groups())
+                madvise(begin, end - begin, do_not_need)
 
 
 def _set_timer_slack() -> None:

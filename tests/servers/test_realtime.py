@@ -50,25 +50,54 @@ print(*(line.split()[1] for line in open("/proc/self/status") if line.startswith
     assert int(printed.stdout) >= 600
 
 
+def test_library_pages_used_only_while_loading_are_returned() -> None:
+    code = """
+import emulator.serve
+from emulator.controller import Controller
+from emulator.machine import ControllerConfig
+from emulator.realtime import RealTime, claim_real_time
+from urproto.robots import load_model
+
+def of_files():
+    with open("/proc/self/status") as lines:
+        return next(int(line.split()[1]) for line in lines if line.startswith("RssFile:"))
+
+Controller(ControllerConfig(model=load_model("ur3")))
+before = of_files()
+claim_real_time(RealTime.OFF)
+after = of_files()
+q = Controller(ControllerConfig(model=load_model("ur3"), running=True)).tick().actual_q
+print(before, after, of_files(), len(q))
+"""
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=DEADLINE_S
+    )
+    before, after, later, joints = map(int, printed.stdout.split())
+    assert before > 40_000, "kB: Pinocchio and NumPy are loaded"
+    assert after < 0.2 * before
+    assert later < 0.5 * before
+    assert joints == 6, "what is still used has been mapped again"
+
+
 async def test_a_flooded_loop_gives_up_its_priority(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    asked: list[int] = []
+    requested: list[int] = []
     used_s = time.monotonic  # as if this process had a dedicated core
     monkeypatch.setattr(time, "thread_time", lambda: used_s())
     monkeypatch.setattr(realtime, "_CHECK_EVERY_S", 0.05)
     monkeypatch.setattr(realtime, "_CALM_FOR_S", 0.1)
-    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, parameters: asked.append(policy))
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, parameters: requested.append(policy))
     watching = asyncio.create_task(realtime.yield_under_overload())
     deadline = time.monotonic() + DEADLINE_S
-    while not asked and time.monotonic() < deadline:  # nothing but work
+    while not requested and time.monotonic() < deadline:  # nothing but work
         await asyncio.sleep(0)
-    assert asked == [os.SCHED_OTHER]
+    assert requested == [os.SCHED_OTHER]
     assert "it gives up real-time priority" in caplog.text
     used_s = lambda: 0.0  # noqa: E731
-    while len(asked) < 2 and time.monotonic() < deadline:
+    while len(requested) < 2 and time.monotonic() < deadline:
         await asyncio.sleep(0.02)
-    assert asked[1:] == [os.SCHED_FIFO | os.SCHED_RESET_ON_FORK]
+    assert requested[1:] == [os.SCHED_FIFO | os.SCHED_RESET_ON_FORK]
     watching.cancel()
 
 
