@@ -135,6 +135,7 @@ class Compliance:
         self._was_compliant: tuple[bool, ...] = (False,) * 6  # directions of the last step
         self._last_step = moved
         self._heading: Vector3 | None = None  # x axis of a task frame of kind 3
+        self._frame_axes = axes_of(task.frame)
         self._next = (self._pose, ZERO6, ZERO6)
         self._path = (q, self._pose)  # the nominal arm's last configuration, as joints and as a pose
 
@@ -151,6 +152,7 @@ class Compliance:
         if task.kind != self.task.kind:
             self._heading = None
         self.task, self.released = task, False
+        self._frame_axes = axes_of(task.frame)
 
     def release(self) -> None:
         """End compliance; the remaining speed decays."""
@@ -186,8 +188,8 @@ class Compliance:
         compliant = self._compliant
         loop, given = _Loop.of(dt, damping, gain), scaled(wanted, 1.0 / dt)
         own = self._accelerated(loop, self._continuous_speed(given), axes, external, given)
-        followed = as_six([0.0 if gives_way else way for gives_way, way in zip(compliant, wanted, strict=True)])
-        moved = lerp(followed, own, dt)
+        a, b, c, d, e, f = [0.0 if gives_way else way for gives_way, way in zip(compliant, wanted, strict=True)]
+        moved = lerp((a, b, c, d, e, f), own, dt)
         self._next = (self._pose, own, ZERO6)
         if moved == ZERO6:
             return q
@@ -300,11 +302,12 @@ class Compliance:
             final = max(-bound, min(bound, loop.gain * force / friction)) if gives_way else 0.0
             now = final + (speed - final) * decay
             speeds.append(0.0 if abs(now) < _REST and abs(final) < _REST else now)
-        return as_six(speeds)
+        x, y, z, rx, ry, rz = speeds
+        return (x, y, z, rx, ry, rz)
 
     def _axes(self, shift: Joints) -> Axes:
         """The task frame's axes in the base frame."""
-        x, y, z = axes_of(self._pose if self.task.kind == _TOOL else self.task.frame)
+        x, y, z = axes_of(self._pose) if self.task.kind == _TOOL else self._frame_axes
         if self.task.kind == 1:
             origin, tool = self.task.frame, self._pose
             y = unit((origin[0] - tool[0], origin[1] - tool[1], origin[2] - tool[2]), y)

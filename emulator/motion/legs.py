@@ -11,7 +11,7 @@ from emulator.motion.faults import MotionFault, path_out_of_reach
 from emulator.motion.profile import Limits, Profile, choose_limits
 from emulator.motion.reach import Reach
 from urproto.robots.model import Joints
-from urproto.robots.pose import Pose, pose_add, pose_sub
+from urproto.robots.pose import Pose, adder_to, pose_sub
 from urproto.vectors import Vector3, add3, cross, dot, largest, lerp, norm3, scaled, scaled3, sub, sub3
 
 # Upper bounds of a tool path's speed and acceleration [m/s, m/s2]. 1.5 m/s is the default tool speed limit of the
@@ -154,6 +154,7 @@ class LineLeg(ToolLeg):
     ) -> None:
         self._start = reach.pose(q_start)
         self._goal = goal
+        self._beyond_start = adder_to(self._start)
         self.change = pose_sub(goal, self._start)
         self.process = process  # movep: rounds corners at constant speed
         distance = norm3(*self.change[:3])
@@ -165,7 +166,7 @@ class LineLeg(ToolLeg):
     def pose(self, s: float) -> Pose:
         if s >= self.length:
             return self._goal
-        return pose_add(scaled(self.change, s / self.length), self._start)
+        return self._beyond_start(scaled(self.change, s / self.length))
 
 
 _STRAIGHT = 1e-9  # m2: three points that span less than this area count as a line
@@ -215,10 +216,10 @@ class ArcLeg(ToolLeg):
     ) -> None:
         start = reach.pose(q_start)
         self._circle = circle
-        self._orientation: Pose = (0.0, 0.0, 0.0, *start[3:])
+        self._turned = adder_to((0.0, 0.0, 0.0, *start[3:]))
         turn = scaled3(circle.axis, circle.angle) if fixed else pose_sub(goal, start)[3:]
         self._turn = turn
-        self._goal = pose_add((*goal[:3], *turn), self._orientation) if fixed else goal
+        self._goal = self._turned((*goal[:3], *turn)) if fixed else goal
         # in fixed mode, the arc itself turns the tool: that takes no extra time
         angle = 0.0 if fixed else norm3(*turn)
         length = path_length(circle.radius * circle.angle, angle, reach.model.eq_radius)
@@ -231,4 +232,4 @@ class ArcLeg(ToolLeg):
         circle = self._circle
         angle = f * circle.angle
         position = add3(circle.centre, add3(scaled3(circle.first, cos(angle)), scaled3(circle.second, sin(angle))))
-        return pose_add((*position, *scaled3(self._turn, f)), self._orientation)
+        return self._turned((*position, *scaled3(self._turn, f)))

@@ -45,6 +45,7 @@ class Lookahead:
         self._q = q
         self._qd_max = model.qd_max
         self._qdd_max = scaled(model.qdd_max, _MARGIN)
+        self._least_qd_max, self._least_qdd_max = min(self._qd_max), min(self._qdd_max)
         self._now = 0.0  # where the arm is
         self._end = 0.0  # of the last cell
         self._cell = _CELL_S  # its length
@@ -106,8 +107,10 @@ class Lookahead:
             return
         self._probe.commit()
         speed = scaled(sub(q, self._q), 1.0 / h)
-        fastest = max(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True))
-        self._append(self._end + 0.5 * h, speed, 1.0 if fastest <= 1.0 else 1.0 / fastest**2)
+        fastest = 1.0
+        if largest(speed) > self._least_qd_max:
+            fastest = max(1.0, *(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True)))
+        self._append(self._end + 0.5 * h, speed, 1.0 / fastest**2)
         self._end, self._cell, self._q = self._end + h, h, q
         if self._probe.done:
             self._finished = True
@@ -156,6 +159,8 @@ class Lookahead:
         here, there = self._speeds[k], self._speeds[k + 1]
         dt = self._middles[k + 1] - self._middles[k]
         if highest == follows == 1.0:
+            if largest(sub(there, here)) <= self._least_qdd_max * dt:
+                return 1.0
             changes = zip(here, there, self._qdd_max, strict=True)
             if all(-most * dt <= u2 - u1 <= most * dt for u1, u2, most in changes):
                 return 1.0

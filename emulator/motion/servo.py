@@ -27,7 +27,7 @@ from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
 from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose, point_dist, pose_add, pose_sub
-from urproto.vectors import ZERO6, as_six, largest, lerp, norm3, scaled, sub
+from urproto.vectors import ZERO6, largest, lerp, norm3, scaled, sub
 
 LOOKAHEAD_RANGE_S = (0.03, 0.2)  # Script Manual, servoj; values outside are clamped (guess)
 GAIN_RANGE = (100.0, 2000.0)  # Script Manual, servoj
@@ -94,17 +94,25 @@ class JointServo:
             change = acceleration * h
             slowing = 0.5 * _BRAKE_SHARE * change
             left = abs(error) - 0.5 * h * (-qd if error > 0.0 else qd)
-            braking = 0.0
-            if left > 0.0:
-                braking = sqrt(slowing * slowing + 2.0 * _BRAKE_SHARE * acceleration * left) - slowing
-            highest = min(most, braking + towards if towards > 0.0 else braking)
-            lowest = -min(most, braking - towards if towards < 0.0 else braking)
-            if not (lowest <= speed <= highest and qd - change <= speed <= qd + change):
+            # beyond the target's own speed; braking from it takes surplus * (surplus + 2 * slowing) of twice the room
+            surplus = abs(speed) - (max(0.0, towards) if speed > 0.0 else max(0.0, -towards))
+            room = 2.0 * _BRAKE_SHARE * acceleration * left
+            if (
+                abs(speed) > most
+                or abs(speed - qd) > change
+                or (surplus > 0.0 and surplus * (surplus + 2.0 * slowing) > room)
+            ):
+                braking = sqrt(slowing * slowing + room) - slowing if left > 0.0 else 0.0
+                highest = min(most, braking + towards if towards > 0.0 else braking)
+                lowest = -min(most, braking - towards if towards < 0.0 else braking)
                 speed = max(qd - change, min(qd + change, max(lowest, min(highest, speed))))
                 position = now + 0.5 * (qd + speed) * h
             positions.append(position)
             speeds.append(speed)
-        self._next_at, self._next = as_six(positions), as_six(speeds)
+        a, b, c, d, e, f = positions
+        self._next_at = (a, b, c, d, e, f)
+        a, b, c, d, e, f = speeds
+        self._next = (a, b, c, d, e, f)
         if self._settled(self._next_at, self._next):
             self._next, self._next_at = ZERO6, self._target
         return self._next_at

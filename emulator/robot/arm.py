@@ -39,7 +39,6 @@ from urproto.vectors import (
     rotate_back,
     sub,
     sub3,
-    times6,
 )
 from urproto.versions import Series
 
@@ -384,9 +383,7 @@ class Arm:
 
     def _joint_torques(self, wrench: Vector6) -> Vector6:
         """Joint torques of a wrench at the TCP, in the arm's last known configuration."""
-        if wrench == ZERO6:
-            return ZERO6
-        return times6(tuple(zip(*self.kinematics.jacobian_at(self.q, self.tcp_pose), strict=True)), wrench)
+        return ZERO6 if wrench == ZERO6 else self.kinematics.joint_torques_at(self.q, wrench, self.tcp_pose)
 
     def _limited_torque(self, torque: Vector6) -> Vector6:
         """Limit an external torque so that the simulated body stays within reasonable bounds."""

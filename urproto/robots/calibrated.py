@@ -71,6 +71,12 @@ class CalibratedKinematics(Kinematics):
         """As for a nominal arm."""
         return times6(self.jacobian_at(q_rad, pose_base_tcp), qd)
 
+    def joint_torques_at(
+        self, q_rad: Sequence[float], wrench: Sequence[float], pose_base_tcp: Sequence[float]
+    ) -> Joints:
+        """As for a nominal arm."""
+        return times6(tuple(zip(*self.jacobian_at(q_rad, pose_base_tcp), strict=True)), wrench)
+
     def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
         """As for a nominal arm; in a singular configuration, one of the possible solutions."""
         found: list[Joints] = []

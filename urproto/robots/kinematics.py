@@ -164,6 +164,41 @@ class Kinematics:
             v1 + uz + wz,
         )
 
+    def joint_torques_at(
+        self, q_rad: Sequence[float], wrench: Sequence[float], pose_base_tcp: Sequence[float]
+    ) -> Joints:
+        """Joint torques [Nm] of a wrench at the TCP with a known pose, in base axes: `jacobian_at` transposed, times it.
+
+        ``wrench``: force (3,) [N] and torque (3,) [Nm].
+        """
+        px, py, pz, *_ = pose_base_tcp
+        q1, q2, q3, q4, q5, _ = q_rad
+        fx, fy, fz, mx, my, mz = wrench
+        s1, c1, s5, c5 = sin(q1), cos(q1), sin(q5), cos(q5)
+        q23, q234 = q2 + q3, q2 + q3 + q4
+        s, c = sin(q234), cos(q234)
+        x2, x3 = self._a2 * cos(q2), self._a3 * cos(q23)
+        dx, dy, dz = px - s1 * self._d4, py + c1 * self._d4, pz - self._d1
+        h2 = dz - self._a2 * sin(q2)
+        h3 = h2 - self._a3 * sin(q23)
+        # joints 2 to 4 turn about z1, with the tool point along x1 and up from each
+        along, push = c1 * dx + s1 * dy, c1 * fx + s1 * fy
+        about_z1 = s1 * mx - c1 * my
+        # joints 5 and 6, about z4 and z5
+        x4, y4 = c1 * s, s1 * s
+        x5, y5, z5 = s1 * c5 - c1 * c * s5, -(c1 * c5 + s1 * c * s5), -s * s5
+        ax, ay = dx - c1 * (x2 + x3), dy - s1 * (x2 + x3)
+        d5 = self._d5
+        bx, by, bz = ax - d5 * x4, ay - d5 * y4, h3 + d5 * c
+        return (
+            px * fy - py * fx + mz,
+            along * fz - dz * push + about_z1,
+            (along - x2) * fz - h2 * push + about_z1,
+            (along - x2 - x3) * fz - h3 * push + about_z1,
+            x4 * (ay * fz - h3 * fy + mx) + y4 * (h3 * fx - ax * fz + my) - c * (ax * fy - ay * fx + mz),
+            x5 * (by * fz - bz * fy + mx) + y5 * (bz * fx - bx * fz + my) + z5 * (bx * fy - by * fx + mz),
+        )
+
     def inverse_all(self, pose_base_flange: Sequence[float], q_near: Sequence[float] | None = None) -> list[Joints]:
         """All joint configurations (up to 8) for this flange pose; empty when it is out of reach.
 
@@ -190,10 +225,12 @@ class Kinematics:
 
         Full turns are added if that is closer. None when no configuration within the limits reaches the pose.
         """
+        axes, p5 = self._wrist_centre(pose_base_flange)
+        if (continued := self._continued(axes, p5, q_near, q_min, q_max)) is not None:
+            return continued
         # Nearest first. Shoulders, wrists and elbows are skipped if their own joints are already further away than a
         # complete solution; along a path, these are all except the arm's current one.
         n1, _, n3, _, n5, n6 = q_near
-        axes, p5 = self._wrist_centre(pose_base_flange)
         best, least = None, inf
         for apart, q1 in sorted([(abs(remainder(q1 - n1, tau)), q1) for q1 in _shoulders(p5[0], p5[1], self._d4)]):
             if apart >= least:
@@ -214,6 +251,72 @@ class Kinematics:
                     if distance < least:
                         best, least = unwound, distance
         return best
+
+    def _continued(
+        self,
+        axes: Matrix3,
+        p5: Vector3,
+        q_near: Sequence[float],
+        q_min: Sequence[float],
+        q_max: Sequence[float],
+    ) -> Joints | None:
+        """`inverse_near` for a step along a path, in one piece: with shoulder, wrist and elbow of ``q_near``.
+
+        None unless it is certain that no other shoulder, wrist or elbow is nearer, and no joint has to be unwound.
+        """
+        n1, _, n3, _, n5, _ = q_near
+        x5, y5, z = p5
+        d4 = self._d4
+        distance = hypot(x5, y5)
+        if distance <= abs(d4) * (1.0 + _MERGE):
+            return None
+        bearing, along = atan2(y5, x5), sqrt((distance - d4) * (distance + d4))
+        q1, other_q1 = bearing + atan2(d4, along), bearing + atan2(d4, -along)
+        if abs(remainder(q1 - n1, tau)) > (away := abs(remainder(other_q1 - n1, tau))):
+            q1, other_q1 = other_q1, q1
+            away = abs(remainder(other_q1 - n1, tau))
+        if not -pi < q1 <= pi:
+            q1 = wrap(q1)
+        s1, c1 = sin(q1), cos(q1)
+        r00, r01, r02, r10, r11, r12, xz, yz, _ = axes
+        normal_x, normal_y = s1 * r00 - c1 * r10, s1 * r01 - c1 * r11
+        sine = hypot(normal_x, normal_y)
+        if sine < _SINGULAR_WRIST:
+            return None
+        q5 = atan2(sine, s1 * r02 - c1 * r12)
+        if n5 > 0.0:
+            q6 = atan2(-normal_y, normal_x)
+        else:
+            q5, q6 = -q5, atan2(normal_y, -normal_x)
+        if q6 == -pi:
+            q6 = pi
+        s6, c6 = sin(q6), cos(q6)
+        xx, yx = c1 * r00 + s1 * r10, c1 * r01 + s1 * r11
+        out, up = -(s6 * xx + c6 * yx), -(s6 * xz + c6 * yz)  # z4
+        x4, z4 = c1 * x5 + s1 * y5 - self._d5 * out, z - self._d5 * up
+        cosine = (x4 * x4 + z4 * z4 - self._squares) / self._double_product
+        if abs(cosine) > 1.0 - _MERGE:
+            return None
+        sine = sqrt(1.0 - cosine * cosine)
+        q3, aside = atan2(sine, cosine), atan2(self._a3 * sine, self._a2 + self._a3 * cosine)
+        if n3 <= 0.0:
+            q3, aside = -q3, -aside
+        q2 = atan2(z4, x4) - aside
+        q = (
+            q1,
+            q2 if -pi < q2 <= pi else wrap(q2),
+            q3,
+            wrap(atan2(out, -up) - q2 - q3),
+            q5,
+            q6,
+        )
+        apart = dist(q, q_near)
+        nearest = (
+            apart < away  # the other shoulder
+            and apart < abs(remainder(q3 + n3, tau))  # the other elbow, which bends the opposite way
+            and apart < abs(remainder(q5 + n5, tau))  # the other wrist
+        )
+        return q if nearest and apart <= pi and within(q_min, q, q_max) else None
 
     def _wrist_centre(self, pose_base_flange: Sequence[float]) -> tuple[Matrix3, Vector3]:
         """The flange's axes, and p5 relative to the height of joint 2, both in the base frame."""

@@ -8,7 +8,7 @@ Rotations are composed as unit quaternions (w, x, y, z), which are accurate near
 the trace of a matrix loses half of the digits.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import atan2, cos, hypot, sin, sqrt
 
 from urproto.vectors import ZERO3, Axes, Matrix3, Vector3, Vector6
@@ -40,6 +40,18 @@ def pose_add(pose_1: Sequence[float], pose_2: Sequence[float]) -> Pose:
     bx, by, bz, brx, bry, brz = pose_2
     turn = _multiply(_quaternion(arx, ary, arz), _quaternion(brx, bry, brz))
     return (ax + bx, ay + by, az + bz, *_rotvec(turn))
+
+
+def adder_to(pose_2: Sequence[float]) -> Callable[[Sequence[float]], Pose]:
+    """`pose_add` for many first poses and one second, whose orientation is converted only once."""
+    bx, by, bz, brx, bry, brz = pose_2
+    second = _quaternion(brx, bry, brz)
+
+    def add_to(pose_1: Sequence[float]) -> Pose:
+        ax, ay, az, arx, ary, arz = pose_1
+        return (ax + bx, ay + by, az + bz, *_rotvec(_multiply(_quaternion(arx, ary, arz), second)))
+
+    return add_to
 
 
 def pose_sub(pose_to: Sequence[float], pose_from: Sequence[float]) -> Pose:
