@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable
+from math import sin
 from statistics import median
 
 import numpy as np
@@ -36,8 +37,6 @@ STREAM = """def stream():
   end
 end
 """
-
-
 LINES = """def lines():
   movej([0.5, -1.2, 1.0, -1.4, -1.57, 0.0], a=10, v=3)
   here = get_target_tcp_pose()
@@ -47,11 +46,49 @@ LINES = """def lines():
   end
 end
 """
+ARCS = """def arcs():
+  movej([0.5, -1.2, 1.0, -1.4, -1.57, 0.0], a=10, v=3)
+  here = get_target_tcp_pose()
+  while True:
+    movec(pose_add(here, p[0.05, 0.05, 0, 0, 0, 0]), pose_add(here, p[0.1, 0, 0, 0, 0, 0]))
+    movec(pose_add(here, p[0.05, -0.05, 0, 0, 0, 0]), here)
+  end
+end
+"""
+PROCESS = """def process():
+  movej([0.5, -1.2, 1.0, -1.4, -1.57, 0.0], a=10, v=3)
+  here = get_target_tcp_pose()
+  while True:
+    movep(pose_add(here, p[0.1, 0.1, 0.1, 0.2, 0.1, 0.3]), r=0.02)
+    movep(pose_add(here, p[0.1, 0, 0, 0, 0, 0]), r=0.02)
+    movep(here, r=0.02)
+  end
+end
+"""
+POLISH = """def polish():
+  movej([0.5, -1.2, 1.0, -1.4, -1.57, 0.0], a=10, v=3)
+  here = get_target_tcp_pose()
+  force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, -10, 0, 0, 0], 2, [0.1, 0.1, 0.15, 0.3, 0.3, 0.3])
+  while True:
+    movel(pose_add(here, p[0.1, 0.05, 0, 0, 0, 0]))
+    movel(here)
+  end
+end
+"""
+PUSH_N, PUSH_CHANGE_N, PUSH_PERIODS = 10.0, 8.0, 100.0  # against the tool of POLISH, and how it oscillates
 
 
 def measure() -> Table:
     """The median tick of each case, and what the arm's inverse dynamics alone take in the same run."""
-    cases = {"at rest": "", "movej back and forth": SWING, "movel back and forth": LINES, "servoj every period": STREAM}
+    cases = {
+        "at rest": "",
+        "movej back and forth": SWING,
+        "movel back and forth": LINES,
+        "movec back and forth": ARCS,
+        "movep with blends": PROCESS,
+        "servoj every period": STREAM,
+        "movel in force mode": POLISH,
+    }
     rows = []
     for model in ("ur3", "ur5e"):
         for name, script in cases.items():
@@ -62,7 +99,8 @@ def measure() -> Table:
             rows.append([model, name, f"{rate:,.0f}", took, f"{times:.0f}", bound])
     note = (
         f"Median of {TICKS} control periods without clients. RNEA: Pinocchio's inverse dynamics of the same arm, which "
-        "every period of a moving arm includes, measured between the ticks."
+        "every period of a moving arm includes, measured between the ticks. In force mode, an oscillating force pushes "
+        "the tool along its compliant axis. Requirement: 60 us in motion, 90 us in force mode."
     )
     return Table("Virtual time", note, ["arm", "motion", "ticks/s", "tick", "times real time", "RNEA"], rows)
 
@@ -108,6 +146,8 @@ def _medians(model: str, script: str, *, dynamic: bool = False) -> tuple[float, 
     arm = controller.arm
     if script:
         controller.post(ScriptUnit(script, "block"))
+    if script is POLISH:
+        controller.on_tick.append(lambda: _push(controller))
     for _ in range(WARM_UP):
         controller.tick()
     ticks, calls = [], []
@@ -121,6 +161,11 @@ def _medians(model: str, script: str, *, dynamic: bool = False) -> tuple[float, 
     if script and not controller.snapshot.program_running:
         raise RuntimeError(f"the program does not run any more: {list(controller.messages.history)[-3:]}")
     return median(ticks), median(calls)
+
+
+def _push(controller: Controller) -> None:
+    force = PUSH_N + PUSH_CHANGE_N * sin(controller.step_count / PUSH_PERIODS)
+    controller.external_wrench = (0.0, 0.0, force, 0.0, 0.0, 0.0)
 
 
 if __name__ == "__main__":

@@ -79,10 +79,28 @@ def scaled(a: Sequence[float], factor: float) -> Vector6:
     return (a[0] * factor, a[1] * factor, a[2] * factor, a[3] * factor, a[4] * factor, a[5] * factor)
 
 
+def scaled_sub(a: Sequence[float], b: Sequence[float], factor: float) -> Vector6:
+    """factor * (a - b)."""
+    return (
+        (a[0] - b[0]) * factor,
+        (a[1] - b[1]) * factor,
+        (a[2] - b[2]) * factor,
+        (a[3] - b[3]) * factor,
+        (a[4] - b[4]) * factor,
+        (a[5] - b[5]) * factor,
+    )
+
+
 def rate(now: Vector6, before: Vector6, period_s: float) -> Vector6:
     """Change per second."""
-    x, y, z, u, v, w = sub(now, before)
-    return (x / period_s, y / period_s, z / period_s, u / period_s, v / period_s, w / period_s)
+    return (
+        (now[0] - before[0]) / period_s,
+        (now[1] - before[1]) / period_s,
+        (now[2] - before[2]) / period_s,
+        (now[3] - before[3]) / period_s,
+        (now[4] - before[4]) / period_s,
+        (now[5] - before[5]) / period_s,
+    )
 
 
 def towards(now: Vector6, goal: Vector6, step: float) -> Vector6:

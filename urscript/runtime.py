@@ -161,13 +161,16 @@ class ScriptThread:
     def _innermost(self) -> FrameType | None:
         """The frame of the program's innermost function, else that of an interpreted statement; None before the
         start."""
-        frames: dict[str, FrameType] = {}
+        of_program: FrameType | None = None
+        of_statement: FrameType | None = None
         body: object = self.body
         while isinstance(body, GeneratorType):
-            if body.gi_frame is not None:
-                frames[body.gi_code.co_filename] = body.gi_frame
+            if (file := body.gi_code.co_filename) == FILE_NAME:
+                of_program = body.gi_frame or of_program
+            elif file == STATEMENT_FILE:
+                of_statement = body.gi_frame or of_statement
             body = body.gi_yieldfrom
-        frame = frames.get(FILE_NAME) or frames.get(STATEMENT_FILE)
+        frame = of_program or of_statement
         return frame if frame is not None and frame.f_lasti >= 0 else None
 
 

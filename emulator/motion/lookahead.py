@@ -22,9 +22,9 @@ from math import sqrt
 from emulator.motion.faults import MotionFault
 from emulator.motion.path_motion import PathMotion
 from urproto.robots.model import Joints, RobotModel
-from urproto.vectors import ZERO6, largest, scaled, sub
+from urproto.vectors import ZERO6, largest, scaled, scaled_sub, sub
 
-_CELL_S = 0.016  # of the movement's own time; shorter if a joint turns more than _TURN_RAD within a cell (guesses)
+_CELL_S = 0.024  # of the movement's own time; shorter if a joint turns more than _TURN_RAD within a cell (guesses)
 _SHORTEST_CELL_S = _CELL_S / 8192
 _TURN_RAD = 0.05
 _END_CELL_S = 0.0005  # cells shrink to this length towards an end at which a joint is still so fast ...
@@ -106,7 +106,7 @@ class Lookahead:
             self._end_path()
             return
         self._probe.commit()
-        speed = scaled(sub(q, self._q), 1.0 / h)
+        speed = scaled_sub(q, self._q, 1.0 / h)
         fastest = 1.0
         if largest(speed) > self._least_qd_max:
             fastest = max(1.0, *(abs(rate) / most for rate, most in zip(speed, self._qd_max, strict=True)))

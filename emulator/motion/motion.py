@@ -15,7 +15,7 @@ from emulator.robot.drives import TorqueCommand
 from urproto.modes import ControlMode
 from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO6, as_six, scaled, sub
+from urproto.vectors import ZERO6, as_six, scaled_sub
 
 _STEADY_S = 0.5  # Script Manual, is_steady
 # User manuals of UR5 and UR3 (appendix A), category 0 stops from 183 degrees/s, stretched out with full payload: the
@@ -220,7 +220,7 @@ class Motion:
         if superposition.active:
             standing = target == self.target.q  # a conveyor moves a standing path along
         self.target.advance(target, standing=standing)
-        movement.put(path, scaled(sub(path, before), 1.0 / self.period_s))
+        movement.put(path, scaled_sub(path, before, 1.0 / self.period_s))
 
     def _fail(self, fault: MotionFault) -> None:
         """End everything that moved the arm, because none of it is reliable now: each joint brakes on its own."""

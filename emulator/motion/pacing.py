@@ -19,7 +19,7 @@ from emulator.motion.generator import Generator
 from emulator.motion.lookahead import Lookahead
 from emulator.motion.path_motion import PathMotion
 from urproto.robots.model import Joints, RobotModel
-from urproto.vectors import largest, sub
+from urproto.vectors import largest, lerp, sub
 
 Excess = Callable[[Joints, Joints], float]
 """From a configuration and a step of one period: the largest ratio of a monitored value to its limit."""
@@ -51,6 +51,7 @@ class Pacer:
         # per period: the largest displacement of a joint, and its largest difference from the previous period's
         self._reach = [speed * period_s for speed in model.qd_max]
         self._change = [acceleration * (1.0 + _TOLERANCE) * period_s**2 for acceleration in model.qdd_max]
+        self._least_reach, self._least_change = min(self._reach), min(self._change)
         self.scale = 1.0
         self.share = 1.0  # of the commanded speed that the joints could follow in the last period
         # Ramps limit accelerations of joints, but act on time scales; the pace converts between the two.
@@ -121,6 +122,8 @@ class Pacer:
     def _within_limits(self, step: Joints, qd: Joints) -> bool:
         """Whether every joint can follow."""
         dt = self._period
+        if largest(step) <= self._least_reach and largest(lerp(step, qd, -dt)) <= self._least_change:
+            return True
         for move, speed, most, change in zip(step, qd, self._reach, self._change, strict=True):
             if not (-most <= move <= most and -change <= move - speed * dt <= change):
                 return False

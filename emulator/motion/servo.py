@@ -27,7 +27,7 @@ from emulator.motion.profile import Limits
 from emulator.motion.reach import Reach
 from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose, point_dist, pose_add, pose_sub
-from urproto.vectors import ZERO6, largest, lerp, norm3, scaled, sub
+from urproto.vectors import ZERO6, largest, lerp, norm3, scaled, scaled_sub, sub
 
 LOOKAHEAD_RANGE_S = (0.03, 0.2)  # Script Manual, servoj; values outside are clamped (guess)
 GAIN_RANGE = (100.0, 2000.0)  # Script Manual, servoj
@@ -71,7 +71,7 @@ class JointServo:
         lag += _LAG_OF_GAIN / sqrt(_within(gain, GAIN_RANGE))
         self._omega = 2.0 / lag
         if self._since > 0.0:
-            self._target_qd = ZERO6 if self._overdue else scaled(sub(target, self._target), 1.0 / self._since)
+            self._target_qd = ZERO6 if self._overdue else scaled_sub(target, self._target, 1.0 / self._since)
         self._target, self._since = target, 0.0
         # a program that commands in step with the periods loses none of its time: see emulator.motion.speed
         carried = self._left if self.ready and not self._overdue and self._left > -self._h else 0.0

@@ -20,7 +20,22 @@ from emulator.motion.tracking import LEVER_M, FrameTracking
 from urproto.compat import IntEnum
 from urproto.robots.model import Joints
 from urproto.robots.pose import Pose, axes_of, pose_add, pose_inv, pose_sub, pose_trans
-from urproto.vectors import ZERO6, Axes, Vector3, as_six, cross, into6, largest, lerp, norm3, out_of6, scaled, sub, unit
+from urproto.vectors import (
+    ZERO6,
+    Axes,
+    Vector3,
+    as_six,
+    cross,
+    into6,
+    largest,
+    lerp,
+    norm3,
+    out_of6,
+    scaled,
+    scaled_sub,
+    sub,
+    unit,
+)
 
 _SAME = 1e-9  # m, rad: a filtered offset this close to the commanded one is set to it (guess)
 _STANDING_M = 1e-9  # a shorter displacement in one period has no direction
@@ -101,7 +116,7 @@ class PathOffset:
         if self._coasted != ZERO6:
             self._coasted = scaled(self._coasted, exp(-dt / _FADE_S)) if largest(self._coasted) > _SAME else ZERO6
         self._applied = lerp(self._filtered, self._coasted, 1.0)
-        self._speed = scaled(sub(self._applied, before), 1.0 / dt)
+        self._speed = scaled_sub(self._applied, before, 1.0 / dt)
 
     def _coast(self, dt: float, ramp: float) -> None:
         size = max(norm3(*self._speed[:3]) / LEVER_M, norm3(*self._speed[3:]))
@@ -321,7 +336,7 @@ class Superposition:
 
     def _check_joints(self, reach: Reach, q: Joints) -> None:
         period_s = self._target.period_s
-        qd = ZERO6 if q == self.q else scaled(sub(q, self.q), 1.0 / period_s)
+        qd = ZERO6 if q == self.q else scaled_sub(q, self.q, 1.0 / period_s)
         model = reach.model
         limits = zip(qd, self.qd, model.qd_max, model.qdd_max, strict=True)
         for joint, (now, before, most, acceleration) in enumerate(limits):

@@ -6,7 +6,7 @@ from emulator.motion.reach import Reach
 from urproto.robots.calibrated import kinematics_of
 from urproto.robots.model import Joints, RobotModel
 from urproto.robots.pose import Pose
-from urproto.vectors import ZERO6, as_six, scaled, sub
+from urproto.vectors import ZERO6, as_six, scaled_sub
 
 
 class ArmTarget:
@@ -36,8 +36,8 @@ class ArmTarget:
         ``standing``: the arm has arrived in this period. The speed is then 0 and not the last displacement over the
         period, because nothing would set it to 0 afterwards.
         """
-        qd = ZERO6 if standing else scaled(sub(q, self.q), 1.0 / self.period_s)
-        self.qdd = scaled(sub(qd, self.qd), 1.0 / self.period_s)
+        qd = ZERO6 if standing else scaled_sub(q, self.q, 1.0 / self.period_s)
+        self.qdd = scaled_sub(qd, self.qd, 1.0 / self.period_s)
         self.q, self.qd = q, qd
         self.standing_s = self.standing_s + self.period_s if qd == ZERO6 else 0.0
 

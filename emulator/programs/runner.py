@@ -372,7 +372,7 @@ class Programs:
         snapshot.program_paused = state in _PAUSED
 
     def _feed_watchdogs(self) -> None:
-        if self.state is not RuntimeState.PLAYING:
+        if self.state is not RuntimeState.PLAYING or not self.watchdogs:
             return
         for watchdog in self.watchdogs.expired(self._machine.step_count, self._machine.rtde_refreshed):
             reason = f"RTDE watchdog: {watchdog.variable} was not written in time"

@@ -225,12 +225,15 @@ class SafetyBoard:
         mode = safety.mode
         if mode is SafetyMode.RECOVERY:
             self._conditions.check_position()
-        stiff = machine.motion.control_mode is ControlMode.POSITION
-        finding = self.supervision.protective_stop(arm, self.boundaries, mode, stiff=stiff)
+        finding = self.supervision.protective_stop(arm, self.boundaries, mode, self._is_stiff)
         if machine.time_s >= self._transition_until_s:
             finding = self.supervision.violation(arm, self.limits, self.boundaries, mode) or finding
         if finding is not None:
             self._report_finding(finding)
+
+    def _is_stiff(self) -> bool:
+        """Whether the arm holds its path and is not compliant."""
+        return self._machine.motion.control_mode is ControlMode.POSITION
 
     def _report_finding(self, finding: Finding) -> None:
         self.supervision.reset()

@@ -11,6 +11,7 @@ from typing import Final
 
 from emulator.robot.arm import Arm
 from urproto.robots.model import Joints, RobotModel
+from urproto.robots.pose import Pose
 from urproto.vectors import as_six, largest, lerp
 from urscript.polyscope.safety_configuration import LimitSet
 
@@ -36,7 +37,9 @@ class Governor:
         self._period = period_s
         self._deceleration = min(model.qdd_max)
         self._mass = sum(link.mass_kg for link in model.links) + model.payload_max_kg
-        self._levers = sum(_radii(model))
+        self._own_levers = sum(_radii(model))
+        self._tcp_offset: Pose | None = None
+        self._levers = 0.0  # of all joints to the TCP
         self.use(limits)
 
     def watch(self, arm: Arm) -> None:
@@ -57,9 +60,10 @@ class Governor:
         if fastest > self._slowest:
             speeds = [abs(move) / period for move in step]
             share = max(share, *(speed / most for speed, most in zip(speeds, limits.joint_speed, strict=True)))
-        x, y, z, *_ = arm.tcp_offset
-        levers = self._levers + len(step) * sqrt(x * x + y * y + z * z)
-        change = levers * largest(lerp(step, arm.qd, -period)) / period
+        if arm.tcp_offset is not self._tcp_offset:
+            self._tcp_offset = arm.tcp_offset
+            self._levers = self._own_levers + len(step) * hypot(*arm.tcp_offset[:3])
+        change = self._levers * largest(lerp(step, arm.qd, -period)) / period
         if self._near_a_limit(change, time):
             share = max(share, self._exact(q, step, time))
         return share

@@ -8,7 +8,7 @@ Source of tolerances and detection times: hardware manuals, tables of the safety
 100 ms for positions and 250 ms for the rest; that e-Series takes as long is a guess.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import hypot, radians
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -183,9 +183,11 @@ class Supervision:
 
     # protective stops
 
-    def protective_stop(self, arm: Arm, boundaries: Boundaries, mode: SafetyMode, *, stiff: bool) -> Finding | None:
-        """Return the cause of a protective stop, if any. stiff: the arm holds its path and is not compliant."""
-        found = self._deviation(arm) or self._collision(arm, stiff)
+    def protective_stop(
+        self, arm: Arm, boundaries: Boundaries, mode: SafetyMode, is_stiff: Callable[[], bool]
+    ) -> Finding | None:
+        """Return the cause of a protective stop, if any. is_stiff: whether the arm holds its path, not compliant."""
+        found = self._deviation(arm) or self._collision(arm, is_stiff)
         if found is None and boundaries.any:
             found = self._near_plane(arm, boundaries, mode) or self._near_orientation(arm, boundaries, mode)
         if found is None and self._clamps:
@@ -195,16 +197,17 @@ class Supervision:
         return found
 
     def _deviation(self, arm: Arm) -> Finding | None:
-        if not any(arm.following_error):
+        errors = arm.following_error
+        if errors is ZERO6 or not any(errors):
             return None
-        for joint, error in enumerate(arm.following_error):
+        for joint, error in enumerate(errors):
             if abs(error) > _PATH_DEVIATION_RAD:
                 text = f"joint {joint} is {abs(error):.3f} rad from its target: check payload and acceleration"
                 return Finding(Cause.PATH_DEVIATION, joint, text)
         return None
 
-    def _collision(self, arm: Arm, stiff: bool) -> Finding | None:
-        if arm.collision_ratio < 1.0 or not stiff:
+    def _collision(self, arm: Arm, is_stiff: Callable[[], bool]) -> Finding | None:
+        if arm.collision_ratio < 1.0 or not is_stiff():
             self._collision_s = 0.0
             return None
         self._collision_s += self._period

@@ -60,6 +60,14 @@ def test_jacobian_is_the_rate_of_the_pose(model: RobotModel) -> None:
             assert [row[i] for row in rows] == pytest.approx([part / (2 * step) for part in change], abs=1e-7)
 
 
+def test_joint_torques_of_a_wrench_do_its_work(model: RobotModel) -> None:
+    kinematics, wrench = kinematics_of(model), (10.0, -20.0, 30.0, 1.0, 2.0, -3.0)
+    for q in configurations(10, 2):
+        columns = zip(*kinematics.jacobian(q, TOOL), strict=True)
+        torques = [sum(a * b for a, b in zip(column, wrench, strict=True)) for column in columns]
+        assert kinematics.joint_torques_at(q, wrench, kinematics.forward(q, TOOL)) == pytest.approx(torques, abs=1e-11)
+
+
 def test_inverse_undoes_forward(model: RobotModel) -> None:
     kinematics, source = kinematics_of(model), random.Random(3)
     for q in configurations(200, 3):

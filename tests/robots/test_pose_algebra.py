@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tests.budget import examples
 from urproto.robots.pose import (
     Pose,
+    adder_to,
     interpolate_pose,
     matrix_to_rotvec,
     point_dist,
@@ -131,6 +132,11 @@ def test_add_adds_positions_and_multiplies_rotations(a: Pose, b: Pose) -> None:
     total = homogeneous(pose_add(a, b))
     assert total[:3, 3] == pytest.approx(np.add(a[:3], b[:3]), abs=TOLERANCE)
     np.testing.assert_allclose(total[:3, :3], (homogeneous(a) @ homogeneous(b))[:3, :3], rtol=0, atol=TOLERANCE)
+
+
+@given(poses(), poses())
+def test_many_first_poses_are_added_to_one_second(a: Pose, b: Pose) -> None:
+    assert adder_to(b)(a) == pose_add(a, b)
 
 
 def test_add_example_of_the_manual() -> None:

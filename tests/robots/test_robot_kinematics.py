@@ -122,7 +122,36 @@ def test_the_twist_is_the_jacobian_times_the_joint_speeds(kinematics: Kinematics
         assert kinematics.twist_at(q, qd, kinematics.forward(q, tcp)) == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize("tcp", [None, TOOL])
+def test_joint_torques_of_a_wrench_do_its_work(kinematics: Kinematics, tcp: Pose | None) -> None:
+    source = random.Random(9)
+    for q in (*configurations(20, 7), *singular_configurations(20, 8)):
+        wrench = tuple(source.uniform(-50.0, 50.0) for _ in range(6))
+        expected = np.array(kinematics.jacobian(q, tcp)).T @ wrench
+        assert kinematics.joint_torques_at(q, wrench, kinematics.forward(q, tcp)) == pytest.approx(expected, abs=1e-11)
+
+
 # inverse
+
+
+class Searching(Kinematics):
+    """Without the shortcut for a step along a path."""
+
+    def _continued(self, *_: object) -> None:
+        return None
+
+
+def test_a_step_along_a_path_is_the_nearest_solution_to_the_last_bit(name: str, kinematics: Kinematics) -> None:
+    searching, source, shortcuts = Searching(load_model(name).dh), random.Random(11), 0
+    for q in (*configurations(300, 12, 2 * pi), *configurations(300, 13, 1.0), *singular_configurations(300, 14)):
+        reach = source.choice([0.0, 1e-12, 1e-6, 1e-3, 0.1, 1.0])
+        near = tuple(angle + source.uniform(-reach, reach) for angle in q)
+        pose = kinematics.forward(q)
+        for low, high in (FREE, LIMITS, ((-2.5,) * 6, (2.5,) * 6)):
+            found = kinematics.inverse_near(pose, near, low, high)
+            assert found == searching.inverse_near(pose, near, low, high)
+        shortcuts += kinematics._continued(*kinematics._wrist_centre(pose), near, *FREE) is not None
+    assert shortcuts > 200
 
 
 def test_inverse_of_forward_on_random_configurations(kinematics: Kinematics) -> None:

@@ -167,7 +167,7 @@ class Kinematics:
     def joint_torques_at(
         self, q_rad: Sequence[float], wrench: Sequence[float], pose_base_tcp: Sequence[float]
     ) -> Joints:
-        """Joint torques [Nm] of a wrench at the TCP with a known pose, in base axes: `jacobian_at` transposed, times it.
+        """Joint torques [Nm] of a wrench at the TCP with a known pose, in base axes: `jacobian_at` transposed times it.
 
         ``wrench``: force (3,) [N] and torque (3,) [Nm].
         """
